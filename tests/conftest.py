@@ -1,4 +1,5 @@
 import os
+from zlib import crc32
 
 # Threads of the linear algebra spin while they wait for a processor that the other worker has; commands inherit this.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumPy
@@ -22,9 +23,19 @@ def pytest_xdist_make_scheduler(config, log):
     return LoadFileScheduling(config, log)
 
 
+def pytest_addoption(parser):
+    parser.addoption("--one-file-of", type=int, default=1, help="run the tests of one of so many files, drawn")
+    parser.addoption("--draw", default="", help="text that draws them: another draws others")
+
+
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items):
-    """Leave some cases of what says the same of many for `pytest -m exhaustive`."""
+def pytest_collection_modifyitems(config, items):
+    """Take the files that are drawn; leave some cases of what says the same of many for `pytest -m exhaustive`."""
+    files, draw = config.getoption("one_file_of"), config.getoption("draw")
+    if files > 1:
+        drawn = [crc32(f"{draw} {item.path.name}".encode()) % files == 0 for item in items]
+        config.hook.pytest_deselected(items=[item for item, taken in zip(items, drawn, strict=True) if not taken])
+        items[:] = [item for item, taken in zip(items, drawn, strict=True) if taken]
     seen = {}
     for item in items:
         marker = item.get_closest_marker("one_of")

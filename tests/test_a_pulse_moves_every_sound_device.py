@@ -95,6 +95,7 @@ def test_a_heavily_damped_device_is_commissioned_and_a_dead_motor_found() -> Non
     assert commission(DAMPED, bench(Wiring.MOTOR_DEAD, DAMPED)).found == DeviceFault.MOTOR_DEAD
 
 
+@pytest.mark.thorough
 def test_a_pulse_that_damping_leaves_no_way_is_refused_with_one_that_is_enough() -> None:
     thick = DAMPED.model_copy(update={"damping_ns_per_m": 900.0, "coulomb_friction_n": 0.0})
     with pytest.raises(InputError, match=r"and a damping of 900 N\.s/m; allowed: 1\.4\d N or more"):

@@ -44,6 +44,7 @@ def test_anybody_is_drawn_without_those_before(population):
     assert len(np.unique(many.mass_kg)) == BLOCK + 50
 
 
+@pytest.mark.thorough
 def test_command_in_shares_gives_the_answer_of_one_go(coupling, tmp_path, capsys):
     file, folder = tmp_path / "c.json", tmp_path / "jobs"
     avc.write_coupling(coupling, file)

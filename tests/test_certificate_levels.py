@@ -91,6 +91,7 @@ def test_document_is_plain_json_with_the_fixed_keys():
     assert again["passive_limit_n_per_m"] == pytest.approx(2 * 2.0 / 1e-3)
 
 
+@pytest.mark.thorough
 @settings(max_examples=30)
 @given(st.floats(0.1, 20), st.floats(0, 30), st.floats(0, 4e4), st.sampled_from([0.0, 3.0]), st.sampled_from([0, 1, 3]))
 def test_levels_imply_each_other_where_they_must(b_d, b, k, contact, delay):

@@ -50,6 +50,7 @@ def test_over_the_whole_catalogue(name, method):
     assert assert_same_certificates(problem, gains) == gains
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("method", [method for method in METHODS if method not in POINTWISE])
 @pytest.mark.parametrize("name", ["figure5", "soft", "hard/rigid"])

@@ -68,6 +68,7 @@ def test_a_gated_coupling_without_orbit_is_open_and_the_gate_is_named():
     assert 'contact = "gated"' in found.claim
 
 
+@pytest.mark.thorough
 def test_a_loop_that_is_unstable_in_contact_is_refuted_by_its_hand():
     coupling = coupling_of(Gains(0.0, 1e6))
     found = outcome(coupling)
@@ -206,6 +207,7 @@ def test_state_feedback_is_not_proved_and_says_why():
     assert "not proved: the enclosure knows gains, not an observer with state feedback" in level.claim
 
 
+@pytest.mark.thorough
 def test_the_claim_says_which_device_it_covers():
     claim = outcome(coupling_of()).claim
     assert (
@@ -239,6 +241,7 @@ def test_nothing_is_proved_of_a_device_with_play(device):
     assert not quickly_proved(coupling)
 
 
+@pytest.mark.thorough
 def test_ripple_is_a_bound_that_the_worst_noise_comes_near_to():
     """Noise that takes the sign of the impulse response backwards is the worst there is; random hands stay below."""
     coupling = coupling_of(STIFF)

@@ -52,6 +52,7 @@ def brute_force(matrices, longest, follows):
     return low, high
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("neighbours", [False, True])
 def test_bounds_hold_against_all_products_of_random_systems(neighbours):
     random = np.random.default_rng(3)
@@ -87,6 +88,7 @@ def refuted():
     return prove_changes(SPRING, dampers(92.0, 110.0), most_cells=0)
 
 
+@pytest.mark.thorough
 def test_rows_that_are_stable_each_diverge_by_a_pattern(refuted):
     assert refuted.outcome == "refuted"
     assert refuted.pattern == (0, 0, 1)
@@ -154,6 +156,7 @@ def matrix_of(mass, damping, stiffness, contact, wall):
     return found
 
 
+@pytest.mark.thorough
 def test_a_proof_is_accepted_by_other_code(proved):
     assert proved.outcome == "proved", proved.sentence
     again = Changing.from_document(json.loads(json.dumps(proved.document(), allow_nan=False)))
@@ -183,6 +186,7 @@ def cell_norm(root):
     return whole[:3, :3] - np.outer(whole[:3, 3], whole[3, :3]) / whole[3, 3]
 
 
+@pytest.mark.thorough
 def test_tampered_proofs_are_rejected(proved, refuted):
     random = np.random.default_rng(1)
     cells = proved.cells
@@ -281,6 +285,7 @@ def test_what_the_proof_does_not_know_is_open_by_name():
     assert "resonance" in prove_changes(SOFT.changed(device={"resonance": resonant}), dampers(5.0, 9.0)).sentence
 
 
+@pytest.mark.thorough
 def test_the_level_is_there_when_it_is_asked_for():
     gains = Gains(20.0, 8e3, 0.0)
     constant = Coupling.constant(SOFT, gains, "by hand")

@@ -61,6 +61,7 @@ def test_a_killed_worker_costs_its_chunk_only(tmp_path):
     assert began == sorted([*map(str, range(count)), "3"])
 
 
+@pytest.mark.thorough
 def test_a_task_that_kills_every_worker_is_named(tmp_path):
     whole = Chunked({}, deadly, [0, 1], list)
     with pytest.raises(WorkerLostError, match=r"chunk [12] of 2: 3 processes died"):
@@ -131,6 +132,7 @@ def test_a_chunk_that_is_copied_changed_or_of_another_study_is_worked_out_again(
     assert study().run(folder=own) == alone
 
 
+@pytest.mark.thorough
 def test_of_two_studies_begun_at_once_in_one_folder_one_is_refused(tmp_path):
     def begun(number, place):
         try:

@@ -35,6 +35,7 @@ def text_of(done):
     return text
 
 
+@pytest.mark.thorough
 def test_five_faults_give_five_messages(tmp_path):
     (tmp_path / "bad.toml").write_text(FIVE_FAULTS)
     done = avc("solve", "bad.toml", cwd=tmp_path)
@@ -133,6 +134,7 @@ def test_what_is_not_deployable_is_refused_and_names_the_claim(tmp_path):
     assert document["deployable"]["pass"] is False
 
 
+@pytest.mark.thorough
 def test_refused_push_is_a_no(tmp_path):
     (tmp_path / "stiff.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,0.0,2e8\n50.0,0.0,2e8\n")
     done = avc("push", "stiff.csv", "--problem", "soft", "--port", "emulator", "--unsafe", "--json", cwd=tmp_path)
@@ -209,6 +211,7 @@ points = 100000
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", ["sqpmethod-qrqp", "ipopt", "sqpmethod"])
 @pytest.mark.parametrize("as_json", [False, True], ids=["text", "json"])
 def test_interrupted(solver, as_json, tmp_path):
@@ -312,6 +315,7 @@ def test_solve_says_yes_where_gains_were_found_and_tells_whether_they_are_deploy
         assert any(f"scope {scope}" in note for note in notes) == bool(level)
 
 
+@pytest.mark.thorough
 def test_what_a_command_reads_it_does_not_write_over(tmp_path, capsys):
     gains = tmp_path / "c.json"
     main(["solve", "soft", "--out", str(gains)])

@@ -28,6 +28,7 @@ def rewrite(document):
         json.dump(document, file)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("gains")
 @pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
 def test_own_gains_pass_without_a_note(arguments, capsys):
@@ -65,6 +66,7 @@ def test_simulate_says_from_which_row_its_gains_are(gains, capsys):
     assert f"the table at {gains['frequency_hz'][0]:g} Hz" in out.out
 
 
+@pytest.mark.thorough
 def test_simulate_says_at_which_frequency_the_scene_reads_the_gains(gains, capsys):
     text = dump_problem(load_problem("soft").changed(scene={"interaction_hz": gains["frequency_hz"][7]}))
     with open("soft7.toml", "w", encoding="utf-8") as file:  # noqa: PTH123

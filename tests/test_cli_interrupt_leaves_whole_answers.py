@@ -57,6 +57,7 @@ def interrupted_at(module, *arguments):
 
 
 # numpy cannot be loaded a second time after an interrupt: what is said then needs none.
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "module",
     ["avc_casadi.cli", "avc_casadi.cli._main", "avc_casadi.cli._list", "avc_casadi.files", "numpy.exceptions"],

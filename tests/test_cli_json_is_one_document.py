@@ -91,6 +91,7 @@ def test_certify(tmp_path):
 OTHERS = {"list": "list", "check soft": "check", "doctor --ports": "ports", "doctor": "doctor", "study": "studies"}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("verb", "schema"), OTHERS.items(), ids=OTHERS)
 def test_other_verbs(verb, schema):
     done = avc(*verb.split(), "--json")

@@ -53,6 +53,7 @@ def test_the_command_prints_every_table_of_the_comparison(told, capsys):
         assert table.text() in text
 
 
+@pytest.mark.thorough
 def test_both_renderings_of_a_table_hold_the_same_cells(told):
     document, certificate, _ = told
     for table in (*comparison_tables(document), levels_table(certificate)):

@@ -65,6 +65,7 @@ def test_verdicts(documents, name):
             assert (verdict == "bound-active") == (direct["status"][row] == "active-bound")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_document_is_json_and_counts_add_up(documents, name):
     document = documents[name]
@@ -96,6 +97,7 @@ def test_negative_stiffness_is_not_realisable(documents):
         assert f"negative stiffness {asked[row]:.6g} N/m" in document["reason"][row]
 
 
+@pytest.mark.thorough
 def test_bounds_are_what_the_hand_meets_where_they_are_rendered():
     """Independent of the package's equations: z = exp(j theta), Tustin, hold (z+1)/(2z)."""
     problem = avc.load_problem("figure5")

@@ -40,6 +40,7 @@ def test_errors_decide_among_equally_unsafe_ones():
     assert mine.safety_reason.startswith("deploy neither mine (L5 fails at 200 of 200 rows) nor direct (L5")
 
 
+@pytest.mark.thorough
 def test_the_document_tells_what_each_method_is_safe_for(soft):
     document = comparison_document(soft)
     assert set(document["safety"]) == {*METHODS, "mine"}

@@ -64,6 +64,7 @@ def test_a_wall_that_begins_elsewhere_is_told(document):
     ]
 
 
+@pytest.mark.thorough
 def test_hands_that_move_beyond_a_proof_are_told(document):
     changed = copy.deepcopy(document)
     changed["rest"]["word"], changed["trial"]["at_rest_without_friction"] = "proved", 3

@@ -200,6 +200,7 @@ def regional(premium):
     return changed, gains_document(PREMIUM, ArmDesign(changed, changed, 1.0, masses, masses, certificate))
 
 
+@pytest.mark.thorough
 def test_constants_in_c_are_the_gains(regional):
     gains, document = regional
     folder = scratch() / "arm_gains"

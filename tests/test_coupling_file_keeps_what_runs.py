@@ -126,6 +126,7 @@ def test_a_file_from_before_there_were_two_laws_is_gated(tmp_path):
         avc.read_coupling(tmp_path / "c.json")
 
 
+@pytest.mark.thorough
 def test_a_gain_file_of_the_first_release_loads_beside_its_problem(tmp_path):
     problem = avc.load_problem("ve3")
     gains = avc.solve(problem, "exact")

@@ -99,6 +99,7 @@ def test_what_runs_beside_the_table_runs_beside_a_problem_too(capsys):
         assert document["notes"] == []
 
 
+@pytest.mark.thorough
 def test_on_another_problem_the_table_is_judged_there_and_this_is_noted(capsys):
     made = Coupling.constant(SOFT, Gains(5.0, 2e3), "mine", Runtime(observer_mass_kg=0.15))
     avc.write_coupling(made, "c.json")

@@ -109,6 +109,7 @@ def test_a_resonance_of_a_structure_stays_one(hertz, ratio, noisy):
         assert found.estimates[key].low <= value <= found.estimates[key].high, key
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("bandwidth", "friction"), [(570.0, 0.3), (220.0, 0.0)])
 def test_a_bandwidth_that_another_kind_explains_as_well_is_refused_and_its_lag_told_as_delay(bandwidth, friction):
     """Too little is excited to set a lag and a current loop apart: the delay with the lag in it is told."""

@@ -131,6 +131,7 @@ def test_what_is_declared_can_refuse_a_coupling(declared):
     assert ends[1] > 1e3
 
 
+@pytest.mark.thorough
 def test_the_simulated_loop_grows_where_the_radius_says_so():
     """On both sides of the limit: the scene with all that is declared, its wall never left."""
     device = {"resonance": MODE, "amplifier_bandwidth_hz": 300.0, "delay_samples": 0.5, "encoder_resolution_m": 0.0}

@@ -111,6 +111,7 @@ STUCK = {
 }
 
 
+@pytest.mark.thorough
 def test_constant_gains_where_several_frequencies_decide_together():
     problem = load_problem("figure5").changed(**STUCK)
     found = static_coupling(problem, "all")

@@ -28,6 +28,7 @@ def _emulator() -> None:
     require("unicorn")
 
 
+@pytest.mark.thorough
 def test_pushed_table_is_read_back_as_single_precision() -> None:
     made = coupling(200, seed=3)
     result = push(made, "emulator")
@@ -42,6 +43,7 @@ def test_pushed_table_is_read_back_as_single_precision() -> None:
     assert document["sample_time_s"] == 1e-3
 
 
+@pytest.mark.thorough
 def test_the_same_run_twice_is_the_same_to_the_last_cycle() -> None:
     def run() -> tuple[float, str]:
         board = EmulatedBoard()
@@ -66,6 +68,7 @@ def test_preemption_at_any_instruction_changes_no_byte() -> None:
     assert set(images) == {TableImage.of(coupling(20)).image}
 
 
+@pytest.mark.thorough
 def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
     """A steady tap: after the slew, the gains are those of the row, rounded once for each step of the way."""
     made = coupling(60, seed=5)
@@ -79,6 +82,7 @@ def test_gains_in_force_follow_the_table_at_the_estimated_frequency() -> None:
         assert near[:, index].min() * 0.97 <= value <= near[:, index].max() * 1.03
 
 
+@pytest.mark.thorough
 def test_at_rest_the_frequency_is_undefined_and_the_lowest_row_runs() -> None:
     made = coupling(10)
     board = EmulatedBoard(motion_m=lambda time: 1e-4 if time > 0.2 else -1e-4)
@@ -179,6 +183,7 @@ def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
     assert result.taken == result.sent - result.lost
 
 
+@pytest.mark.thorough
 def test_late_gains_are_refused_by_number() -> None:
     board = EmulatedBoard()
     push(coupling(5), board)
@@ -219,6 +224,7 @@ def test_diagnosis_knows_the_image() -> None:
     assert facts.emulator
 
 
+@pytest.mark.thorough
 def test_state_feedback_is_pushed_read_back_and_kept_while_gains_are_streamed() -> None:
     made = coupling(1, largest=(5.0, 5e4, 5.0), runtime=Runtime(state_feedback=believer(3)))
     result = stream(made, "emulator", rate_hz=50, seconds=0.5)

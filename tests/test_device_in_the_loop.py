@@ -72,6 +72,7 @@ def rest_speed(loop: FirmwareInTheLoop) -> float:
     return float(np.abs(loop.trace.velocity_m_per_s[-500:]).max())
 
 
+@pytest.mark.thorough
 def test_stiff_wall_is_stable_with_the_schedule() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(scheduled())
@@ -90,6 +91,7 @@ def test_stiff_wall_is_unstable_without_a_coupling() -> None:
     assert rest_speed(loop) > 10 * REST_M_PER_S
 
 
+@pytest.mark.thorough
 def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
     """The table underneath would not hold it; the streamed gains do, and after them the table does not."""
     loop = FirmwareInTheLoop(wall())
@@ -111,6 +113,7 @@ def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
     assert rest_speed(loop) > 10 * REST_M_PER_S
 
 
+@pytest.mark.thorough
 def test_firmware_feels_like_the_scene() -> None:
     """The scene knows neither single precision nor the output's 24 mN steps; what the hand feels is the same."""
     loop = FirmwareInTheLoop(wall())
@@ -140,6 +143,7 @@ def test_table_pushed_in_contact_does_not_come_into_force() -> None:
     assert pushed.status().table_id == plain.status().table_id
 
 
+@pytest.mark.thorough
 def test_loop_is_the_same_in_every_run() -> None:
     traces = []
     for _ in range(2):
@@ -149,6 +153,7 @@ def test_loop_is_the_same_in_every_run() -> None:
     assert traces[0] == traces[1]
 
 
+@pytest.mark.thorough
 def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(scheduled())
@@ -210,12 +215,14 @@ def test_coupling_of_any_wall_and_rate_is_at_rest_with_its_own_wall(name: str, t
     assert found.document()["at_rest"] is True
 
 
+@pytest.mark.thorough
 def test_the_wall_of_one_coupling_is_not_that_of_the_other() -> None:
     stiff, soft = tried("ve3").apparent_stiffness_n_per_m, tried("soft").apparent_stiffness_n_per_m
     assert stiff > 5 * soft
     assert tried("ve3").push.coupling_id != tried("soft").push.coupling_id
 
 
+@pytest.mark.thorough
 def test_a_handle_that_swings_on_a_motor_that_stands_is_not_at_rest() -> None:
     mode = {"frequency_hz": 12.0, "damping_ratio": 0.001, "mass_ratio": 0.02}
     hand = {"mass_kg": (1e-3, 1e-3), "damping_ns_per_m": (0.02, 0.02), "stiffness_n_per_m": (200.0, 200.0)}
@@ -271,6 +278,7 @@ def believed() -> Coupling:
     return Coupling.constant(problem, Gains(0.0, 1e8), "by hand", Runtime(state_feedback=law))
 
 
+@pytest.mark.thorough
 def test_a_wall_that_only_state_feedback_holds_is_at_rest_in_the_firmware() -> None:
     plain = tried_in_the_loop(dataclasses.replace(believed(), runtime=Runtime()))
     found = tried_in_the_loop(believed())
@@ -300,6 +308,7 @@ def test_a_scene_with_the_coupling_s_own_state_feedback_is_tried_with_it() -> No
     assert FirmwareInTheLoop(problem).status().has_table is False
 
 
+@pytest.mark.thorough
 def test_effects_that_the_bench_has_not_are_left_out_and_named() -> None:
     effects = (CoulombFrictionEffect(force_n=0.1), EncoderEffect(), DelayEffect(samples=1), HandEffect(mass_kg=0.3))
     problem = tuned("ve3").problem.changed(scene={"effects": effects})

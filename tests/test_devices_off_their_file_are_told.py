@@ -32,6 +32,7 @@ def before(wall, **device):
     )
 
 
+@pytest.mark.thorough
 def test_a_wall_at_its_limit_moves_on_lighter_devices_and_one_far_from_it_does_not():
     bare = before(WALL_N_PER_M)
     limit = stiffest_wall(bare.device, with_let_go(hand_corners(bare.hands))).stiffness_n_per_m
@@ -78,6 +79,7 @@ def test_numbers_with_a_range_stay_and_none_is_left_where_all_have_one():
     assert off_file(rigid(whole)) is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_document_and_the_text_tell_it(seed):
     found = avc.recommend("spring", hands=16, seed=seed)
@@ -90,6 +92,7 @@ def test_the_document_and_the_text_tell_it(seed):
     assert f"{off['at_rest']} of {off['hands']}" in told[0]
 
 
+@pytest.mark.thorough
 def test_who_confirms_it_bounds_the_share_that_rests():
     document = avc.recommend("spring", hands=10).document()
     # 20 of 20: 1 - p^20 = 0.975 at p = 0.832.

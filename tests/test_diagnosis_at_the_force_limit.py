@@ -75,6 +75,7 @@ def test_a_delay_and_a_hand_that_is_missing_are_both_named(device):
     assert abs(found.measured.delay_samples - 6) < 0.2
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mass", [0.05, 0.1, 0.2])
 def test_a_device_that_nobody_declared_is_not_taken_for_the_assumed_one(mass):
     found = diagnose(swinging(3000.0, 10.0, 6, mass=mass))

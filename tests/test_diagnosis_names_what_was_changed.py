@@ -75,6 +75,7 @@ def test_one_number_too_large_is_named_with_a_cure_that_rests(cause):
     assert not left.sustained or left.peak_to_peak_m < 1e-6
 
 
+@pytest.mark.thorough
 def test_a_delay_is_measured():
     found = found_of(replace(HEALTHY, delay=4.4, lag=2.0, stiffness=5000.0))
     assert found.law.lag == 2
@@ -88,6 +89,7 @@ def test_a_resonance_that_nobody_declared_is_found():
     assert found.measured.resonance["frequency_hz"] == pytest.approx(110.0, rel=0.2)
 
 
+@pytest.mark.thorough
 def test_a_hand_that_let_go_is_missed():
     loop = replace(HEALTHY, stiffness=2500.0, damper=4.0, two_sided=1.0, delay=2.0)
     found = found_of(replace(loop, release=0.5, weight=0.8), loop)
@@ -95,6 +97,7 @@ def test_a_hand_that_let_go_is_missed():
     assert found.measured.hand is None
 
 
+@pytest.mark.thorough
 def test_missed_ticks_are_counted_and_named():
     case = case_of("ticks", 7, 0)
     found = diagnose(case.columns, device=case.declared)

@@ -200,6 +200,7 @@ def test_a_toggle_that_its_force_cannot_make_felt_is_nothing_wrong():
     assert diagnose(strong, device=device).verdict != "nothing wrong"
 
 
+@pytest.mark.thorough
 def test_a_toggle_by_one_step_that_a_hand_feels_is_no_log_with_nothing_wrong():
     loop = Buzzing(mass=0.0825, damping=0.571, delay=1.786, encoder=1.616e-5, period=5e-4, limit=20.0, end=0.0111)
     loop = replace(loop, stiffness=594.0, damper=18.13, hand_mass=0.0748, hand_damping=12.1, hand_stiffness=478.0)
@@ -213,6 +214,7 @@ def test_a_toggle_by_one_step_that_a_hand_feels_is_no_log_with_nothing_wrong():
     assert unfelt(drawn.loop, drawn.columns.position_m)
 
 
+@pytest.mark.thorough
 def test_a_force_that_its_limit_cuts_does_not_jump_where_the_law_begins_at_the_wall():
     """Fast strikes: what is left of the force below its limit is far from the edge of contact."""
     loop = Buzzing(mass=0.12, damping=0.8, encoder=2e-5, limit=8.0, stiffness=4000.0, damper=12.0, delay=1.3)
@@ -221,6 +223,7 @@ def test_a_force_that_its_limit_cuts_does_not_jump_where_the_law_begins_at_the_w
     assert diagnose(columns(loop, seconds=3.0), device=declared_of(loop)).cause != "stiffness"
 
 
+@pytest.mark.thorough
 def test_what_swings_on_over_coarse_steps_does_not_die_away():
     """The force goes on from one end to the other, whatever becomes of its strongest line."""
     loop = Buzzing(mass=0.12, damping=0.8, encoder=2e-4, limit=8.0, stiffness=3000.0, damper=15.0, delay=1.3)
@@ -261,6 +264,7 @@ DRIVEN = Device(
 )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (30.0, 1.0), (15.0, 0.3)])
 def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     found = diagnose(driven(hertz, size_n), device=DRIVEN)
@@ -272,6 +276,7 @@ def test_without_the_shaking_there_is_nothing_wrong():
     assert diagnose(driven(60.0, 0.0), device=DRIVEN).verdict == "nothing wrong"
 
 
+@pytest.mark.thorough
 def test_a_damper_that_a_step_drives_to_the_limit_is_not_read_as_none():
     """What is not cut are the samples without a velocity: they tell a spring alone."""
     loop = Buzzing(damper=25.0, stiffness=1500.0, encoder=4e-4, limit=8.0, hand_mass=0.05, hand_damping=3.0)
@@ -292,6 +297,7 @@ def test_a_position_that_never_changes_under_a_force_that_does_is_refused():
     assert "the position never changes" in found.notes[-1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("lasts", "nothing"), [(0.7, True), (2.0, False)])
 def test_the_cycles_of_a_touch_before_long_rest_in_contact_are_nothing_wrong(lasts, nothing):
     time = np.arange(4000) * 1e-3
@@ -308,6 +314,7 @@ def test_a_delay_that_no_device_may_have_is_none(asked, taken):
     assert answer.delayed(asked).device.delay_samples == taken
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("damper", "speed", "hand"), [(145.0, 0.03, 3.0), (145.0, 0.07, 8.0), (160.0, 0.07, 3.0)])
 def test_what_buzzes_over_a_few_counts_after_a_push_into_the_wall_has_its_own_frequency(damper, speed, hand):
     """The push itself is slow, large and soon over; the force then swings to the end of the log."""
@@ -319,6 +326,7 @@ def test_what_buzzes_over_a_few_counts_after_a_push_into_the_wall_has_its_own_fr
     assert found.cause == "encoder" or set(found.candidates) == {"damping", "encoder"}
 
 
+@pytest.mark.thorough
 def test_a_loop_that_a_slow_filter_of_the_velocity_swings_is_offered_a_quicker_one():
     loop = Buzzing(mass=0.12, damping=0.8, friction=0.1, encoder=5e-6, limit=20.0, stiffness=4000.0, damper=15.0)
     loop = replace(loop, hand_mass=0.06, hand_damping=3.0, hand_stiffness=500.0, end=0.005)

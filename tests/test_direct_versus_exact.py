@@ -28,6 +28,7 @@ def agree(problem, *, error_within):
     return int(use.sum())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [entry.name for entry in avc.catalogue()])
 def test_every_frequency_of_the_catalogue_within_1e_8(name):
     """Absolute, in N.s/m."""

@@ -32,6 +32,7 @@ def agrees(problem, truth, rows=None):
             assert inside >= -1e-14 * radius, (problem, row)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 def test_series_optimum_is_that_of_50_digits(seed):
     rng = np.random.default_rng(seed)
@@ -102,6 +103,7 @@ def test_no_point_of_a_dense_grid_is_better(structure):
     assert compared > 60
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("structure", ["series", "damped"])
 def test_gains_meet_the_constraint_and_the_box_without_slack(structure):
     """The error may change 3e4 times faster than Re Z_h, so that a slack of 1e-12 would 'beat' the optimum."""

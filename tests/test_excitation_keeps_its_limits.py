@@ -54,6 +54,7 @@ def test_no_force_from_the_tick_at_which_a_limit_is_exceeded(kind, mass, damping
     assert speed <= allowed + late * plan.sample_time_s * plan.max_force_n / mass
 
 
+@pytest.mark.thorough
 def test_devices_of_the_ranges_play_to_the_end():
     for kind in ("multisine", "chirp", "release"):
         plan = planned(kind)
@@ -65,6 +66,7 @@ def test_devices_of_the_ranges_play_to_the_end():
             assert told["peak_travel_m"] <= plan.max_travel_m
 
 
+@pytest.mark.thorough
 def test_forecast_is_what_happens():
     plan = planned()
     devices = corners_of(DECLARED)
@@ -183,6 +185,7 @@ def test_plan_that_would_break_a_limit_on_a_corner_is_refused():
         check_plan(dataclasses.replace(plan, signal=dataclasses.replace(plan.signal, amplitude=louder)), DECLARED)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("limits", [{"force_n": 0.8}, {"speed_m_per_s": 0.1}, {"travel_m": 0.0015}], ids=str)
 def test_every_limit_is_kept_by_the_plan(limits):
     made = plan_excitation(DECLARED, seconds=2.0, **limits)

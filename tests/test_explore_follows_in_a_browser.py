@@ -147,6 +147,7 @@ def test_an_address_with_unknown_names_says_which_and_shows_the_rest(page, serve
     assert "all of it" in by_id(page, "address-says").text
 
 
+@pytest.mark.thorough
 def test_what_was_said_of_a_file_goes_with_the_settings_it_was_about(page):
     page.find_element("css selector", "#method option[value='recommend']").click()
     by_id(page, "save-coupling").click()
@@ -244,6 +245,7 @@ def test_a_run_goes_on_beside_other_settings_and_can_be_cancelled(page, monkeypa
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.thorough
 def test_typed_gains_take_a_decimal_comma_and_are_drawn(page):
     page.find_element("css selector", "#method option[value='constant']").click()
     until(lambda: "no force is rendered" in by_id(page, "g-stiffness_n_per_m-error").text)

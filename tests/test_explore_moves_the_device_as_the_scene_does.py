@@ -52,6 +52,7 @@ def test_the_page_moves_the_device_as_the_scene_does(page, gains):
     assert np.abs(run.force_n).max() > 1.0
 
 
+@pytest.mark.thorough
 def test_the_page_feeds_back_the_believed_state_as_the_scene_does(page):
     problem = avc.load_problem("figure5").changed(
         scene={"duration_s": 0.5, "integrator": "projected", "substeps": 4}, device={"encoder_resolution_m": 1e-5}

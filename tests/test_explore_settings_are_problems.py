@@ -94,6 +94,7 @@ def test_constant_gains_are_typed_before_they_are_judged():
     assert "errors" not in told("judge", method="constant", gains={"damping_ns_per_m": 2.0})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["problem", "coupling", "command"])
 def test_the_files_of_two_columns_have_two_names(kind):
     one, other = (

@@ -52,6 +52,7 @@ def test_double_precision_gives_the_bits_of_the_expressions(seed: int) -> None:
     check_bits(seed, (C99, CPP11, CLANG, CLANG_CPP17)[seed // 4 % 4], "double")
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_force_is_a_number_within_its_limit_and_pushes(seed: int) -> None:

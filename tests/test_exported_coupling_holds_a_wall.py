@@ -80,6 +80,7 @@ def tuned(name: str) -> Coupling:
 HANDS = [(0.05, 3.0, 200.0), (0.175, 11.5, 500.0), (0.3, 20.0, 800.0)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("hand", HANDS, ids=["light", "middle", "heavy"])
 @pytest.mark.parametrize("name", ["ve3", "soft"])
 def test_hands_rest_at_the_wall_of_the_coupling(name: str, hand: tuple[float, float, float]) -> None:

@@ -36,6 +36,7 @@ def test_forces_have_the_bits_of_the_expressions(board: str, seed: int, samples:
     assert result.stack_bytes <= 1200
 
 
+@pytest.mark.thorough
 def test_200_rows_fit_an_arduino_uno_and_stay_in_flash() -> None:
     """32 KB of flash, 2 KB of memory."""
     made = coupling(

@@ -80,6 +80,7 @@ def strokes(name: str, samples: int = 300) -> tuple[FloatArray, FloatArray]:
     return positions, -((read - np.array(point)) @ np.array(normal))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "compiler", "precision"),
     [("chai3d", "g++", "single"), ("openhaptics", "clang++", "double"), ("haply", "g++", "single")],
@@ -99,6 +100,7 @@ def test_forces_are_the_couplings_along_the_normal(name: str, compiler: str, pre
     assert "does not answer" in said
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "pause_us"), [("chai3d", 1500.0), ("haply", 1500.0), ("openhaptics", 400.0)])
 def test_a_computer_too_slow_is_told_and_lets_go(name: str, pause_us: float) -> None:
     """Half a sample late every time, or a scheduler whose sample is 0.4 longer; then fifteen samples at once.

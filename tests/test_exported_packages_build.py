@@ -79,6 +79,7 @@ int main()
 """
 
 
+@pytest.mark.thorough
 def test_cmake_installs_what_another_project_finds() -> None:
     require("cmake", "g++")
     made = drawn(16)
@@ -148,6 +149,7 @@ def first_words(image: Path) -> str:
     return ""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("runtime", "rows", "says"),
     [

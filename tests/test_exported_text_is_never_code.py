@@ -66,6 +66,7 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
             assert text == plain[place]
 
 
+@pytest.mark.thorough
 @given(arm=ANY, axis=ANY)
 @example(arm="*\\ int planted; /*", axis="*/")
 def test_no_name_of_an_arm_becomes_code(arm: str, axis: str) -> None:

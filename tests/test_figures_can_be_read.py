@@ -83,6 +83,7 @@ def test_no_text_covers_another(texts):
         assert wide <= 1 or high <= 1, f"{first!r} and {second!r} overlap by {wide:.0f} x {high:.0f} pixels"
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 def test_no_text_leaves_the_picture(figure, texts):
     width, height = figure.bbox.size
@@ -118,6 +119,7 @@ def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
         np.testing.assert_array_equal(line.get_ydata(), curve[order])
 
 
+@pytest.mark.thorough
 def test_lines_differ_without_colour(figure):
     for axes in figure.axes:
         looks = [
@@ -133,6 +135,7 @@ def test_lines_differ_without_colour(figure):
         assert len(looks) == len(set(looks))
 
 
+@pytest.mark.thorough
 def test_nothing_that_exists_is_left_undrawn(comparison):
     """Every gain of the optimiser is a point of panels c and d."""
     axes = {a.get_title(loc="left")[:3]: a for a in draw_perceived(comparison).axes}

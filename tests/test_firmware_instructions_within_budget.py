@@ -85,6 +85,7 @@ def test_both_emulators_count_the_same(tmp_path: Path) -> None:
     assert in_qemu(tmp_path) == [tick.total for tick in in_unicorn()]
 
 
+@pytest.mark.thorough
 def test_tick_keeps_its_budget() -> None:
     require("unicorn")
     ticks = in_unicorn()

@@ -74,6 +74,7 @@ def test_lookup_is_the_same_bit_for_bit(rows: int, even: bool) -> None:
     assert device.tobytes() == host.tobytes()
 
 
+@pytest.mark.thorough
 @given(
     st.lists(st.floats(1.0, 450.0, width=32), min_size=1, max_size=40, unique=True),
     st.floats(0.5, 600.0, width=32),
@@ -91,6 +92,7 @@ def test_lookup_is_the_same_however_rows_lie_and_crowd(rows: list[float], crowd_
     assert device.tobytes() == host.tobytes()
 
 
+@pytest.mark.thorough
 @given(st.integers(1, 40), st.integers(0, 1000))
 def test_lookup_stays_within_its_neighbours_and_near_the_exact_interpolation(rows: int, seed: int) -> None:
     made = coupling(rows, seed=seed)

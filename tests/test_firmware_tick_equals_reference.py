@@ -276,6 +276,7 @@ def test_a_board_that_does_not_start_is_reported() -> None:
         LockStepBoard(scratch() / "absent.elf", "bench-m4f", position=lambda _: 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("estimator", ["fused", "zero-crossing", "adaptive-notch", "spectral-peak"])
 def test_one_program_serves_every_sample_time_encoder_and_setting(estimator: str) -> None:
     """Where the figures change the form of the tick, no numbers are made for the program of another."""

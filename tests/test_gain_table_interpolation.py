@@ -33,6 +33,7 @@ def test_linear_in_ln_frequency_and_held_beyond_the_ends(rows, frequencies):
         np.testing.assert_allclose(found[:, column], expected, rtol=1e-9, atol=1e-9 * (1 + rows[:, 1 + column].max()))
 
 
+@pytest.mark.thorough
 @given(tables(), st.lists(st.floats(2**-10, 2**15, width=32), min_size=1, max_size=20))
 def test_single_precision_is_the_device_and_near_double(rows, frequencies):
     single = interpolate(rows.astype(np.float32), frequencies, single_ln)
@@ -174,6 +175,7 @@ def fewest_by_trying_every_pair(rows, tolerance):
     return int(steps[-1]) + 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("tolerance", [1e-3, 2e-2])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_of_a_long_table_no_smaller_choice_meets_the_tolerance(seed, tolerance):

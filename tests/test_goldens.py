@@ -29,6 +29,7 @@ CASES = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("part", "case"), CASES)
 def test_the_answer_is_the_golden_one(part, case):
     if part in {"exported_c", "recommendations"} and shutil.which("gcc") is None:

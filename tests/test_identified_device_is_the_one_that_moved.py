@@ -90,6 +90,7 @@ def test_the_lag_of_an_amplifier_that_is_known_already_counts_once(bandwidth, de
         assert "less the lag of the amplifier, 0.398 samples" in device_text(found.device)
 
 
+@pytest.mark.thorough
 def test_device_file_is_usable_at_once(flexible, tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text(device_text(flexible.device))

@@ -142,6 +142,7 @@ def test_no_room_imports_what_is_private_to_another():
     assert not [f"{name}:{line} -> {target}" for name, target, line in ARROWS if foreign(name, target)]
 
 
+@pytest.mark.thorough
 def test_modules_of_one_room_do_not_go_round():
     """Within a room too, no two modules need each other to be imported."""
     down = {}

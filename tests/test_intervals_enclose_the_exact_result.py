@@ -101,6 +101,7 @@ def test_sine_and_cosine_are_enclosed(angle, share):
             assert exact <= mpmath.mpf(float(enclosure.high[0])) + mpmath.mpf(10) ** -50
 
 
+@pytest.mark.thorough
 @given(st.lists(st.tuples(st.floats(-7.0, 7.0), st.floats(0.0, 8.0)), min_size=1, max_size=20))
 def test_sine_and_cosine_of_ranges_are_those_of_mpmath(drawn):
     low, width = np.array(drawn).T

@@ -85,6 +85,7 @@ def test_coupling_that_is_not_passive_or_rigid_is_refused():
     assert margin[2] == 1.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_a_margin_is_damping_that_the_device_does_not_have(model):
     asked = largest_llewellyn_stiffness(loop(model), np.array([0.0, 0.1]), margin_ns_per_m=0.4)

@@ -72,6 +72,7 @@ def peak(plan):
     return np.abs(plan.signal.units(plan.ticks)).max()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("values", DEVICES[::2], ids=lambda values: f"{values['mass_kg']} kg")
 def test_same_peak_force_tells_more(values):
     require("gcc")

@@ -58,6 +58,7 @@ def test_designs_with_scope_hands_hold_the_whole_box(method):
     assert all(proof.outcome != "refuted" for proof in proofs)
 
 
+@pytest.mark.thorough
 def test_the_search_finds_what_a_lattice_finds():
     generator = np.random.default_rng(5)
     for _ in range(12):
@@ -110,6 +111,7 @@ def test_what_cannot_be_enclosed_stays_open_by_name():
     assert "budget" in proof.reason
 
 
+@pytest.mark.thorough
 def test_certify_proves_a_whole_table():
     level = certify(FIGURE5, schedule_of(FIGURE5, 100.0, 5e4), prove=True).levels["L5"]
     assert level.passed

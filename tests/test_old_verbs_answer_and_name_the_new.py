@@ -39,6 +39,7 @@ def without_times(document):
     return [without_times(one) for one in document] if isinstance(document, list) else document
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("verb", OLD_VERBS)
 def test_an_old_verb_answers_as_the_new_one(verb, capsys):
     code, document, err = told(capsys, *SAME[verb])
@@ -88,6 +89,7 @@ def test_studies_are_listed_and_explain_themselves(capsys):
     assert "allowed: accuracy, pareto, table1" in document["errors"][0]["message"]
 
 
+@pytest.mark.thorough
 def test_a_wheel_says_where_studies_come_from(tmp_path):
     """The package without the folder beside it, as a wheel installs it."""
     shutil.copytree(Path(avc_casadi.__file__).parent, tmp_path / "avc_casadi")

@@ -77,6 +77,7 @@ def test_the_scene_returns_to_where_it_began(case):
     assert np.ptp(orbit.states[:, 1]) / scene.sample_time_s > 0.01
 
 
+@pytest.mark.thorough
 def test_the_light_hand_bounces_at_the_stiff_wall_behind_the_gate_and_not_when_clipped_last():
     """The constant design for figure 5's wall: an orbit of a few milliseconds, which rests once the clip comes last."""
     problem, gains, orbit = orbit_of("gated")

@@ -24,6 +24,7 @@ maybe_damping = st.one_of(st.just(0.0), damping)
 maybe_stiffness = st.one_of(st.just(0.0), stiffness)
 
 
+@pytest.mark.thorough
 @given(damping, maybe_damping, maybe_stiffness, maybe_damping, maybe_stiffness, maybe_damping)
 def test_sampled_data_worst_point_is_nyquist(b_d, b_e, k_e, b, k, contact):
     loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
@@ -44,6 +45,7 @@ def test_sampled_data_worst_point_of_a_band_is_an_end(b_d, b_e, k_e, b, k, conta
     assert abs(found.margin_ns_per_m[0] - ends.min()) <= 1e-13 * size_of_terms(loop, parts, contact)
 
 
+@pytest.mark.thorough
 @given(damping, maybe_damping, stiffness, damping, maybe_damping)
 def test_lead_bound_is_necessary_and_sufficient(b_d, b_e, k_e, b, contact):
     loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
@@ -68,6 +70,7 @@ def test_lead_bound_refuses_delay_and_paper_hold():
             largest_lead_for_all_frequencies(SampledLoop(1.0, 1.0, 1.0, T, delay, model))
 
 
+@pytest.mark.thorough
 @given(st.integers(0, 6), maybe_damping, stiffness, maybe_damping, stiffness)
 def test_no_passive_rendering_is_stiffer_than_the_limit(delay, b_e, k_e, b, k):
     lowest = worst_margin(SampledLoop(0.0, b_e, k_e, T, delay, "sampled-data"), b, k)
@@ -96,6 +99,7 @@ def test_pure_spring_needs_half_a_sample_and_the_delay(delay):
     assert -found.margin_ns_per_m[0] == pytest.approx(stiff * (1 + 2 * delay) * T / 2, rel=1e-12)
 
 
+@pytest.mark.thorough
 @given(st.floats(0.01, 100), st.floats(-50, 50), stiffness)
 def test_colgate_schenkel_condition_of_a_spring_and_damper(b_d, b_e, k_e):
     margin = worst_margin(SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data"), np.inf, 1.0).margin_ns_per_m[0]

@@ -40,6 +40,7 @@ def grid_error(loop, parts, contact, step):
     return step**2 / 2 * (n**2 * (parts.direct + contact) + n**3 * parts.integral + decay)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 @pytest.mark.parametrize(("delay", "count"), [(0, 250), (1, 100), (3, 75), (20, 65), (100, 10)])
 def test_exact_margin_and_grid_agree(model, delay, count):

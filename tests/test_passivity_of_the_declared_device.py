@@ -55,6 +55,7 @@ def test_the_margin_is_the_lowest_eigenvalue_of_the_impedance_at_the_handle(seed
             assert found.passed[0] == (found.margin_ns_per_m[0] >= 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("seed", range(12))
 def test_the_worst_frequency_is_not_missed(seed):
@@ -71,6 +72,7 @@ def test_the_worst_frequency_is_not_missed(seed):
     assert (own <= least + 1e-6 * (1 + np.abs(least))).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("delay", [0, 1, 3])
 @pytest.mark.parametrize(
@@ -146,6 +148,7 @@ def test_what_l3_passes_every_passive_hand_holds_still(device):
         assert whole_stability(case.device, parts, 0.0, hands).radius.max() < 1
 
 
+@pytest.mark.thorough
 def test_an_amplifier_and_a_delay_cost_passivity_and_mechanics_alone_does_not():
     found = {}
     for name, device in ({"ideal": {}} | DECLARED).items():

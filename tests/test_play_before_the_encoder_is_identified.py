@@ -55,6 +55,7 @@ def test_play_is_told_with_the_device_beside_it(loose):
         assert one.value == pytest.approx(true, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_the_user_is_told_what_it_is_and_the_file_holds_it(loose):
     (note,) = [note for note in loose.notes if "play" in note]
     assert "backlash_m" in note

@@ -87,6 +87,7 @@ def test_row_that_no_device_of_the_range_can_keep_says_by_how_much():
         assert bool(solve(moved).usable[row]) is usable
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("scope", ["pointwise", "band", "hands"])
 @pytest.mark.parametrize("require", ["none", "jnd"])
@@ -107,6 +108,7 @@ def test_schedule_says_what_it_credits():
     assert any("counts 7 N.s/m of the hand's damping" in note for note in gains.notes)
 
 
+@pytest.mark.thorough
 def test_ranges_that_no_design_uses_are_named():
     problem = figure5(points=5, device={"delay_samples": 1}).changed(device={"range": {"delay_samples": (0.0, 2.0)}})
     for method in ("direct", "static"):

@@ -77,6 +77,7 @@ def test_gains_that_were_set_for_the_worst_case_leave_nothing_to_find():
     assert found.law.stiffness_n_per_m == pytest.approx(600.0, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_notch_that_is_offered_for_a_resonance_cures_it():
     meant = Buzzing(encoder=5e-6, stiffness=3000.0, damper=40.0)
     wrong = replace(meant, resonance=110.0, ratio=0.02)
@@ -99,6 +100,7 @@ def test_positions_in_another_unit_are_noticed(size, unit):
     assert unit in found.conclusion
 
 
+@pytest.mark.thorough
 def test_delay_and_stiffness_that_are_both_too_much_are_both_told():
     """Late by four samples, and too stiff without that too: to name one of them would mend half of it."""
     meant = Buzzing(encoder=5e-6, stiffness=2000.0, damper=2.0, delay=1.0)

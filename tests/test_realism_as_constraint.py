@@ -69,6 +69,7 @@ def gains_of(schedule: GainSchedule) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(("require", "scope", "changes"), CASES)
 def test_rows_are_real_and_no_lattice_point_betters_them(
@@ -134,6 +135,7 @@ def test_requirement_met_anyway_changes_nothing(method: str) -> None:
         assert np.abs(one.impedance / two.impedance - 1).max() <= 1e-4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["closed-form", "exact", "static"])
 def test_methods_without_realism_say_so(method: str) -> None:
     free, asked = (solve(problem_with(require, "pointwise", {}), method) for require in ("none", "jnd"))

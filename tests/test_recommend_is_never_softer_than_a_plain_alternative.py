@@ -37,6 +37,7 @@ def safety(trial):
     return 2
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(
     ("stiffness", "device"),
@@ -72,6 +73,7 @@ def test_no_plain_pair_is_deployable_as_safe_and_stiffer(stiffness, device):
                         assert tried.stiffness <= 1.1 * best.trial.stiffness, (other, best.coupling)
 
 
+@pytest.mark.thorough
 def test_a_stiffer_wall_is_never_felt_softer():
     felt = [found(stiffness).trial.stiffness for stiffness in (1e3, 2e4, 1e5)]
     assert np.all(np.diff(felt) > -0.02 * np.array(felt[:-1]))
@@ -85,6 +87,7 @@ def test_a_wall_beyond_reach_costs_nothing_of_what_is_felt():
     assert beyond > 0.9 * held
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize(
     ("key", "values"),
@@ -99,6 +102,7 @@ def test_a_better_device_is_never_felt_softer(key, values):
     assert np.all(np.diff(felt) > -0.02 * np.array(felt[:-1]))
 
 
+@pytest.mark.thorough
 def test_the_plain_wall_is_recommended_where_it_is_as_good():
     best = avc.recommend("soft", hands=12)
     assert best.trial.stiffness == pytest.approx(best.problem.environment.stiffness_n_per_m, rel=1e-3)
@@ -117,6 +121,7 @@ def test_nothing_is_promised_that_does_not_hold():
     assert f"{trial['at_rest']} of {trial['hands']}" in best.reason
 
 
+@pytest.mark.thorough
 def test_where_nothing_is_deployable_it_says_so():
     hand = {"mass_kg": (0.1, 0.1), "damping_ns_per_m": (5.0, 5.0), "stiffness_n_per_m": (400.0, 400.0)}
     best = avc.recommend(wall(1e4, delay_samples=33).changed(hands=hand), hands=2)
@@ -126,6 +131,7 @@ def test_where_nothing_is_deployable_it_says_so():
     assert best.document()["coupling"] is None
 
 
+@pytest.mark.thorough
 def test_what_would_help_is_what_the_device_then_holds():
     best = found(2e4, delay_samples=1)
     told = {one.change: one.stiffest_wall_n_per_m for one in best.helps}
@@ -143,6 +149,7 @@ def test_nothing_is_recommended_for_a_wall_without_force():
     assert "gives no force" in found.reason
 
 
+@pytest.mark.thorough
 def test_what_no_coupling_mends_is_told_before_any_is_looked_for():
     massless = avc.recommend("hard/massless", hands=5)
     assert massless.considered == 0

@@ -42,6 +42,7 @@ def lean():
     return known(coupling_of(LEAN))
 
 
+@pytest.mark.thorough
 def test_the_recommended_coupling_carries_its_proof():
     found = avc.recommend("spring", hands=10)
     document = json.loads(json.dumps(found.document(), allow_nan=False))
@@ -68,6 +69,7 @@ def test_an_open_one_says_where_proof_ends_and_there_it_is_proved(lean):
     assert f"; proof ends at {felt:.4g}"[:22] in rest_line(rest.document())
 
 
+@pytest.mark.thorough
 def test_what_takes_longer_is_simulated_until_a_proof_is_asked_for():
     observer = Runtime(state_feedback=believer(0))
     for coupling in (

@@ -83,6 +83,7 @@ def safety(one: Judged, lean: bool) -> tuple[int, int]:
     return (0 if free or lean else 1), 0
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(CANDIDATES, st.booleans())
 def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, lean):
@@ -123,6 +124,7 @@ def test_hands_that_had_no_part_in_the_evaluate_can_refute_it(monkeypatch):
     assert found[0].safety == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("held", [0.7, 0.5, 0.3, 0.2])
 def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, monkeypatch):
     """Those who choose rest at every wall below 0.9 of what spring and damper hold, the others only at `held`."""
@@ -186,6 +188,7 @@ def test_a_vibration_that_only_others_feel_counts():
     assert replace(one, others=trial(10, 10, 9)).quiet
 
 
+@pytest.mark.thorough
 def test_what_is_best_is_confirmed_though_nobody_rests_without_friction(monkeypatch):
     people = people_of(PROBLEM.hands, HANDS)
     limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
@@ -199,6 +202,7 @@ def test_what_is_best_is_confirmed_though_nobody_rests_without_friction(monkeypa
     assert best_of(found).others is not None
 
 
+@pytest.mark.thorough
 def test_hands_are_dealt_out_to_devices_and_told_in_their_own_order():
     problem = avc.load_problem("spring").changed(device={"coulomb_friction_n": 0.1, "max_force_n": 1.0})
     coupling = Coupling.constant(problem, Gains(0.0, 500.0, 0.5), "x")

@@ -131,6 +131,7 @@ def test_of_many_light_corners_those_that_differ_most_are_tried():
         assert min(apart) >= 2
 
 
+@pytest.mark.thorough
 def test_who_moves_on_another_device_tries_the_next_laws_on_that_one(monkeypatch):
     people = people_of(RANGED.hands, HANDS)
     hall = Evaluator(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None)

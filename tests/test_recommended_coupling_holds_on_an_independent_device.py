@@ -112,6 +112,7 @@ def test_the_simulator_has_the_stated_physics():
     assert found.handle - found.motor == pytest.approx(1 / stiffness, rel=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_every_hand_rests_at_the_recommended_coupling(name):
     """With the declared friction, and with a twentieth to a tenth of it; in a soft press without any."""
@@ -121,6 +122,7 @@ def test_every_hand_rests_at_the_recommended_coupling(name):
     assert fastest(meetings(name, "press", friction=0.0)) < REST
 
 
+@pytest.mark.thorough
 def test_as_many_hands_rest_as_the_trial_says():
     """All of them as declared; a sample and a half later, without friction, some, and they are the same."""
     found = recommended("reference-r1")
@@ -179,6 +181,7 @@ def test_every_motion_dies_out_where_the_loop_is_linear(name):
     assert fastest([linear.meets(deed, friction=0.0, encoder=0.0) for deed in deeds]) < REST
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_a_device_that_is_not_quite_as_declared_rests_too(name):
     """A tenth of mass and resonance, a quarter of a sample of delay: with the declared friction every hand rests."""
@@ -193,6 +196,7 @@ def test_a_device_that_is_not_quite_as_declared_rests_too(name):
             assert fastest(meetings(name, motion, **other)) < REST
 
 
+@pytest.mark.thorough
 def test_without_friction_a_light_device_whose_structure_is_stiffer_than_its_file_says_rests():
     """A law for which nobody was asked on such devices leaves hands in a cycle of 11 to 30 mm/s there."""
     mode = {"frequency_hz": 110.0, "damping_ratio": 0.04, "mass_ratio": 0.5}
@@ -240,6 +244,7 @@ def test_the_stiffest_wall_is_where_the_simulator_says(name):
     assert fastest([beyond.meets(deed, **linear) for deed in deeds]) > 0.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_what_the_declared_device_refuses_does_not_rest(name):
     problem = recommended(name).problem

@@ -98,6 +98,7 @@ def test_a_coupling_is_certified_as_its_gains_are():
     assert avc.certify("soft", made) == avc.certify("soft", made.schedule)
 
 
+@pytest.mark.thorough
 def test_a_push_to_a_device_with_part_of_a_sample_of_delay_is_tried_too(capsys):
     """The firmware itself knows of no delay; the bench has it."""
     problem = avc.load_problem("figure5").changed(device={"delay_samples": 1.5})

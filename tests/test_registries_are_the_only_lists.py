@@ -141,6 +141,7 @@ def with_file(folder, package, text, code):
 COMMAND = "from avc_casadi.cli import main\nmain({})\n"
 
 
+@pytest.mark.thorough
 def test_a_method_is_one_file(tmp_path):
     package = "avc_casadi.design.method"
     told = with_file(tmp_path, package, METHOD, COMMAND.format(["solve", "soft", "--method", "toy", "--json"]))
@@ -168,6 +169,7 @@ except SystemExit:
     assert "exact, toy, schedule" in " ".join(with_file(tmp_path, package, METHOD, lists).split())
 
 
+@pytest.mark.thorough
 def test_a_claim_is_one_file(tmp_path):
     package = "avc_casadi.claims.level"
     told = with_file(tmp_path, package, CLAIM, COMMAND.format(["solve", "soft", "--method", "exact", "--json"]))
@@ -179,6 +181,7 @@ def test_a_claim_is_one_file(tmp_path):
     assert "T1  nothing is left to prove" in with_file(tmp_path, package, CLAIM, COMMAND.format(["certify", "--help"]))
 
 
+@pytest.mark.thorough
 def test_an_effect_is_one_file(tmp_path):
     """The spring of the wall and that of the hand hold the device where the offset moved their balance to."""
     package = "avc_casadi.simulation.effects"
@@ -239,6 +242,7 @@ def listed(names):
                     yield path.relative_to(ROOT).as_posix(), node.lineno, sorted(held)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("sort", "names"), [("methods", METHODS), ("claims", CLAIMS), ("effects", EFFECTS)])
 def test_no_other_file_lists_the_names(sort, names):
     found = list(listed(names))

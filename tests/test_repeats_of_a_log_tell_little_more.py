@@ -45,6 +45,7 @@ def test_a_still_or_short_log_has_none():
     assert repeats_of([Record("log", 1e-3, np.arange(12) * 1e-5, np.zeros(12))], 1e-5) == (0,)
 
 
+@pytest.mark.thorough
 def test_intervals_hold_the_truth_and_the_user_is_told():
     errors = []
     for seed in range(12):
@@ -58,6 +59,7 @@ def test_intervals_hold_the_truth_and_the_user_is_told():
     assert max(map(abs, errors)) < 1
 
 
+@pytest.mark.thorough
 def test_the_multisine_of_excite_never_repeats():
     # On a grid of 1/4 Hz a third of the readings came back after 4 s, and half of the error with them.
     truth = replace(TRUTH, mass=0.1, damping=1.0)

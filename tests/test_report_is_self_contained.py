@@ -67,6 +67,7 @@ def html(contents):
     return report_html(contents)
 
 
+@pytest.mark.thorough
 def test_nothing_is_loaded_from_elsewhere(html):
     page = Page(html)
     assert len(page.links) == 4  # wide, and for a phone

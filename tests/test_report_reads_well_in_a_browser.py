@@ -55,6 +55,7 @@ def page(contents, tmp_path_factory):
         yield driver
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", WIDTHS)
 def test_nothing_sticks_out(page, size):
     resize(page, WIDTHS[size])
@@ -74,6 +75,7 @@ def test_paper_cuts_nothing_off(page):
     assert printed_pages(page).startswith(b"%PDF")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_nothing_serious(page, scheme):
     resize(page, WIDTHS["desktop"])

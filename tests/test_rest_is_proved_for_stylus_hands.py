@@ -28,6 +28,7 @@ def proof():
     return prove_rest(law_at(6.4e4, 1.56), "clip-last", PROBLEM.device, BOX)
 
 
+@pytest.mark.thorough
 def test_every_stylus_hand_of_the_box_is_proved_to_rest(proof):
     assert proof.outcome == "proved"
     again = Rest.from_document(proof.document())

@@ -107,6 +107,7 @@ def test_without_pandas_the_way_to_get_it_is_said(monkeypatch):
         RESULTS["schedule"].to_pandas()
 
 
+@pytest.mark.thorough
 def test_equal_inputs_give_equal_results():
     again = avc.solve(PROBLEM, "exact")
     assert again.solve_seconds != RESULTS["schedule"].solve_seconds

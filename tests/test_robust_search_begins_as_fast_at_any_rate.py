@@ -39,6 +39,7 @@ def test_a_longer_sample_does_not_ask_for_more_in_a_sample():
     assert starts[0] == starts[1]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("change", [{"sample_time_s": 5e-4}, {"delay_samples": 0}, {"resonance": None}])
 def test_a_law_moves_to_a_device_much_like_it(change):
     before = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 1e6})

@@ -38,6 +38,7 @@ def rendered(problem, stiffness):
     return frozen_rendering(problem, 0.0, spring_before(problem, stiffness))
 
 
+@pytest.mark.thorough
 def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners(known_to_a_tenth):
     problem = known_to_a_tenth
     space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
@@ -52,6 +53,7 @@ def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners
     assert largest_radius(state_feedback_loop(loops.ranged, found.law, stiff, shares)).max() < 1
 
 
+@pytest.mark.thorough
 def test_on_devices_within_the_ranges_any_share_of_the_innovation_may_pass():
     alone = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 1e5, "damping_ns_per_m": 0.0})
     ranged = alone.changed(device={"range": {"delay_samples": (0.5, 1.5), "mass_kg": (0.08, 0.12)}})
@@ -88,6 +90,7 @@ def test_loops_that_are_kept_with_others_stand_once(known_to_a_tenth):
     assert all(np.array_equal(*pair) for pair in zip(same.varied, one.varied, strict=True))
 
 
+@pytest.mark.thorough
 def test_only_the_robust_method_keeps_all_ranges_and_the_others_say_so(known_to_a_tenth):
     problem = known_to_a_tenth.changed(environment={"stiffness_n_per_m": 2000.0})
     told = {method: " ".join(avc.solve(problem, method).notes) for method in ("robust", "static")}

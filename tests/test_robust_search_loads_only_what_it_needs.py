@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SEARCHED = """
 import sys
 import numpy as np
@@ -18,6 +20,7 @@ import matplotlib.pyplot
 """
 
 
+@pytest.mark.thorough
 def test_a_search_loads_neither_plots_nor_statistics_and_hides_them_from_nobody():
     command = [sys.executable, "-c", SEARCHED]
     found = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - ours

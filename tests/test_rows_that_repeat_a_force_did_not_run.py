@@ -29,6 +29,7 @@ def rows(loop, missed, output_n=0.0):
     return Columns("rows", time, position, output_n * np.round(force / output_n) if output_n else force)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "output_n"), [("uneven", 0.05), ("even", 0.0), ("bursts", 0.0)])
 def test_ticks_that_are_rows_all_the_same_are_found_as_those_that_are_not_in_the_log(kind, output_n):
     missed = pattern(kind)

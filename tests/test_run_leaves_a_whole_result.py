@@ -32,6 +32,7 @@ def results(tmp_path_factory):
     return folder, done, again
 
 
+@pytest.mark.thorough
 def test_conclusion_first_then_the_papers_question_and_every_file(results):
     folder, done, _ = results
     assert done.returncode == 0
@@ -71,6 +72,7 @@ def test_the_device_gets_the_recommended_coupling(results):
     assert document["push"]["in_the_loop"]["coupling_id"] == coupling.id
 
 
+@pytest.mark.thorough
 def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
     few = load_problem("figure5").changed(frequency={"points": 12}, environment=HELD_PLAINLY)
     (tmp_path / "few.toml").write_text(dump_problem(few))
@@ -125,6 +127,7 @@ def test_gain_files_hold_the_direct_gains(results):
     assert set(document["certificate"]["levels"]) >= {"L0", "L1", "L2", "L3", "L4", "L5"}
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("scope", ["hands", "all"])
 def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp_path):
@@ -162,6 +165,7 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+@pytest.mark.thorough
 def test_without_the_extra_the_push_is_skipped_and_the_way_to_install_it_told(tmp_path):
     done = avc("run", "soft", "--json", cwd=tmp_path, program=WITHOUT_EXTRA)
     assert done.returncode == 0
@@ -175,6 +179,7 @@ def test_without_the_extra_the_push_is_skipped_and_the_way_to_install_it_told(tm
     assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.thorough
 def test_infeasible_problem_still_leaves_everything_and_says_no(tmp_path):
     done = avc("run", "hard/infeasible-box", cwd=tmp_path)
     assert done.returncode == 1
@@ -195,6 +200,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(tmp_path, monk
         assert error["key"] == "--out"
 
 
+@pytest.mark.thorough
 def test_a_run_that_ends_early_leaves_the_files_before_it(tmp_path, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt

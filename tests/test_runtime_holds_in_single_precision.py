@@ -72,6 +72,7 @@ def _motion(seconds=60.0):
     return 2e-6 * np.round(position / 2e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ESTIMATORS)
 def test_estimators(method, tmp_path):
     step = estimator_step(method, T)

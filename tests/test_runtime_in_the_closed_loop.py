@@ -75,6 +75,7 @@ def with_table(problem, table):
     return found, ledger
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("passive", ["true", "false"])
 def test_adapting_between_equal_rows_is_no_adaptation(passive):
     gains = solve(scene(()), "static")
@@ -142,6 +143,7 @@ def test_table_look_up_is_the_device_s():
     np.testing.assert_array_equal(table(np.array([1e6]))[:, 0], table.gains[:, -1])
 
 
+@pytest.mark.thorough
 def test_table_keeps_its_tolerance_and_its_expressions_agree():
     schedule = solve(load_problem("scenes/adaptive-press-series"), "schedule")
     full = GainTable.of(schedule)
@@ -169,6 +171,7 @@ def test_lost_estimate_is_held_then_falls_through_the_table_to_rest():
     assert frequency[-1] == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_twenty_micrometre_encoder_without_friction_needs_the_observer():
     problem = load_problem("scenes/adaptive-press")
     gains = solve(problem, "schedule")
@@ -182,6 +185,7 @@ def test_twenty_micrometre_encoder_without_friction_needs_the_observer():
     assert simulate_batch(problem.changed(scene={"effects": effects}), hands, gains).stable.sum() < 6
 
 
+@pytest.mark.thorough
 def test_dropped_ticks_and_a_desk_lost_by_noise_leave_numbers_finite():
     extra = ('kind = "jitter"\nrms_s = 1e-4\ndropped_share = 0.05', 'kind = "noise"\nrms_m = 1e-4')
     run = simulate(scene((*ADAPTIVE, *extra)), solve(scene(()), "static"))
@@ -190,6 +194,7 @@ def test_dropped_ticks_and_a_desk_lost_by_noise_leave_numbers_finite():
     assert run.certificate()["outcome"] == run.claim
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("effect", "message"),
     [('kind = "adaptation"', "no estimate to follow"), ('kind = "observer"', "no steps to look between")],

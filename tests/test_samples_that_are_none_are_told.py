@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from buzzing_device import Buzzing, logged
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,6 +24,7 @@ def measured_log(seed=3, **changed):
     return Columns("log", time, position, force)
 
 
+@pytest.mark.thorough
 def test_one_position_that_jumps_away_does_not_lean_what_is_found():
     log = measured_log()
     position = log.position_m.copy()
@@ -37,6 +39,7 @@ def test_one_position_that_jumps_away_does_not_lean_what_is_found():
         assert abs(one.value - other.value) <= other.high - other.low + one.high - one.low
 
 
+@pytest.mark.thorough
 @given(st.integers(0, 10**6))
 @settings(max_examples=20)
 def test_no_sample_of_what_moves_is_left_out(seed):
@@ -67,6 +70,7 @@ def test_no_sample_of_a_loop_that_buzzes_or_taps_is_left_out(seed):
     assert left_out(log) == (log, [])
 
 
+@pytest.mark.thorough
 def test_a_row_without_a_number_does_not_change_a_diagnosis():
     time, position, force = logged(Buzzing(stiffness=6000.0, delay=4.0))
     holed = position.copy()

@@ -33,6 +33,7 @@ def one_sided(case):
 LAWS = [(case, "gated") for case in CASES] + [(case, "clip-last") for case in filter(one_sided, CASES)]
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize(("case", "contact"), LAWS)
 def test_effects_agree_with_an_event_accurate_integration(case, contact):
@@ -66,6 +67,7 @@ def replayed(problem, samples):
     return ours, reference.run(samples, commands=run.force_n)
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("name", SCENES)
 def test_catalogue_scenes_agree_with_an_event_accurate_integration(name):

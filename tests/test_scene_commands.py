@@ -56,6 +56,7 @@ def test_without_a_guard_nothing_stands_beside(capsys):
     assert document["without_guard"] is None
 
 
+@pytest.mark.thorough
 def test_what_comes_to_rest_comes_to_rest_with_one_hand(capsys):
     assert "  with this hand the device comes to rest" in call(capsys, "simulate", "soft")[1].out
 
@@ -67,6 +68,7 @@ def test_an_unstable_scene_ends_with_1(capsys):
     assert "buzzes" in out.out
 
 
+@pytest.mark.thorough
 def test_against_others(capsys, tmp_path):
     plot = str(tmp_path / "a.png")
     arguments = "simulate", "scenes/stiff-wall-pressed", "--against", "none", "--plot", plot
@@ -81,6 +83,7 @@ def test_against_others(capsys, tmp_path):
     assert "rate-" in out.out
 
 
+@pytest.mark.thorough
 def test_explain_trace_and_plot(capsys, tmp_path):
     files = str(tmp_path / "a.npz"), str(tmp_path / "a.png")
     code, out = call(capsys, "simulate", "scenes/free-motion", "--explain", "--trace", files[0], "--plot", files[1])
@@ -109,6 +112,7 @@ def test_two_scenes_that_differ_in_one_effect(capsys, tmp_path):
     assert set(plain["absent"]) - set(late["absent"]) == {"delay"}
 
 
+@pytest.mark.thorough
 def test_screen(capsys):
     code, out = call(capsys, "simulate", "scenes/free-motion", "--screen", "--json")
     document = json.loads(out.out)

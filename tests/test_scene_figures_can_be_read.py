@@ -53,6 +53,7 @@ def test_an_unstable_run_does_not_flatten_the_others(figure, runs):
     assert energy.get_ylim()[1] < 3e3 * max(run.ledger.absorbed_j.max() for run in runs[:2])
 
 
+@pytest.mark.thorough
 def test_no_text_covers_another(figure):
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

@@ -59,6 +59,7 @@ def test_it_breaks_away_when_the_load_exceeds_the_friction():
     assert run.time_s[first] == pytest.approx(0.4, abs=2e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("substeps", [1, 3])
 def test_a_swing_of_two_samples_sticks_and_slips_within_one(substeps):
     # 250 Hz: two reversals in four samples, and friction strong enough to stop the mass between two samples.

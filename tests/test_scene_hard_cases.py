@@ -126,6 +126,7 @@ def test_oscillating_motions_come_to_rest_or_run_out():
             assert run.stable == (duration > 1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sample_time", [1e-5, 1e-2])
 def test_sample_times(sample_time):
     head = HEAD.replace("[environment]", f"sample_time_s = {sample_time}\n[environment]")

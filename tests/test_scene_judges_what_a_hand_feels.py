@@ -86,6 +86,7 @@ def test_a_run_whose_numbers_leave_is_neither_stable_nor_calm(bad):
     assert np.isnan(found.apparent_stiffness_n_per_m)
 
 
+@pytest.mark.thorough
 def test_without_coupling_the_stiff_wall_never_rests_and_the_certified_static_one_is_calm_and_soft():
     problem = avc.load_problem("scenes/stiff-wall-pressed")
     certified = static_coupling(problem)
@@ -117,6 +118,7 @@ def test_pressed_walls_feel_as_stiff_as_springs_in_series(gains, share):
     assert run.apparent_stiffness_n_per_m == pytest.approx(series, rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_damping_injection_brings_every_drawn_hand_to_rest_at_full_stiffness_without_friction():
     draw = np.random.default_rng(5).uniform
     hands = Hand(draw(0.05, 0.3, 200), draw(3, 20, 200), draw(200, 800, 200))
@@ -140,6 +142,7 @@ def test_traces_and_manifest_hold_the_run(tmp_path):
     assert manifest["certificate"]["L6"]["outcome"] == run.claim
 
 
+@pytest.mark.thorough
 def test_screening_names_what_a_scene_does_not_need():
     effects = (
         *PRESS,

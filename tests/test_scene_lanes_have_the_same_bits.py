@@ -41,6 +41,7 @@ def assert_same_bits(ours, theirs):
     np.testing.assert_array_equal(ours.view(np.int64), theirs.view(np.int64))
 
 
+@pytest.mark.thorough
 @settings(max_examples=8)
 @given(
     case=st.sampled_from(sorted(CASES)),
@@ -66,6 +67,7 @@ def test_any_scene(case, damping, stiffness, contact, integrator, runs, spread, 
         assert_same_bits(lanes[:, :, index], values)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("effects", "gains"),
     [

@@ -32,6 +32,7 @@ def bits(traces):
     return {name: np.ascontiguousarray(values).view(np.int64) for name, values in traces.items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "case",
     [
@@ -57,6 +58,7 @@ def test_bits(case):
         np.testing.assert_array_equal(values, native[name], err_msg=name)
 
 
+@pytest.mark.thorough
 def test_threads_and_chunks_do_not_change_a_bit():
     problem = scene_problem(('kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"'), scene="duration_s = 0.3\n")
     draw = np.random.default_rng(1).uniform

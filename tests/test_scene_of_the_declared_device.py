@@ -72,6 +72,7 @@ def test_an_ideal_device_is_a_hand_at_a_wall():
     assert [effect.kind for effect in declared_effects(problem)] == ["hand", "wall"]
 
 
+@pytest.mark.thorough
 def test_the_declared_device_agrees_with_an_independent_integration():
     listed = "\n[[scene.effects]]\n".join(("", *(f'kind = "{kind}"' for kind in sorted(ALL))))
     problem = scene_problem(head=DEVICE, **SOFT, scene="duration_s = 0.12\n", motion=QUICK)
@@ -114,6 +115,7 @@ def test_a_list_says_what_it_leaves_out():
     assert not {"hand", "wall"} & set(left_out(stylus))
 
 
+@pytest.mark.thorough
 def test_simulate_names_what_is_left_out(tmp_path, capsys):
     file = tmp_path / "p.toml"
     text = DEVICE.format(**SOFT) + '[scene]\nduration_s = 0.05\ncoupling = "none"\n'

@@ -68,6 +68,7 @@ def scenes(draw):
     return scene_problem(effects, head=head, scene=scene, motion=f'kind = "{kind}"\nstart_m = -1e-5\n')
 
 
+@pytest.mark.thorough
 @settings(max_examples=40)
 @given(problem=scenes(), gains=GAINS)
 def test_any_scene_ends_in_json(problem, gains):
@@ -86,6 +87,7 @@ def test_any_scene_ends_in_json(problem, gains):
         assert (run.force_n >= 0).all()  # a wall never pulls
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @settings(max_examples=8)
 @given(problem=scenes(), gains=GAINS)

@@ -47,6 +47,7 @@ def test_free_space_needs_nothing():
     assert gains.magnitude_error.max() == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.thorough
 def test_five_thousand_stages_have_the_optimum_of_two_hundred():
     few, many = (solve(figure5(points=points), "schedule") for points in (200, 5000))
     assert many.usable.all()
@@ -61,6 +62,7 @@ def test_frequencies_out_of_order_are_refused_by_the_problem():
         parse_problem(text + "[frequency]\nvalues_hz=[1.0, 3.0, 2.0]\n")
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("scope", ["pointwise", "band", "all", "hands"])
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
@@ -78,6 +80,7 @@ def test_restart_after_the_environment_changed(scope, model):
         assert cost(warm) <= cost(cold) * 1.05 + 1e-6
 
 
+@pytest.mark.thorough
 def test_restart_with_another_size_or_goal_starts_anew():
     solver = ScheduleSolver()
     solver.solve(figure5())
@@ -87,6 +90,7 @@ def test_restart_with_another_size_or_goal_starts_anew():
         assert cost(gains) == pytest.approx(cost(solve(problem, "schedule")), rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_restart_after_an_infeasible_problem():
     solver = ScheduleSolver()
     problem = figure5(stability={"model": "sampled-data", "scope": "band"})
@@ -95,6 +99,7 @@ def test_restart_after_an_infeasible_problem():
     assert solver.solve(problem).usable.all()
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("objective", ["magnitude", "complex", "perceptual"])
 @pytest.mark.parametrize("penalty", [0.0, 1e-9, 1e-3, 10.0])

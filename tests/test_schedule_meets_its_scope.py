@@ -23,6 +23,7 @@ def steepest(problem, gains):
     return float(np.abs(np.diff(sigma, axis=1) / np.diff(np.log(gains.frequency_hz))).max())
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("delay", [0, 1, 3])
 @pytest.mark.parametrize("band_factor", [2.0, 4.0])
@@ -43,6 +44,7 @@ def test_band(model, band_factor, delay):
     assert any("steepest" in note for note in gains.notes)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("model", "name"), [("paper", "L2"), ("sampled-data", "L3")])
 @pytest.mark.parametrize(("delay", "margin"), [(0, 0.0), (0, 0.5), (2, 0.0)])
 def test_all_frequencies(model, name, delay, margin):
@@ -54,6 +56,7 @@ def test_all_frequencies(model, name, delay, margin):
     assert level.margin_ns_per_m >= margin
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("structure", "contact"), [("series", (0.0, 0.0)), ("damped", (0.0, 150.0))], ids=["series", "damped"]
 )
@@ -74,6 +77,7 @@ def test_hands(structure, contact):
         assert np.median(gains.complex_error) < np.median(alone.complex_error)
 
 
+@pytest.mark.thorough
 def test_every_corner_of_the_device():
     known = DeviceRange(mass_kg=(0.05, 0.2), damping_ns_per_m=(1.2, 3.0))
     for scope in ("band", "hands"):
@@ -113,6 +117,7 @@ def test_the_slack_of_the_hands_is_that_of_the_worst_corner_of_the_device():
     assert np.ptp(np.clip(slack, -0.1, 0.1), axis=1).max() > 1e-3
 
 
+@pytest.mark.thorough
 def test_damping_of_the_hand_is_credited():
     plain = figure5(stability={"model": "sampled-data", "scope": "band"})
     trusting = changed(plain, schedule={"hand_damping_ns_per_m": 3.0})
@@ -135,6 +140,7 @@ def test_slope_limit(limit):
     assert steepest(problem, gains) <= limit * (1 + 1e-6) + 1e-9
 
 
+@pytest.mark.thorough
 def test_cost_of_contact_damping_and_interaction():
     base = figure5(
         coupling={"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)},

@@ -50,6 +50,7 @@ def cost(gains):
     return float(gains.notes[0].split()[1].rstrip(":"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("scope", "model"), [("band", "sampled-data"), ("all", "paper"), ("pointwise", "paper")])
 def test_constant_gains_are_the_best_of_a_fine_grid(scope, model):
     problem = figure5(points=20, stability={"scope": scope, "model": model}, schedule={"slope_penalty": 0.0})
@@ -98,6 +99,7 @@ def test_nothing_to_draw_or_nothing_to_gain(name, tmp_path):
         assert {point["complex_error"] for point in document if point["study"] == "scope"} == {None}
 
 
+@pytest.mark.thorough
 def test_verb(tmp_path, capsys):
     (tmp_path / "p.toml").write_text(dump_problem(changed(load_problem("soft"), frequency={"points": 4})))
     assert main(["study", "pareto", str(tmp_path / "p.toml"), "--plot", str(tmp_path / "p.png"), "--json"]) == 0

@@ -13,6 +13,7 @@ from avc_casadi.design.schedule.states import States
 from avc_casadi.paper.loop import loop_at
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("band_factor", "penalty"), [(2.0, 1e-3), (2.0, 1e-1), (4.0, 1e-2)])
 def test_same_optimum_as_plain_opti(band_factor, penalty):
     problem = figure5(
@@ -41,6 +42,7 @@ def staged(cost):
     return lambda nodes: lambda stage: cost(nodes, stage)
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("penalty", [0.05, 0.005])
 @pytest.mark.parametrize("limit", [np.inf, 3.0])

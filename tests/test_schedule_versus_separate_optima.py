@@ -58,6 +58,7 @@ def cost(**tables):
     return float(solve(figure5(**tables), "schedule").notes[0].split()[1].rstrip(":"))
 
 
+@pytest.mark.thorough
 def test_cost_grows_with_every_demand():
     scopes = (
         {"scope": "pointwise"},

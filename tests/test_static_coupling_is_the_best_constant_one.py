@@ -71,6 +71,7 @@ def test_printed_hold_ends_on_the_edge_of_llewellyn():
     assert found.stiffness_n_per_m == pytest.approx(edge, rel=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 def test_certificate_confirms_the_design(model):
     case = problem(model=model)
@@ -101,6 +102,7 @@ def test_box_without_allowed_gains_says_what_lacks():
     assert "lacks 48 N.s/m" in gains.reason[0]
 
 
+@pytest.mark.thorough
 def test_damped_structure_uses_contact_damping_where_it_pays():
     box = "structure = 'damped'\ncontact_damping_ns_per_m = [0.0, 100.0]"
     plain, damped = static_coupling(problem(), "all"), static_coupling(problem(coupling=box), "all")

@@ -99,6 +99,7 @@ def test_hands_and_reserve_are_stated(series):
         assert words in found.sentence()
 
 
+@pytest.mark.thorough
 def test_where_somebody_does_not_rest_the_reserve_is_raised():
     case = problem("damped", 200.0, "complex", effects=('kind = "hand"', 'kind = "wall"', COARSE))
     found = tune_static(case, SMALL)

@@ -55,6 +55,7 @@ def safety(told):
     return told["at_rest_without_friction"] == told["hands"], told["at_rest"] == told["hands"]
 
 
+@pytest.mark.thorough
 def test_hands_that_had_no_part_in_it_rest_at_the_stiffest_wall():
     wall = found()["stiffest_wall_n_per_m"]
     assert safety(found()) == (True, True)

@@ -13,7 +13,7 @@ from avc_casadi._util.json_values import json_text
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import device_set
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation import reach as _reach
+from studies import reach as _reach
 from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import draw_subjects
@@ -33,6 +33,7 @@ def problem():
     return avc.load_problem("ve7")
 
 
+@pytest.mark.thorough
 def test_trials(problem, executor):
     coupling = Coupling.of(problem, avc.solve(problem, "static"))
     people = draw_subjects("A", 20, 3)

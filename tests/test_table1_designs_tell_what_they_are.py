@@ -9,6 +9,7 @@ import avc_casadi as avc
 from avc_casadi.model.gains import Gains
 
 
+@pytest.mark.thorough
 def test_a_design_holds_the_problem_that_was_solved():
     problem = avc.load_problem("ve7")
     found = design(problem, "static-tuned")
@@ -21,6 +22,7 @@ def test_a_design_holds_the_problem_that_was_solved():
     assert design(problem, "static-sampled").problem.stability.model == "sampled-data"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("coupling", COUPLINGS)
 def test_a_design_is_told_in_three_lines(coupling):
     found = design(avc.load_problem("ve7"), coupling)

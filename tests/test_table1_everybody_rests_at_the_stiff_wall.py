@@ -24,6 +24,7 @@ def gains(request):
     return tuned(PROBLEM, scheduled=request.param, margin_ns_per_m=6.0)
 
 
+@pytest.mark.thorough
 def test_everybody_rests_without_friction(gains):
     found = reach(PROBLEM, gains, PEOPLE, Conditions())
     assert found["stable"] == found["people"] == 48
@@ -52,6 +53,7 @@ def test_nothing_is_tuned_beyond_reach():
     assert tuned(PROBLEM, scheduled=False, margin_ns_per_m=300.0) is None
 
 
+@pytest.mark.thorough
 def test_the_search_for_the_worst_finds_what_is_there():
     bad = worst_case(PROBLEM, NO_COUPLING, Conditions(), seed=1)
     assert not bad.stable

@@ -224,6 +224,7 @@ def test_nothing_holds_for_longer_than_five_seconds(kind: Kind, payload: bytes, 
     assert caught.value.refusal.reason is Reason.HOLD
 
 
+@pytest.mark.thorough
 def test_a_tick_at_any_instruction_of_a_heartbeat_sees_it_whole() -> None:
     """The timer strikes in the middle of the message that begins the supervision: no heartbeat is missed yet."""
     require("unicorn")

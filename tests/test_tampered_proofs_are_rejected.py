@@ -56,6 +56,7 @@ def proofs():
     return found | {("L8", case): stored_changes(case) for case in CHANGES}
 
 
+@pytest.mark.thorough
 def test_they_are_accepted_and_survive_their_file(proofs):
     for (level, case), whole in proofs.items():
         assert accepted(whole, points=1), (level, case)
@@ -77,6 +78,7 @@ def test_a_proof_over_hands_is_stored_in_a_few_kilobytes(proofs):
     assert max(sizes.values()) < 20_000, sizes
 
 
+@pytest.mark.thorough
 def test_tampered_ones_are_rejected_and_what_is_believed_replays(proofs):
     random = np.random.default_rng(5)
     objects = list(proofs.values())

@@ -48,6 +48,7 @@ def test_the_file_holds_the_rows_that_run(made, tmp_path):
     assert read_coupling(tmp_path / "coupling.json").table == coupling.table
 
 
+@pytest.mark.thorough
 def test_the_scene_reads_the_rows_that_run():
     problem = load_problem("scenes/adaptive-press-delayed").changed(scene={"duration_s": 0.3})
     schedule = solve(problem, "schedule")

@@ -27,6 +27,7 @@ def columns(coupling, people):
     return try_coupling(coupling, people).to_dict()
 
 
+@pytest.mark.thorough
 def test_the_same_is_found_one_after_the_other_and_each_alone():
     people = people_of(PROBLEM.hands, 20)
     together = [columns(one, people) for one in couplings()]

@@ -48,6 +48,7 @@ def speed_alone(problem, motion, duration_s):
     return max(found) / AT_REST_M_PER_S
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None)
 @given(mass=st.floats(0.02, 5.0), damping=st.just(0.0) | st.floats(1e-3, 20.0))
 def test_without_a_wall_everybody_is_at_rest_at_the_end(mass, damping):
@@ -88,6 +89,7 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     assert (unrest([coupling], PEOPLE) < 1).all()
 
 
+@pytest.mark.thorough
 def test_watched_for_longer_or_not_everybody_is_judged_alike():
     """Who rests at once is not simulated again; each alone is judged as among the others."""
     together = try_coupling(softly(HEAVY), PEOPLE)

@@ -52,6 +52,7 @@ def document(capsys, *arguments):
     return json.loads(text)
 
 
+@pytest.mark.thorough
 def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, capsys):
     require("unicorn")
     monkeypatch.chdir(tmp_path)
@@ -81,6 +82,7 @@ def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, 
     assert tried.at_rest
 
 
+@pytest.mark.thorough
 def test_what_is_watched_of_a_knob_is_read_as_that_of_a_knob(tmp_path, capsys):
     require("unicorn")
     asked = ["monitor", "--port", "emulator", "--seconds", "1.2", "--rate-hz", "200", "--out"]
@@ -101,6 +103,7 @@ def test_what_is_watched_of_a_knob_is_read_as_that_of_a_knob(tmp_path, capsys):
     capsys.readouterr()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["device", "problem"])
 def test_what_comes_after_an_excitation_is_a_command_that_works(kind, tmp_path, monkeypatch, capsys):
     require("unicorn")
@@ -115,6 +118,7 @@ def test_what_comes_after_an_excitation_is_a_command_that_works(kind, tmp_path, 
     assert avc.load_device(tmp_path / "mine.toml").device.motion == "rotary"
 
 
+@pytest.mark.thorough
 def test_what_is_found_of_a_turn_is_what_is_found_at_its_rim():
     random = np.random.default_rng(3)
     truth = Truth(coulomb=0.3, delay=1.2, encoder=2e-5)
@@ -157,6 +161,7 @@ def test_degrees_and_newton_metres_are_read_and_mixed_kinds_refused(tmp_path):
         read_logs([far])
 
 
+@pytest.mark.thorough
 def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
     meant = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
     time, position, force = logged(replace(meant, stiffness=20000.0), 1500 * meant.period)
@@ -196,6 +201,7 @@ def test_limits_of_an_excitation_are_those_of_the_rim_and_its_options_of_the_tur
     assert "allowed of a device that turns: --torque-nm" in capsys.readouterr().err
 
 
+@pytest.mark.thorough
 def test_commissioning_speaks_of_angles(tmp_path, monkeypatch, capsys):
     require("unicorn")
     monkeypatch.chdir(tmp_path)

@@ -81,6 +81,7 @@ VERBS = {
 SLOW = {"zwidth", "screen"}
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_answers_so(verb, folder, monkeypatch, capsys):

@@ -68,6 +68,7 @@ def start_of(step):
     return step.best.logarithms
 
 
+@pytest.mark.thorough
 def test_walls_rise_up_to_the_one_that_nobody_rests_at(step):
     hand = OneHand(lambda wall, _: 0.2 if wall < 4200 else 2.0)
     held = continuation(BEFORE_FAR, start_of(step), (3000.0, 1e5), hand.at, close=1.05)
@@ -164,6 +165,7 @@ def test_a_law_with_which_somebody_moves_is_out_of_the_race_and_with_another_all
     np.testing.assert_array_equal(raced[1], np.maximum(first[1], 1.0))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stiffness", [3753.0, 1000.0])
 def test_a_search_that_begins_with_a_growing_loop_finds_a_damped_one(stiffness):
     """At the edge of what can be held the cheapest law lets some loop grow."""

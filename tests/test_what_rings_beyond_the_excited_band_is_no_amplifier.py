@@ -8,6 +8,7 @@ from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Record
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("seed", "resonance", "share", "friction"), [(1, 250.0, 0.2, 0.1), (2, 180.0, 0.3, 0.05), (3, 180.0, 0.3, 0.0)]
 )
@@ -34,6 +35,7 @@ def test_a_delay_is_not_taken_apart(seed, resonance, share, friction):
     assert found.estimates["delay_samples"].value == pytest.approx(1.5, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_an_amplifier_is_told_where_the_force_reaches_it():
     truth = Truth(mass=0.06, damping=0.3, coulomb=0.1, delay=1.5, encoder=2e-6, spring=30.0, bandwidth=250.0)
     random = np.random.default_rng(4)
@@ -43,6 +45,7 @@ def test_an_amplifier_is_told_where_the_force_reaches_it():
     assert found.estimates["amplifier_bandwidth_hz"].value == pytest.approx(250.0, rel=0.03)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("friction", "told"), [(0.02, False), (0.05, True)])
 def test_friction_tells_them_apart(friction, told):
     # Without friction a resonance does as well; the model stayed without both, and damping was up to 4 per cent off.
@@ -70,6 +73,7 @@ def test_friction_tells_them_apart(friction, told):
         assert not told or found.estimates[key].value == pytest.approx(value, rel=0.01)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("seed", "bandwidth", "resonance"), [(5, 300.0, 140.0), (6, 0.0, 120.0)])
 def test_what_it_would_change_is_not_known_better_than_that(seed, bandwidth, resonance):
     # Seen behind it, the mass comes out 4 to 6 per cent too small: a log of up to 80 Hz does not show where it rings.
@@ -96,6 +100,7 @@ def test_what_it_would_change_is_not_known_better_than_that(seed, bandwidth, res
     assert any("bears one out beyond what it excites" in one.why for one in found.refused)
 
 
+@pytest.mark.thorough
 def test_what_rings_far_beyond_the_excited_band_leaves_no_interval_wide():
     """Ticks that jitter by 20 us look like a mode at many times the sample rate, of which nothing at all is told."""
     truth = Truth(mass=0.15, damping=1.0, coulomb=0.2, delay=0.7, encoder=0.0, spring=300.0, damper=2.0)

@@ -59,6 +59,7 @@ def worst_growth(case, hands, damping, stiffness):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("key", ["stable-hands", "stable-released"])
@@ -79,6 +80,7 @@ def test_the_edge_of_the_stable_walls_is_that_of_the_worst_corner(name, key):
             assert worst_growth(case, hands, damping, 1.001 * found[row]) > 1
 
 
+@pytest.mark.thorough
 def test_a_light_device_takes_the_walls_that_only_the_nominal_one_holds():
     case = avc.load_problem("figure5").changed(device={"range": {"mass_kg": (0.05, 0.2)}})
     vague = zwidth(case)
@@ -93,6 +95,7 @@ def test_a_light_device_takes_the_walls_that_only_the_nominal_one_holds():
     assert (vague.corners, exact.corners) == (2, 1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_the_edge_of_the_passive_walls_is_where_the_handle_loses_its_damping(name):
     case, found = problem(name), curve(name, "passive-sampled-data")
@@ -131,6 +134,7 @@ def test_what_has_no_proof_is_refused_by_name():
             llewellyn_table(problem(name))
 
 
+@pytest.mark.thorough
 def test_declared_keys_are_used_or_named_as_not_used():
     case = problem("amplifier").changed(
         device={
@@ -152,6 +156,7 @@ def test_declared_keys_are_used_or_named_as_not_used():
     assert "device.encoder_resolution_m" in without.not_used
 
 
+@pytest.mark.thorough
 def test_the_command_tells_what_it_used_and_refused(tmp_path, capsys):
     file = tmp_path / "slow.toml"
     file.write_text(avc.dump_problem(problem("amplifier").changed(device={"max_force_n": 8.0, "delay_samples": 1})))
@@ -185,6 +190,7 @@ def test_the_figure_marks_the_wall_that_is_wanted():
         assert left <= 1.0 <= right
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("stiffness", "met"), [(1e3, True), (3e4, False)])
 def test_the_wanted_wall_meets_what_its_curve_says(stiffness, met):
     found = zwidth(problem("mass").changed(environment={"stiffness_n_per_m": stiffness}))

@@ -45,6 +45,7 @@ def curves(region):
     return {curve.key: curve.stiffness_n_per_m for curve in region.curves}
 
 
+@pytest.mark.thorough
 def test_passive_regions_without_delay_are_the_closed_forms():
     region = region_of()
     found, b = curves(region), region.damping_ns_per_m
@@ -65,6 +66,7 @@ def test_passive_walls_are_stable_and_the_papers_region_is_not():
     assert beyond.any()  # walls that the paper's hold calls passive and that no hand of the set keeps stable
 
 
+@pytest.mark.thorough
 def test_every_edge_is_an_edge():
     case = problem(delay=1)
     region = region_of(delay=1)
@@ -84,6 +86,7 @@ def test_every_edge_is_an_edge():
                 assert linear_stability(case.device, wall, 0.0, no_hand()).stable[0] == inside
 
 
+@pytest.mark.thorough
 def test_encoder_and_friction_bound():
     assert region_of().encoder_limit_n_per_m is None
     assert region_of(extra=FRICTION).encoder_limit_n_per_m == pytest.approx(2 * 0.2 / 2e-6)
@@ -110,6 +113,7 @@ def test_llewellyn_table_scales_with_the_device():
         llewellyn_table(problem(0.0))
 
 
+@pytest.mark.thorough
 def test_figure_shows_every_claim_and_the_gains():
     case = problem(extra=FRICTION)
     region = region_of(extra=FRICTION)
