@@ -7,8 +7,12 @@ import pytest
 from measured_device import Truth, measured, multisine
 
 from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.identification.fit import Window, best_observer, fit
 from avc_casadi.identification.identify import identify
+from avc_casadi.identification.lag_vs_resonance import behind_a_structure
+from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.record import Record
+from avc_casadi.identification.terms import Structure
 from avc_casadi.identification.told import identification_text
 
 
@@ -107,6 +111,54 @@ def test_a_resonance_of_a_structure_stays_one(hertz, ratio, noisy):
     true = {"mass_kg": 0.12, "delay_samples": 0.9, "resonance.frequency_hz": hertz, "resonance.damping_ratio": ratio}
     for key, value in true.items():
         assert found.estimates[key].low <= value <= found.estimates[key].high, key
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("device", "beside"),
+    [
+        # Of an encoder that is taken to be at the motor; the resonance is damped as none is.
+        ({"resonance": 150.0, "ratio": 0.35, "share": 0.35, "at_handle": 1.0}, (42.0, 1.9, 0.32)),
+        (
+            {"resonance": 90.0, "ratio": 0.04, "share": 0.35, "bandwidth": 150.0, "loop_damping": 0.4},
+            (90.0, 0.04, 0.35),
+        ),
+    ],
+    ids=["one mode", "a mode and a loop"],
+)
+def test_a_mode_seen_from_the_handle_takes_the_place_of_a_loop_and_of_a_resonance_beside_it(device, beside):
+    truth = Truth(mass=0.12, damping=0.7, coulomb=0.25, delay=0.9, encoder=2e-6, **device)
+    random = np.random.default_rng(4)
+    wanted = np.repeat(random.choice([-1.0, 1.0], 5000), 2)
+    _, position, force = measured(replace(truth, spring=30.0), wanted, random)
+    predictor = Predictor([Record("log", truth.period, position, force)], 0.0)
+    window = Window.of([position.size], truth.period)
+    structure = Structure(("base", "coulomb", "resonance", "amplifier", "loop-damping"), {}, {}, amplifier_order=2)
+    frequency, ratio, share = beside
+    start = {
+        "mass_kg": 0.12,
+        "damping_ns_per_m": 0.7,
+        "delay_samples": 0.6,
+        "offset_n": 0.0,
+        "coulomb_friction_n": 0.25,
+        "resonance.frequency_hz": frequency,
+        "resonance.damping_ratio": ratio,
+        "resonance.mass_ratio": share,
+        "amplifier_bandwidth_hz": 155.0,
+        "amplifier_damping_ratio": 0.4,
+    }
+    both = fit(predictor, structure, start, Observer(60.0), window)
+    both = fit(predictor, structure, both.values, best_observer(predictor, both, window), window)
+    assert both.values["amplifier_damping_ratio"] < 0.5  # as a structure may be
+    found = behind_a_structure(predictor, both, window)
+    if "bandwidth" in device:
+        assert found is None
+        return
+    assert found.structure.terms == ("base", "coulomb", "resonance")
+    assert found.structure.encoder_at == "handle"
+    assert found.values["resonance.frequency_hz"] == pytest.approx(150.0, rel=0.01)
+    assert found.values["resonance.damping_ratio"] == pytest.approx(0.35, rel=0.02)
+    assert found.rms_m < both.rms_m / 2
 
 
 @pytest.mark.thorough

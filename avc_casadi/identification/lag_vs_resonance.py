@@ -120,6 +120,9 @@ def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window, *,
 def behind_a_structure(predictor: Predictor, found: Fit, window: Window) -> Fit | None:
     """Return a model with a resonance before an encoder at the handle in place of a current loop, where that is better.
 
+    A resonance beside the loop goes with it: where the encoder is taken to be at the motor, the loop may stand for the
+    mode, and the resonance for what the loop misses of it.
+
     Args:
         predictor: of the records.
         found: with a current loop of a damping ratio that is told.
@@ -129,9 +132,10 @@ def behind_a_structure(predictor: Predictor, found: Fit, window: Window) -> Fit 
         None where the loop is damped as no structure is, or the resonance does no better.
     """
     values = found.values
-    if values[LOOP_RATIO] > _STRUCTURE_LIKE or "resonance" in found.structure.terms:
+    if values[LOOP_RATIO] > _STRUCTURE_LIKE:
         return None
-    structure = replace(richer(found.structure.less("amplifier"), "resonance"), encoder_at="handle")
+    rigid = found.structure.less("amplifier").less("resonance")
+    structure = replace(richer(rigid, "resonance"), encoder_at="handle")
     mode = {
         "resonance.frequency_hz": values["amplifier_bandwidth_hz"],
         "resonance.damping_ratio": values[LOOP_RATIO],
