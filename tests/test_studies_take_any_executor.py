@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from studies import reach as _reach
 from studies.accuracy.study import study_accuracy
 from studies.reach import reach
 from studies.table1 import table as _table
@@ -13,7 +14,6 @@ from avc_casadi._util.json_values import json_text
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import device_set
 from avc_casadi.model.gains import Gains
-from studies import reach as _reach
 from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import draw_subjects
