@@ -37,6 +37,8 @@ ROOMS = (
     "design.comparison",
     "recommendation",
     "arm",
+    "present.terminal",
+    "present.recommendation",
     "present.figures",
     "present.report",
     "present.explore",

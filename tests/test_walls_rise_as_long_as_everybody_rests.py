@@ -195,21 +195,17 @@ def test_a_search_that_begins_with_a_growing_loop_finds_a_damped_one(stiffness):
 
 def test_a_law_whose_press_settles_too_slowly_holds_no_wall(step):
     """An observer that hardly believes in a push that changes takes seconds until the wall is as stiff as at rest."""
-    space, loops, step = (
-        Space(PROBLEM.device, PROBLEM.hands),
-        Loops.of(PROBLEM.device, PROBLEM.hands),
-        refined(PROBLEM, step),
-    )
+    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM.device, PROBLEM.hands)
     rendering = frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m)
-    walk = [knob.name for knob in space.knobs].index("walk of the push")
+    walk, soft = [knob.name for knob in space.knobs].index("walk of the push"), space.starts[2]
     felt, costs = [], []
     for quicker in (0.0, -5.0):
-        point = step.best.logarithms + quicker * (np.arange(len(space.knobs)) == walk)
-        law = space.law(point, step.stiffness_n_per_m)
+        law = space.law(soft + quicker * (np.arange(len(space.knobs)) == walk), step.stiffness_n_per_m)
         costs.append(cost_of(law, rendering, loops))
         pressed = try_coupling(coupling(step, law), people_of(PROBLEM.hands, HANDS)).stiffness
         felt.append(pressed / step.stiffness_n_per_m)
-    assert felt[0] > 0.98 > felt[1]
+    assert felt[0] > 0.98
+    assert felt[1] < 0.96
     assert [cost.holds for cost in costs] == [True, False]
     assert [cost.radius < 1 and cost.radius_any_share < 1 for cost in costs] == [True, True]
     assert costs[0].lacks_per_s == 0 < costs[1].lacks_per_s

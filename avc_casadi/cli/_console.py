@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, TextIO
 
 from avc_casadi._interrupted import DOCUMENT, EXIT_CODE, TEXT
+from avc_casadi.present.terminal import Page
 
 # A line of progress is written at most five times a second.
 _BETWEEN_S = 0.2
@@ -71,12 +72,16 @@ class Console:
     descriptor is therefore led to standard error for the rest of the process, and the answer is written to a copy of
     the original. A replaced ``sys.stdout`` (in a test, in a notebook) is written to directly.
 
+    Attributes:
+        page: where the answer is printed.
+
     Args:
         as_json: print the document instead of the text.
     """
 
     def __init__(self, *, as_json: bool) -> None:
         self.as_json = as_json
+        self.page = Page.of(sys.stdout)
         self._answered = False
         self._descriptor: int | None = None
         self._step: str | None = None

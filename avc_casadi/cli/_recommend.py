@@ -51,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="prove what is chosen, as avc certify --prove does: minutes where it is robust",
     )
     parser.add_argument("--hands", type=positive_int, metavar="N", help=f"simulated hands (default {_HANDS})")
+    parser.add_argument("-v", "--verbose", action="store_true", help="print all that is known of it")
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -58,6 +59,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
+    from avc_casadi.present.recommendation import recommendation_page
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.stiffest import stiffest
     from avc_casadi.simulation.native import compiler
@@ -89,7 +91,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
     document = recommend_document(found)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    text = "\n".join(recommendation_lines(document))
+    text = recommendation_page(document, problem, console.page, args.problem, args.out)
+    if args.verbose:
+        text = "\n".join([text, "", *recommendation_lines(document)])
     if out is not None and found.coupling is not None:
         text += f"\nwritten: {out}"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
