@@ -39,6 +39,7 @@ ROOMS = (
     "arm",
     "present.terminal",
     "present.recommendation",
+    "present.run",
     "present.figures",
     "present.report",
     "present.explore",

@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"deploy the gains of this method, not the recommended coupling: {methods_help()}",
     )
+    parser.add_argument("-v", "--verbose", action="store_true", help="print all that is known of it")
     add_unsafe(parser)
 
 
@@ -52,7 +53,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_problem(args.problem)
     asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(asked, "--out") as folder:
-        console.say(titled(problem.name, problem.title))
         return _worked_through(problem, args, console, folder, Path(asked))
 
 
@@ -68,6 +68,7 @@ def _worked_through(
     from avc_casadi.files.gain_file import gain_csv, gain_document
     from avc_casadi.present.report.page import ReportContents, report_html
     from avc_casadi.present.report.summary import summarise, summary_lines
+    from avc_casadi.present.run import run_page
     from avc_casadi.recommendation.told import conclusion_lines
 
     comparison = compared(problem, None, console)
@@ -105,11 +106,11 @@ def _worked_through(
         write_text(folder / name, text, "--out")
     written = sorted([*files, *(f"{name}{ending}" for name in _CAPTIONS for ending in (".png", ".svg"))])
     document = {"schema": "avc-run/2", "folder": str(shown), "files": written, "deploy": deployment} | summary
-    lines = [
-        *conclusion,
-        *summary_lines(summary)[1:],
-        f"written: {shown / 'report.html'} and {len(written) - 1} files beside it",
-    ]
+    where = f"{shown / 'report.html'} and {len(written) - 1} files beside it"
+    text = run_page(document, problem, console.page, args.problem, where)
+    if args.verbose:
+        lines = [titled(problem.name, problem.title), *conclusion, *summary_lines(summary)[1:]]
+        text = "\n".join([text, "", *lines])
     scoped = comparison.delivered != comparison.optimum
     complaints = [without_gains(gain_document(gains)) if scoped else infeasible(compare)]
     if not deployment["deployable"] and not push.get("unsafe"):
@@ -118,7 +119,7 @@ def _worked_through(
     elif "refused" in push:
         complaints.append(f"avc: {problem.name}: push refused")
     complaint = "\n".join(filter(None, complaints))
-    return Answer(document, "\n".join(lines), code=1 if complaint else 0, complaint=complaint)
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 
 def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:

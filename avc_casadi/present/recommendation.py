@@ -35,31 +35,55 @@ def recommendation_page(
         shown: the problem as the user names it.
         written: file that holds the coupling, if one was written.
     """
+    rows = recommendation_rows(document, problem)
+    if document["coupling"] is None:
+        onwards = f"avc check {shown}"
+    elif written is None:
+        onwards = f"avc recommend {shown} --out coupling.json"
+    else:
+        onwards = f"avc export {written} --c DIR"
+    return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"])
+
+
+def headline(problem: Problem, shown: str) -> str:
+    """Return a problem in a line: wall, device, rate and delay.
+
+    Args:
+        problem: the problem.
+        shown: as the user names it.
+    """
     device, wall, unit = problem.device, problem.environment, problem.units.unit
     late = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
     parts = ((wall.stiffness_n_per_m, "N/m"), (wall.damping_ns_per_m, "N.s/m"))
-    felt = ", ".join(quantity(value, unit(of)) for value, of in parts if value) or "none"
-    headline = (
-        f"{shown}   wall {felt} · device {quantity(device.mass_kg, unit('kg'))}, "
+    rendered = ", ".join(quantity(value, unit(of)) for value, of in parts if value) or "none"
+    return (
+        f"{shown}   wall {rendered} · device {quantity(device.mass_kg, unit('kg'))}, "
         f"{quantity(1 / device.sample_time_s, 'Hz')}, {late}"
     )
+
+
+def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: bool = False) -> list[Row]:
+    """Return the rows of the `recommend` document.
+
+    Args:
+        document: of `avc recommend --json`.
+        problem: what it was asked for.
+        briefly: what is recommended and what holds alone, without what limits it.
+    """
     if document["coupling"] is None:
-        rows = [Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL), *_limit(document, problem)]
-        return page.rendered(headline, rows, [f"avc check {shown}", f"avc recommend {shown} -v"])
-    rows = [
-        _coupling(document, problem),
-        *_rendered(document, problem),
-        _stability(document),
-        *_simulated(document),
+        none = Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL)
+        return [none] if briefly else [none, *_limit(document, problem)]
+    rows = [_coupling(document, problem), *_rendered(document, problem), _stability(document), *_simulated(document)]
+    if briefly:
+        return rows
+    return [
+        *rows,
         *_outside(document),
         *_force(document, problem),
         *_onset(document, problem),
         *_friction(document, problem),
         *_limit(document, problem),
     ]
-    onwards = f"avc recommend {shown} --out coupling.json" if written is None else f"avc export {written} --c DIR"
-    commands = [onwards, f"avc recommend {shown} -v"]
-    return page.rendered(headline, rows, commands)
 
 
 def _coupling(document: dict[str, Any], problem: Problem) -> Row:
@@ -113,9 +137,9 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 def _stability(document: dict[str, Any]) -> Row:
     claims, rest = document["certificate"]["deployable"]["claims"], document["rest"]["word"]
-    failed = [claim["name"] for claim in claims if not claim["pass"]]
+    failed = [claim["sentence"] for claim in claims if not claim["pass"]]
     if failed:
-        return Row("Stability", f"fails: {', '.join(failed)}; see -v", Mark.FAIL)
+        return Row("Stability", failed[0], Mark.FAIL)
     if rest == "proved":
         return Row("Stability", "every hand and released, from any state: proved (L7)", Mark.PASS)
     told = {
