@@ -107,7 +107,7 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
     if runtime["observer_mass_kg"] is not None:
         parts.append(f"observer of {quantity(runtime['observer_mass_kg'], unit('kg'))}")
     if not coupling["constant"]:
-        parts.append(f"scheduled on frequency, {len(table['frequency_hz'])} rows, estimator {runtime['estimator']}")
+        parts.append(f"{len(table['frequency_hz'])} rows")
     verdict = "deployable" if document["deployable"] else "NOT deployable"
     mark = Mark.PASS if document["deployable"] else Mark.FAIL
     return Row("Coupling", f"{', '.join(parts)}: {verdict}", mark)
