@@ -47,7 +47,7 @@ Alternatives = list[Coupling]
 """Couplings that are equally stiff, the likeliest first: the first that is safe and quiet will do."""
 # A continuation begins at this share of a wall that spring and damper hold.
 _SOFT = 0.25
-# A climb ends so near to a wall that is not held; what is held is climbed on from in smaller steps.
+# A continuation ends so near to a wall that is not held; from what is held it goes on in smaller steps.
 _ROUGHLY, _NEARLY, _ONWARDS = 1.12, 1.06, 1.15
 # Numbers of their draws.
 _OTHERS = 100

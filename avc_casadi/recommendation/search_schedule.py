@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 # The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
 _CLOSE, _MOST_HALVED = 1.05, 3
 CLIMBS, ONWARDS = range(3), range(2)
-"""Climbs, by their numbers, and those that go on from what is held."""
-# Of a climb's walls the next that is asked about is so much softer.
+"""Continuations, by their numbers, and those that go on from what is held."""
+# Of the walls of a continuation the next that is asked about is so much softer.
 _LESS = 0.96
 # Searches, as they are told.
 _PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
@@ -130,7 +130,7 @@ def _plainly(evaluator: Evaluator, plain: list[Alternatives], stiffness_n_per_m:
 def _behind_laws(
     evaluator: Evaluator, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range
 ) -> None:
-    """Climb to the wanted wall, then on from what is held, with those who moved among the first to try."""
+    """Continue to the wanted wall, then on from what is held, with those who moved among the first to try."""
     held = _held(evaluator, robust, robust.continuations(evaluator.screening(), climbs), wall_n_per_m)
     best = evaluator.stiffest()
     if best is not None and not held:
@@ -145,7 +145,7 @@ def _behind_laws(
 
 
 def _held(evaluator: Evaluator, robust: RobustCandidates, climbs: Iterable[list[Step]], wall_n_per_m: float) -> bool:
-    """Ask for what each climb reached; say whether one holds the wanted wall, which makes the next ones needless."""
+    """Ask for what each continuation reached; say whether one holds the wanted wall, so that no more are needed."""
     for steps in climbs:
         _stiffest_held(evaluator, robust, steps)
         if evaluator.holds(wall_n_per_m):
@@ -156,14 +156,14 @@ def _held(evaluator: Evaluator, robust: RobustCandidates, climbs: Iterable[list[
 def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[Step]) -> None:
     """Ask for the stiffest of some walls that is held, also with people who had no part in the choice."""
     asked = math.inf
-    for rung in reversed(steps):
-        felt = rung.stiffness_n_per_m
+    for step in reversed(steps):
+        felt = step.stiffness_n_per_m
         if evaluator.holds(felt):
             return
         if felt <= _LESS * asked:
             asked = felt
             search = f"walls behind an observer, {felt:.4g} N/m"
-            if evaluator.finds([robust.alternatives(rung)], felt, search) and evaluator.holds(felt):
+            if evaluator.finds([robust.alternatives(step)], felt, search) and evaluator.holds(felt):
                 return
 
 

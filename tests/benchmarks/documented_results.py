@@ -147,7 +147,7 @@ def recommend_time(found: Document) -> str:
     beyond = np.array([cell["wall_n_per_m"] > cell["plain_n_per_m"] for cell in cells])
     took = np.array([cell["wall_s"] for cell in cells])
     return (
-        f"A wall that spring and damper hold on a usual device, as here or on `figure5`, takes a few seconds. Stiffer "
+        f"A wall that spring and damper hold on a usual device, as here, takes a few seconds. Stiffer "
         f"walls and odd devices take longer: of {len(cells)} devices drawn at random, a recommendation took "
         f"{np.median(took[~beyond]):.1f} s in the median where spring and damper hold the wall, "
         f"{np.median(took[beyond]):.0f} s where they do not, over 10 s on {int((took > 10).sum())} and "
