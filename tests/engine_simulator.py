@@ -78,10 +78,7 @@ class EngineSimulator:
                 count += 1
             rate = (x - last) / self.T
             given = queue[0]
-            if self.exchange == "held-force":
-                pull = given
-            else:
-                pull = stiffness * (x - given[0]) + damping * (rate - given[1])
+            pull = given if self.exchange == "held-force" else stiffness * (x - given[0]) + damping * (rate - given[1])
             pull = float(np.clip(pull + local * rate, -force, force))
             held.append(pull)
             now = held.pop(0)

@@ -169,7 +169,7 @@ class Engine(SceneEffect):
         return fresh
 
     def _steps_s(self, sample_time_s: float) -> Any:
-        """Return what tells the lengths of the engine's steps at the samples that come first after them, 0 elsewhere."""
+        """Return what tells the lengths of the engine's steps, at the first samples after them; 0 elsewhere."""
 
         def values(samples: int, run: int) -> FloatArray:
             ends, lengths = self._course(samples, run, sample_time_s)
