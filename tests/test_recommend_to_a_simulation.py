@@ -163,7 +163,7 @@ def test_command_answers_in_a_page_and_writes_the_coupling(tmp_path, capsys):
 
 
 def test_what_asks_for_a_wall_says_that_there_is_none():
-    with pytest.raises(avc.UnsupportedError, match="couples to a .simulation. and has no wall"):
+    with pytest.raises(avc.UnsupportedError, match=r"couples to a \[simulation\] and has no wall"):
         avc.solve(problem("tool_mass_kg = 0.2\nstep_s = 0.002"))
 
 
