@@ -51,7 +51,7 @@ _HEADER = """\
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
  *
  * One thread at a time: an engine in a thread of its own takes the lock of the device's loop for each call. An engine
- * on another computer has an avc_coupling_t of its own, writes position and velocity of the device's newest sample into
+ * on another computer has its own avc_coupling_t, writes position and velocity of the device's newest sample into
  * it, and calls avc_coupling_tool_force.
  *
  * C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is refused.
@@ -399,7 +399,7 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
         ),
         "verdict": comment_lines(verdict),
         "sample_time": device.sample_time_s,
-        "exchange": comment(tool.exchange + (f", {tool.steps_late} steps later" if tool.steps_late else "")),
+        "exchange": comment(tool.exchange + (f", and {_steps(tool.steps_late)} later" if tool.steps_late else "")),
         "order": "\n".join(f" *   {number}. {one}" for number, one in enumerate(_order(tool), 1)),
         "otherwise": comment_lines(_otherwise(coupling)),
         "bad": comment_lines(
@@ -427,20 +427,20 @@ def _order(tool: VirtualTool) -> list[str]:
     """Return what is done in a sample of the exchange, one after the other."""
     engine = "where the engine steps: force = avc_coupling_tool_force(its state), then the step"
     late = tool.queued
-    age = "" if not late else f" {late} step{'s' if late > 1 else ''} before"
+    age = f" {_steps(late)} before this one" if late else ""
     if tool.exchange == "held-force":
         return [
             "avc_coupling_sample(position)",
             engine,
-            f"avc_coupling_force(that force{f', of the step{age}' if late else ''}), the same until the next step",
+            f"avc_coupling_force({f'the force of{age}' if late else 'that force'}), the same until the next step",
         ]
     if tool.exchange == "ahead":
         return [
             "avc_coupling_sample(position)",
             engine,
-            f"avc_coupling_force(the state that the step{age} has made), the same until the next step",
+            f"avc_coupling_force(the state that {age.strip() or 'this step'} has made), the same until the next step",
         ]
-    given = f"the state that the step{age} began with" if late else "the state that a step now due begins with"
+    given = f"the state that{age} began with" if late else "the state that a step now due begins with"
     return [f"avc_coupling_step(position, {given}), the same until the next step", engine]
 
 
@@ -459,6 +459,10 @@ def _otherwise(coupling: ToolCoupling) -> str:
         "future of the force that made it, and costs a factor of 10 to 60 of the stiffness. Held-force hands out the "
         "force."
     )
+
+
+def _steps(count: int) -> str:
+    return "one step" if count == 1 else f"{count} steps"
 
 
 def _lines(lines: list[str], indent: int) -> str:
