@@ -35,7 +35,8 @@ class Follower(Device):
             the leader feels a force of the follower.
         force: of position-force: commanded, what the follower's controller asks for; measured, what it touches with.
         contact_stiffness_n_per_m: what the follower touches; free and the stiffest belong to it; without an end rigid.
-        contact_damping_ns_per_m: damper of what it touches.
+        contact_damping_ns_per_m: damper of what it touches; None: a tenth of the critical one of follower and contact.
+            Without any, a stiff contact that rings is driven by every late damper.
         position_scale: metres of the follower for a metre of the leader.
         force_scale: newtons at the leader for a newton of the follower.
         stiffness_n_per_m: K that is wanted, at the leader; None: the stiffest.
@@ -48,7 +49,7 @@ class Follower(Device):
     architecture: Architecture = "position-position"
     force: ForceSent = "commanded"
     contact_stiffness_n_per_m: _Contacts = (0.0, RIGID_N_PER_M)
-    contact_damping_ns_per_m: _Dampings = (0.0, 0.0)
+    contact_damping_ns_per_m: _Dampings | None = None
     position_scale: _Scale = 1.0
     force_scale: _Scale = 1.0
     stiffness_n_per_m: Stiffness | None = None

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 # Environments between free and the stiffest are tried at so many stiffnesses, evenly in the logarithm.
 _ENVIRONMENTS = 4
+# Of a contact of which nothing is said.
+_CONTACT_DAMPING_RATIO = 0.1
 # Stiffest environment beside a rigid one, and softest, as shares of the follower's m/T^2: beyond these nothing changes.
 _STIFFEST, _SOFTEST = 1.0, 1e-5
 
@@ -123,7 +125,19 @@ def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
     low = max(lowest, _SOFTEST * unit)
     springs = np.geomspace(low, top, _ENVIRONMENTS).tolist() if low < top else [top] if top > 0 else []
     found = [(0.0, 0.0)]
-    found += [(one, damper) for one in springs for damper in sorted(set(follower.contact_damping_ns_per_m))]
+    found += [(one, damper) for one in springs for damper in contact_dampers_ns_per_m(follower, one)]
     found += [(math.inf, 0.0)] if follower.rigid else []
     stiffness, damping = (follower.scale * np.array(column) for column in zip(*found, strict=True))
     return stiffness, damping
+
+
+def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> list[float]:
+    """Return the dampers beside a contact spring, as the follower counts.
+
+    Args:
+        follower: with the range.
+        stiffness_n_per_m: of the spring.
+    """
+    if follower.contact_damping_ns_per_m is not None:
+        return sorted(set(follower.contact_damping_ns_per_m))
+    return [2 * _CONTACT_DAMPING_RATIO * math.sqrt(stiffness_n_per_m * follower.mass_kg)]
