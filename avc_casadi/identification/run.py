@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import ctypes
-import subprocess
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.identification.sample import Sample, sample
-from avc_casadi.simulation.lanes import LANES_HEAD, in_lanes
-from avc_casadi.simulation.native import c_of, compiler, library
+from avc_casadi.simulation.native import LANES_HEAD, compiler, in_lanes, library
 
 # Samples after which a function that runs on is compiled.
 _WORTH_COMPILING = 20_000
-# Of statements without a branch more than -O1 takes half as long again to compile, and they run no faster.
-_FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
-# The machine's own vectors, which not every compiler knows by this name.
-_VECTORS = "-march=native"
 
 
 @dataclass(frozen=True)
@@ -48,6 +43,10 @@ _COMPILERS = ThreadPoolExecutor(1, thread_name_prefix="compiler")
 _LOOP = """
 #include <string.h>
 {head}
+#define EVALUATE(name, x, inputs, numbers, first, second) {{ \\
+  const double* given[{most}] = {{x, inputs, numbers}}; \\
+  double *taken[{most}] = {{first, second}}, w[{most}]; \\
+  if (name(given, taken, 0, w, 0)) return 1; }}
 static inline void slope(const Lanes* restrict s, const Lanes* restrict direction, const double* restrict x,
                          const double* restrict inputs, const double* restrict numbers, const double* restrict kept,
                          Lanes* restrict along, Lanes* restrict error) {{
@@ -57,7 +56,7 @@ static inline void slope(const Lanes* restrict s, const Lanes* restrict directio
 static int without(long long samples, double* x, const double* inputs, const double* numbers, double* out) {{
   double next[{states}];
   for (long long k = 0; k < samples; ++k, inputs += {inputs}) {{
-    if (call_plain(x, inputs, numbers, next, out + k, 0)) return 1;
+    EVALUATE(plain, x, inputs, numbers, next, out + k)
     memcpy(x, next, sizeof next);
   }}
   return 0;
@@ -75,7 +74,7 @@ int avc_run(long long samples, long long columns, double* x, const double* input
     for (int i = 0; i < {numbers}; ++i) direction[j / WIDTH][i][j % WIDTH] = directions[j * {numbers} + i];
   double next[{states}], kept[{kept}];
   for (long long k = 0; k < samples; ++k, inputs += {inputs}, out += columns + 1) {{
-    if (call_seen(x, inputs, numbers, next, kept, 0)) return 1;
+    EVALUATE(seen, x, inputs, numbers, next, kept)
     out[0] = kept[0];
     for (long long v = 0; v < vectors; ++v) {{
       Lanes error;
@@ -97,7 +96,7 @@ def prepare(kinds: Sequence[Kind]) -> None:
     """
     for kind in kinds:
         if kind not in _COMPILING and compiler() is not None:
-            _COMPILING[kind] = _COMPILERS.submit(_library, _source(kind))
+            _COMPILING[kind] = _COMPILERS.submit(library, _source(kind))
 
 
 def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, directions: FloatArray, kind: Kind) -> FloatArray:
@@ -131,6 +130,9 @@ def _sample(kind: Kind) -> Sample:
 
 def _source(kind: Kind) -> str:
     one = _sample(kind)
+    generator = ca.CodeGenerator("sample", {"with_header": False, "main": False, "mex": False})
+    for function in (one.plain, one.seen):
+        generator.add(function)
     reads = ("s[{}]", "direction[{}]", *(f"SPREAD({name}[{{}}])" for name in ("x", "inputs", "numbers", "kept")))
     loop = _LOOP.format(
         head=LANES_HEAD,
@@ -139,15 +141,9 @@ def _source(kind: Kind) -> str:
         kept=one.seen.numel_out(1),
         inputs=one.plain.numel_in(1),
         numbers=one.plain.numel_in(2),
+        most=max(size for each in (one.plain, one.seen) for size in (each.sz_arg(), each.sz_res(), each.sz_w())),
     )
-    return c_of([one.plain, one.seen], loop)
-
-
-def _library(source: str) -> ctypes.CDLL:
-    try:
-        return library(source, (*_FLAGS, _VECTORS))
-    except subprocess.CalledProcessError:
-        return library(source, _FLAGS)
+    return str(generator.dump()) + loop
 
 
 @lru_cache(maxsize=16)

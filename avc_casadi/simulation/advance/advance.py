@@ -12,31 +12,6 @@ from avc_casadi.model.plant import LinearPlant, transition
 from avc_casadi.simulation.tick import Expr, Tick
 
 
-@dataclass(frozen=True)
-class Split:
-    """The pieces, as CasADi functions.
-
-    Attributes:
-        computer: (states, inputs, parameters) -> (next of the states behind the plant's, traces, drive); the drive is
-            the held force, that before it, the share of the sample until it arrives, the target and its velocity.
-        until_event: (plant state, [force, target, its velocity, time left, breaking away], parameters) -> (plant state,
-            [time used, breaking away]).
-        to_the_end: the same arguments -> plant state.
-        substeps: series a sample.
-        events: changes that are located in each of them.
-        late: whether the force before acts first.
-        sample_time_s: T.
-    """
-
-    computer: Any
-    until_event: Any
-    to_the_end: Any
-    substeps: int
-    events: int
-    late: bool
-    sample_time_s: float
-
-
 def column(*symbols: Expr) -> Expr:
     """Stack symbols, in the order in which CasADi stores their entries."""
     import casadi as ca  # noqa: PLC0415

@@ -8,7 +8,6 @@ is a root of a polynomial. Time is counted in samples, so that all coefficients 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.plant import LinearPlant, time_scale
-from avc_casadi.simulation.advance.advance import Drive, Layout, PlantSymbols, Split, column
+from avc_casadi.simulation.advance.advance import Drive, Layout, PlantSymbols
 from avc_casadi.simulation.tick import Expr, Tick
 
 # The first power left out, relative to the change of the state in a sample.
@@ -79,44 +78,10 @@ class TaylorSeries:
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the plant's numbers and return the state one sample later."""
         plant = PlantSymbols(self.layout, tick)
-        if self.layout.friction_n > 0:
-            tick.split = cache(lambda: self._split(tick, plant, drive))
         if drive.late is None:
             return self._through(plant, state, drive.force, drive.target, 1.0)
         middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
         return self._through(plant, middle, drive.force, plant.moved(drive.target, drive.late), 1.0 - drive.late)
-
-    def _split(self, tick: Tick, plant: PlantSymbols, drive: Drive) -> Split:
-        """Return the sample in pieces."""
-        import casadi as ca  # noqa: PLC0415
-
-        count = self.layout.states
-        state = ca.SX.sym("state", count)
-        moment = [ca.SX.sym(name) for name in ("force", "position", "velocity", "remaining", "breaking")]
-        force, position, velocity, remaining, breaking = moment
-        acting = None if drive.force is None else force
-        target = None if drive.target is None else (position, velocity)
-        parameters = column(*(slot.symbol for slot in tick.parameters))
-        arguments = [state, ca.vertcat(*moment), parameters]
-        now = ca.vertsplit(state)
-        moved, used, breaks = self._until_event(plant, now, acting, target, remaining, breaking)
-        rest = self._to_the_end(plant, now, acting, target, remaining, breaking)
-        held = (drive.force, drive.force_before, drive.late, *(drive.target or (None, None)))
-        whole = [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)]
-        results = [
-            column(*tick.successors()[count:]),
-            ca.vertcat(*tick.traces.values()),
-            ca.vertcat(*(0.0 if signal is None else signal for signal in held)),
-        ]
-        return Split(
-            computer=ca.Function("computer", whole, results),
-            until_event=ca.Function("until_event", arguments, [ca.vertcat(*moved), ca.vertcat(used, breaks)]),
-            to_the_end=ca.Function("to_the_end", arguments, [ca.vertcat(*rest)]),
-            substeps=self.substeps,
-            events=_EVENTS,
-            late=drive.late is not None,
-            sample_time_s=tick.sample_time_s,
-        )
 
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
         part = duration / self.substeps
