@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import rows_text
-from avc_casadi.claims.certificate import LevelResult
+from avc_casadi.claims.levels import proof_level
 from avc_casadi.claims.prove.between_rows import gain_corners, rows_and_between
 from avc_casadi.claims.prove.changing import MOST_CELLS, Changing, Order, prove_changes
 from avc_casadi.claims.prove.hands import Outcome
@@ -26,8 +25,7 @@ from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.model.gains import spring_before
 
 if TYPE_CHECKING:
-    from avc_casadi._util.arrays import BoolArray
-    from avc_casadi.claims.certificate import Certificate, Level, LevelResult
+    from avc_casadi.claims.certificate import Certificate, LevelResult
     from avc_casadi.claims.prove.hands import Outcome
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
@@ -58,37 +56,6 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
         for level, found in certificate.levels.items()
         if "proofs" in found.detail
     }
-
-
-def proof_level(
-    level: Level, outcome: Outcome, claim: str, row_passed: BoolArray, detail: dict[str, Any], worst: int = 0
-) -> LevelResult:
-    """Return a level of rows of the table that runs; a proof has no margin.
-
-    Args:
-        level: which.
-        outcome: proved, refuted or open.
-        claim: one sentence.
-        row_passed: which rows are proved, shape (n,).
-        detail: the proofs among it.
-        worst: number of the row that the claim speaks of.
-    """
-    nothing = np.full(len(row_passed), np.nan)
-    return LevelResult(
-        level=level,
-        passed=bool(row_passed.all()),
-        margin_ns_per_m=math.nan,
-        frequency_hz=math.nan,
-        model="sampled-data",
-        claim=claim,
-        tolerance_ns_per_m=0.0,
-        row=worst,
-        row_passed=row_passed,
-        row_margin_ns_per_m=nothing,
-        row_frequency_hz=nothing,
-        detail=detail,
-        outcome=outcome,
-    )
 
 
 def ripple_level(coupling: Coupling, found: list[Rest], progress: Progress = SILENT) -> LevelResult:
