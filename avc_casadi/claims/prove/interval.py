@@ -10,8 +10,9 @@ it: ask `x.low > 0`, never `not x.low <= 0`.
 Beside it stands `_disc`, for complex numbers that turn: a rectangle grows by up to the root of 2 with each turn, a disc
 does not. Rectangles keep real and imaginary parts apart, whose signs decide here, and trust no function of libm.
 
-mpmath and python-flint enclose one number at a time, a thousand times slower on the arrays of a search; the packages
-that work on arrays come as binaries for few platforms.
+python-flint and mpmath enclose one number at a time: products and quotients of 100 000 intervals take python-flint four
+to nine times as long, sums twelve times, to which come 0.7 and 1.1 us a number there and back. The packages that work on
+arrays come as binaries for few platforms.
 """
 
 from __future__ import annotations
