@@ -11,8 +11,8 @@ Beside it stands `_disc`, for complex numbers that turn: a rectangle grows by up
 does not. Rectangles keep real and imaginary parts apart, whose signs decide here, and trust no function of libm.
 
 python-flint and mpmath enclose one number at a time: products and quotients of 100 000 intervals take python-flint four
-to nine times as long, sums twelve times, to which come 0.7 and 1.1 us a number there and back. The packages that work on
-arrays come as binaries for few platforms.
+to nine times as long, sums twelve times, to which come 0.7 and 1.1 us a number there and back. The packages that work
+on arrays come as binaries for few platforms.
 """
 
 from __future__ import annotations
