@@ -208,12 +208,7 @@ _DIGITS = 6
 
 
 def gains_document(arm: Arm, design: ArmDesign) -> dict[str, Any]:
-    """Return the gains with what is claimed of them, as JSON values.
-
-    Args:
-        arm: what they are for.
-        design: the gains.
-    """
+    """Return the gains with what is claimed of them, as JSON values."""
     gains, certificate = design.gains, design.certificate
     regions = [
         {

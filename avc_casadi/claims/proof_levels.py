@@ -96,12 +96,7 @@ _MOST_CHANGES = 2000
 
 
 def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult:
-    """Judge gains that change: anywhere in the box of the table, or row by row; what runs beside them is told.
-
-    Args:
-        coupling: what runs.
-        progress: told of corners and cells.
-    """
+    """Judge gains that change: anywhere in the box of the table, or row by row; what runs beside them is told."""
     table, runtime = coupling.table, coupling.runtime
 
     def told(outcome: Outcome, claim: str, detail: dict[str, Any]) -> LevelResult:
@@ -207,10 +202,6 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
 
     A device with play is not known that exactly. No orbit is looked for, so that it is proved, refuted by an unstable
     hand, or open.
-
-    Args:
-        coupling: what runs.
-        progress: told of the work.
 
     Returns:
         The level; None for any other coupling.

@@ -121,11 +121,7 @@ def refused_beside(keys: Sequence[str]) -> dict[str, Refusal]:
 
 
 def only_feedback(records: Sequence[Record]) -> OnlyFeedback | None:
-    """Return the controller that makes the whole force of every record, or None.
-
-    Args:
-        records: of one device.
-    """
+    """Return the controller that makes the whole force of every record, or None."""
     found = [_controller(record) for record in records]
     moved = any(_goes_on(record.position_m) for record in records)
     return found[0] if moved and all(one is not None for one in found) else None

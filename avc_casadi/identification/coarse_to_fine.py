@@ -39,13 +39,7 @@ def roughly(predictor: Predictor, structure: Structure, start: Mapping[str, floa
 
 
 def closely(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Fit on, to all records, under the observer that the model asks for.
-
-    Args:
-        predictor: of the records.
-        found: a rough fit.
-        window: of the fit.
-    """
+    """Fit on, to all records, under the observer that the model asks for."""
     observer = best_observer(predictor, found, window)
     return fit(predictor, found.structure, found.values, observer, window, steps=10, tolerance=1e-5)
 
@@ -56,15 +50,7 @@ def rms_m_of(found: Fit) -> float:
 
 
 def ringing_behind_a_lag(predictor: Predictor, simple: Fit, ringing: Fit, lagging: Fit, window: Window) -> Fit:
-    """Fit both at once, from where each alone came out.
-
-    Args:
-        predictor: of the records.
-        simple: the model with neither.
-        ringing: with the resonance alone.
-        lagging: with the amplifier alone.
-        window: of the fit.
-    """
+    """Fit both at once, from where each alone came out."""
     late = {key: lagging.values[key] for key in ("delay_samples", "amplifier_bandwidth_hz")}
     both = richer(simple.structure, "resonance", "amplifier")
     structure = replace(

@@ -88,10 +88,6 @@ def saturated_force_n(records: Sequence[Record], delay_samples: float) -> float 
 
     A device that follows the force up to its limit moves as inverse dynamics say with the force cut there, and much
     less so with the force as it is logged.
-
-    Args:
-        records: of one device.
-        delay_samples: of the first guess.
     """
     motion = _Motion.of(records)
     largest = max(float(np.abs(record.force_n).max()) for record in records)

@@ -13,11 +13,7 @@ SCHEMA = "avc-identify/1"
 
 
 def identification_document(found: Identification) -> dict[str, Any]:
-    """Return the document ``avc-identify/1``.
-
-    Args:
-        found: what the logs tell.
-    """
+    """Return the document ``avc-identify/1``."""
     device = found.device
     document = {
         "schema": SCHEMA,
@@ -81,11 +77,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
 
 
 def identification_text(found: Identification) -> str:
-    """Return the same for people.
-
-    Args:
-        found: what the logs tell.
-    """
+    """Return the same for people."""
     records = f"{found.records} record{'' if found.records == 1 else 's'}"
     terms = words_of(found.terms, found.amplifier_order)
     lines = [

@@ -50,9 +50,6 @@ def held_out(fit: Fit) -> FloatArray:
     """Return the squared error of each block as the fit without it predicts it, shape (blocks,), m^2.
 
     The fit without a block is one Gauss-Newton step away, from the fit with all or from a point beside it.
-
-    Args:
-        fit: at its best or near it.
     """
     whole = np.sum([block.curvature for block in fit.blocks], axis=0)
     gradient = np.sum([block.gradient for block in fit.blocks], axis=0)
@@ -260,9 +257,6 @@ def sensitivity(fit: Fit) -> tuple[FloatArray, float]:
     """Return correlations of the normalised sensitivities, shape (free, free), and their collinearity index.
 
     The index is 1/sqrt of the smallest eigenvalue: from about 20 on, two or more numbers do the same to the log.
-
-    Args:
-        fit: at its best.
     """
     whole = np.sum([block.curvature for block in fit.blocks], axis=0)
     scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
@@ -279,14 +273,7 @@ _UNSURE = 1.0 / _TIMES**2
 
 
 def richardson(predictor: Predictor, fit: Fit, spread: Spread, window: Window) -> tuple[Fit, Spread]:
-    """Move a fit to where ever finer parts of a sample put it; its interval holds what is left of the law of the move.
-
-    Args:
-        predictor: of the records.
-        fit: at its best.
-        spread: its uncertainty.
-        window: of the fit.
-    """
+    """Move a fit to where ever finer parts of a sample put it; its interval holds what that law leaves."""
     if not (fit.structure.present("amplifier_bandwidth_hz") and fit.structure.present("coulomb_friction_n")):
         return fit, spread
     fine = predictor.of(predictor.records, parts=_TIMES * PARTS)

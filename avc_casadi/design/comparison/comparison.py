@@ -199,13 +199,7 @@ def compare(
 
 
 def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule) -> Comparison:
-    """Put the gains of a scope beyond pointwise, or of required realism, beside the pointwise ones as a method.
-
-    Args:
-        comparison: the comparison of the problem.
-        problem: the problem.
-        gains: what the device gets.
-    """
+    """Put the gains of a scope beyond pointwise, or of required realism, beside the pointwise ones as a method."""
     name = f"{gains.method}, scope {_demanded(problem)}"
     return replace(
         comparison,

@@ -50,12 +50,7 @@ class DampingInjection(Comparable):
 
 
 def damping_injection(problem: Problem, loop: Loop) -> DampingInjection:
-    """Read the closed form of a problem as damping injection.
-
-    Args:
-        problem: the problem.
-        loop: its loop at its frequencies.
-    """
+    """Read the closed form of a problem as damping injection."""
     delta = project(problem).injected_damping_ns_per_m
     hold = np.asarray(loop.hold)
     can = hold.real > 0

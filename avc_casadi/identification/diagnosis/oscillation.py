@@ -97,11 +97,7 @@ class Swing:
 
 
 def find_oscillation(log: Log) -> Swing:
-    """Find the oscillation of a log.
-
-    Args:
-        log: on its grid.
-    """
+    """Find the oscillation of a log."""
     period = log.ticks.period_s
     position = log.position_m
     n = position.size

@@ -148,10 +148,6 @@ def peak_force_n(plan: Plan) -> float:
 def check_plan(plan: Plan, device: Device) -> Forecast:
     """Refuse a plan that takes a device of the ranges beyond the limits.
 
-    Args:
-        plan: to be played.
-        device: with its ranges.
-
     Returns:
         Its forecast on the device as declared and at every corner.
 

@@ -42,11 +42,7 @@ class Forecast:
 
 
 def corners_of(device: Device) -> list[Device]:
-    """Return the device itself, then those at the corners of its ranges that move it: mechanics, delay and friction.
-
-    Args:
-        device: with its ranges.
-    """
+    """Return the device itself, then those at the corners of its ranges that move it: mechanics, delay and friction."""
     whole = device_with(device, {})
     corners = device_corners(device, (*LINEAR_KEYS, "coulomb_friction_n"))
     return [whole, *(one for one in corners if one != whole)]

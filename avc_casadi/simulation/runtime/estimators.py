@@ -25,10 +25,6 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     While no crossing comes, the frequency cannot be more than half the inverse of the time that has passed: the
     estimate falls with it, and ends at the lowest frequency. A half period counts only if it exceeds the floor.
 
-    Args:
-        sample_time_s: T.
-        settings: what is taken for motion.
-
     Returns:
         velocity_m_per_s -> frequency_hz (0 where not valid), valid, even (1 where the last two half periods agree),
         regular (where the last three do), longest_half_s (of the last half period and the one in progress).
@@ -97,10 +93,6 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     A harmonic that adds crossings makes the half periods irregular, so that the spectral peak decides; a step in
     frequency leaves them regular after two or three, long before the resonators have settled.
 
-    Args:
-        sample_time_s: T.
-        settings: what is taken for motion.
-
     Returns:
         velocity_m_per_s -> frequency_hz (0 where not valid), valid.
     """
@@ -131,10 +123,6 @@ _LOCKED = 0.6
 
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     """Second-order generalised integrator with a frequency-locked loop, normalised by its own power.
-
-    Args:
-        sample_time_s: T.
-        settings: what is taken for motion.
 
     Returns:
         velocity_m_per_s -> frequency_hz (0 where not valid), valid.

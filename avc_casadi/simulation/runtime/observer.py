@@ -33,10 +33,6 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     force does not jump by stiffness times step; outside, position, velocity and load are corrected by the excess. Over
     a delay the forces that are still to act are known, so that the position is predicted to when the next one acts.
 
-    Args:
-        sample_time_s: T.
-        settings: what is known.
-
     Returns:
         position_m (in whole steps), force_n (asked for in the tick before, positive against +x)
         -> position_m, `ahead` samples from now.

@@ -23,10 +23,6 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     of position and velocity, lets neither drift nor harmonics win; its fifth power weighs the advance of each phase
     (besides the power in it), which leaves the strongest and its equals without a switch between them.
 
-    Args:
-        sample_time_s: T.
-        settings: what is taken for motion.
-
     Returns:
         velocity_m_per_s -> frequency_hz (0 where not valid), valid.
     """
