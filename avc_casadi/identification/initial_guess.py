@@ -9,8 +9,7 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.identification.coarse_to_fine import FIRST_RATE_PER_S, roughly
-from avc_casadi.identification.fit import Fit
+from avc_casadi.identification.fit import FIRST_RATE_PER_S, Fit, roughly
 from avc_casadi.identification.frequency import Response, held_guess, likely_resonances
 from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.record import Record

@@ -10,8 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from avc_casadi.identification.coarse_to_fine import closely, richer, rms_m_of, roughly
-from avc_casadi.identification.fit import Fit, Window, fit, judged
+from avc_casadi.identification.fit import Fit, Window, closely, fit, judged, richer, rms_m_of, roughly
 from avc_casadi.identification.frequency import Response
 from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.terms import HIGHEST_SEEN, LINEAR, LOOP_DAMPING, LOOP_RATIO, lag_of
