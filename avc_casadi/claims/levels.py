@@ -23,9 +23,8 @@ from avc_casadi.model.hands import Hand
 
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import Level
-    from avc_casadi.claims.passivity_claim import PassivityClaim, Where
     from avc_casadi.claims.prove.hands import Outcome
-    from avc_casadi.claims.registry import Judged
+    from avc_casadi.claims.registry import Judged, PassivityClaim, Where
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Model, Problem
 

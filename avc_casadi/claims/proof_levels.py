@@ -1,4 +1,4 @@
-"""L7: rest with every hand, making and breaking contact, at each row of the table that runs."""
+"""The levels on demand, L7 to L9, of the rows of the table that runs: proofs, and what speaks of them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import rows_text
 from avc_casadi.claims.levels import proof_level
-from avc_casadi.claims.prove.between_rows import gain_corners, rows_and_between
 from avc_casadi.claims.prove.changing import MOST_CELLS, Changing, Order, prove_changes
 from avc_casadi.claims.prove.hands import Outcome
 from avc_casadi.claims.prove.held_device import HAND, HeldDevice
@@ -308,3 +307,34 @@ def _gap(coupling: Coupling, found: Rest, progress: Progress) -> WallGap | None:
             )
         except UnsupportedError:
             return None
+
+
+def gain_corners(gains: FloatArray) -> FloatArray:
+    """Return the corners of the box of some rows.
+
+    Args:
+        gains: b, k and b_p of the rows, shape (3, rows); infinite is rigid.
+
+    Returns:
+        Shape (3, n), n of 1 to 8.
+    """
+    ends = [np.unique([row.min(), row.max()]) for row in gains]
+    return np.stack(np.meshgrid(*ends, indexing="ij")).reshape(3, -1)
+
+
+def rows_and_between(gains: FloatArray) -> FloatArray:
+    """Return rows whose mixtures hold every row and every straight way from one to the next.
+
+    On the way b and k move by another share than b_p in the three numbers that count: between two rows that differ in
+    both, coupling and contact damper are mixed crosswise too.
+
+    Args:
+        gains: b, k and b_p of the rows in the order of the table, shape (3, rows).
+
+    Returns:
+        Shape (3, n), the rows themselves first.
+    """
+    before, after = gains[:, :-1], gains[:, 1:]
+    both = (before[:2] != after[:2]).any(axis=0) & (before[2] != after[2])
+    crossed = [np.vstack([one[:2, both], other[2:, both]]) for one, other in ((before, after), (after, before))]
+    return np.hstack([gains, *crossed])

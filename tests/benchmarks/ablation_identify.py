@@ -214,7 +214,7 @@ DIAGNOSE = (
         lambda given, result: result is given[0],
     ),
     Rule("identification.diagnosis.limit_cycle.find_toggling", lambda *_: None, "turns over few counts", _none),
-    Rule("identification.diagnosis.transient.passes", lambda *_: False, "a touch that passes", _nothing),
+    Rule("identification.diagnosis.limit_cycle.passes", lambda *_: False, "a touch that passes", _nothing),
     Rule("identification.diagnosis.oscillation._restless", lambda *_: False, "ripple without a line", _nothing),
     Rule("identification.diagnosis.oscillation._level_from", lambda *_: None, "a decay that ends at a level", _none),
     Rule("identification.diagnosis.oscillation._falls", lambda *_: False, "irregular motion that falls", _nothing),
@@ -414,7 +414,7 @@ IN_FITS = {
 # These are inside of a scene that is played.
 IN_SCENES = (
     "identification.diagnosis.limit_cycle.",
-    "identification.diagnosis.transient.",
+    "identification.diagnosis.limit_cycle.",
     "identification.diagnosis.oscillation.",
 )
 
