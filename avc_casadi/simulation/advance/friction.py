@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.plant import LinearPlant, time_scale
-from avc_casadi.simulation.advance.advance import Drive, Layout, PlantSymbols
-from avc_casadi.simulation.tick import Expr, Tick
+from avc_casadi.simulation.advance.advance import Continuous, Layout, PlantSymbols
+from avc_casadi.simulation.tick import Expr
 
 # The first power left out, relative to the change of the state in a sample.
 _REST = 1e-17
@@ -31,18 +30,14 @@ _EVENTS = 2
 
 
 @dataclass(frozen=True)
-class TaylorSeries:
+class TaylorSeries(Continuous):
     """Plant with dry friction, or with a force that changes inside the sample: exact to rounding.
 
     Attributes:
-        layout: the plant's numbers.
-        order: last power of a series.
-        substeps: series a sample.
+        order: last power of a series, of which there is one a substep.
     """
 
-    layout: Layout
     order: int
-    substeps: int
 
     @classmethod
     def of(cls, plant: LinearPlant, sample_time_s: float, friction_n: float, substeps: int) -> TaylorSeries:
@@ -69,19 +64,7 @@ class TaylorSeries:
                 f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
                 "device, or a slower amplifier or resonance"
             )
-        return cls(Layout.of(plant, friction_n), order, substeps)
-
-    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the plant's numbers over one sample, shape (..., p)."""
-        return self.layout.parameters(plant, sample_time_s)
-
-    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
-        """Add the plant's numbers and return the state one sample later."""
-        plant = PlantSymbols(self.layout, tick)
-        if drive.late is None:
-            return self._through(plant, state, drive.force, drive.target, 1.0)
-        middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
-        return self._through(plant, middle, drive.force, plant.moved(drive.target, drive.late), 1.0 - drive.late)
+        return cls(Layout.of(plant, friction_n), substeps, order)
 
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
         part = duration / self.substeps

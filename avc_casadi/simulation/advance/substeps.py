@@ -9,33 +9,13 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.plant import LinearPlant, transition
-from avc_casadi.simulation.advance.advance import Drive, Layout, MatrixExponential, PlantSymbols, Stretch, stretches
+from avc_casadi.simulation.advance.advance import Continuous, Drive, MatrixExponential, PlantSymbols, Stretch, stretches
 from avc_casadi.simulation.tick import Expr, Tick
 
 
 @dataclass(frozen=True)
-class RungeKutta:
-    """Explicit steps of equal length; friction neither sticks nor is its change of sign located.
-
-    Attributes:
-        layout: the plant's numbers.
-        substeps: steps a sample.
-    """
-
-    layout: Layout
-    substeps: int
-
-    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the plant's numbers over one sample, shape (..., p)."""
-        return self.layout.parameters(plant, sample_time_s)
-
-    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
-        """Add the plant's numbers and return the state one sample later."""
-        plant = PlantSymbols(self.layout, tick)
-        if drive.late is None:
-            return self._through(plant, state, drive.force, drive.target, 1.0)
-        middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
-        return self._through(plant, middle, drive.force, plant.moved(drive.target, drive.late), 1.0 - drive.late)
+class RungeKutta(Continuous):
+    """Explicit steps of equal length; friction neither sticks nor is its change of sign located."""
 
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
         h = duration / self.substeps
