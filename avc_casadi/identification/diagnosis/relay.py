@@ -16,6 +16,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
+from avc_casadi.identification.closed_loop import regression
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.oscillation import Swing
@@ -113,17 +114,15 @@ def _fit(
     """Return the size that is switched, and the law beside it, where a sign explains the force; None elsewhere."""
     x, before = position[rows - lag], position[rows - lag - 1]
     plain = np.stack([x - x.mean(), x - before, np.ones(rows.size)], axis=1)
-    left = []
-    for columns in (plain, np.column_stack([plain, sign])):
-        scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
-        told = np.linalg.lstsq(columns / scale, force[rows], rcond=1e-10)[0] / scale
-        left.append(float(np.sqrt(np.mean((columns @ told - force[rows]) ** 2))) / float(np.std(force[rows])))
-    size = float(told[3])
-    if left[1] > min(_LEFT, _BETTER * left[0]) or 2 * abs(size) < _SHARE * float(np.ptp(force[rows])):
+    swings = float(np.std(force[rows]))
+    without = regression(plain, force[rows])[1] / swings
+    told, left_n, _ = regression(np.column_stack([plain, sign]), force[rows])
+    size, left = float(told[3]), left_n / swings
+    if left > min(_LEFT, _BETTER * without) or 2 * abs(size) < _SHARE * float(np.ptp(force[rows])):
         return None
     k, b = float(told[0]), float(told[1]) * period_s
     slack = float(x.mean()) - float(told[2]) / k if k else float(x.mean())
-    return abs(size), Law(k, b, 0.0, lag, slack, max(left[1], 1e-12), int(rows.size))
+    return abs(size), Law(k, b, 0.0, lag, slack, max(left, 1e-12), int(rows.size))
 
 
 _FEWEST_JUMP = 25

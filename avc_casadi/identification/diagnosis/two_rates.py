@@ -12,6 +12,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
+from avc_casadi.identification.closed_loop import regression
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
 
@@ -108,9 +109,8 @@ def _fitted(log: Log, whole: BoolArray, lag: int, slow: str, ticks: int, first: 
         behind = ticks if slow == "damper" else 1
         speed = (position[at["damper"]] - position[at["damper"] - behind]) / (behind * period)
         columns = np.stack([position[at["spring"]], speed, np.ones(rows.size)], axis=1)
-        scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
-        k, b, constant = np.linalg.lstsq(columns / scale, force[rows], rcond=1e-10)[0] / scale
-        left = float(np.sqrt(np.mean((columns @ [k, b, constant] - force[rows]) ** 2)) / np.std(force[rows]))
+        (k, b, constant), left_n, _ = regression(columns, force[rows])
+        left = left_n / float(np.std(force[rows]))
         law = Law(float(k), float(b), 0.0, lag, -float(constant / k), max(left, 1e-12), int(rows.size))
         if law.told and k > 0 and b > 0 and (best is None or left < best.law.misfit):
             best = TwoRates(law, slow, ticks, late)
