@@ -14,6 +14,7 @@ from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
 
     from avc_casadi.recommendation.recommend import Recommendation
 
@@ -73,6 +74,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_problem(args.problem)
     if compiler() is None:
         console.notice(_NO_COMPILER)
+    if problem.simulation is not None:
+        return _to_simulation(args, console, problem, hands, out)
     workers = min(2, processors())
     if args.stiffest:
         document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)
@@ -96,6 +99,28 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         text = "\n".join([text, "", *recommendation_lines(document)])
     if out is not None and found.coupling is not None:
         text += f"\nwritten: {out}"
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+
+
+def _to_simulation(
+    args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
+) -> Answer:
+    """Recommend a coupling to a [simulation], write and show it; 1 if none can be deployed."""
+    from avc_casadi.files.tool_coupling_file import write_tool_coupling
+    from avc_casadi.present.virtual_tool import tool_page
+    from avc_casadi.recommendation.virtual_tool import recommend_tool
+
+    alien = [option for option in ("stiffest", "lean_on_friction", "prove") if getattr(args, option)]
+    if alien:
+        key = f"--{alien[0].replace('_', '-')}"
+        raise avc.InputError.of("is asked of walls, and the other end is a [simulation]; leave it out", key=key)
+    with console.step(f"couplings with {hands} hands"):
+        found = recommend_tool(problem, hands, versions=package_versions(), progress=console)
+    if out is not None and found.coupling is not None:
+        write_tool_coupling(found.coupling, out)
+    document = found.document()
+    text = tool_page(document, problem, console.page, args.problem, args.out, verbose=args.verbose)
+    complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 

@@ -89,6 +89,11 @@ class ToolSearch:
     def _softest_n_per_m(self) -> float:
         return self.options.softest * self._mass_kg / max(self.loops.tool.step_s) ** 2
 
+    @property
+    def softest(self) -> ToolGains:
+        """The softest coupling that counts as one, with the middle damper."""
+        return ToolGains(self._softest_n_per_m, float(self.dampers_ns_per_m[self.options.dampers // 2]))
+
     def stiffest(self, local_damping_ns_per_m: float = 0.0) -> ToolGains:
         """Return the stiffest K up to which every loop is stable, with its best B; 0 where there is none.
 
@@ -142,22 +147,34 @@ class ToolSearch:
             best = max(best, checked, key=lambda one: one.stiffness_n_per_m)
         return best
 
-    def damped(self, stiffness_n_per_m: float, *, local: bool = False) -> ToolGains | None:
-        """Return K with the dampers that damp best, and among those nearly as good the pair with the widest margin.
+    def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
+        """Return K with the dampers to be tried, the best damped first, then the lightest that damps half as well.
+
+        Of dampers nearly as good as the best the one with the widest margin counts. A light one passes on less of the
+        encoder's steps.
 
         Args:
             stiffness_n_per_m: K.
             local: whether the device's own loop may damp too.
+            gain_margin: asked for; where no damper gives it, the one with the widest is returned alone.
 
         Returns:
-            None where no damper makes every loop stable.
+            Empty where no damper makes every loop stable.
         """
         stable = [one for one in self._tried(stiffness_n_per_m, local=local, finer=True) if self.loops.stable(one)]
         if not stable:
-            return None
-        ratios = [self.loops.slowest(one).damping_ratio for one in stable]
-        least = self.options.near_best * max(ratios)
-        return max((one for one, ratio in zip(stable, ratios, strict=True) if ratio >= least), key=self.gain_margin)
+            return []
+        between = [factor for factor in (math.sqrt(gain_margin), gain_margin) if factor > 1]
+        safe = [one for one in stable if all(self.loops.stable(one.times(factor)) for factor in between)]
+        if not safe:
+            return [max(stable, key=self.gain_margin)]
+        ratios = [self.loops.slowest(one).damping_ratio for one in safe]
+        share = self.options.near_best
+        best = max(_with_share(safe, ratios, share), key=self.gain_margin)
+        lightest = min(
+            _with_share(safe, ratios, share / 2), key=lambda one: one.damping_ns_per_m + one.local_damping_ns_per_m
+        )
+        return list(dict.fromkeys((best, lightest)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
         """Whether some damper makes every loop stable with this K."""
@@ -205,6 +222,11 @@ class ToolSearch:
                 end = _edge(lambda k: self.loops.stable(gains(k)), before, after, 1 + self.options.precision)
                 return gains(end)
         return gains(limit)
+
+
+def _with_share(gains: list[ToolGains], ratios: list[float], share: float) -> list[ToolGains]:
+    """Return those whose damping ratio is so large a share of the best."""
+    return [one for one, ratio in zip(gains, ratios, strict=True) if ratio >= share * max(ratios)]
 
 
 def _with(gains: Callable[[float, float], ToolGains], damping: float, stiffness: float) -> ToolGains:

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.sampled_plant import SampledPlant
 
 if TYPE_CHECKING:
-    from avc_casadi.model.sampled_plant import SampledPlant
     from avc_casadi.model.virtual_tool import ToolState, VirtualTool
 
 # Steps of an engine that is no whole multiple of T recur after so many of them, at most: 1/60 s after three of 50 ms.
@@ -134,6 +134,46 @@ class LiftedLoop:
         if held == 2:
             self.shift[self._known :: 2] = 1.0
 
+    @classmethod
+    def driven(cls, sample_time_s: float, clock: Clock, engine: VirtualTool) -> LiftedLoop:
+        """Return the loop whose device is moved from outside: its first state is the position, which forgets itself."""
+        none = np.zeros((1, 1, 1))
+        one = np.ones(1)
+        plant = SampledPlant(
+            ("device_position_m",), none[..., None], none, none, np.array([0]), one, one, sample_time_s
+        )
+        return cls(plant, clock, engine)
+
+    def force_per_metre(self, gains: ToolGains, tool: ToolState, frequency_hz: float) -> complex:
+        """Return the force that the device's loop asks for, per metre that a driven device oscillates, N/m.
+
+        Of a periodic loop this is the part at the frequency itself; with ZOH and delay it is what the actuator gives.
+
+        Args:
+            gains: of the coupling.
+            tool: and what it touches.
+            frequency_hz: below half the sampling rate.
+        """
+        turn = np.exp(2j * np.pi * frequency_hz * self.sample_time_s)
+        sample, row = self._sample(gains, fixed=tool.fixed)[0, 0], self._force_row(gains, fixed=tool.fixed)
+        whole, offset = np.eye(self.size, dtype=complex), np.zeros(self.size, dtype=complex)
+        rows, past, count = np.zeros(self.size, dtype=complex), 0.0 + 0.0j, 0
+        for samples, aged in zip(self.clock.samples, self.clock.aged, strict=True):
+            step = self._step(gains, tool, aged=aged)
+            whole, offset = step @ whole, step @ offset
+            for _ in range(samples):
+                rows, past = rows + turn**-count * (row @ whole), past + turn**-count * (row @ offset)
+                count += 1
+                whole, offset = sample @ whole, sample @ offset
+                offset[0] = turn**count
+        state = np.linalg.solve(turn**count * np.eye(self.size) - whole, offset)
+        return complex((rows @ state + past) / count)
+
+    def tool_alone(self, tool: ToolState) -> FloatArray:
+        """Return the map of a tool's position and velocity over a step without any coupling, shape (2, 2)."""
+        nothing = np.zeros(self.size)
+        return self._moved(ToolGains(0.0, 0.0), tool, nothing, nothing)[:, self._n + 2 : self._n + 4]
+
     def monodromy(self, gains: ToolGains, tools: Sequence[ToolState]) -> FloatArray:
         """Return the product of all maps over one period, shape (tools, devices, hands, size, size).
 
@@ -163,16 +203,7 @@ class LiftedLoop:
     def _sample(self, gains: ToolGains, *, fixed: bool = False) -> FloatArray:
         """Return the map over one sample of the device, shape (devices, hands, size, size)."""
         n, size = self._n, self.size
-        position, velocity = self._seen(aged=False)
-        unit = np.eye(size)
-        k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
-        if self.engine.exchange == "held-force":
-            force = unit[self._known]
-        elif fixed:
-            force = k * position + b * velocity
-        else:
-            force = k * (position - unit[self._known]) + b * (velocity - unit[self._known + 1])
-        force = force + gains.local_damping_ns_per_m * velocity
+        force = self._force_row(gains, fixed=fixed)
         step = np.zeros((*self._matrix.shape[:-2], size, size))
         step[..., :n, :n] = self._matrix
         step[..., :n, :] += self._force[..., None] * force
@@ -181,6 +212,18 @@ class LiftedLoop:
         kept = np.arange(n + 2, size)
         step[..., kept, kept] = 1.0
         return step
+
+    def _force_row(self, gains: ToolGains, *, fixed: bool) -> FloatArray:
+        """Return the force that the device's loop asks for, as a row of the state."""
+        position, velocity = self._seen(aged=False)
+        unit, k, b = np.eye(self.size), gains.stiffness_n_per_m, gains.damping_ns_per_m
+        if self.engine.exchange == "held-force":
+            force = unit[self._known]
+        elif fixed:
+            force = k * position + b * velocity
+        else:
+            force = k * (position - unit[self._known]) + b * (velocity - unit[self._known + 1])
+        return np.asarray(force + gains.local_damping_ns_per_m * velocity)
 
     def _step(self, gains: ToolGains, tool: ToolState, *, aged: bool) -> FloatArray:
         """Return the map of one step of the engine, shape (size, size)."""

@@ -115,6 +115,12 @@ class ToolLoops:
                 worst, where = float(values[row]), (place, row)
         return worst, self._case(*where)
 
+    def engine_alone_stable(self) -> bool:
+        """Whether the tool in contact stays where it is without any coupling: an engine's own matter."""
+        touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]
+        alone = [np.linalg.eigvals(loop.tool_alone(one)) for loop in self._loops for one in touching]
+        return all(np.abs(values).max() <= 1 + _TOLERANCE for values in alone)
+
     def slowest(self, gains: ToolGains) -> Mode:
         """Return the least damped mode of all loops that swings, faster than once in ten seconds."""
         found = Mode(1.0, 0.0, math.inf)

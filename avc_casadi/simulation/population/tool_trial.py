@@ -81,7 +81,12 @@ class ToolTrial(Tabular):
     @property
     def settled(self) -> bool:
         """Whether all hands settle, without friction and with missed steps too."""
-        return bool(np.all(self.stable & self.stable_without_friction & self.stable_with_dropped_steps))
+        return self.settled_with_friction and bool(np.all(self.stable_without_friction))
+
+    @property
+    def settled_with_friction(self) -> bool:
+        """Whether all hands settle as declared, with missed steps too."""
+        return bool(np.all(self.stable & self.stable_with_dropped_steps))
 
     def to_dict(self) -> Columns:
         """Return what became of each hand as columns, each of shape (hands,)."""
