@@ -15,8 +15,7 @@ from avc_casadi.coupling import contact_law, thinned
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
 from avc_casadi.simulation.advance.advance import Advance, Drive, Layout, MatrixExponential, column
-from avc_casadi.simulation.advance.friction import TaylorSeries
-from avc_casadi.simulation.advance.substeps import Projected, RungeKutta
+from avc_casadi.simulation.advance.friction import Projected, RungeKutta, TaylorSeries
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.effects.computation import Adaptation
