@@ -73,7 +73,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.declared import left_out
     from avc_casadi.model.gains import NO_COUPLING, without_start
-    from avc_casadi.simulation.explain import explain
+    from avc_casadi.simulation.screen import explain
 
     if args.screen:
         wrong = [key for key in _OF_RUNS if getattr(args, key)]
