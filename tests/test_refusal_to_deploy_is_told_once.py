@@ -113,5 +113,5 @@ def test_a_push_to_a_device_with_part_of_a_sample_of_delay_is_tried_too(capsys):
 def test_the_hand_that_lets_go_is_called_so():
     problem = avc.load_problem("diverging").changed(hands={"let_go": True})
     verdict = avc.deployable(Coupling.of(problem, avc.solve(problem, "exact")))
-    assert "linearly unstable let go" in verdict.sentence
+    assert "linearly unstable when released" in verdict.sentence
     assert "hand of 0 kg" not in verdict.sentence

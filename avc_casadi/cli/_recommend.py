@@ -1,11 +1,11 @@
-"""Recommend the coupling to deploy: its gains, how stiff it feels, what holds it back and what would help."""
+"""Recommend the coupling to deploy: its gains, what it renders, what limits it."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._arguments import add_verbose, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_problem
@@ -31,7 +31,7 @@ _RESTING = ("at_rest", "at_rest_without_friction")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        f"{__doc__}\nExit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and let go."
+        f"{__doc__}\nExit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and released."
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--out", metavar="FILE", help="write the coupling, .json: for push, stream, export, simulate")
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lean-on-friction",
         action="store_true",
-        help="take the stiffest coupling whose hands rest with the declared dry friction, if not without it",
+        help="take the stiffest coupling with which hands settle by the declared dry friction, if not without it",
     )
     parser.add_argument(
         "--prove",
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="prove what is chosen, as avc certify --prove does: minutes where it is robust",
     )
     parser.add_argument("--hands", type=positive_int, metavar="N", help=f"simulated hands (default {_HANDS})")
-    parser.add_argument("-v", "--verbose", action="store_true", help="print all that is known of it")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
-    from avc_casadi.present.recommendation import recommendation_page
+    from avc_casadi.present.pages.recommendation import recommendation_page, stiffest_page
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.stiffest import stiffest
     from avc_casadi.simulation.native import compiler
@@ -76,7 +76,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     workers = min(2, processors())
     if args.stiffest:
         document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)
-        return Answer(document, stiffest_text(document))
+        text = stiffest_page(document, problem, console.page, args.problem)
+        return Answer(document, text, more=stiffest_text(document))
     with console.step(f"candidates with {hands} hands"):
         found = recommend(
             problem,
@@ -92,11 +93,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document = recommend_document(found)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     text = recommendation_page(document, problem, console.page, args.problem, args.out)
-    if args.verbose:
-        text = "\n".join([text, "", *recommendation_lines(document)])
     if out is not None and found.coupling is not None:
         text += f"\nwritten: {out}"
-    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+    more = "\n".join(recommendation_lines(document))
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
 
 
 def recommend_document(found: Recommendation) -> dict[str, Any]:
@@ -151,14 +151,14 @@ def stiffest_text(document: dict[str, Any]) -> str:
     asked = f", tried by {document['hands']} simulated hands" if wall is not None else ""
     return "\n".join(
         [
-            f"{document['problem']}: stiffest wall: {found}, linearly stable with every hand and let go{asked}",
+            f"{document['problem']}: stiffest wall: {found}, linearly stable with every hand and released{asked}",
             *_confirmed(document["confirmed"]),
             (
                 f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
                 f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: what hands "
                 "rest at may be softer"
                 if document["plain_wall_n_per_m"]
-                else "a plain spring and damper: no wall is linearly stable with every hand and let go"
+                else "a plain spring and damper: no wall is linearly stable with every hand and released"
             ),
             table(["what would help", "stiffest wall\nN/m", "at rest", "without\nfriction"], rows, left=(0,)),
             *(f"assumed: {gap}" for gap in document["assumed"]),
@@ -172,7 +172,7 @@ def _confirmed(others: dict[str, int] | None) -> list[str]:
         return []
     return [
         (
-            f"of {others['hands']} hands that had no part in the choice {others['at_rest']} come to rest, "
-            f"{others['at_rest_without_friction']} without friction, {others['quiet']} without a vibration that is felt"
+            f"of {others['hands']} hands that had no part in the choice {others['at_rest']} settle, "
+            f"{others['at_rest_without_friction']} without friction, {others['quiet']} below the vibrotactile threshold"
         )
     ]

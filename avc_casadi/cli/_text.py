@@ -60,13 +60,6 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequenc
     return support.text_table(header, rows, left=left)
 
 
-def nanoseconds(cost_ns: float | None, scatter_ns: float) -> str:
-    """Tell a cost in ns; one that the scatter of the clock hides is below that."""
-    if cost_ns is None:
-        return "-"
-    return f"{cost_ns:.0f}" if cost_ns > scatter_ns else f"< {max(scatter_ns, 1):.0f}"
-
-
 def holes_text(coupling: Coupling) -> str:
     """Say what runs at the frequencies without gains; nothing where there are none."""
     usable = coupling.schedule.usable

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.present.recommendation import headline, recommendation_rows
+from avc_casadi.present.pages.recommendation import recommendation_rows
+from avc_casadi.present.pages.subject import headline
 from avc_casadi.present.terminal import Mark, Page, Row, quantity
 
 if TYPE_CHECKING:
