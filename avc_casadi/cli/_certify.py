@@ -104,7 +104,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
     complaint = "" if deployment["pass"] else f"avc: {problem.name}: {file} is not deployable"
     return Answer(
         document,
-        certificate_page(document, problem, console.page),
+        certificate_page(document, problem, console.page, problem.name if args.gains is None else args.problem),
         code=1 if complaint else 0,
         complaint=complaint,
         more="\n".join(certificate_lines(document, problem)),

@@ -66,7 +66,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if found.found:
         return Answer(document, "", code=1, complaint=f"avc: {found.port}: {found.sentence}")
     motion = "" if device.units.linear else " --motion rotary"
+    option = "--force-n" if device.units.linear else "--torque-nm"
     # Beside detents a table is not pushed.
     deploy = "avc push" if problem is None or problem.detent is None else "avc firmware --built-in"
-    onwards = [deploy, f"touch the wall, then raise the limit: avc device --force-n F{motion}"]
+    onwards = [deploy, f"touch the wall, then raise the limit: avc device {option} F{motion}"]
     return Answer(document, commission_page(document, device.units, console.page, onwards))

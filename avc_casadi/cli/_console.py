@@ -28,10 +28,10 @@ class Answer:
 
     Attributes:
         document: the JSON document, made of JSON values.
-        text: the same for people, at a glance; empty after a live display.
+        text: the same for people, at a glance, in the words of the device's motion; empty after a live display.
         code: exit code: 0 done, 1 the answer is no.
         complaint: why the code is not 0, for standard error.
-        more: what stands below the text with ``-v``.
+        more: what stands below the text with ``-v``, in the words of a linear device.
     """
 
     document: dict[str, Any]
@@ -108,8 +108,8 @@ class Console:
             self._answered = True
             if self.as_json:
                 self._write(json_text(answer.document))
-            elif text := "\n\n".join(filter(None, [answer.text, answer.more if verbose else ""])):
-                self._write(spoken().text(text.rstrip("\n")) + "\n")
+            elif text := "\n\n".join(filter(None, [answer.text, spoken().text(answer.more) if verbose else ""])):
+                self._write(text.rstrip("\n") + "\n")
             if answer.complaint:
                 self.complain(answer.complaint)
 

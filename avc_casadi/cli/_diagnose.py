@@ -55,6 +55,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     layout = log_layout(args)
     device, hands = _declared(args)
     coupling = _coupling(args.coupling)
+    from avc_casadi._util.units import spoken
     from avc_casadi.identification.diagnosis.diagnose import diagnose
     from avc_casadi.identification.diagnosis.told import diagnosis_document, diagnosis_text
     from avc_casadi.present.pages.logs import diagnosis_page
@@ -81,7 +82,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         written.append(str(page))
     healthy = all(each.verdict == "nothing wrong" for each in found)
     code = 0 if healthy or all(each.cause for each in found) else 1
-    text = diagnosis_page(found, console.page, f"avc diagnose {' '.join(args.log)} -v", written)
+    text = diagnosis_page(found, spoken(), console.page, f"avc diagnose {' '.join(args.log)} -v", written)
     return Answer(document, text, code, more="\n\n".join(map(diagnosis_text, found)))
 
 

@@ -9,7 +9,6 @@ from avc_casadi.cli._arguments import add_verbose, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import number, table
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ _NO_COMPILER = (
     "times as long"
 )
 _HANDS = 100
-_RESTING = ("at_rest", "at_rest_without_friction")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -60,6 +58,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
     from avc_casadi.present.pages.recommendation import recommendation_page, stiffest_page
+    from avc_casadi.present.pages.recommendation_lines import recommendation_lines, stiffest_lines
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.stiffest import stiffest
     from avc_casadi.simulation.native import compiler
@@ -77,7 +76,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if args.stiffest:
         document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)
         text = stiffest_page(document, problem, console.page, args.problem)
-        return Answer(document, text, more=stiffest_text(document))
+        return Answer(document, text, more="\n".join(stiffest_lines(document)))
     with console.step(f"candidates with {hands} hands"):
         found = recommend(
             problem,
@@ -88,13 +87,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             workers=workers,
             progress=console,
         )
+    written = None
     if out is not None and found.coupling is not None:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
+        written = str(out)
     document = recommend_document(found)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    text = recommendation_page(document, problem, console.page, args.problem, args.out)
-    if out is not None and found.coupling is not None:
-        text += f"\nwritten: {out}"
+    text = recommendation_page(document, problem, console.page, args.problem, written)
     more = "\n".join(recommendation_lines(document))
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
 
@@ -105,74 +104,3 @@ def recommend_document(found: Recommendation) -> dict[str, Any]:
     if "complex_error" in document["felt"]:
         document["felt"]["complex_error_from"] = _PHYSICAL_WALL
     return document
-
-
-def recommendation_lines(document: dict[str, Any]) -> list[str]:
-    """Return the recommendation for people, the conclusion first."""
-    from avc_casadi.recommendation.told import conclusion_lines
-
-    lines = [*conclusion_lines(document), ""]
-    if document["what_would_help"]:
-        rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
-        lines += [
-            (
-                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand, by linear "
-                "stability alone: nobody tries it, with encoder, friction or bouncing, so what is deployed may be "
-                "softer (--stiffest: the stiffest wall that simulated hands rest at, and what would help it)"
-            ),
-            table(["what would help", "plain wall,\nlinear alone\nN/m"], rows, left=(0,)),
-        ]
-    if document["certificate"]:
-        lines += [f"claim: {claim['sentence']}" for claim in document["certificate"]["deployable"]["claims"]]
-    if document["trial"] is not None:
-        lines.append(
-            f"simulated only: {', '.join(document['trial']['effects'])}; {', '.join(document['trial']['motions'])}"
-        )
-    if "complex_error_from" in document["felt"]:
-        lines.append(f"complex error: distance from {document['felt']['complex_error_from']}")
-    lines += [f"assumed: {gap}" for gap in document["assumed"]]
-    lines += [f"not used: {what}" for what in document["not_used"]]
-    return lines
-
-
-def stiffest_text(document: dict[str, Any]) -> str:
-    """Return the stiffest wall for people."""
-    low, high = document["damping_ns_per_m"]
-    wall = document["stiffest_wall_n_per_m"]
-    rows = [
-        [
-            one["change"],
-            "none" if one["stiffest_wall_n_per_m"] is None else number(one["stiffest_wall_n_per_m"]),
-            *("" if one[key] is None else f"{one[key]} of {one['hands']}" for key in _RESTING),
-        ]
-        for one in (document | {"change": "as it is"}, *document["what_would_help"])
-    ]
-    found = f"{number(wall)} N/m ({document['by']})" if wall is not None else "none was found"
-    asked = f", tried by {document['hands']} simulated hands" if wall is not None else ""
-    return "\n".join(
-        [
-            f"{document['problem']}: stiffest wall: {found}, linearly stable with every hand and released{asked}",
-            *_confirmed(document["confirmed"]),
-            (
-                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
-                f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: what hands "
-                "rest at may be softer"
-                if document["plain_wall_n_per_m"]
-                else "a plain spring and damper: no wall is linearly stable with every hand and released"
-            ),
-            table(["what would help", "stiffest wall\nN/m", "at rest", "without\nfriction"], rows, left=(0,)),
-            *(f"assumed: {gap}" for gap in document["assumed"]),
-            *(f"not used: {what}" for what in document["not_used"]),
-        ]
-    )
-
-
-def _confirmed(others: dict[str, int] | None) -> list[str]:
-    if others is None:
-        return []
-    return [
-        (
-            f"of {others['hands']} hands that had no part in the choice {others['at_rest']} settle, "
-            f"{others['at_rest_without_friction']} without friction, {others['quiet']} below the vibrotactile threshold"
-        )
-    ]

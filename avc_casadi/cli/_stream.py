@@ -85,7 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         | {"deployable": verdict.document(), "unsafe": unsafe_note(verdict)}
         | {"samples": [vars(sample) for sample in result.samples]}
     )
-    text = stream_page(document, console.page, result.faults)
+    text = stream_page(document, coupling.problem.units, console.page, result.faults)
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
     return Answer(document, text, code=1 if result.faults else 0, complaint=complaint)
 

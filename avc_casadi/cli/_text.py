@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -37,20 +37,6 @@ def rows_text(rows: int) -> str:
     from avc_casadi._util import text as support
 
     return support.rows_text(rows)
-
-
-def counts(found: Mapping[str, int]) -> str:
-    """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
-    from avc_casadi._util import text as support
-
-    return support.counts_text(found)
-
-
-def sample_rows(rows: int, most: int | None = None) -> list[int]:
-    """Return at most so many row numbers, evenly spread, first and last among them."""
-    from avc_casadi._util import text as support
-
-    return support.sample_rows(rows, most or support.ROWS_SHOWN)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:

@@ -26,9 +26,9 @@ def plan_page(plan: Mapping[str, Any], units: Units, page: Page, shown: str, por
         shown: the device as the user names it.
         port: where it is played.
     """
-    told, forecast, centring = quantities(units), plan["forecast"], plan["centring"]
+    told, forecast, centring, force = quantities(units), plan["forecast"], plan["centring"], units.key("force")
     corners = "worst of its ranges" if plan["devices"] > 1 else "declared device"
-    held = {"force_n": "force", "speed_m_per_s": "speed", "travel_m": "travel"}[plan["held_back_by"]]
+    held = {"force_n": force, "speed_m_per_s": "speed", "travel_m": "travel"}[plan["held_back_by"]]
     spring, damper = told(centring["spring_n_per_m"], "N/m"), told(centring["damper_ns_per_m"], "N.s/m")
     span = f"{quantity(plan['lowest_hz'], 'Hz')} to {quantity(plan['highest_hz'], 'Hz')}"
     rows = [
@@ -36,12 +36,19 @@ def plan_page(plan: Mapping[str, Any], units: Units, page: Page, shown: str, por
             "Signal", f"{plan['signal']}, {span}, peak {told(plan['peak_force_n'], 'N')}; held back by the {held} limit"
         ),
         *(
-            Row(label, f"{told(forecast['worst'][key], unit)} of {told(plan['limits'][key], unit)} allowed, {corners}")
+            Row(
+                _label(label, units),
+                f"{told(forecast['worst'][key], unit)} of {told(plan['limits'][key], unit)} allowed, {corners}",
+            )
             for label, key, unit in _MOVED
         ),
         Row("Centred by", f"spring {spring}, damper {damper}: hands off"),
     ]
     return page.rendered(f"{shown}   {plan['signal']} of {quantity(plan['seconds'], 's')} on {port}", rows)
+
+
+def _label(word: str, units: Units) -> str:
+    return units.key(word.lower()).capitalize()
 
 
 def log_rows(log: Mapping[str, Any], units: Units) -> list[Row]:
@@ -71,7 +78,10 @@ def limits_page(document: Mapping[str, Any], units: Units, page: Page) -> str:
     """
     told = quantities(units)
     rows = [
-        Row(label, f"{told(document['hold'][key], unit)} of {told(document['boards'][key], unit)} built in")
+        Row(
+            _label(label, units),
+            f"{told(document['hold'][key], unit)} of {told(document['boards'][key], unit)} built in",
+        )
         for label, key, unit in _LIMITED
     ]
     if document["waits"]:
@@ -92,7 +102,7 @@ def store_page(document: Mapping[str, Any], units: Units, page: Page) -> str:
     coupling = f"{document['coupling_id']}, {after}" if document["coupling_id"] else "none"
     rows = [
         Row("Coupling", coupling),
-        Row("Force limit", quantities(units)(document["force_n"], "N")),
+        Row(f"{_label('force', units)} limit", quantities(units)(document["force_n"], "N")),
         Row("Name", document["name"] or "none"),
     ]
     return page.rendered(f"{document['port']}   kept over a reset, store {document['number']}", rows)
@@ -134,7 +144,11 @@ def commission_page(document: Mapping[str, Any], units: Units, page: Page, onwar
         Row("Face", "position 0, the face of the wall, is where it was held, until it starts anew")
         if document["zero"]
         else Row("Face", "position 0 is where it was", Mark.CAUTION),
-        Row("First touch", f"the force is limited to {told(document['limits']['force_n'], 'N')}", Mark.CAUTION),
+        Row(
+            "First touch",
+            f"the {units.key('force')} is limited to {told(document['limits']['force_n'], 'N')}",
+            Mark.CAUTION,
+        ),
     ]
     return page.rendered(f"{document['port']}   commissioned", rows, onwards)
 
@@ -148,14 +162,14 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
         page: where it is printed.
         shown: the coupling as the user names it.
     """
-    problem, told = coupling.problem, quantities(coupling.problem.units)
+    problem, units, told = coupling.problem, coupling.problem.units, quantities(coupling.problem.units)
     limit = "the device's own" if coupling.max_force_n is None else told(coupling.max_force_n, "N")
     attempts = plural(document["attempts"], "attempt")
     took = f"{quantity(document['seconds'], 's')}, {attempts}"
     equal = document["readback_equal"]
     rounding = "exact in" if not document["rounding_max"] else f"within {document['rounding_max']:.0e} by"
     rows = [
-        *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
+        *([Row("Unsafe", units.text(document["unsafe"]), Mark.FAIL)] if document["unsafe"] else []),
         Row(
             "Pushed",
             f"coupling {coupling.id}, {plural(document['rows'], 'row')} on {document['port']} ({took}), CRC "
@@ -166,15 +180,15 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
             f"equal, {rounding} single precision" if equal else "NOT EQUAL",
             Mark.PASS if equal else Mark.FAIL,
         ),
-        Row("Force limit", limit),
+        Row(f"{_label('force', units)} limit", limit),
     ]
     if document["widest_hole_hz"] is not None:
         low, high = (quantity(end, "Hz") for end in document["widest_hole_hz"])
         rows.append(Row("Holes", f"rows without gains are interpolated, at most from {low} to {high}", Mark.CAUTION))
     if "in_the_loop" in document:
         rows.append(_in_the_loop(document["in_the_loop"], coupling))
-    rows += [Row("Note", note, Mark.CAUTION) for note in document.get("notes", ())]
-    rows += [Row("Lacks", one, Mark.CAUTION) for one in coupling.lacks]
+    rows += [Row("Note", units.text(note), Mark.CAUTION) for note in document.get("notes", ())]
+    rows += [Row("Lacks", units.text(one), Mark.CAUTION) for one in coupling.lacks]
     commands = [f"avc monitor --port {document['port']}"] if document["port"] != "emulator" else []
     return page.rendered(headline(problem, shown), rows, commands)
 
@@ -182,7 +196,7 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
 def _in_the_loop(tried: Mapping[str, Any], coupling: Coupling) -> Row:
     """Tell how the pushed coupling did with a hand on the emulated device."""
     if "skipped" in tried:
-        return Row("In the loop", f"not tried; {tried['skipped']}", Mark.CAUTION)
+        return Row("In the loop", f"not tried; {coupling.problem.units.text(tried['skipped'])}", Mark.CAUTION)
     told = quantities(coupling.problem.units)
     settled = "settles with a hand" if tried["at_rest"] else "does NOT settle with a hand"
     stiffness = told(tried["apparent_stiffness_n_per_m"], "N/m")
@@ -201,19 +215,19 @@ def export_page(document: Mapping[str, Any], coupling: Coupling, page: Page, sho
         page: where it is printed.
         shown: the coupling as the user names it.
     """
-    schedule = coupling.schedule
+    schedule, units = coupling.schedule, coupling.problem.units
     columns = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
     gains = {key: getattr(schedule, key)[schedule.usable].tolist() for key in columns}
     observer = "observer with state feedback, " if coupling.runtime.state_feedback is not None else ""
     rate, rows_of = quantity(1 / coupling.sample_time_s, "Hz"), plural(document["rows"], "row")
     packages = f", packages {', '.join(document['packages'])}" if document["packages"] else ""
     rows = [
-        *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
+        *([Row("Unsafe", units.text(document["unsafe"]), Mark.FAIL)] if document["unsafe"] else []),
         Row("Coupling", f"{coupling.id}: {observer}{gains_text(gains, coupling.problem)}"),
         Row("C", f"{document['precision']} precision, {rate}, {rows_of}{packages}"),
         *_files(document["files"]),
         *([Row("Note", document["holes"], Mark.CAUTION)] if document["holes"] else []),
-        *(Row("Lacks", one, Mark.CAUTION) for one in document["lacks"]),
+        *(Row("Lacks", units.text(one), Mark.CAUTION) for one in document["lacks"]),
     ]
     return page.rendered(headline(coupling.problem, shown), rows)
 
@@ -235,7 +249,7 @@ def firmware_page(document: Mapping[str, Any], title: str, units: Units, page: P
         Row("Gains", held),
         Row("Serial line", f"{document['baud']} baud"),
         *_files(document["files"]),
-        *(Row("Note", note, Mark.CAUTION) for note in document["notes"]),
+        *(Row("Note", units.text(note), Mark.CAUTION) for note in document["notes"]),
         *(Row("Flash by" if not place else "or by", one) for place, one in enumerate(document["commands"])),
     ]
     size = f"{document['size_bytes']} bytes from {document['address']:#010x}"
@@ -249,11 +263,12 @@ def _files(files: Sequence[str]) -> list[Row]:
     return [Row("Written", f"{', '.join(files[:2])} and {len(files) - 2} more files")]
 
 
-def stream_page(document: Mapping[str, Any], page: Page, faults: Sequence[str]) -> str:
+def stream_page(document: Mapping[str, Any], units: Units, page: Page, faults: Sequence[str]) -> str:
     """Return the end of the `stream` document as a headline and rows.
 
     Args:
         document: of `avc stream --json`.
+        units: of the device's motion.
         page: where it is printed.
         faults: what is not as it should be.
     """
@@ -261,7 +276,7 @@ def stream_page(document: Mapping[str, Any], page: Page, faults: Sequence[str]) 
     mode = document["status"]["mode"]
     whole = not document["late"] and not document["lost"]
     rows = [
-        *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
+        *([Row("Unsafe", units.text(document["unsafe"]), Mark.FAIL)] if document["unsafe"] else []),
         Row(
             "Messages",
             f"{document['taken']} of {document['sent']} taken, {document['late']} late, {document['lost']} lost",

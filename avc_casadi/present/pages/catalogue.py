@@ -48,8 +48,11 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
         low, high = (quantity(end, "Hz") for end in document["bounds_measured_hz"])
         rows.append(Row("Bounds", f"of what feels real measured from {low} to {high}"))
     if document["declared"]:
-        rows.append(Row("Declared", ", ".join(document["declared"])))
-    rows += [Row("Warning", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]]
+        rows.append(Row("Declared", problem.units.text(", ".join(document["declared"]))))
+    rows += [
+        Row("Warning", problem.units.text(f"{one['key']} {one['message']}"), Mark.CAUTION)
+        for one in document["warnings"]
+    ]
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
 
 

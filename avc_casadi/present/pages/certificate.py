@@ -18,35 +18,36 @@ if TYPE_CHECKING:
 # What a claim on deployment is called, and how it is told that it fails.
 _CLAIMS = {
     "hands": ("Every hand", "with hands"),
-    "let-go": ("Released", "released"),
+    "let-go": ("Released", "when released"),
     "dead-zone": ("Dead zone", "in the dead zone"),
     "detent": ("Detents", "on detents"),
 }
 _OUTCOMES = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
 
 
-def certificate_page(document: dict[str, Any], problem: Problem, page: Page) -> str:
+def certificate_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
     """Return the `certify` document as a headline and rows.
 
     Args:
         document: of `avc certify --json`.
         problem: what it was judged against.
         page: where it is printed.
+        shown: the problem as the user names it.
     """
     file, levels, verdict = document["gains"], document["levels"], document["deployable"]
     rows = [
         _verdict(verdict),
         *_claims(verdict, levels["L5"], problem),
-        *(_proof(name, level, page) for name, level in levels.items() if level["outcome"]),
+        *(_proof(name, level, problem, page) for name, level in levels.items() if level["outcome"]),
         *_switching(levels["L5"]),
         _per_frequency(levels),
         _claimed(document, problem),
         passive_limit(document["passive_limit_n_per_m"], problem.units),
-        *(Row("Note", note, Mark.CAUTION) for note in document["notes"]),
+        *(Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]),
     ]
     if document["proof_files"]:
         rows.append(Row("Written", ", ".join(document["proof_files"])))
-    onwards = f"avc export {file} --c DIR" if verdict["pass"] else f"avc recommend {problem.name} --out coupling.json"
+    onwards = f"avc export {file} --c DIR" if verdict["pass"] else f"avc recommend {shown} --out coupling.json"
     return page.rendered(headline(problem, file), rows, [onwards, f"avc certify {file} -v"])
 
 
@@ -80,7 +81,7 @@ def _hardness(claim: Mapping[str, Any]) -> tuple[bool, float]:
 def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], problem: Problem) -> Row:
     radius = claim["spectral_radius"]
     if not claim["pass"] or radius is None:
-        return Row(label, claim["sentence"], Mark.PASS if claim["pass"] else Mark.FAIL)
+        return Row(label, problem.units.text(claim["sentence"]), Mark.PASS if claim["pass"] else Mark.FAIL)
     told = f"spectral radius {number(radius, 5)} at most"
     if claim["name"] == "hands" and hands["margin_ns_per_m"] is not None:
         margin = quantities(problem.units)(hands["margin_ns_per_m"], "N.s/m")
@@ -88,10 +89,14 @@ def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], probl
     return Row(label, told, Mark.PASS)
 
 
-def _proof(name: str, level: Mapping[str, Any], page: Page) -> Row:
+def _proof(name: str, level: Mapping[str, Any], problem: Problem, page: Page) -> Row:
     """Tell what became of a proof, in one line."""
     told = f"{level['outcome']}: {level['title'] if level['outcome'] == 'proved' else level['claim']}"
-    return Row(name, textwrap.shorten(told, page.width - 18, placeholder=" ..."), _OUTCOMES[level["outcome"]])
+    return Row(
+        name,
+        textwrap.shorten(problem.units.text(told), page.width - 18, placeholder=" ..."),
+        _OUTCOMES[level["outcome"]],
+    )
 
 
 def _switching(hands: Mapping[str, Any]) -> list[Row]:
@@ -118,7 +123,7 @@ def _per_frequency(levels: Mapping[str, Any]) -> Row:
 def _claimed(document: Mapping[str, Any], problem: Problem) -> Row:
     level, name = document["levels"][document["claimed"]], document["claimed"]
     scope = f"scope {problem.stability.scope}, model {problem.stability.model}"
-    mark = Mark.PASS if level["pass"] else Mark.NONE if level["refused"] else Mark.CAUTION
+    mark = Mark.PASS if level["pass"] else Mark.NONE
     return Row("Asked for", f"{name} by the problem file ({scope}): {answered(level)}", mark)
 
 

@@ -30,7 +30,7 @@ def comparison_page(document: dict[str, Any], problem: Problem, page: Page, show
         drawn: file of the picture, if one was drawn.
     """
     rows = [
-        *(_method(name, gains, document) for name, gains in document["methods"].items()),
+        *(_method(name, gains, document, problem) for name, gains in document["methods"].items()),
         Row("Verdicts", f"{counts(document['counts'])}, pointwise"),
         *_deployable(document),
         *_realism(document),
@@ -46,7 +46,7 @@ def comparison_page(document: dict[str, Any], problem: Problem, page: Page, show
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown}", f"avc compare {shown} -v"])
 
 
-def _method(name: str, gains: dict[str, Any], document: dict[str, Any]) -> Row:
+def _method(name: str, gains: dict[str, Any], document: dict[str, Any], problem: Problem) -> Row:
     """Tell where a method has gains, and the first reason why not, or how near it is to the other optimum."""
     damping, check = gains["damping_ns_per_m"], document["cross_check"]
     missing = [row for row, b in enumerate(damping) if b is None]
@@ -58,7 +58,8 @@ def _method(name: str, gains: dict[str, Any], document: dict[str, Any]) -> Row:
         told += f", parts at {len(check['partings'])} frequencies" if check["partings"] else ""
         mark = Mark.FAIL if not check["agree"] else Mark.CAUTION if check["partings"] else mark
     elif missing:
-        told += f"; at {quantity(document['frequency_hz'][missing[0]], 'Hz')} it {gains['reason'][missing[0]]}"
+        why = problem.units.text(gains["reason"][missing[0]])
+        told += f"; at {quantity(document['frequency_hz'][missing[0]], 'Hz')} it {why}"
     return Row(name.replace("-", " ").capitalize(), told, mark)
 
 

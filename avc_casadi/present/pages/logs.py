@@ -81,22 +81,23 @@ def _told(one: Estimate, units: Units) -> str:
     return f"{shown(one.value)} ({low} to {high})"
 
 
-def diagnosis_page(found: Sequence[Diagnosis], page: Page, command: str, written: Sequence[str]) -> str:
+def diagnosis_page(found: Sequence[Diagnosis], units: Units, page: Page, command: str, written: Sequence[str]) -> str:
     """Return the diagnosis of one log as a headline and rows; of several a row each.
 
     Args:
         found: one a log.
+        units: of the device's motion.
         page: where it is printed.
         command: what tells all of it.
         written: files that were written.
     """
     beside = [Row("Written", ", ".join(written))] if written else []
     if len(found) > 1:
-        rows = [Row(one.source, one.conclusion, _verdict(one)) for one in found[:_MOST_LOGS]]
+        rows = [Row(one.source, units.text(one.conclusion), _verdict(one)) for one in found[:_MOST_LOGS]]
         rows += [Row("Others", plural(len(found) - _MOST_LOGS, "log"))] if len(found) > _MOST_LOGS else []
         return page.rendered(f"{len(found)} logs", rows + beside, [command])
     (one,) = found
-    rows = [Row("Verdict", one.conclusion, _verdict(one))]
+    rows = [Row("Verdict", units.text(one.conclusion), _verdict(one))]
     if len(one.shares) > 1:
         told = (
             f"{CAUSES.get(cause, 'none of them')} {percent(share)}"
@@ -104,9 +105,11 @@ def diagnosis_page(found: Sequence[Diagnosis], page: Page, command: str, written
             if share > 0.005
         )
         rows.append(Row("Borne out", ", ".join(told)))
-    rows += [Row("Remedy", cure_text(cure.change, cure.growth_per_s)) for cure in one.cures[:_MOST_REMEDIES]]
-    rows += [Row("Would decide", one.decides)] if one.decides else []
-    rows += [Row("Evidence", line) for line in one.evidence[:_MOST_EVIDENCE]]
+    rows += [
+        Row("Remedy", units.text(cure_text(cure.change, cure.growth_per_s))) for cure in one.cures[:_MOST_REMEDIES]
+    ]
+    rows += [Row("Would decide", units.text(one.decides))] if one.decides else []
+    rows += [Row("Evidence", units.text(line)) for line in one.evidence[:_MOST_EVIDENCE]]
     return page.rendered(f"{one.source}   {quantity(one.seconds, 's')}", rows + beside, [command])
 
 

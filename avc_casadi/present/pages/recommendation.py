@@ -35,6 +35,8 @@ def recommendation_page(
         written: file that holds the coupling, if one was written.
     """
     rows = recommendation_rows(document, problem)
+    if written is not None:
+        rows.append(Row("Written", written))
     if document["coupling"] is None:
         onwards = f"avc check {shown}"
     elif written is None:
@@ -53,9 +55,14 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         briefly: what is recommended and what holds alone, without what limits it.
     """
     if document["coupling"] is None:
-        none = Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL)
+        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
         return [none] if briefly else [none, *_limit(document, problem)]
-    rows = [_coupling(document, problem), *_rendered(document, problem), _stability(document), *_simulated(document)]
+    rows = [
+        _coupling(document, problem),
+        *_rendered(document, problem),
+        _stability(document, problem),
+        *_simulated(document),
+    ]
     if briefly:
         return rows
     return [
@@ -89,7 +96,11 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     if problem.environment.stiffness_n_per_m == 0:
         return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}")]
     if felt["stiffness_n_per_m"] is None:
-        what = "nothing but the force limit" if trial["at_force_limit"] else "nothing: no press ends in contact"
+        what = (
+            f"nothing but the {problem.units.key('force')} limit"
+            if trial["at_force_limit"]
+            else "nothing: no press ends in contact"
+        )
         return [Row("Rendered", f"{what} · impedance error {errors}", Mark.FAIL)]
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m'))} at the handle"
@@ -105,11 +116,11 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     ]
 
 
-def _stability(document: dict[str, Any]) -> Row:
+def _stability(document: dict[str, Any], problem: Problem) -> Row:
     claims, rest = document["certificate"]["deployable"]["claims"], document["rest"]["word"]
     failed = [claim["sentence"] for claim in claims if not claim["pass"]]
     if failed:
-        return Row("Stability", failed[0], Mark.FAIL)
+        return Row("Stability", problem.units.text(failed[0]), Mark.FAIL)
     if rest == "proved":
         return Row("Stability", "every hand and released, from any state: proved (L7)", Mark.PASS)
     told = {
@@ -162,12 +173,13 @@ def _outside(document: dict[str, Any]) -> list[Row]:
 
 def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     trial, limit, unit = document["trial"], document["coupling"]["max_force_n"], problem.units.unit
+    label = problem.units.key("force").capitalize()
     reached, depth = quantity(trial["tap_force_n"], unit("N")), quantity(trial["tap_depth_m"], unit("m"))
     if limit is None or trial["tap_force_n"] < _AT_LIMIT * limit:
-        return [Row("Force", f"a tap reaches {reached}, {depth} deep")]
+        return [Row(label, f"a tap reaches {reached}, {depth} deep")]
     presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
     told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}"
-    return [Row("Force", told, Mark.CAUTION)]
+    return [Row(label, told, Mark.CAUTION)]
 
 
 def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
@@ -197,11 +209,15 @@ def _limit(document: dict[str, Any], problem: Problem) -> list[Row]:
         return []
     unit = problem.units.unit("N/m")
     helps = [
-        f"{_SHORT.get(one['change'], one['change'])} {quantity(one['stiffest_wall_n_per_m'], unit)}"
+        f"{_change(one, problem)} {quantity(one['stiffest_wall_n_per_m'], unit)}"
         for one in document["what_would_help"][:_MOST_HELPS]
     ]
     plain = quantity(document["plain_wall_n_per_m"], unit)
     return [Row("Linear limit", f"plain coupling {plain}; {'; '.join(helps)}")]
+
+
+def _change(one: dict[str, Any], problem: Problem) -> str:
+    return problem.units.text(_SHORT.get(one["change"], one["change"]))
 
 
 def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
@@ -221,7 +237,7 @@ def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown:
         what = f"{settled} of {hands} other draws of hands settle, {free} without friction; {quiet}"
         rows.append(Row("Confirmed", what, _all(settled, free, hands)))
     helps = document["what_would_help"]
-    rows += [_stiffest(_SHORT.get(one["change"], one["change"]).capitalize(), one, told) for one in helps]
+    rows += [_stiffest(_change(one, problem).capitalize(), one, told) for one in helps]
     if plain:
         low, high = (told(one, "N.s/m") for one in document["damping_ns_per_m"])
         rows.append(Row("Linear limit", f"plain coupling {told(plain, 'N/m')}, with {low} to {high} of damping"))

@@ -10,6 +10,7 @@ from avc_casadi.present.pages.subject import RIGID, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
 
 if TYPE_CHECKING:
+    from avc_casadi._util.units import Units
     from avc_casadi.model.problem import Problem
 
 # In m, N and J: less than any device could show, which only rounding leaves.
@@ -36,14 +37,17 @@ def scene_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
         Row("Rendered", _rendered(document, problem)),
         Row("Rate-hardness", f"{told(document['rate_hardness_n_per_m'], 'N/m')} at contact"),
         Row("At the end", f"{told(end, 'N')}, {told(swing, 'm')} peak to peak"),
-        Row("Force ripple", f"{told(_kept(document['force_ripple_n']), 'N')} rms between 20 and 500 Hz"),
+        Row(
+            f"{problem.units.key('force').capitalize()} ripple",
+            f"{told(_kept(document['force_ripple_n']), 'N')} rms between 20 and 500 Hz",
+        ),
         Row("Energy", f"{quantity(_kept(document['energy_generated_j']), 'J')} given out beyond that taken in"),
         *_without_guard(document, problem),
         *(_other(run, problem) for run in document.get("against", ())),
-        *(Row("Note", note, Mark.CAUTION) for note in document["notes"]),
+        *(Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]),
     ]
     if document["left_out"]:
-        left = f"declared, but not listed in the scene: {', '.join(document['left_out'])}"
+        left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, document['left_out']))}"
         rows.append(Row("Left out", left, Mark.CAUTION))
     written = [f"{document['trace']} and its manifest"] if document["trace"] is not None else []
     written += [] if drawn is None else [drawn]
@@ -189,7 +193,10 @@ def screening_page(document: dict[str, Any], problem: Problem, page: Page, shown
             f"{_WORDS[document['outcome']]}, coupling {document['coupling']}",
             _MARKS[document["outcome"]],
         ),
-        *(Row(f"No {one['kind']}", f"{_changes(one)}, {_WORDS[one['outcome']]}: needed") for one in needed),
+        *(
+            Row(f"No {one['kind']}", f"{_changes(one, problem.units)}, {_WORDS[one['outcome']]}: needed")
+            for one in needed
+        ),
         *(
             [Row("Only mass", f"cannot be left out: {', '.join(document['essential'])}")]
             if document["essential"]
@@ -201,14 +208,14 @@ def screening_page(document: dict[str, Any], problem: Problem, page: Page, shown
         rows.append(Row("Not needed", f"none at a tolerance of {tolerance}"))
     else:
         rows.append(Row("Not needed", f"at a tolerance of {tolerance}: {', '.join(document['unneeded'])}"))
-        rows.append(Row("Without these", f"{_changes(together)}, {_WORDS[together['outcome']]}"))
-    rows += [Row("Note", note, Mark.CAUTION) for note in document["notes"]]
+        rows.append(Row("Without these", f"{_changes(together, problem.units)}, {_WORDS[together['outcome']]}"))
+    rows += [Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]]
     return page.rendered(headline(problem, shown), rows, [f"avc simulate {shown} --screen -v"])
 
 
-def _changes(found: dict[str, Any]) -> str:
+def _changes(found: dict[str, Any], units: Units) -> str:
     """Tell relative changes, rms over the run for position and force."""
-    told = (f"{name} {percent(found[f'{name}_change'])}" for name in ("position", "force", "stiffness"))
+    told = (f"{units.key(name)} {percent(found[f'{name}_change'])}" for name in ("position", "force", "stiffness"))
     return ", ".join(told)
 
 

@@ -44,7 +44,7 @@ def solution_page(document: dict[str, Any], problem: Problem, page: Page, shown:
         Row("Status", counts(document["counts"])),
         *_errors(document, problem),
         _realism(document["realism"]),
-        deployable(document["deployable"]),
+        deployable(document["deployable"], problem.units),
         passive_limit(document["passive_limit_n_per_m"], problem.units),
     ]
     if "paper_errors" in document:

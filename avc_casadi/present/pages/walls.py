@@ -41,7 +41,7 @@ def walls_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
     if document["encoder_limit_n_per_m"] is not None:
         limit = told(document["encoder_limit_n_per_m"], "N/m")
         rows.append(Row("Encoder limit", f"{limit} for a passive wall, 2 f_c/Delta"))
-    rows += [Row("Not judged", why, Mark.CAUTION) for why in document["refused"]]
+    rows += [Row("Not judged", problem.units.text(why), Mark.CAUTION) for why in document["refused"]]
     if drawn is not None:
         rows.append(Row("Drawn", drawn))
     onwards = [f"avc recommend {shown} --stiffest", f"avc zwidth {shown} -v"]
