@@ -8,7 +8,7 @@ from engine_simulator import EngineSimulator
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.engine_port import engine_port
+from avc_casadi.claims.passivity.engine_port import engine_port as judge_port
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.lifted_loop import ToolGains
 
@@ -26,6 +26,10 @@ def stated(ratio, integrator="implicit", exchange="ahead", mass=0.2):
     return problem(
         f'tool_mass_kg = {mass}\nstep_s = {ratio * T!r}\nintegrator = "{integrator}"\nexchange = "{exchange}"'
     )
+
+
+def engine_port(one, gains):
+    return judge_port(one.device, one.hands, one.simulation, gains)
 
 
 def energy_taken(gains, velocities, ratio, hand, told, held_force):

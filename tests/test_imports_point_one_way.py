@@ -41,6 +41,7 @@ ROOMS = (
     "present.terminal",
     "present.recommendation",
     "present.virtual_tool",
+    "present.tool_claims",
     "present.run",
     "present.figures",
     "present.report",

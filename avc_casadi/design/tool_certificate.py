@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.passivity.engine_port import engine_port
+from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.design.virtual_tool import ToolSearch
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
 
 def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
     try:
-        port = engine_port(problem, gains)
+        port = engine_port(problem.device, problem.hands, required_tool(problem), gains)
     except UnsupportedError as refusal:
         return {"passive": None, "refused": str(refusal), "claim": PASSIVITY}
     return {**asdict(port), "refused": None, "claim": PASSIVITY}

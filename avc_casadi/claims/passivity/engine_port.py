@@ -21,25 +21,24 @@ Llewellyn's condition is the same for every hand at once (Adams and Hannaford 19
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi.claims.levels import ideal
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
-from avc_casadi.claims.stability.tool_loop import required_tool
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.lifted_loop import clocks
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
     from avc_casadi.model.lifted_loop import ToolGains
-    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.problem import Hands
     from avc_casadi.model.sampled_plant import SampledPlant
     from avc_casadi.model.virtual_tool import VirtualTool
 
@@ -109,19 +108,20 @@ class PortDelays:
         return cls(int(solves and not implicit), 0, tool.queued + int(solves), held)
 
 
-def engine_port(problem: Problem, gains: ToolGains) -> EnginePort:
-    """Judge a coupling at the engine's port; the tool and what it touches do not enter.
+def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGains) -> EnginePort:
+    """Judge a coupling at the engine's port; the tool's mass and what it touches do not enter.
 
     Args:
-        problem: with [simulation].
+        device: with its ranges.
+        hands: that may hold it; the device released is judged beside them.
+        tool: step, integrator and exchange.
         gains: of the coupling, at the device.
 
     Raises:
         UnsupportedError: a step of the engine that is no whole multiple of T.
     """
-    tool, t = required_tool(problem), problem.device.sample_time_s
-    hands = with_let_go(hand_corners(problem.hands))
-    plant = sampled_plant(device_corners(problem.device, LINEAR_KEYS), hands)
+    t, people = device.sample_time_s, with_let_go(hand_corners(hands))
+    plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
     port = Port(plant, gains, PortDelays.of(tool), held_force=tool.exchange == "held-force")
     found = []
     for step_s in sorted(set(tool.step_s)):
@@ -135,12 +135,12 @@ def engine_port(problem: Problem, gains: ToolGains) -> EnginePort:
         found.append((*port.lowest(clock.samples[0]), step_s))
     margin, angle, row, step_s = min(found)
     tolerance = _TOLERANCE * (gains.damping_ns_per_m + gains.stiffness_n_per_m * max(tool.step_s))
-    llewellyn = _with_any_hand(problem, gains)
+    llewellyn = _with_any_hand(device, tool, gains)
     return EnginePort(
         passive=margin >= -tolerance,
         margin_ns_per_m=margin,
         frequency_hz=angle / (2 * np.pi * step_s),
-        hand=hands.values(row % len(hands)),
+        hand=people.values(row % len(people)),
         step_s=step_s,
         any_hand=None if llewellyn is None else llewellyn >= -tolerance,
         any_hand_margin_ns_per_m=llewellyn,
@@ -250,14 +250,17 @@ class Port:
         return np.asarray(power), drive
 
 
-def _with_any_hand(problem: Problem, gains: ToolGains) -> float | None:
+def _with_any_hand(device: Device, tool: VirtualTool, gains: ToolGains) -> float | None:
     """Return Llewellyn's margin where each sample is a step, and the device knows the tool of that step; else None."""
-    tool, t = required_tool(problem), problem.device.sample_time_s
-    delays = PortDelays.of(tool)
+    delays, corners = PortDelays.of(tool), device_corners(device, LINEAR_KEYS)
     old = max(delays.spring, delays.damper, delays.told, delays.held if tool.exchange == "held-force" else 0)
-    if max(tool.step_s) > 1.5 * t or old or not ideal(problem.device):
+    whole = all(corner.delay_samples == int(corner.delay_samples) for corner in corners)
+    rigid = device.resonance is None and device.amplifier_bandwidth_hz is None
+    if max(tool.step_s) > 1.5 * device.sample_time_s or old or not (whole and rigid):
         return None
-    lean = SampledLoop.of(least_damped(problem), "sampled-data")
-    late = {corner.delay_samples for corner in device_corners(problem.device, ("delay_samples",))}
     k, b, local = gains.stiffness_n_per_m, gains.damping_ns_per_m, gains.local_damping_ns_per_m
-    return min(float(llewellyn_margin(replace(lean, delay_samples=one), b, k, local)[0][0]) for one in sorted(late))
+    loops = [
+        SampledLoop(one.damping_ns_per_m, 0.0, 0.0, one.sample_time_s, one.delay_samples, "sampled-data")
+        for one in corners
+    ]
+    return min(float(llewellyn_margin(loop, b, k, local)[0][0]) for loop in loops)
