@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.text import Table, sample_rows
 from avc_casadi.present.terminal import Mark, Page, Row, quantity
 from avc_casadi.present.virtual_tool import headline
 
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
 
 # A gain margin below which a row warns.
 _SAFE = 1.5
+# Dampers of a region that are printed.
+_DAMPERS_SHOWN = 9
 
 
 def certificate_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
@@ -128,3 +131,44 @@ def hand_text(hand: dict[str, float], problem: Problem) -> str:
     unit = problem.units.unit
     keys = (("mass_kg", "kg"), ("damping_ns_per_m", "N.s/m"), ("stiffness_n_per_m", "N/m"))
     return "a hand of " + ", ".join(quantity(hand[key], unit(of)) for key, of in keys)
+
+
+def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `zwidth` document of a problem with [simulation]: a column for each engine rate.
+
+    Args:
+        document: of `avc zwidth --json`.
+        problem: what it was asked for.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    unit, curves, damping = problem.units.unit, document["curves"], document["damping_ns_per_m"]
+    rows = []
+    for one in curves:
+        told = "no coupling is stable"
+        if one["stiffest_n_per_m"] is not None:
+            k, b = (
+                quantity(one["stiffest_n_per_m"], unit("N/m")),
+                quantity(one["stiffest_with_ns_per_m"], unit("N.s/m")),
+            )
+            told = f"stiffest K {k} with B {b}"
+        told += ", as declared" if one["declared"] else ""
+        mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
+        rows.append(Row(quantity(one["rate_hz"], "Hz"), told, mark))
+    table = Table(
+        ("B", *(quantity(one["rate_hz"], "Hz") for one in curves)),
+        tuple(
+            (
+                quantity(damping[row], unit("N.s/m")),
+                *(
+                    quantity(one["stiffness_n_per_m"][row], unit("N/m")) if one["stiffness_n_per_m"][row] else "none"
+                    for one in curves
+                ),
+            )
+            for row in sample_rows(len(damping), _DAMPERS_SHOWN)
+        ),
+        title="largest stable K, by damper and engine rate",
+    )
+    beside = "; a critical damper in the device's loop" if document["local_damping_ratio"] else ""
+    claim = f"Stable with every hand of [hands] and released, every tool and contact, below each K{beside}."
+    return "\n".join([page.rendered(headline(problem, shown), rows), "", table.text(), claim])
