@@ -9,9 +9,9 @@ from exported_tool import DEVICE, tool_coupling
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.files.tool_coupling_file import write_tool_coupling
-from avc_casadi.present.engines import ENGINES, number_text
+from avc_casadi.present.pages.engines import ENGINES, number_text
+from avc_casadi.present.pages.tool_parameters import parameters_document, parameters_page, tool_parameters
 from avc_casadi.present.terminal import Page
-from avc_casadi.present.tool_parameters import parameters_document, parameters_page, tool_parameters
 
 TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"
 SCALED = f"{TOOL}position_scale = 10.0\nforce_scale = 0.5\n"

@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import avc_casadi as avc
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
-from avc_casadi.cli._text import holes_text, rows_text
+from avc_casadi.cli._text import holes_text
 
 # As `avc_hardware.export_c` knows them.
 PACKAGES = ("arduino", "platformio", "cmake", "chai3d", "openhaptics", "haply")
-# As `avc_casadi.present.engines` knows them.
+# As `avc_casadi.present.pages.engines` knows them.
 ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 
 
@@ -58,12 +59,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_problem_of_gains(parser)
     add_unsafe(parser)
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Write both files, or tell the parameters."""
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.files.tool_coupling_file import is_tool_coupling
+    from avc_casadi.present.pages.bench import export_page
     from avc_hardware import export_c
 
     if is_tool_coupling(args.gains):
@@ -91,13 +94,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "unsafe": unsafe_note(verdict),
         "lacks": list(coupling.lacks),
     }
-    lines = [document["unsafe"]] if document["unsafe"] else []
-    what = f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {rows_text(len(coupling.table))}"
-    what += ", double precision" * (args.precision == "double")
-    lines.append(f"{what}: {', '.join(written)}")
     document["holes"] = holes_text(coupling) or None
-    lines += [f"note: {document['holes']}"] if document["holes"] else []
-    return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))
+    return Answer(document, export_page(document, coupling, console.page, args.gains), more="\n".join(written))
 
 
 def _written(to: str, files: dict[str, str]) -> list[str]:
@@ -111,23 +109,22 @@ def _written(to: str, files: dict[str, str]) -> list[str]:
 
 def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
     """Write both ends of a coupling to a [simulation], or tell its numbers in the words of an engine."""
-    from avc_casadi._util.units import speak
-    from avc_casadi.files.tool_coupling_file import read_tool_coupling
-    from avc_casadi.present.tool_parameters import parameters_document, parameters_page, tool_parameters
+    from avc_casadi.claims.stability.tool_loop import ToolLoops
+    from avc_casadi.cli._to_simulation import read_tool
+    from avc_casadi.present.pages import tool_parameters as told
     from avc_hardware import export_tool_c
 
     alien = [option for option in ("package", "problem") if getattr(args, option)]
     if alien:
         raise avc.InputError.of("is of couplings to a wall; leave it out", file=args.gains, key=f"--{alien[0]}")
-    coupling = read_tool_coupling(args.gains)
-    speak(coupling.problem.units)
+    coupling = read_tool(args.gains)
     if args.parameters is not None:
-        said = tool_parameters(coupling, args.parameters)
-        page = parameters_page(said, coupling, args.parameters, console.page, args.gains)
-        return Answer(parameters_document(said, coupling, args.parameters), page)
+        said = told.tool_parameters(coupling, args.parameters)
+        page = told.parameters_page(said, coupling, args.parameters, console.page, args.gains)
+        return Answer(told.parameters_document(said, coupling, args.parameters), page)
     with faults_of(args.gains, args), console.step("C"):
         files = export_tool_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
-    written = _written(args.c, files)
+    written, stable = _written(args.c, files), ToolLoops(coupling.problem).stable(coupling.gains)
     document = {
         "schema": "avc-export-tool/1",
         "coupling": coupling.id,
@@ -136,7 +133,6 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
         "step_s": list(coupling.tool.step_s),
         "exchange": coupling.tool.exchange,
         "precision": args.precision,
+        "unsafe": "" if stable else "UNSAFE, went on by request: a loop is linearly unstable",
     }
-    rate = 1 / coupling.problem.device.sample_time_s
-    what = f"coupling {coupling.id} to a simulation at {rate:g} Hz, exchange {coupling.tool.exchange}"
-    return Answer(document, f"{what}{', double precision' * (args.precision == 'double')}: {', '.join(written)}")
+    return Answer(document, told.tool_export_page(document, coupling, console.page, args.gains))

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
 from avc_casadi.claims.deployable import require_deployable
-from avc_hardware.codegen.c_text import checked_name, comment, comment_lines
 from avc_hardware.codegen.coupling_program import FARTHEST_M, CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
 from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, SINGLE, Precision
-from avc_hardware.codegen.packages import packaged
+from avc_hardware.codegen.packages import checked_name, comment, comment_lines, packaged
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
 
