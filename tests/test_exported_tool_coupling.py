@@ -100,6 +100,15 @@ def test_first_sample_has_no_velocity(exchange):
     assert c.step(0.03, *given) == (-8.0 if exchange == "held-force" else 0.0)
 
 
+def test_engine_that_steps_before_the_device_pulls_at_nothing():
+    c = ExportedTool(tool_coupling(TOOL, 1000.0, 5.0))
+    assert c.tool_force(0.3, 0.0) == 0.0
+    c.sample(0.3)
+    assert c.tool_force(0.299, 0.0) == pytest.approx(1.0)
+    c.init()
+    assert c.tool_force(0.299, 0.0) == 0.0
+
+
 @pytest.mark.parametrize("exchange", ["on-time", "held-force"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5, -0.5])
 def test_single_bad_sample_changes_the_force_by_a_fiftieth(exchange, bad):

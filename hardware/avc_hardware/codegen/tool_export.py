@@ -51,8 +51,8 @@ _HEADER = """\
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
  *
  * One thread at a time: an engine in a thread of its own takes the lock of the device's loop for each call. An engine
- * on another computer has its own avc_coupling_t, writes position and velocity of the device's newest sample into
- * it, and calls avc_coupling_tool_force.
+ * on another computer has its own avc_coupling_t, writes position_m and velocity_m_per_s of the device's newest sample
+ * into it and 1 into started, and calls avc_coupling_tool_force.
  *
  * C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is refused.
  */
@@ -102,7 +102,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m);
 {real} avc_coupling_force(avc_coupling_t *coupling, {given});
 
 /* The force on the tool, in units of the scene, from the device's newest sample: once in each step of the engine, with
- * position and velocity that the step begins with. 0 where one of them is no number. */
+ * position and velocity that the step begins with. 0 before the first sample, and where one of them is no number. */
 {real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
 
 /* The engine lives: where avc_coupling_tool_force is not called on this coupling. */
@@ -226,7 +226,8 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
 {{
     {real} force_n;
     avc_coupling_alive(coupling);
-    if (!within(tool_position_m, {scene_farthest}) || !within(tool_velocity_m_per_s, {scene_farthest})) {{
+    if (coupling->started == 0u || !within(tool_position_m, {scene_farthest}) ||
+        !within(tool_velocity_m_per_s, {scene_farthest})) {{
         return {zero};
     }}
     force_n = {scene_spring} * ({position_scale} * coupling->position_m - tool_position_m);
