@@ -170,6 +170,14 @@ def test_command_answers_in_a_page_and_writes_the_coupling(tmp_path, capsys):
     assert "--stiffest" in capsys.readouterr().err
 
 
+def test_wall_beside_a_simulation_is_told_as_not_used():
+    text = f"{DEVICE}[simulation]\ntool_mass_kg = 0.2\nstep_s = 0.002\n"
+    wall = "[environment]\nstiffness_n_per_m = 3000.0\ndamping_ns_per_m = 0.0\n"
+    found = avc.recommend(avc.parse_problem(text + wall), hands=8)
+    assert any(line.startswith("environment") for line in found.not_used)
+    assert not any(line.startswith("environment") for line in avc.recommend(avc.parse_problem(text), hands=8).not_used)
+
+
 def test_what_asks_for_a_wall_says_that_there_is_none():
     with pytest.raises(avc.UnsupportedError, match=r"couples to a \[simulation\] and has no wall"):
         avc.solve(problem("tool_mass_kg = 0.2\nstep_s = 0.002"))
