@@ -96,8 +96,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem as Problem
     from avc_casadi.model.schedule import GainSchedule as GainSchedule
     from avc_casadi.present import figures as figures
+    from avc_casadi.recommendation.answer import recommend as recommend
     from avc_casadi.recommendation.recommend import Recommendation as Recommendation
-    from avc_casadi.recommendation.recommend import recommend as recommend
     from avc_casadi.simulation.run import Run as Run
     from avc_casadi.simulation.scene import simulate_batch as simulate_batch
 else:
@@ -119,7 +119,7 @@ else:
         "Deployable": "claims.deployable",
         "deployable": "claims.deployable",
         "Recommendation": "recommendation.recommend",
-        "recommend": "recommendation.recommend",
+        "recommend": "recommendation.answer",
         "Coupling": "coupling",
         "GainSchedule": "model.schedule",
         "read_coupling": "files.coupling_file",

@@ -18,6 +18,7 @@ ROOMS = (
     "model",
     "paper",
     "coupling",
+    "tool_coupling",
     "files",
     "claims.passivity",
     "claims.stability",

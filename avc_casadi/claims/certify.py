@@ -14,7 +14,7 @@ from avc_casadi.claims.proof_levels import proof_level
 from avc_casadi.claims.registry import CLAIMS, Judged
 from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.coupling import check_sample_time, require_coupling
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import with_wall
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def certify(
         >>> certificate.levels["L0"].passed
         True
     """
-    problem, whole = as_problem(problem), gains
+    problem, whole = with_wall(problem), gains
     if not isinstance(gains, GainSchedule):
         require_coupling(gains)
         gains = gains.schedule

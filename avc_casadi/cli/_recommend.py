@@ -13,6 +13,7 @@ from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
 
     from avc_casadi.recommendation.recommend import Recommendation
 
@@ -72,6 +73,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_problem(args.problem)
     if compiler() is None:
         console.notice(_NO_COMPILER)
+    if problem.simulation is not None or problem.follower is not None:
+        return _to_other_end(args, console, problem, hands, out)
     workers = min(2, processors())
     if args.stiffest:
         document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)
@@ -96,6 +99,48 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     text = recommendation_page(document, problem, console.page, args.problem, written)
     more = "\n".join(recommendation_lines(document))
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
+
+
+def _to_other_end(
+    args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
+) -> Answer:
+    """Recommend a coupling to a [simulation] or a [follower], write and show it; 1 if none can be deployed."""
+    from avc_casadi.files.tool_coupling_file import write_tool_coupling
+    from avc_casadi.present.pages.virtual_tool import tool_page
+    from avc_casadi.recommendation.virtual_tool import recommend_tool
+
+    alien = [option for option in ("stiffest", "lean_on_friction", "prove") if getattr(args, option)]
+    if alien:
+        key = f"--{alien[0].replace('_', '-')}"
+        raise avc.InputError.of("is asked of walls, and the other end is none; leave it out", key=key)
+    if problem.follower is not None:
+        return _to_follower(args, console, problem, hands, out)
+    with console.step(f"couplings with {hands} hands"):
+        found = recommend_tool(problem, hands, versions=package_versions(), progress=console)
+    if out is not None and found.coupling is not None:
+        write_tool_coupling(found.coupling, out)
+    document = found.document()
+    text = tool_page(document, problem, console.page, args.problem, args.out, verbose=args.verbose)
+    complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+
+
+def _to_follower(
+    args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
+) -> Answer:
+    """Recommend the coupling of a teleoperator and show it; 1 if none can be deployed."""
+    from avc_casadi.present.pages.bilateral import bilateral_page
+    from avc_casadi.recommendation.bilateral import recommend_bilateral
+
+    if out is not None:
+        message = "has no file for a teleoperator yet; leave it out: --json has K, B and all that is known"
+        raise avc.InputError.of(message, key="--out")
+    with console.step(f"couplings with {hands} hands"):
+        found = recommend_bilateral(problem, hands, progress=console)
+    document = found.document()
+    text = bilateral_page(document, problem, console.page, args.problem, verbose=args.verbose)
+    complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 
 def recommend_document(found: Recommendation) -> dict[str, Any]:

@@ -123,7 +123,9 @@ def _worked_through(
 
 def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:
     """Return the `recommend` document, and the coupling itself as ``of``."""
-    found = avc.recommend(problem, versions=package_versions(), progress=console)
+    from avc_casadi.recommendation.recommend import recommend
+
+    found = recommend(problem, versions=package_versions(), progress=console)
     return recommend_document(found) | {"of": found.coupling}
 
 

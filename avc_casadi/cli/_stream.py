@@ -109,9 +109,11 @@ def _coupling(args: argparse.Namespace, console: Console) -> Coupling:
     """Read the coupling; or recommend one for a problem."""
     if is_coupling(args.subject):
         return read_subject("stream", args.subject, args.problem)
+    from avc_casadi.recommendation.recommend import recommend
+
     problem = load_problem(args.subject)
     with console.step("recommended coupling"):
-        found = avc.recommend(problem, progress=console)
+        found = recommend(problem, progress=console)
     if found.coupling is None:
         raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
     return found.coupling

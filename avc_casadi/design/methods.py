@@ -10,7 +10,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.interrupt import undisguised_interrupts
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.registry import METHODS, Method, MethodName
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import with_wall
 from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared
 from avc_casadi.model.problem import Problem
@@ -66,7 +66,7 @@ def solve(
         )
     if tolerance is not None and not 1e-14 <= tolerance <= 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
-    stated = as_problem(problem)
+    stated = with_wall(problem)
     told = {"progress": progress} if chosen.reports else {}
     with undisguised_interrupts():
         return _noted(stated, chosen, chosen.solver(stated, **options, **told))

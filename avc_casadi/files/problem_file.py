@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from avc_casadi._errors import Fault, InputError
+from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi.files.catalogue import catalogue_names, catalogue_path
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
@@ -82,6 +82,23 @@ def as_problem(problem: Problem | str | Path) -> Problem:
         InputError: with every fault of the file, or no problem has that name.
     """
     return problem if isinstance(problem, Problem) else load_problem(problem)
+
+
+def with_wall(problem: Problem | str | Path) -> Problem:
+    """Return a problem as `as_problem` does, where the device's own loop computes a wall.
+
+    Raises:
+        UnsupportedError: the other end is a simulation or a follower, and no wall is declared beside it.
+    """
+    found, wall = as_problem(problem), as_problem(problem).environment
+    far = "simulation" if found.simulation is not None else "follower" if found.follower is not None else ""
+    if far and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
+        raise UnsupportedError(
+            f"{found.name or 'the problem'} couples to a [{far}] and has no wall in [environment], which is asked "
+            "for here; avc recommend answers it",
+            key="environment",
+        )
+    return found
 
 
 def _path_of(source: str | Path) -> Path:

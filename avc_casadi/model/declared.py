@@ -16,6 +16,7 @@ from avc_casadi.model.effects import (
     NoiseEffect,
     ResonanceEffect,
     SaturationEffect,
+    SimulationEffect,
     WallEffect,
 )
 from avc_casadi.model.registries import EFFECTS
@@ -58,15 +59,17 @@ def declared(problem: Problem) -> tuple[str, ...]:
 
 
 def declared_effects(problem: Problem) -> tuple[Effect, ...]:
-    """Return the scene tables of a hand, a wall and everything that the device declares, its values left to it.
+    """Return the scene tables of a hand, a wall or a simulation, and all that the device declares.
 
-    Ranges are no effects; backlash is none where the encoder sits beyond it, at the handle.
+    Their values are left to the device. Ranges are no effects; backlash is none where the encoder sits beyond it, at
+    the handle.
     """
     device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
     found: list[tuple[bool, Effect]] = [
         (True, HandEffect()),
-        (True, WallEffect()),
+        (problem.simulation is None, WallEffect()),
+        (problem.simulation is not None, SimulationEffect()),
         (problem.detent is not None, DetentEffect()),
         (device.resonance is not None, ResonanceEffect()),
         (device.coulomb_friction_n > 0, CoulombFrictionEffect()),

@@ -104,6 +104,27 @@ class EnvironmentEffect(EffectTable):
     stiffness_n_per_m: Stiffness | None = None
 
 
+class SimulationEffect(EffectTable):
+    """The engine and its tool of [simulation], joined to the device by a spring and a damper.
+
+    Attributes:
+        stiffness_n_per_m: K, at the device; None: that of the coupling that is simulated.
+        damping_ns_per_m: B, at the device.
+        local_damping_ns_per_m: damper of the device's own loop.
+        contact_stiffness_n_per_m: what the tool touches at x = 0, in the scene; None: the stiffest of [simulation].
+        dropped_share: share of the engine's steps that it misses.
+        seed: of the draw of missed steps, and of steps between two lengths.
+    """
+
+    kind: Literal["simulation"] = "simulation"
+    stiffness_n_per_m: Stiffness | None = None
+    damping_ns_per_m: Damping = 0.0
+    local_damping_ns_per_m: Damping = 0.0
+    contact_stiffness_n_per_m: Stiffness | None = None
+    dropped_share: Share = 0.0
+    seed: Seed = 0
+
+
 class DetentEffect(EffectTable):
     """The detents of [detent], beside the wall."""
 

@@ -17,6 +17,7 @@ from avc_casadi._util.text import short
 from avc_casadi._util.units import Units
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.findings import checked
+from avc_casadi.model.follower import Follower
 from avc_casadi.model.measured_bounds import MeasuredBounds
 from avc_casadi.model.quantity import (
     Damping,
@@ -39,6 +40,7 @@ from avc_casadi.model.quantity import (
 from avc_casadi.model.rotary_defaults import with_turned_defaults
 from avc_casadi.model.rules import RULES, Values, broken_rules, dotted
 from avc_casadi.model.scene import Scene
+from avc_casadi.model.virtual_tool import VirtualTool
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
@@ -220,7 +222,10 @@ class Problem(Table):
         title: one line for figures and reports.
         source: where the numbers come from; says which are assumed.
         boundaries: where left out, the environment is both bounds.
+        environment: the wall; left out beside a simulation, there is none.
         detent: notches along the way, beside the wall; None: there are none.
+        simulation: the engine and its tool at the other end of the coupling; None: the wall is in the device's loop.
+        follower: a second device at the other end; None: there is none.
 
     Raises:
         pydantic.ValidationError: a value is refused, or a rule between values is broken.
@@ -245,6 +250,8 @@ class Problem(Table):
     schedule: ScheduleSettings = ScheduleSettings()
     hands: Hands = Hands()
     detent: Detent | None = None
+    simulation: VirtualTool | None = None
+    follower: Follower | None = None
     frequency: Frequency = Frequency()
     scene: Scene = Scene()
 
@@ -252,7 +259,12 @@ class Problem(Table):
     @classmethod
     def _hands_that_turn(cls, tables: Any) -> Any:
         """What is left out of a problem of a device that turns is that of a linear one at its handle."""
-        return with_turned_defaults(tables) if isinstance(tables, Mapping) else tables
+        if not isinstance(tables, Mapping):
+            return tables
+        far = tables.get("simulation") is not None or tables.get("follower") is not None
+        if far and "environment" not in tables:
+            tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
+        return with_turned_defaults(tables)
 
     @model_validator(mode="after")
     def _keeps_the_rules(self) -> Self:

@@ -298,6 +298,24 @@ def _saturation(values: Values) -> Iterator[Finding]:
             yield ("scene", "effects", index, "force_n"), message
 
 
+def _engine_no_faster(values: Values) -> Iterator[Finding]:
+    """An engine that steps more often than the device cannot be told from one that steps with it."""
+    simulation, period = values["simulation"], values["device.sample_time_s"]
+    step_s = None if simulation is None else _inside(simulation, "step_s")
+    if step_s is None:
+        return
+    shortest = step_s if isinstance(step_s, int | float) else min(step_s)
+    if shortest < period * (1 - 1e-9):
+        message = f"is {shown(step_s)}; allowed: device.sample_time_s = {shown(period)} or more"
+        yield ("simulation", "step_s"), message
+
+
+def _one_other_end(values: Values) -> Iterator[Finding]:
+    """A device is coupled to an engine or to a second device, not to both."""
+    if values["simulation"] is not None and values["follower"] is not None:
+        yield ("follower",), "stands beside [simulation]; allowed: one of them"
+
+
 DEVICE_RULES: tuple[Rule, ...] = (
     *(_known_range(key) for key in DeviceRange.model_fields if key != "resonance"),
     *(_known_range("resonance", key) for key in ResonanceRange.model_fields),
@@ -319,4 +337,6 @@ RULES: tuple[Rule, ...] = (
     _list_below_nyquist,
     _duration,
     _saturation,
+    _engine_no_faster,
+    _one_other_end,
 )

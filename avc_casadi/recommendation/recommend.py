@@ -19,7 +19,7 @@ from avc_casadi.claims.deployable import certified, deployable
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.problem_file import load_problem
+from avc_casadi.files.problem_file import with_wall
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
@@ -239,7 +239,7 @@ def recommend(
         >>> found.felt()["share_of_wall"] > 0.99 and found.felt()["stiffness_n_per_m"] < found.stiffest_wall_n_per_m
         True
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = with_wall(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     why_none, considered = hopeless(problem), 0
     judged: list[Judged] = []

@@ -18,7 +18,7 @@ from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair
 from avc_casadi.design.comparison.verdict import AGREEMENT, Verdict, judge
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import with_wall
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
@@ -158,7 +158,7 @@ def compare(
             ">= 0, as 7000,10",
             key="mine",
         )
-    stated = as_problem(problem)
+    stated = with_wall(problem)
     scope = _demanded(stated)
     problem = stated.changed(stability={"scope": "pointwise"}, realism={"require": "none"})
     loop = loop_at(problem, problem.frequencies_hz())

@@ -20,7 +20,7 @@ from avc_casadi._util.text import Columns, Tabular
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.schedule.solver import solve_schedule
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import with_wall
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
@@ -217,7 +217,7 @@ def study_pareto(
         executor: who solves and certifies some of the designs, as for `Chunked.run`.
         workers: processes, where there is no executor.
     """
-    problem = as_problem(problem)
+    problem = with_wall(problem)
     frequency = problem.frequencies_hz()
     low, high = problem.schedule.interaction_hz or HANDS_HZ
     inside = (frequency >= low) & (frequency <= high)

@@ -257,7 +257,7 @@ def simulations(
         some: places of those of the subjects who are simulated; None are all.
     """
     compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
-    engine = _engine(len(parameters))
+    engine = engine_for(len(parameters))
     places = np.arange(len(parameters)) if some is None else some
 
     def of(people: NDArray[np.intp]) -> Traces:
@@ -289,7 +289,7 @@ def resting(
 ) -> BoolArray:
     """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
     scenes = [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
-    return _last_speed(scenes, scenes[0][1], _engine(len(subjects))) < 1
+    return _last_speed(scenes, scenes[0][1], engine_for(len(subjects))) < 1
 
 
 def _last_speed(scenes: Sequence[Prepared], parameters: FloatArray, engine: Engine, *, workers: int = 1) -> FloatArray:
@@ -338,7 +338,7 @@ class Ends:
             compiled = scenes[0][0]
             each = [replace(compiled, effects=with_law(compiled.effects, laws[row])) for row in left.tolist()]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
-            speed = _last_speed(scenes, parameters, _engine(len(parameters)), workers=processors())
+            speed = _last_speed(scenes, parameters, engine_for(len(parameters)), workers=processors())
             found[left] = np.maximum(found[left], np.reshape(speed, (len(left), self.people)))
             if self._racing and scenes is not self._scenes[-1]:
                 rest = (found < 1).all(axis=1)
@@ -349,7 +349,8 @@ class Ends:
         return found
 
 
-def _engine(runs: int) -> Engine:
+def engine_for(runs: int) -> Engine:
+    """Return what runs many scenes at once: generated C where there is a compiler and more than a few."""
     return "native" if compiler() is not None and runs > _FEW else "auto"
 
 

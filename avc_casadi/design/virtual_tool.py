@@ -1,0 +1,294 @@
+"""Spring and damper between a device and a virtual tool: the stiffest that is stable, and the best damper for one."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from avc_casadi.claims.stability.tool_loop import ToolLoops
+from avc_casadi.model.lifted_loop import ToolGains
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class ToolSearchOptions:
+    """Numbers of the search.
+
+    Attributes:
+        softest: stiffness below which a coupling counts as none, as a share of m/T_s^2.
+        stiffest: stiffness at which a search ends, as a share of m/T^2.
+        dampers: number of dampers B tried, from `lightest` to `heaviest` times m/T, before the best is refined.
+        lightest: see above.
+        heaviest: see above.
+        precision: relative precision of a limit.
+        near_best: dampers with this share of the best damping ratio are good; the one with the widest gain margin wins.
+        widest_margin: gain margins are sought up to this.
+        local_ratios: dampers of the device's own loop that are tried beside a held force, as damping ratios of the
+            released device on the spring K: above 1 it would only creep back.
+    """
+
+    softest: float = 1e-5
+    stiffest: float = 10.0
+    dampers: int = 13
+    lightest: float = 1e-4
+    heaviest: float = 1.0
+    precision: float = 5e-3
+    near_best: float = 0.9
+    widest_margin: float = 4.0
+    local_ratios: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
+
+
+DEFAULT_OPTIONS = ToolSearchOptions()
+# Precision of a search that is not the last, and how far its first steps go.
+_COARSE, _FIRST_STEP = 2**0.5, 2.0
+# How far apart the stiffnesses are at which everything below a limit is checked to be stable, and down to which share.
+_CHECKED, _CHECKED_TO = 1.25, 0.02
+
+
+class Loops(Protocol):
+    """All loops that a coupling must make stable."""
+
+    def stable(self, gains: ToolGains) -> bool:
+        """Whether every loop is."""
+
+    def slowest(self, gains: ToolGains) -> Mode:
+        """Return the least damped oscillation of all loops."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What the search counts by.
+
+    Attributes:
+        mass_kg: of the lightest device.
+        damping_ns_per_m: of the device.
+        sample_time_s: T.
+        slow_s: the longest time in the loop: a step of the engine, a delay.
+    """
+
+    mass_kg: float
+    damping_ns_per_m: float
+    sample_time_s: float
+    slow_s: float
+
+    @classmethod
+    def of(cls, problem: Problem, slow_s: float) -> Scale:
+        """Take the device of a problem, and its lightest hand where it has no mass."""
+        device = problem.device
+        lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
+        mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
+        return cls(mass, device.damping_ns_per_m, device.sample_time_s, max(slow_s, device.sample_time_s))
+
+
+class CouplingSearch:
+    """Searches for spring and damper that make some loops stable.
+
+    Args:
+        loops: all of them.
+        scale: what is counted by.
+        options: numbers of the search.
+    """
+
+    def __init__(self, loops: Loops, scale: Scale, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
+        self._judge, self.scale, self.options = loops, scale, options
+
+    @cached_property
+    def dampers_ns_per_m(self) -> FloatArray:
+        """Dampers B that are tried, light ones first."""
+        o = self.options
+        return self.scale.mass_kg / self.scale.sample_time_s * np.geomspace(o.lightest, o.heaviest, o.dampers)
+
+    @property
+    def stiffest_n_per_m(self) -> float:
+        """Stiffness at which a search ends: that of a mass that swings faster than T can tell."""
+        return self.options.stiffest * self.scale.mass_kg / self.scale.sample_time_s**2
+
+    @property
+    def _softest_n_per_m(self) -> float:
+        return self.options.softest * self.scale.mass_kg / self.scale.slow_s**2
+
+    @property
+    def softest(self) -> ToolGains:
+        """The softest coupling that counts as one, with the middle damper."""
+        return ToolGains(self._softest_n_per_m, float(self.dampers_ns_per_m[self.options.dampers // 2]))
+
+    def stiffest(self, local_damping_ns_per_m: float = 0.0) -> ToolGains:
+        """Return the stiffest K up to which every loop is stable, with its best B; 0 where there is none.
+
+        Args:
+            local_damping_ns_per_m: damper of the device's loop beside it.
+        """
+        return self._summit(lambda k, b: ToolGains(k, b, local_damping_ns_per_m))
+
+    def stiffest_beside_local_damper(self) -> ToolGains:
+        """Return the stiffest K where the device's own loop damps the released device up to critically, with its B."""
+
+        def beside(ratio: float) -> ToolGains:
+            return self._summit(lambda k, b: ToolGains(k, b, self._local(k, ratio)))
+
+        found = [self.stiffest(), *map(beside, self.options.local_ratios)]
+        return max(found, key=lambda one: one.stiffness_n_per_m)
+
+    def _local(self, stiffness_n_per_m: float, ratio: float) -> float:
+        """Return the damper that gives the released device a damping ratio on a spring, beside its own."""
+        critical = 2 * math.sqrt(stiffness_n_per_m * self.scale.mass_kg)
+        return max(0.0, ratio * critical - self.scale.damping_ns_per_m)
+
+    def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
+        """Return the gains with the stiffest stable K over the dampers.
+
+        Args:
+            gains: of a stiffness and a damper.
+        """
+        dampers = self.dampers_ns_per_m.tolist()
+        limits = [self._limit(partial(_with, gains, b), self._softest_n_per_m, _COARSE) for b in dampers]
+        place = int(np.argmax(limits))
+        if limits[place] == 0:
+            return gains(0.0, 0.0)
+        found = [(limits[place], dampers[place])]
+
+        def softness(logarithm: float) -> float:
+            damping = math.exp(logarithm)
+            limit = self._limit(partial(_with, gains, damping), max(found)[0], 1 + self.options.precision)
+            found.append((limit, damping))
+            return -limit
+
+        ratio, middle = math.log(dampers[1] / dampers[0]), math.log(dampers[place])
+        minimize_scalar(
+            softness, bounds=(middle - ratio, middle + ratio), method="bounded", options={"maxiter": 12, "xatol": 0.02}
+        )
+        best = gains(0.0, 0.0)
+        for limit, damping in sorted(found, reverse=True):
+            if limit <= best.stiffness_n_per_m:
+                break
+            checked = self._without_gaps(partial(_with, gains, damping), limit)
+            best = max(best, checked, key=lambda one: one.stiffness_n_per_m)
+        return best
+
+    def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
+        """Return K with the dampers to be tried, the best damped first, then the lightest that damps half as well.
+
+        Of dampers nearly as good as the best the one with the widest margin counts. A light one passes on less of the
+        encoder's steps.
+
+        Args:
+            stiffness_n_per_m: K.
+            local: whether the device's own loop may damp too.
+            gain_margin: asked for; where no damper gives it, the one with the widest is returned alone.
+
+        Returns:
+            Empty where no damper makes every loop stable.
+        """
+        stable = [one for one in self._tried(stiffness_n_per_m, local=local, finer=True) if self._judge.stable(one)]
+        if not stable:
+            return []
+        between = [factor for factor in (math.sqrt(gain_margin), gain_margin) if factor > 1]
+        safe = [one for one in stable if all(self._judge.stable(one.times(factor)) for factor in between)]
+        if not safe:
+            return [max(stable, key=self.gain_margin)]
+        ratios = [self._judge.slowest(one).damping_ratio for one in safe]
+        share = self.options.near_best
+        best = max(_with_share(safe, ratios, share), key=self.gain_margin)
+        lightest = min(
+            _with_share(safe, ratios, share / 2), key=lambda one: one.damping_ns_per_m + one.local_damping_ns_per_m
+        )
+        return list(dict.fromkeys((best, lightest)))
+
+    def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
+        """Whether some damper makes every loop stable with this K."""
+        tried = self._tried(stiffness_n_per_m, local=local)
+        middle = len(tried) / 2
+        order = sorted(range(len(tried)), key=lambda place: abs(place - middle))
+        return any(self._judge.stable(tried[place]) for place in order)
+
+    def _tried(self, stiffness_n_per_m: float, *, local: bool, finer: bool = False) -> list[ToolGains]:
+        """Return the couplings of one stiffness that are tried."""
+        dampers = self.dampers_ns_per_m
+        if finer:
+            dampers = np.geomspace(dampers[0], dampers[-1], 2 * len(dampers) - 1)
+        locals_ = {0.0, *(self._local(stiffness_n_per_m, ratio) for ratio in self.options.local_ratios if local)}
+        return [
+            ToolGains(stiffness_n_per_m, damping, beside)
+            for beside in sorted(locals_)
+            for damping in ([0.0] if local else []) + dampers.tolist()
+        ]
+
+    def gain_margin(self, gains: ToolGains) -> float:
+        """Return how many times as large K and B may be together, 0 where they are not stable as they are."""
+        if not self._judge.stable(gains):
+            return 0.0
+        return _edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, 1.02)
+
+    def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
+        """Return the largest stable K about one that is near, 0 where there is none."""
+        low = near
+        while not self._judge.stable(gains(low)):
+            low /= _COARSE
+            if low < self._softest_n_per_m:
+                return 0.0
+        high = near if low < near else self.stiffest_n_per_m
+        return _edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
+
+    def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
+        """Return the gains at a limit, softened to where a softer coupling is unstable with the same dampers."""
+        count = math.ceil(math.log(1 / _CHECKED_TO) / math.log(_CHECKED))
+        softer = (limit * np.geomspace(_CHECKED_TO, 1.0, count + 1)).tolist()
+        if not self._judge.stable(gains(softer[0])):
+            return gains(0.0)
+        for before, after in itertools.pairwise(softer):
+            if not self._judge.stable(gains(after)):
+                end = _edge(lambda k: self._judge.stable(gains(k)), before, after, 1 + self.options.precision)
+                return gains(end)
+        return gains(limit)
+
+
+class ToolSearch(CouplingSearch):
+    """Searches for couplings of one problem with [simulation].
+
+    Args:
+        problem: with [simulation].
+        options: numbers of the search.
+
+    Attributes:
+        loops: of the problem.
+    """
+
+    def __init__(self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
+        self.loops = ToolLoops(problem)
+        super().__init__(self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options)
+
+
+def _with_share(gains: list[ToolGains], ratios: list[float], share: float) -> list[ToolGains]:
+    """Return those whose damping ratio is so large a share of the best."""
+    return [one for one, ratio in zip(gains, ratios, strict=True) if ratio >= share * max(ratios)]
+
+
+def _with(gains: Callable[[float, float], ToolGains], damping: float, stiffness: float) -> ToolGains:
+    return gains(stiffness, damping)
+
+
+def _edge(stable: Callable[[float], bool], low: float, high: float, precision: float) -> float:
+    """Return where stability ends between a value that has it and a larger one, bisected in the logarithm."""
+    while low < high:
+        after = min(_FIRST_STEP * low, high)
+        if not stable(after):
+            high = after
+            break
+        low = after
+    else:
+        return low
+    while high > precision * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low

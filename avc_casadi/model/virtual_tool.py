@@ -1,0 +1,163 @@
+"""The simulation at the other end of a coupling: a tool of its own mass, moved by an engine at its own rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
+
+from avc_casadi.model.quantity import (
+    LARGEST_DAMPING_NS_PER_M,
+    LARGEST_STIFFNESS_N_PER_M,
+    Quantity,
+    Stiffness,
+    Table,
+    Whole,
+    ordered,
+    refusal,
+    shown,
+)
+
+ToolIntegrator = Literal["semi-implicit", "explicit", "implicit-damping", "implicit"]
+Exchange = Literal["on-time", "late", "ahead", "held-force"]
+Interval = tuple[float, float]
+
+RIGID_N_PER_M = LARGEST_STIFFNESS_N_PER_M
+"""A contact of this stiffness is rigid: the tool stops at it."""
+
+
+def interval(one: Quantity, *, unbounded: bool = False) -> Callable[[Any], Interval]:
+    """Return the validator of a number, or of [lowest, highest]; both become a pair.
+
+    Args:
+        one: validator of each end.
+        unbounded: whether `inf` stands for the largest value.
+    """
+
+    def end(value: Any) -> float:
+        if unbounded and isinstance(value, float) and value == math.inf:
+            return one.highest
+        return one(value)
+
+    def read(value: Any) -> Interval:
+        if not isinstance(value, list | tuple):
+            return (end(value), end(value))
+        if len(value) != 2:
+            raise refusal(f"is {shown(value)}; allowed: a number, or two, [lowest, highest]")
+        return ordered((end(value[0]), end(value[1])))
+
+    return read
+
+
+_Masses = Annotated[Interval, BeforeValidator(interval(Quantity("kg", 1e-9, 1e6, zero=False)))]
+_Dampings = Annotated[Interval, BeforeValidator(interval(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(interval(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Steps = Annotated[Interval, BeforeValidator(interval(Quantity("s", 1e-7, 10, zero=False)))]
+_Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
+_Late = Annotated[int, BeforeValidator(Whole(0, 8))]
+
+
+class VirtualTool(Table):
+    """The table [simulation]: a tool that an engine moves, joined to the device by a spring K and a damper B.
+
+    Every T the device holds F = -(K (x - x_s) + B (v - v_s)), x_s and v_s what it knows of the tool; every step the
+    engine moves the tool by F_t = K (x - x_t) + B (v - v_t), x the newest sample of the device. Every value with
+    [lowest, highest] may be a number. Positions and forces of the scene are `position_scale` times those of the device,
+    and divided by `force_scale`: a tool of the mass m feels as heavy as m position_scale force_scale.
+
+    Attributes:
+        tool_mass_kg: [lowest, highest]; None: nothing moves, and the spring leads to a place that the engine sets.
+        step_s: time between two steps of the engine, [shortest, longest].
+        tool_damping_ns_per_m: of the tool towards the ground of the scene.
+        integrator: semi-implicit (MuJoCo's Euler, Bullet, PhysX, CHAI3D), explicit, implicit-damping (MuJoCo's
+            implicitfast, with the coupling's damper in the engine), implicit (SOFA).
+        exchange: what the device is given of the tool: on-time, the state that the engine's step began with; late, that
+            of the step before; ahead, the state that the step has just made; held-force, the force that the engine
+            makes of the device's sample, for a step.
+        steps_late: whole steps that this arrives later still.
+        contact_stiffness_n_per_m: what the tool touches; free, and rigid where the range is unbounded, belong to it.
+        contact_damping_ns_per_m: damper of the contact; None: the critical one of tool and contact, MuJoCo's default.
+        position_scale: metres of the scene for a metre of the device.
+        force_scale: newtons at the device for a newton of the scene.
+        stiffness_n_per_m: K that is wanted, at the device; None: the stiffest.
+    """
+
+    tool_mass_kg: _Masses | None = None
+    step_s: _Steps
+    tool_damping_ns_per_m: _Dampings = (0.0, 0.0)
+    integrator: ToolIntegrator = "semi-implicit"
+    exchange: Exchange = "on-time"
+    steps_late: _Late = 0
+    contact_stiffness_n_per_m: _Contacts = (0.0, RIGID_N_PER_M)
+    contact_damping_ns_per_m: _Dampings | None = None
+    position_scale: _Scale = 1.0
+    force_scale: _Scale = 1.0
+    stiffness_n_per_m: Stiffness | None = None
+
+    @property
+    def scale(self) -> float:
+        """Mass, damping or stiffness at the device for one of the scene."""
+        return self.position_scale * self.force_scale
+
+    @property
+    def queued(self) -> int:
+        """Number of steps of the engine for which what it hands out is kept back."""
+        return self.steps_late + (self.exchange == "late")
+
+    @property
+    def rigid(self) -> bool:
+        """Whether what it touches may be rigid."""
+        return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
+
+
+@dataclass(frozen=True)
+class ToolState:
+    """A virtual tool with its numbers settled, as the device counts its positions and forces.
+
+    Attributes:
+        mass_kg: m_t; infinite where nothing moves.
+        damping_ns_per_m: b_t.
+        contact_stiffness_n_per_m: k_c of what it touches; 0 in free motion, infinite where it stands still.
+        contact_damping_ns_per_m: b_c.
+    """
+
+    mass_kg: float
+    damping_ns_per_m: float
+    contact_stiffness_n_per_m: float
+    contact_damping_ns_per_m: float
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the tool stands still."""
+        return math.isinf(self.mass_kg) or math.isinf(self.contact_stiffness_n_per_m)
+
+
+def tool_states(tool: VirtualTool, contact_stiffness_n_per_m: float) -> list[ToolState]:
+    """Return the corners of a tool that touches something, as the device counts them, light ones first.
+
+    Args:
+        tool: with its ranges.
+        contact_stiffness_n_per_m: in the scene; `RIGID_N_PER_M` or more is rigid.
+    """
+    if tool.tool_mass_kg is None:
+        return [ToolState(math.inf, 0.0, math.inf, 0.0)]
+    rigid = contact_stiffness_n_per_m >= RIGID_N_PER_M
+    contact = math.inf if rigid else contact_stiffness_n_per_m
+    return [
+        ToolState(tool.scale * mass, tool.scale * damping, tool.scale * contact, tool.scale * contact_damping)
+        for mass in sorted(set(tool.tool_mass_kg))
+        for damping in sorted(set(tool.tool_damping_ns_per_m))
+        for contact_damping in _dampers_ns_per_m(tool, mass, contact)
+    ]
+
+
+def _dampers_ns_per_m(tool: VirtualTool, mass_kg: float, stiffness_n_per_m: float) -> list[float]:
+    """Return the dampers of a contact, in the scene; neither a free tool nor a rigid contact has one."""
+    if stiffness_n_per_m == 0 or math.isinf(stiffness_n_per_m):
+        return [0.0]
+    if tool.contact_damping_ns_per_m is None:
+        return [2 * math.sqrt(stiffness_n_per_m * mass_kg)]
+    return sorted(set(tool.contact_damping_ns_per_m))

@@ -1,0 +1,195 @@
+"""A coupling to a simulation at a glance: spring and damper, what they feel like, what holds, what limits them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# A gain margin below which a row warns.
+_SAFE = 1.5
+_MOST_HELPS = 3
+
+
+def tool_page(
+    document: dict[str, Any],
+    problem: Problem,
+    page: Page,
+    shown: str = "P",
+    written: str | None = None,
+    *,
+    verbose: bool = False,
+) -> str:
+    """Return the `recommend` document of a problem with [simulation] as a headline and about ten rows.
+
+    Args:
+        document: of `avc recommend --json`.
+        problem: what it was asked for.
+        page: where it is printed.
+        shown: the problem as the user names it.
+        written: file that holds the coupling, if one was written.
+        verbose: with all that is known below.
+    """
+    commands = [f"avc recommend {shown} --out coupling.json" if written is None else f"avc export {written} --c DIR"]
+    if document["coupling"] is None:
+        commands = [f"avc check {shown}"]
+    text = page.rendered(headline(problem, shown), tool_rows(document, problem), commands)
+    if verbose:
+        text = "\n".join([text, "", problem.units.text("\n".join(_all(document, problem)))])
+    return text
+
+
+def headline(problem: Problem, shown: str) -> str:
+    """Return a problem with [simulation] in a line: tool, engine, device.
+
+    Args:
+        problem: the problem.
+        shown: as the user names it.
+    """
+    device, tool, unit = problem.device, problem.simulation, problem.units.unit
+    assert tool is not None  # noqa: S101 - asked of problems with one
+    what = "a fixed place" if tool.tool_mass_kg is None else f"a tool of {_span(tool.tool_mass_kg, unit('kg'))}"
+    late = f", {tool.steps_late} steps late" if tool.steps_late > 1 else ", one step late" if tool.steps_late else ""
+    return (
+        f"{shown}   {what} at {_span([1 / step for step in reversed(tool.step_s)], 'Hz')}, {tool.integrator}, "
+        f"{tool.exchange}{late} · device {quantity(device.mass_kg, unit('kg'))}, "
+        f"{quantity(1 / device.sample_time_s, 'Hz')}, delay {device.delay_samples:g}"
+    )
+
+
+def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
+    """Return the rows of the `recommend` document.
+
+    Args:
+        document: of `avc recommend --json`.
+        problem: what it was asked for.
+    """
+    found = document["simulation"]
+    if document["coupling"] is None:
+        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
+        return [none, *_needed(found, problem), _limit(document, problem)]
+    return [
+        _coupling(found, problem),
+        *_felt(found, problem),
+        _stability(document, problem),
+        _simulated(document),
+        _force(document, problem),
+        *_needed(found, problem),
+        _limit(document, problem),
+    ]
+
+
+def _coupling(found: dict[str, Any], problem: Problem) -> Row:
+    unit = problem.units.unit
+    text = f"spring K {quantity(found['stiffness_n_per_m'], unit('N/m'))}"
+    if found["damping_ns_per_m"] > 0:
+        text += f", damper B {quantity(found['damping_ns_per_m'], unit('N.s/m'))}"
+    if found["local_damping_ns_per_m"] > 0:
+        text += f", damper in the device's loop {quantity(found['local_damping_ns_per_m'], unit('N.s/m'))}"
+    scene = found["in_scene"]
+    if scene["stiffness_n_per_m"] != found["stiffness_n_per_m"]:
+        k, b = quantity(scene["stiffness_n_per_m"], unit("N/m")), quantity(scene["damping_ns_per_m"], unit("N.s/m"))
+        text += f"; in the scene {k}, {b}"
+    return Row("Coupling", text, Mark.PASS)
+
+
+def _felt(found: dict[str, Any], problem: Problem) -> list[Row]:
+    unit, felt = problem.units.unit, found["felt"]
+    if not felt:
+        return []
+    stiff = ", ".join(
+        f"{quantity(one['stiffness_n_per_m'], unit('N/m'))} at {one['frequency_hz']:g} Hz" for one in felt
+    )
+    rows = [
+        Row("Rigid object", f"{quantity(found['rendered_stiffness_n_per_m'], unit('N/m'))} pressed, {stiff}"),
+    ]
+    moved = felt[0]
+    if moved["mass_kg"] is not None:
+        errors = ", ".join(f"{percent(one['free_error'])} at {one['frequency_hz']:g} Hz" for one in felt)
+        told = (
+            f"feels like {quantity(moved['mass_kg'], unit('kg'))} with a drag of "
+            f"{quantity(moved['drag_ns_per_m'], unit('N.s/m'))}; impedance error {errors}"
+        )
+        rows.append(Row("Free motion", told))
+    return rows
+
+
+def _stability(document: dict[str, Any], problem: Problem) -> Row:
+    found, mode = document["simulation"], document["simulation"]["least_damped"]
+    margin = found["gain_margin"]
+    told = f"all hands and released, {document['certificate']['loops']} loops; gain margin {margin:.2g}"
+    if mode["damping_ratio"] < 1:
+        seconds = quantity(mode["time_constant_s"], "s", 2)
+        told += (
+            f"; least damped {mode['damping_ratio']:.2g} at {quantity(mode['frequency_hz'], 'Hz')}, {seconds} to 1/e"
+        )
+    if not found["mismatch_stable"]:
+        told += "; not on devices 10 % off"
+    del problem
+    return Row("Stability", told, Mark.PASS if margin >= _SAFE and found["mismatch_stable"] else Mark.CAUTION)
+
+
+def _simulated(document: dict[str, Any]) -> Row:
+    trial = document["trial"]
+    free, dropped, hands = trial["settled_without_friction"], trial["settled_with_dropped_steps"], trial["hands"]
+    told = (
+        f"{trial['settled']} of {hands} hands settle ({', '.join(trial['motions'])}), {free} without friction, "
+        f"{dropped} with {100 * trial['dropped_share']:g} % of the steps missed"
+    )
+    return Row("Simulated", told, Mark.PASS if min(trial["settled"], free, dropped) == hands else Mark.CAUTION)
+
+
+def _force(document: dict[str, Any], problem: Problem) -> Row:
+    tap, limit, unit = document["trial"]["tap_force_n"], problem.device.max_force_n, problem.units.unit("N")
+    label = problem.units.key("force").capitalize()
+    if limit is not None and tap >= 0.97 * limit:
+        return Row(label, f"a tap reaches the limit of {quantity(limit, unit)}", Mark.CAUTION)
+    return Row(label, f"a tap reaches {quantity(tap, unit)}")
+
+
+def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
+    """Tell how light the tool, how slow the engine and which exchange may be for the same K."""
+    unit, parts = problem.units.unit, []
+    if found["least_tool_mass_kg"] is not None:
+        parts.append(f"a tool of {quantity(found['least_tool_mass_kg'], unit('kg'))} or more")
+    if found["slowest_step_s"] is not None:
+        parts.append(f"a step up to {quantity(found['slowest_step_s'], 's')}")
+    if found["exchanges"]:
+        held = [name for name, holds in found["exchanges"].items() if holds]
+        parts.append(f"exchange {', '.join(held) or 'none'}")
+    return [Row("The same K holds", ", ".join(parts))] if parts else []
+
+
+def _limit(document: dict[str, Any], problem: Problem) -> Row:
+    unit = problem.units.unit("N/m")
+    helps = "".join(
+        f"; {one['change']} {quantity(one['stiffest_n_per_m'], unit)}"
+        for one in document["what_would_help"][:_MOST_HELPS]
+    )
+    return Row("Linear limit", f"K {quantity(document['simulation']['stiffest_n_per_m'], unit)}{helps}")
+
+
+def _all(document: dict[str, Any], problem: Problem) -> list[str]:
+    found, unit = document["simulation"], problem.units.unit
+    case = found["limited_by"]
+    hand = case["hand"]
+    who = "the device released"
+    if any(hand.values()):
+        who = ", ".join(
+            quantity(hand[key], unit(of))
+            for key, of in (("mass_kg", "kg"), ("damping_ns_per_m", "N.s/m"), ("stiffness_n_per_m", "N/m"))
+        )
+    lines = [f"limited by: {who}; step {quantity(case['step_s'], 's')}"]
+    if document["certificate"]:
+        lines.append(f"claim: {document['certificate']['claim']}")
+    lines += [f"assumed: {gap}" for gap in document["assumed"]]
+    lines += [f"not used: {what}" for what in document["not_used"]]
+    return [*lines, f"reason: {document['reason']}"]
+
+
+def _span(values: tuple[float, ...] | list[float], unit: str) -> str:
+    low, high = min(values), max(values)
+    return quantity(low, unit) if low == high else f"{quantity(low, unit)} to {quantity(high, unit)}"

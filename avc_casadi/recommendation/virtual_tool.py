@@ -1,0 +1,423 @@
+"""Recommend the coupling between a device and a simulation: spring, damper, what they feel like, what limits them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.arrays import Comparable
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import short
+from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
+from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.files.tool_coupling_file import tool_coupling_document
+from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.recommendation.preconditions import assumed, not_used
+from avc_casadi.recommendation.tool_impedance import Felt, felt_tool
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
+from avc_casadi.tool_coupling import ToolCoupling
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.claims.stability.tool_loop import ToolCase
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import Exchange, VirtualTool
+
+
+@dataclass(frozen=True)
+class ToolOptions:
+    """Numbers of the recommendation.
+
+    Attributes:
+        gain_margin: K and B may be this many times as large before a hand, released, a tool or a contact is unstable.
+            Usual design margins lie between 1.5 and 2 (Astrom and Murray, Feedback Systems, 10.3).
+        share_of_limit: where no stiffness is wanted, the first tried is this share of the stiffest: within the margin,
+            with room to choose the damper.
+        softer: each next one is so many times the one before, where hands do not settle.
+        tries: how many are tried.
+        mismatch: share by which mass and damping of the device may be off.
+        later_samples: by which its delay may be longer.
+        heaviest: a tool so many times heavier is looked at, at most.
+        slowest: as is a step so many times longer.
+    """
+
+    gain_margin: float = 1.5
+    share_of_limit: float = 0.6
+    softer: float = 0.85
+    tries: int = 8
+    mismatch: float = 0.1
+    later_samples: float = 0.25
+    heaviest: float = 100.0
+    slowest: float = 64.0
+
+
+OPTIONS = ToolOptions()
+
+
+@dataclass(frozen=True)
+class ToolHelp:
+    """A change and the stiffest coupling that it allows.
+
+    Attributes:
+        change: what, in words.
+        stiffest_n_per_m: K with the best B, linear stability alone.
+    """
+
+    change: str
+    stiffest_n_per_m: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToolRecommendation(Comparable):
+    """The coupling to a simulation that may be deployed, and what is known of it.
+
+    Attributes:
+        problem: as stated.
+        coupling: tried and judged; None where none is deployable.
+        deployable: whether it may go into device and engine.
+        reason: one sentence: why this one, or why none.
+        stiffest: the limit: the stiffest K that is linearly stable with every hand, tool and contact, with its B.
+        gain_margin: how many times as large K and B may be together; None without a coupling.
+        mode: the least damped oscillation of all loops; None without a coupling.
+        worst: the loop with the largest spectral radius at the limit.
+        felt: what it feels like at the handle.
+        trial: how simulated hands fared; None without a coupling.
+        mismatch: whether devices a tenth off and a quarter of a sample late are linearly stable too.
+        least_tool_mass_kg: the lightest tool with which the same K is stable with some B; None where none is, or where
+            nothing moves.
+        slowest_step_s: the longest step of the engine with which it is.
+        exchanges: with which exchanges it is.
+        helps: what would allow a stiffer one.
+        assumed: what is assumed.
+        not_used: what the problem declares and nothing here uses.
+    """
+
+    problem: Problem
+    coupling: ToolCoupling | None
+    deployable: bool
+    reason: str
+    stiffest: ToolGains
+    gain_margin: float | None
+    mode: Mode | None
+    worst: ToolCase
+    felt: tuple[Felt, ...]
+    trial: ToolTrial | None
+    mismatch: bool | None
+    least_tool_mass_kg: float | None
+    slowest_step_s: float | None
+    exchanges: Mapping[str, bool]
+    helps: tuple[ToolHelp, ...]
+    assumed: tuple[str, ...]
+    not_used: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        if self.coupling is None:
+            return f"ToolRecommendation({self.problem.name!r}: none; {self.reason})"
+        k, b = self.coupling.gains.stiffness_n_per_m, self.coupling.gains.damping_ns_per_m
+        return f"ToolRecommendation({self.problem.name!r}: K {short(k, 'N/m')}, B {short(b, 'N.s/m')}; {self.reason})"
+
+    def document(self) -> dict[str, Any]:
+        """Return the `recommend` document: JSON values only; what asks for a wall is null."""
+        gains = None if self.coupling is None else self.coupling.gains
+        tried = None if self.trial is None else self.trial.document()
+        rendered = None if tried is None else tried["rendered_stiffness_n_per_m"]
+        found: dict[str, Any] = plain(
+            {
+                "schema": "avc-recommend/1",
+                "problem": self.problem.name,
+                "deployable": self.deployable,
+                "rest": None,
+                "reason": self.reason,
+                "coupling": None if self.coupling is None else tool_coupling_document(self.coupling),
+                "simulation": {
+                    "stiffness_n_per_m": None if gains is None else gains.stiffness_n_per_m,
+                    "damping_ns_per_m": None if gains is None else gains.damping_ns_per_m,
+                    "local_damping_ns_per_m": None if gains is None else gains.local_damping_ns_per_m,
+                    "in_scene": None if self.coupling is None else vars(self.coupling.in_scene),
+                    "stiffest_n_per_m": self.stiffest.stiffness_n_per_m,
+                    "stiffest_with": vars(self.stiffest),
+                    "least_tool_mass_kg": self.least_tool_mass_kg,
+                    "slowest_step_s": self.slowest_step_s,
+                    "exchanges": dict(self.exchanges),
+                    "rendered_stiffness_n_per_m": rendered,
+                    "gain_margin": self.gain_margin,
+                    "least_damped": None if self.mode is None else asdict(self.mode),
+                    "felt": [asdict(one) for one in self.felt],
+                    "mismatch_stable": self.mismatch,
+                    "limited_by": asdict(self.worst),
+                },
+                "felt": {"stiffness_n_per_m": rendered, "share_of_wall": None},
+                "stiffest_wall_n_per_m": None,
+                "plain_wall_n_per_m": None,
+                "with_friction_n_per_m": None,
+                "trial": tried,
+                "confirmed": None,
+                "other_hands": {},
+                "off_file": None,
+                "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
+                "what_would_help": [vars(one) for one in self.helps],
+                "considered": 1,
+                "assumed": list(self.assumed),
+                "not_used": list(self.not_used),
+            }
+        )
+        return found
+
+
+def recommend_tool(
+    problem: Problem,
+    hands: int = 100,
+    seed: int = 0,
+    *,
+    versions: Mapping[str, str] | None = None,
+    progress: Progress = SILENT,
+    options: ToolOptions = OPTIONS,
+) -> ToolRecommendation:
+    """Choose spring and damper between a device and the tool of a simulation.
+
+    Every loop of the answer is linearly stable: hands of [hands] and the device released, free and rigid contact and
+    the springs between, every corner of device and tool, with a margin; and simulated hands settle in every motion.
+
+    Args:
+        problem: with [simulation].
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw.
+        versions: of what makes it, by package; written into the coupling.
+        progress: told of the couplings that are tried.
+        options: numbers of the recommendation.
+
+    Raises:
+        InputError: the problem has no [simulation].
+    """
+    tool, search = required_tool(problem), ToolSearch(problem)
+    local = tool.exchange == "held-force"
+    stiffest = search.stiffest_beside_local_damper() if local else search.stiffest()
+    limit, wanted = stiffest.stiffness_n_per_m, tool.stiffness_n_per_m
+    why = _hopeless(problem, search, limit)
+    gains, trial = None, None
+    if not why and (wanted is None or search.holds(wanted, local=local)):
+        first = options.share_of_limit * limit if wanted is None else wanted
+        gains, trial = _tried(problem, search, first, hands, seed, progress, options, local=local)
+    if not why and gains is None:
+        why = _why_none(problem, wanted, limit, trial)
+    coupling, deployable = None, gains is not None
+    margin = mode = None
+    if gains is not None and trial is not None:
+        margin, mode = search.gain_margin(gains), search.loops.slowest(gains)
+        certificate = _certificate(search, gains, margin)
+        coupling = ToolCoupling(problem, gains, certificate, trial.document(), versions or {})
+    same = gains.stiffness_n_per_m if gains is not None else wanted
+    return ToolRecommendation(
+        problem=problem,
+        coupling=coupling,
+        deployable=deployable,
+        reason=why or _reason(tool, wanted, margin or 0.0, options),
+        stiffest=stiffest,
+        gain_margin=margin,
+        mode=mode,
+        worst=search.loops.radius(stiffest.times(1.02) if limit else search.softest)[1],
+        felt=() if gains is None else tuple(felt_tool(problem, gains)),
+        trial=trial if deployable else None,
+        mismatch=None if gains is None else _holds_off(problem, gains, options),
+        least_tool_mass_kg=None if same is None or tool.tool_mass_kg is None else _least_mass(problem, same, options),
+        slowest_step_s=None if same is None else _slowest_step(problem, same, options),
+        exchanges={} if same is None else _exchanges(problem, same),
+        helps=_helps(problem, limit),
+        assumed=(*assumed(problem), *_assumed(tool)),
+        not_used=not_used(problem),
+    )
+
+
+def _tried(
+    problem: Problem,
+    search: ToolSearch,
+    first_n_per_m: float,
+    hands: int,
+    seed: int,
+    progress: Progress,
+    options: ToolOptions,
+    *,
+    local: bool,
+) -> tuple[ToolGains | None, ToolTrial | None]:
+    """Return the stiffest of some couplings with which all hands settle, without dry friction too where one does.
+
+    Returns:
+        No gains where none does; the trial of the last one then.
+    """
+    tool = required_tool(problem)
+    people = people_of(problem.hands, hands, seed)
+    count = options.tries if tool.stiffness_n_per_m is None else 1
+    trial, stiffness = None, first_n_per_m
+    leaning: tuple[ToolGains, ToolTrial] | None = None
+    for number in range(count):
+        progress.advance(number, count, f"K of {short(stiffness, problem.units.unit('N/m'))}")
+        for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
+            trial = try_tool(problem, gains, people, seed)
+            if trial.settled:
+                return gains, trial
+            if leaning is None and trial.settled_with_friction:
+                leaning = gains, trial
+        stiffness *= options.softer
+    return leaning or (None, trial)
+
+
+def _hopeless(problem: Problem, search: ToolSearch, limit_n_per_m: float) -> str:
+    """Return why no coupling is stable at all; empty where one is."""
+    tool = required_tool(problem)
+    if problem.device.mass_kg == 0:
+        return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
+    if limit_n_per_m > 0:
+        return ""
+    if not search.loops.engine_alone_stable():
+        unit, lightest = problem.units.unit, min(tool.tool_mass_kg or (math.inf,))
+        stiffest = short(tool.contact_stiffness_n_per_m[1], unit("N/m"))
+        return (
+            f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of "
+            f"{short(max(tool.step_s), 's')} with {short(lightest, unit('kg'))} (dt sqrt(k/m) must stay well below 2); "
+            "a shorter step, a softer or a rigid contact, a heavier tool, an implicit integrator"
+        )
+    return "no spring and damper is stable with every hand, released, tool and contact: see what would help"
+
+
+def _why_none(problem: Problem, wanted: float | None, limit: float, trial: ToolTrial | None) -> str:
+    if wanted is not None and trial is None:
+        unit = problem.units.unit("N/m")
+        return f"{short(wanted, unit)} is wanted, and the stiffest coupling that is stable is {short(limit, unit)}"
+    settled = 0 if trial is None else int(trial.stable.sum())
+    asked = 0 if trial is None else trial.hands
+    return f"of {asked} simulated hands {settled} settle with the softest coupling that was tried"
+
+
+def _reason(tool: VirtualTool, wanted: float | None, margin: float, options: ToolOptions) -> str:
+    what = (
+        "the stiffness that is wanted" if wanted is not None else "the stiffest with its margin and all hands settled"
+    )
+    if margin < options.gain_margin:
+        what += f"; K and B may be no more than {margin:.2g} times as large"
+    return f"{what}, exchange {tool.exchange}"
+
+
+def _certificate(search: ToolSearch, gains: ToolGains, margin: float) -> dict[str, Any]:
+    """Return what is claimed of the loops."""
+    radius, case = search.loops.radius(gains)
+    return {
+        "stable": search.loops.stable(gains),
+        "spectral_radius": radius,
+        "worst": asdict(case),
+        "loops": len(search.loops),
+        "gain_margin": margin,
+        "claim": (
+            "linear stability of the lifted loop: every hand of [hands] and the device released, corners of device and "
+            "tool, free motion, rigid contact and the contact springs of the range, every phase of the clocks"
+        ),
+    }
+
+
+def _holds_off(problem: Problem, gains: ToolGains, options: ToolOptions) -> bool:
+    """Whether the gains are stable on devices about the nominal one, or all over the ranges that are declared."""
+    device, known, off = problem.device, problem.device.range, options.mismatch
+    about = {
+        key: getattr(known, key) or (getattr(device, key) * (1 - off), getattr(device, key) * (1 + off))
+        for key in ("mass_kg", "damping_ns_per_m")
+    }
+    about["delay_samples"] = known.delay_samples or (device.delay_samples, device.delay_samples + options.later_samples)
+    return ToolLoops(problem.changed(device={"range": about})).stable(gains)
+
+
+def _least_mass(problem: Problem, stiffness_n_per_m: float, options: ToolOptions) -> float | None:
+    """Return the lightest tool with which a stiffness is stable: down from the declared one, or up to where it is."""
+    tool = required_tool(problem)
+    declared = min(tool.tool_mass_kg or (1.0,))
+
+    def holds(mass_kg: float) -> bool:
+        return _search(problem, tool_mass_kg=mass_kg).holds(stiffness_n_per_m, local=tool.exchange == "held-force")
+
+    if holds(declared):
+        return _between(holds, declared / options.heaviest, declared)
+    mass = declared
+    while mass < options.heaviest * declared:
+        mass *= 2
+        if holds(mass):
+            return _between(holds, mass / 2, mass)
+    return None
+
+
+def _between(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the smallest value, down to `low`, from which on all up to `high` hold, within 2 %."""
+    while high > low:
+        lower = max(high / 2, low)
+        if not holds(lower):
+            low = lower
+            break
+        high = lower
+    else:
+        return high
+    while high > 1.02 * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high
+
+
+def _slowest_step(problem: Problem, stiffness_n_per_m: float, options: ToolOptions) -> float | None:
+    """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is."""
+    tool, t = required_tool(problem), problem.device.sample_time_s
+
+    def holds(samples: int) -> bool:
+        search = _search(problem, step_s=samples * t)
+        return search.holds(stiffness_n_per_m, local=tool.exchange == "held-force")
+
+    most = math.ceil(options.slowest * max(tool.step_s) / t)
+    good, bad = 0, 1
+    while bad <= most and holds(bad):
+        good, bad = bad, 2 * bad
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (middle, bad) if middle <= most and holds(middle) else (good, middle)
+    return good * t if good else None
+
+
+def _exchanges(problem: Problem, stiffness_n_per_m: float) -> dict[str, bool]:
+    """Return with which exchanges a stiffness is stable with some damper."""
+    names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
+    return {
+        name: _search(problem, exchange=name).holds(stiffness_n_per_m, local=name == "held-force") for name in names
+    }
+
+
+def _helps(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, ...]:
+    """Return what would allow a stiffer coupling, the most first."""
+    tool, t = required_tool(problem), problem.device.sample_time_s
+    step_s = max(tool.step_s)
+    changes: dict[str, dict[str, Any]] = {}
+    if step_s >= 2 * t:
+        changes["an engine twice as fast"] = {"step_s": step_s / 2}
+    if tool.exchange != "on-time" or tool.steps_late:
+        changes["the tool's state on time"] = {"exchange": "on-time", "steps_late": 0}
+    if tool.tool_mass_kg is not None:
+        changes["a tool twice as heavy"] = {"tool_mass_kg": [2 * mass for mass in tool.tool_mass_kg]}
+    if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
+        changes["an implicit integrator"] = {"integrator": "implicit"}
+    found = [
+        ToolHelp(change, _search(problem, **keys).stiffest().stiffness_n_per_m) for change, keys in changes.items()
+    ]
+    better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
+    return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
+
+
+def _search(problem: Problem, **simulation: Any) -> ToolSearch:
+    return ToolSearch(problem.changed(simulation=simulation))
+
+
+def _assumed(tool: VirtualTool) -> list[str]:
+    found = []
+    if tool.rigid and tool.tool_mass_kg is not None:
+        found.append(
+            "the engine's contacts are constraints: the tool is free or stands still; give a range with an end"
+        )
+    if len(set(tool.step_s)) == 1:
+        found.append("the engine's step is steady: a range of step_s takes jitter in")
+    return found

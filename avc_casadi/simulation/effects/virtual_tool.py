@@ -1,0 +1,204 @@
+"""A simulation at the other end of the coupling: an engine that moves its tool at its own rate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.effects import EffectTable, SimulationEffect
+from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolState, VirtualTool, tool_states
+from avc_casadi.simulation.effects.base import SceneEffect, Station
+from avc_casadi.simulation.tick import Expr, Tick
+
+
+@dataclass(frozen=True)
+class Engine(SceneEffect):
+    """An engine, its tool, what that touches, and the coupling to the device.
+
+    The contact is one-sided, at x = 0: rigid, the tool stops there within the step, as constraint solvers have it; or a
+    spring and damper that never pull.
+
+    Attributes:
+        tool: the [simulation].
+        state: the tool and its contact, as the device counts them.
+        gains: of the coupling.
+        dropped_share: share of the engine's steps that it misses.
+        seed: of the draws.
+    """
+
+    kind: ClassVar[str] = "simulation"
+    keys: ClassVar[type[EffectTable]] = SimulationEffect
+    rank: ClassVar[float] = 155
+    role: ClassVar[str] = "environment"
+    station: ClassVar[Station] = Station.COMPUTATION
+
+    tool: VirtualTool
+    state: ToolState
+    gains: ToolGains
+    dropped_share: float
+    seed: int
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take tool and engine from [simulation]: the heaviest tool, the stiffest contact.
+
+        Raises:
+            InputError: the problem has no [simulation], or no gains were given.
+        """
+        tool, faults = problem.simulation, []
+        if tool is None:
+            faults.append((place, "is listed and [simulation] is missing; allowed: both, or neither"))
+        if table.stiffness_n_per_m is None:
+            message = "is missing; allowed: a stiffness, or a coupling to the simulation (avc recommend)"
+            faults.append((f"{place}.stiffness_n_per_m", message))
+        if tool is None or table.stiffness_n_per_m is None:
+            raise InputError([Fault(problem.name or "problem", None, key, message) for key, message in faults])
+        stiffest = tool.contact_stiffness_n_per_m[1]
+        contact = stiffest if table.contact_stiffness_n_per_m is None else table.contact_stiffness_n_per_m
+        gains = ToolGains(table.stiffness_n_per_m, table.damping_ns_per_m, table.local_damping_ns_per_m)
+        return cls(tool, tool_states(tool, contact)[-1], gains, table.dropped_share, table.seed)
+
+    def touching(self, contact_stiffness_n_per_m: float) -> Self:
+        """Return the same with another contact, in the scene."""
+        return replace(self, state=tool_states(self.tool, contact_stiffness_n_per_m)[-1])
+
+    @property
+    def numbers(self) -> FloatArray:
+        """Gains, tool and contact; a mass that never moves, and a contact that is rigid, are infinite."""
+        gains, state = self.gains, self.state
+        return np.array(
+            [
+                gains.stiffness_n_per_m,
+                gains.damping_ns_per_m,
+                gains.local_damping_ns_per_m,
+                state.mass_kg,
+                state.damping_ns_per_m,
+                state.contact_stiffness_n_per_m,
+                state.contact_damping_ns_per_m,
+            ]
+        )
+
+    def sample(self, tick: Tick) -> None:
+        """Let the engine step where its time has come, and add the force of the coupling."""
+        import casadi as ca  # noqa: PLC0415
+
+        names = ("coupling_n_per_m", "coupling_ns_per_m", "local_ns_per_m", "tool_kg", "tool_ns_per_m")
+        k, b, local, mass, drag = (tick.parameter(name) for name in names)
+        contact, contact_damping = tick.parameter("contact_n_per_m"), tick.parameter("contact_ns_per_m")
+        moves = not math.isinf(self.state.mass_kg)
+        start_m = min(tick.start_m, 0.0) if moves else 0.0
+        place = tick.position
+        last, older = tick.state("engine_last_m", tick.start_m), tick.state("engine_older_m", tick.start_m)
+        x, v = tick.state("tool_m", start_m), tick.state("tool_m_per_s")
+        time_s = tick.input("engine_step_s", self._steps_s(tick.sample_time_s))
+        aged = tick.input("engine_between_samples", self._aged(tick.sample_time_s))
+        steps = time_s > 0
+        t, period = tick.sample_time_s, ca.if_else(steps, time_s, 1.0)
+        seen = ca.if_else(aged, last, place)
+        speed = ca.if_else(aged, last - older, place - last) / t
+        moved = (x, v)
+        if moves:
+            moved = self._moved((x, v), period, (seen, speed), (k, b, mass, drag), (contact, contact_damping))
+        handed = self._handed(tick, steps, (x, v), moved, k * (seen - x) + b * (speed - v), start_m)
+        rate = (place - last) / t
+        held = self.tool.exchange == "held-force"
+        force = handed[0] if held else k * (place - handed[0]) + b * (rate - handed[1])
+        tick.command = force + local * rate
+        tick.trace("tool_m", x)
+        for name, value, kept in (("tool_m", moved[0], x), ("tool_m_per_s", moved[1], v)):
+            tick.follow(name, ca.if_else(steps, value, kept))
+        tick.follow("engine_last_m", place)
+        tick.follow("engine_older_m", last)
+
+    def _moved(
+        self,
+        tool: tuple[Expr, Expr],
+        t: Expr,
+        device: tuple[Expr, Expr],
+        joined: tuple[Expr, Expr, Expr, Expr],
+        contact: tuple[Expr, Expr],
+    ) -> tuple[Expr, Expr]:
+        """Return position and velocity of the tool after a step; as `LiftedLoop` has it, with a one-sided contact."""
+        import casadi as ca  # noqa: PLC0415
+
+        (x, v), (seen, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, joined, contact
+        rigid = k_c > RIGID_N_PER_M
+
+        def velocity(stiffness: Expr, damping: Expr) -> Expr:
+            pull = k * (seen - x) + b * speed - stiffness * x
+            if self.tool.integrator == "implicit":
+                return (mass * v + t * pull) / (mass + t * (drag + damping + b) + t * t * (k + stiffness))
+            if self.tool.integrator == "implicit-damping":
+                return (mass * v + t * pull) / (mass + t * (drag + damping + b))
+            return v + t / mass * (pull - (drag + damping + b) * v)
+
+        free = velocity(0, 0)
+        spring = ca.if_else(rigid, 0, k_c)
+        touching = ca.if_else(x > 0, ca.fmin(free, velocity(spring, ca.if_else(rigid, 0, b_c))), free)
+        if self.tool.integrator == "explicit":
+            after = x + t * v
+            stopped = ca.logic_and(rigid, after > 0)
+            return ca.if_else(stopped, 0, after), ca.if_else(stopped, ca.fmin(touching, 0), touching)
+        speed_after = ca.if_else(rigid, ca.fmin(touching, -x / t), touching)
+        return x + t * speed_after, speed_after
+
+    def _handed(
+        self, tick: Tick, steps: Expr, before: tuple[Expr, Expr], after: tuple[Expr, Expr], force: Expr, start_m: float
+    ) -> list[Expr]:
+        """Keep what the engine hands out for as many steps as it is late, and return what the device has now."""
+        import casadi as ca  # noqa: PLC0415
+
+        exchange = self.tool.exchange
+        fresh = [force] if exchange == "held-force" else list(after if exchange == "ahead" else before)
+        starts = [0.0] if exchange == "held-force" else [start_m, 0.0]
+        for late in range(self.tool.queued + 1):
+            for row, value in enumerate(fresh):
+                name = f"handed_{late}_{row}"
+                kept = tick.state(name, starts[row])
+                now = ca.if_else(steps, value, kept)
+                tick.follow(name, now)
+                # What is late by one step is what stood here before this one.
+                fresh[row] = now if late == self.tool.queued else kept
+        return fresh
+
+    def _steps_s(self, sample_time_s: float) -> Any:
+        """Return what tells the lengths of the engine's steps, at the first samples after them; 0 elsewhere."""
+
+        def values(samples: int, run: int) -> FloatArray:
+            ends, lengths = self._course(samples, run, sample_time_s)
+            dropped = np.random.default_rng((self.seed, run, 3)).random(len(ends)) < self.dropped_share
+            found = np.zeros(samples)
+            first = np.ceil(ends - 1e-6).astype(int)
+            kept = (first < samples) & ~dropped
+            found[first[kept]] = lengths[kept]
+            return found
+
+        return values
+
+    def _aged(self, sample_time_s: float) -> Any:
+        """Return what says, at the same samples, whether the step fell between two of them: 1, and 0 elsewhere."""
+
+        def values(samples: int, run: int) -> FloatArray:
+            ends, _ = self._course(samples, run, sample_time_s)
+            first = np.ceil(ends - 1e-6).astype(int)
+            found = np.zeros(samples)
+            inside = first < samples
+            found[first[inside]] = (first - ends > 1e-6)[inside]
+            return found
+
+        return values
+
+    def _course(self, samples: int, run: int, sample_time_s: float) -> tuple[FloatArray, FloatArray]:
+        """Return when the engine steps, counted in samples, and how long its steps are, s."""
+        low, high = self.tool.step_s
+        count = math.ceil(samples * sample_time_s / low) + 1
+        share = np.random.default_rng((self.seed, run, 4)).random(count) if high > low else np.zeros(count)
+        lengths = low + (high - low) * share
+        return np.concatenate([[0.0], np.cumsum(lengths[:-1])]) / sample_time_s, lengths

@@ -1,0 +1,248 @@
+"""A coupling to a virtual tool tried by many hands: in free motion, making and breaking contact, pressed, dragged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi.claims.stability.tool_loop import contact_stiffnesses_n_per_m, required_tool
+from avc_casadi.model.declared import declared_effects
+from avc_casadi.model.effects import SimulationEffect
+from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.model.scene import Free, Hold, Motion, Press, Scene, Stroke
+from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.virtual_tool import Engine
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.judge import AT_REST_M_PER_S, judge, judged_samples
+from avc_casadi.simulation.population.motions import TRIAL_S, at_handle, course_of
+from avc_casadi.simulation.population.trial import engine_for
+from avc_casadi.simulation.scene import compile_for, held_by, without
+
+if TYPE_CHECKING:
+    from avc_casadi.model.hands import Hand
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.simulation.compile import CompiledScene
+
+TOOL_MOTIONS: dict[str, Motion] = {
+    "free": Free(frequency_hz=2.0, amplitude_m=0.008, rest_s=1.5),
+    "press": Press(),
+    "tap": Stroke(frequency_hz=2.0, amplitude_m=0.015),
+    "hold": Hold(),
+    "drag": Stroke(),
+    "strike": Press(speed_m_per_s=0.3),
+    "touch": Press(end_m=5e-4, speed_m_per_s=0.03),
+}
+"""Free motion; a press; taps that break contact; held in contact; moved while pressed; struck; touched lightly."""
+DROPPED_SHARE = 0.01
+"""Share of the engine's steps that are missed in the runs that say so."""
+# As in the trial of a wall: dry friction projected, exact events being several times slower.
+_FRICTION_SUBSTEPS = 4
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToolTrial(Tabular):
+    """How simulated hands fared; every array has shape (hands,).
+
+    Attributes:
+        seed: of the draw of the hands.
+        by_motion: settled in each motion, with every contact that was tried.
+        stable_without_friction: settled in every motion without dry friction.
+        stable_with_dropped_steps: settled in every motion with one step of the engine in a hundred missed.
+        stiffness_n_per_m: rendered at the end of a press on the stiffest contact; not a number without contact, or at
+            the force limit.
+        tap_force_n: largest force of a tap.
+    """
+
+    seed: int
+    by_motion: dict[str, BoolArray]
+    stable_without_friction: BoolArray
+    stable_with_dropped_steps: BoolArray
+    stiffness_n_per_m: FloatArray
+    tap_force_n: FloatArray
+
+    @property
+    def stable(self) -> BoolArray:
+        """Settled in every motion."""
+        return np.asarray(np.all(list(self.by_motion.values()), axis=0))
+
+    @property
+    def hands(self) -> int:
+        """Number of hands."""
+        return len(self.stable)
+
+    @property
+    def settled(self) -> bool:
+        """Whether all hands settle, without friction and with missed steps too."""
+        return self.settled_with_friction and bool(np.all(self.stable_without_friction))
+
+    @property
+    def settled_with_friction(self) -> bool:
+        """Whether all hands settle as declared, with missed steps too."""
+        return bool(np.all(self.stable & self.stable_with_dropped_steps))
+
+    def to_dict(self) -> Columns:
+        """Return what became of each hand as columns, each of shape (hands,)."""
+        return {
+            "hand": np.arange(self.hands),
+            "stable": self.stable,
+            "stable_without_friction": self.stable_without_friction,
+            "stable_with_dropped_steps": self.stable_with_dropped_steps,
+            "stiffness_n_per_m": self.stiffness_n_per_m,
+            "tap_force_n": self.tap_force_n,
+        }
+
+    def _summary(self) -> str:
+        return f"{int(self.stable.sum())} of {self.hands} hands settle; {short(self.stiffness_n_per_m, 'N/m')} rendered"
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
+        found: dict[str, Any] = plain(
+            {
+                "hands": self.hands,
+                "seed": self.seed,
+                "motions": list(self.by_motion),
+                "settled": int(self.stable.sum()),
+                "settled_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
+                "settled_without_friction": int(self.stable_without_friction.sum()),
+                "settled_with_dropped_steps": int(self.stable_with_dropped_steps.sum()),
+                "dropped_share": DROPPED_SHARE,
+                "rendered_stiffness_n_per_m": float(np.median(felt)) if len(felt) else None,
+                "tap_force_n": float(self.tap_force_n.max()),
+            }
+        )
+        return found
+
+
+def try_tool(
+    problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0, motions: Sequence[str] = tuple(TOOL_MOTIONS)
+) -> ToolTrial:
+    """Let hands move a tool, with all that the problem declares of the device.
+
+    Every motion is simulated as declared, without dry friction and with missed steps of the engine, on every contact
+    that the range of [simulation] stands for.
+
+    Args:
+        problem: with [simulation].
+        gains: of the coupling.
+        hands: who hold the device.
+        seed: of their draw, to be told.
+        motions: of `TOOL_MOTIONS`.
+    """
+    tool = required_tool(problem)
+    contacts = [one for one in contact_stiffnesses_n_per_m(tool) if one > 0] or [0.0]
+    kinds = [(True, 0.0), (True, DROPPED_SHARE)] + ([(False, 0.0)] if problem.device.coulomb_friction_n > 0 else [])
+    settled: dict[tuple[bool, float], dict[str, BoolArray]] = {kind: {} for kind in kinds}
+    stiffness, tap = np.full(len(hands), np.nan), np.zeros(len(hands))
+    for friction, dropped in kinds:
+        for name in motions:
+            stage = _Stage(problem, hands, name, friction=friction, dropped_share=dropped)
+            rests = []
+            for contact in contacts:
+                run = _run(stage, gains, contact)
+                rests.append(run.settled)
+                if friction and dropped == 0 and contact == contacts[-1]:
+                    stiffness = run.stiffness_n_per_m if name == "press" else stiffness
+                    tap = run.force_n if name == "tap" else tap
+            settled[friction, dropped][name] = np.asarray(np.all(rests, axis=0))
+    declared = settled[True, 0.0]
+    free = settled.get((False, 0.0), declared)
+    return ToolTrial(
+        seed=seed,
+        by_motion=declared,
+        stable_without_friction=np.asarray(np.all(list(free.values()), axis=0)),
+        stable_with_dropped_steps=np.asarray(np.all(list(settled[True, DROPPED_SHARE].values()), axis=0)),
+        stiffness_n_per_m=stiffness,
+        tap_force_n=tap,
+    )
+
+
+@dataclass(frozen=True)
+class _Run:
+    settled: BoolArray
+    stiffness_n_per_m: FloatArray
+    force_n: FloatArray
+
+
+class _Stage:
+    """A motion of many hands, compiled once for all gains and contacts; compared by identity of what it holds."""
+
+    def __init__(self, problem: Problem, hands: Hand, motion: str, *, friction: bool, dropped_share: float) -> None:
+        self.problem, self.hands, self.motion = problem, hands, motion
+        self.friction, self.dropped_share = friction, dropped_share
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Stage) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[Any, ...]:
+        hands = tuple(np.asarray(value).tobytes() for value in vars(self.hands).values())
+        return (self.problem.model_dump_json(), hands, self.motion, self.friction, self.dropped_share)
+
+
+@lru_cache(64)
+def _prepared(stage: _Stage) -> tuple[CompiledScene, FloatArray]:
+    problem = stage.problem
+    longer_s = course_of(_heavier(problem)).longest_s - TRIAL_S
+    friction = stage.friction and problem.device.coulomb_friction_n > 0
+    how: dict[str, Any] = {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if friction else {}
+    kept = tuple(effect for effect in declared_effects(problem) if effect.kind != SimulationEffect().kind)
+    engine = SimulationEffect(stiffness_n_per_m=1.0, dropped_share=stage.dropped_share)
+    motion = at_handle(TOOL_MOTIONS[stage.motion], problem.device)
+    if isinstance(motion, Free | Stroke):
+        motion = motion.model_copy(update={"rest_s": motion.rest_s + longer_s})
+    scene = Scene(duration_s=TRIAL_S + longer_s, motion=motion, effects=(*kept, engine), coupling="none", **how)
+    run = problem.changed(scene=scene)
+    effects = held_by(run, build_effects(run), stage.hands)
+    if not friction:
+        effects = without(effects, "coulomb-friction")
+    compiled = compile_for(run, effects, NO_COUPLING)
+    return compiled, compiled.input_values()
+
+
+def _heavier(problem: Problem) -> Problem:
+    """Return the problem with the tool's mass on the device: as heavy swings in free motion."""
+    tool = required_tool(problem)
+    mass = 0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1]
+    return problem.changed(device={"mass_kg": problem.device.mass_kg + mass, "range": {"mass_kg": None}})
+
+
+def _run(stage: _Stage, gains: ToolGains, contact_stiffness_n_per_m: float) -> _Run:
+    compiled, inputs = _prepared(stage)
+    effects = tuple(
+        replace(one.touching(contact_stiffness_n_per_m), gains=gains) if isinstance(one, Engine) else one
+        for one in compiled.effects
+    )
+    run = replace(compiled, effects=effects)
+    device = stage.problem.device
+    found = execute(run, run.parameter_values(NO_COUPLING), inputs, engine=engine_for(len(stage.hands)))
+    judged = judge(
+        found["position_m"],
+        found["velocity_m_per_s"],
+        found["force_n"],
+        device.sample_time_s,
+        device.metres_per_unit,
+        found.get("measured_m"),
+        found.get("held_m_per_s"),
+    )
+    last = judged_samples(compiled.samples, device.sample_time_s)
+    with np.errstate(invalid="ignore", over="ignore"):
+        speed = np.abs(np.diff(found["tool_m"][:, -last:], axis=-1)).max(axis=-1) / device.sample_time_s
+        slow = speed * device.metres_per_unit < AT_REST_M_PER_S
+    limit = np.inf if device.max_force_n is None else device.max_force_n
+    at_limit = np.abs(judged.mean_force_n) > 0.97 * limit
+    return _Run(
+        np.asarray(judged.stable & slow),
+        np.where(at_limit, np.nan, judged.apparent_stiffness_n_per_m),
+        np.abs(found["force_n"]).max(axis=-1),
+    )

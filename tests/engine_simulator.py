@@ -1,0 +1,105 @@
+"""A device, a hand and an engine with its tool, sample by sample in plain Python: shares nothing with the project."""
+
+import math
+
+import numpy as np
+from scipy.linalg import expm
+
+
+class EngineSimulator:
+    """One axis; a wall for the tool at x = 0 where it has one. Numbers as in a problem file.
+
+    Args:
+        device: mass, damping, T and delay in samples.
+        hand: mass, damping and stiffness, all 0 for a released device.
+        tool: mass and damping.
+        step_s: of the engine.
+        integrator, exchange, steps_late: as in [simulation].
+        contact: None for free motion; (k_c, b_c) on both sides; "wall" for a rigid one at x = 0.
+        phase: share of T by which the engine's first step comes after a sample.
+    """
+
+    def __init__(
+        self,
+        device,
+        hand,
+        tool,
+        step_s,
+        integrator="semi-implicit",
+        exchange="on-time",
+        steps_late=0,
+        contact=None,
+        phase=0.0,
+    ):
+        mass, damping, self.T, self.delay = device
+        hand_mass, hand_damping, hand_stiffness = hand
+        m, b = mass + hand_mass, damping + hand_damping
+        # Position, velocity, force, and position and velocity of the hand's target.
+        rate = np.zeros((5, 5))
+        rate[0, 1] = rate[3, 4] = 1
+        rate[1] = [-hand_stiffness / m, -b / m, -1 / m, hand_stiffness / m, hand_damping / m]
+        self.step = expm(rate * self.T)[:2]
+        self.tool_mass, self.tool_damping = tool
+        self.step_s, self.integrator, self.exchange = step_s, integrator, exchange
+        self.late = steps_late + (exchange == "late")
+        self.contact, self.phase = contact, phase
+
+    def run(self, stiffness, damping, samples, *, local=0.0, target=None, start=0.0, kick=0.0, force=8.0, drop=None):
+        """Return positions of device and tool at each sample, before a step of the engine there.
+
+        Args:
+            stiffness, damping, local: K, B and the device's own damper.
+            samples: how many.
+            target: position of the hand's target at each sample, even in between; None: 0.
+            start: where device and tool begin.
+            kick: speed of the device at the beginning.
+            force: largest force.
+            drop: which steps of the engine are missed.
+        """
+        x, v = start, kick
+        held = [0.0] * self.delay
+        tool, speed = min(start, 0.0) if self.contact == "wall" else start, 0.0
+        last, older = start, start
+        queue = [0.0 if self.exchange == "held-force" else (tool, speed)] * (self.late + 1)
+        count, found = 0, []
+        aims = np.zeros(samples + 1) if target is None else np.append(target, target[-1])
+        for k in range(samples):
+            found.append((x, tool))
+            # A step within this sample sees it; one since the last sample saw that one.
+            while (count * self.step_s + self.phase * self.T) / self.T <= k + 1e-9:
+                fresh = abs((count * self.step_s + self.phase * self.T) / self.T - k) < 1e-6
+                seen, rate = (x, (x - last) / self.T) if fresh else (last, (last - older) / self.T)
+                if drop is None or count not in drop:
+                    before = (tool, speed)
+                    asked = stiffness * (seen - tool) + damping * (rate - speed)
+                    tool, speed = self._moved(tool, speed, seen, rate, stiffness, damping)
+                    handed = {"held-force": asked, "ahead": (tool, speed)}.get(self.exchange, before)
+                    queue = [*queue[1:], handed]
+                count += 1
+            rate = (x - last) / self.T
+            given = queue[0]
+            pull = given if self.exchange == "held-force" else stiffness * (x - given[0]) + damping * (rate - given[1])
+            pull = float(np.clip(pull + local * rate, -force, force))
+            held.append(pull)
+            now = held.pop(0)
+            last, older = x, last
+            x, v = self.step @ np.array([x, v, now, aims[k], (aims[k + 1] - aims[k]) / self.T])
+        return np.array(found).T
+
+    def _moved(self, x, v, seen, rate, k, b):
+        m, d, t = self.tool_mass, self.tool_damping, self.step_s
+        if math.isinf(m):
+            return 0.0, 0.0
+        k_c, b_c = self.contact if isinstance(self.contact, tuple) else (0.0, 0.0)
+        if self.integrator == "implicit":
+            after = (m * v + t * (k * (seen - x) + b * rate - k_c * x)) / (m + t * (d + b + b_c) + t * t * (k + k_c))
+        elif self.integrator == "implicit-damping":
+            after = (m * v + t * (k * (seen - x) + b * rate - k_c * x)) / (m + t * (d + b + b_c))
+        else:
+            after = v + t / m * (k * (seen - x) + b * (rate - v) - (d + b_c) * v - k_c * x)
+        if self.integrator == "explicit":
+            place = x + t * v
+            return (0.0, min(after, 0.0)) if self.contact == "wall" and place > 0 else (place, after)
+        if self.contact == "wall":
+            after = min(after, -x / t)
+        return x + t * after, after

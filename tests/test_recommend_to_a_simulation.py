@@ -1,0 +1,184 @@
+"""`recommend` of a problem with [simulation]: it holds in a plain simulation, and says what no coupling mends."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from engine_simulator import EngineSimulator
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.files.tool_coupling_file import read_tool_coupling, write_tool_coupling
+from avc_casadi.model.hands import hand_corners
+
+DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
+HANDS = 20
+
+
+def problem(simulation, device=DEVICE):
+    return avc.parse_problem(f"{device}[simulation]\n{simulation}")
+
+
+@pytest.mark.parametrize(
+    ("mass", "ratio", "exchange"), [(0.2, 2, "on-time"), (0.05, 5, "late"), (1.0, 1, "ahead"), (0.2, 16, "on-time")]
+)
+def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchange):
+    step = ratio * 1e-3
+    found = avc.recommend(problem(f'tool_mass_kg = {mass}\nstep_s = {step!r}\nexchange = "{exchange}"'), hands=HANDS)
+    assert found.deployable
+    gains, hands = found.coupling.gains, hand_corners(found.problem.hands)
+    samples = 4000
+    presses = np.clip(-0.01 + 0.07 * np.arange(samples) * 1e-3, -0.01, 0.01)
+    taps = presses - 0.012 * np.sin(2 * math.pi * 3 * np.arange(samples) * 1e-3) * (np.arange(samples) < 2000)
+    for row in range(len(hands)):
+        hand = tuple(hands.values(row).values())
+        for target in (presses, taps):
+            simulator = EngineSimulator(
+                (0.12, 0.8, 1e-3, 1), hand, (mass, 0.0), step, exchange=exchange, contact="wall"
+            )
+            device, tool = simulator.run(
+                gains.stiffness_n_per_m,
+                gains.damping_ns_per_m,
+                samples,
+                target=target,
+                start=-0.01,
+                drop=set(range(0, samples, 100)),
+            )
+            assert np.abs(np.diff(device[-500:])).max() < 5e-6
+            assert np.abs(np.diff(tool[-500:])).max() < 5e-6
+
+
+def test_document_has_what_an_engine_is_given():
+    document = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002"), hands=HANDS).document()
+    json.dumps(document, allow_nan=False)
+    found = document["simulation"]
+    wanted = (
+        "stiffness_n_per_m damping_ns_per_m stiffest_n_per_m least_tool_mass_kg slowest_step_s "
+        "rendered_stiffness_n_per_m"
+    )
+    assert all(found[key] > 0 for key in wanted.split())
+    assert found["rendered_stiffness_n_per_m"] == pytest.approx(found["stiffness_n_per_m"], rel=0.01)
+    assert found["stiffness_n_per_m"] < found["stiffest_n_per_m"]
+    assert found["least_tool_mass_kg"] < 0.2
+    assert found["slowest_step_s"] >= 0.002
+
+
+def test_wanted_stiffness_is_given_or_what_it_needs():
+    given = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.005\nstiffness_n_per_m = 3000.0"), hands=HANDS)
+    assert given.coupling.gains.stiffness_n_per_m == 3000.0
+    # The table of an earlier prototype: 3000 N/m at 200 Hz needs 0.025 kg, at 62 Hz 1 kg.
+    assert given.least_tool_mass_kg == pytest.approx(0.03, rel=0.3)
+    light = avc.recommend(problem("tool_mass_kg = 0.01\nstep_s = 0.016\nstiffness_n_per_m = 3000.0"), hands=HANDS)
+    assert not light.deployable
+    assert "stiffest coupling that is stable" in light.reason
+    assert light.least_tool_mass_kg == pytest.approx(1.0, rel=0.1)
+    assert max(one.stiffest_n_per_m for one in light.helps) > light.stiffest.stiffness_n_per_m
+
+
+def test_engine_whose_own_contact_is_unstable_is_told_apart():
+    text = "tool_mass_kg = 0.2\nstep_s = 0.002\ncontact_stiffness_n_per_m = [0.0, 5e5]\ncontact_damping_ns_per_m = 0.0"
+    found = avc.recommend(problem(text), hands=HANDS)
+    assert not found.deployable
+    assert found.reason.startswith("your engine, not the coupling")
+    # dt sqrt(k/m) = 2 is where semi-implicit Euler ends: 200 kN/m here.
+    softer = avc.recommend(problem(text.replace("5e5", "1.5e5")), hands=HANDS)
+    assert "your engine" not in softer.reason
+
+
+def test_felt_tool_is_what_a_driven_simulation_measures():
+    """A handle moved by 1 mm: the force of a plain engine at the frequency of the motion, against what is told."""
+    stated = problem("tool_mass_kg = 0.2\nstep_s = 0.005", device=DEVICE.replace("delay_samples = 1\n", ""))
+    found = avc.recommend(stated, hands=HANDS)
+    k, b = found.coupling.gains.stiffness_n_per_m, found.coupling.gains.damping_ns_per_m
+    for felt in found.felt:
+        omega, t = 2 * math.pi * felt.frequency_hz, 1e-3
+        x = 1e-3 * np.exp(1j * omega * t * np.arange(20000))
+        tool = speed = held = held_speed = 0j
+        force = np.zeros(len(x), dtype=complex)
+        for j in range(1, len(x)):
+            v = (x[j] - x[j - 1]) / t
+            if j % 5 == 0:
+                held, held_speed = tool, speed
+                speed += 5 * t / 0.2 * (k * (x[j] - tool) + b * (v - speed))
+                tool += 5 * t * speed
+            force[j] = k * (x[j] - held) + b * (v - held_speed)
+        last = slice(10000, None)
+        seen = np.mean(force[last] * np.exp(-1j * omega * t * np.arange(len(x)))[last]) / 1e-3
+        hold = (1 - np.exp(-1j * omega * t)) / (1j * omega * t)
+        impedance = seen * hold / (1j * omega) + 0.12j * omega + 0.8
+        assert impedance.imag / omega == pytest.approx(felt.mass_kg, rel=1e-3)
+        assert impedance.real == pytest.approx(felt.drag_ns_per_m, rel=1e-3)
+
+
+def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
+    """A spring of a game at 62.5 Hz and one frame late swings without a damper in the device's loop."""
+    wheel = (
+        '[device]\nmotion = "rotary"\nhandle_radius_m = 0.15\ninertia_kgm2 = 0.05\ndamping_nms_per_rad = 0.02\n'
+        "delay_samples = 1\nmax_torque_nm = 8.0\n"
+    )
+    text = 'step_s = 0.016\nexchange = "held-force"\nsteps_late = 1\nstiffness_nm_per_rad = 8.0'
+    found = avc.recommend(problem(text, wheel), hands=HANDS)
+    gains = found.coupling.gains
+    assert found.deployable
+    assert gains.local_damping_ns_per_m > 0.1
+
+    def swings(local):
+        simulator = EngineSimulator(
+            (0.05, 0.02, 1e-3, 1), (0.0, 0.0, 0.0), (math.inf, 0.0), 0.016, exchange="held-force", steps_late=1
+        )
+        return simulator.run(8.0, 0.0, 6000, local=local, start=0.5)[0]
+
+    assert np.abs(swings(0.0)[-500:]).max() > 0.4
+    assert np.abs(swings(gains.local_damping_ns_per_m)[-500:]).max() < 1e-3
+
+
+def test_file_of_a_coupling_to_a_simulation_reads_back(tmp_path):
+    found = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002\nposition_scale = 10.0"), hands=HANDS)
+    path = tmp_path / "c.json"
+    write_tool_coupling(found.coupling, path)
+    again = read_tool_coupling(path)
+    assert again == found.coupling
+    assert again.problem == found.problem
+    assert again.in_scene.stiffness_n_per_m == pytest.approx(again.gains.stiffness_n_per_m / 10)
+    changed = json.loads(path.read_text())
+    changed["stiffness_n_per_m"] = 1.0
+    path.write_text(json.dumps(changed))
+    with pytest.raises(avc.InputError, match="it was changed since"):
+        read_tool_coupling(path)
+
+
+def test_command_answers_in_a_page_and_writes_the_coupling(tmp_path, capsys):
+    file = tmp_path / "tool.toml"
+    file.write_text(f"{DEVICE}[simulation]\ntool_mass_kg = 0.2\nstep_s = 0.002\n")
+    out = tmp_path / "c.json"
+    assert main(["recommend", str(file), "--hands", "10", "--out", str(out)]) == 0
+    page = capsys.readouterr().out
+    assert len(page.splitlines()) <= 15
+    assert "spring K" in page
+    assert "e+0" not in page
+    assert read_tool_coupling(out).tool.step_s == (0.002, 0.002)
+    assert main(["recommend", str(file), "--stiffest"]) == 2
+    assert "--stiffest" in capsys.readouterr().err
+
+
+def test_what_asks_for_a_wall_says_that_there_is_none():
+    with pytest.raises(avc.UnsupportedError, match=r"couples to a \[simulation\] and has no wall"):
+        avc.solve(problem("tool_mass_kg = 0.2\nstep_s = 0.002"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("tool_mass_kg = 0.2", "step_s"),
+        ("step_s = 0.0001", "sample_time_s"),
+        ("step_s = 0.002\ntool_mass_kg = 0.0", "tool_mass_kg"),
+        ("step_s = 0.002\ntool_mass_kg = [0.2, 0.1]", "reversed"),
+        ("step_s = 0.002\nexchange = 'early'", "exchange"),
+        ("step_s = 0.002\ncontact_stiffness_n_per_m = [0.0, -1.0]", "contact_stiffness_n_per_m"),
+        ("step_s = 0.002\nstep = 1", "step"),
+    ],
+)
+def test_faults_of_the_table_are_told_with_their_keys(text, said):
+    with pytest.raises(avc.InputError, match=said):
+        problem(text)
