@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from excited import DECLARED, device, planned
 from hardware_bench import host_core, host_library, image, push, require, with_gains
+from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,7 +26,6 @@ from avc_hardware import (
     set_limits,
 )
 from avc_hardware.emulator.bench import WiredBench
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason
 from avc_hardware.link.messages import Kind

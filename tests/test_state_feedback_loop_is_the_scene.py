@@ -25,7 +25,7 @@ from avc_casadi.paper.rendered import felt_impedance
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
+from avc_casadi.simulation.runtime.observer import state_feedback_step
 
 HAND = Hand(0.12, 7.0, 450.0)
 

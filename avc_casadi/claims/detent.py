@@ -25,9 +25,6 @@ def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
     At a top nobody asks for rest: a hand that is softer than the slope, and the device let go, fall into a valley. That
     they do so without an oscillation is what is claimed.
 
-    Args:
-        problem: with detents.
-
     Returns:
         Whether it holds, a sentence, what to do, and the largest spectral radius in a valley.
     """

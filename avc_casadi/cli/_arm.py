@@ -73,7 +73,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document["normal"] = None if normals is None else _plain(normals[0])
     document["out"] = None if out is None else str(out)
     if out is not None:
-        from avc_casadi.arm.tip_device import tip_device_file
+        from avc_casadi.arm.effective_mass import tip_device_file
         from avc_casadi.identification.device import device_text
 
         where = ("any direction" if normal is None else f"normal {args.normal}") + ", "

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
+from avc_casadi.cli._certify_tool import certify_tool
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
 from avc_casadi.cli._text import holes_text, rows_text
+from avc_casadi.cli._to_simulation import couples_to_simulation
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,6 +61,8 @@ def _provable() -> str:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Certify; 1 if the coupling is not deployable."""
+    if couples_to_simulation(args.problem):
+        return certify_tool(args, console)
     if args.proof_out is None:
         return _certify(args, console, None)
     if not args.prove:

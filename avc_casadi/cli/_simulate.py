@@ -75,7 +75,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.model.declared import left_out
     from avc_casadi.model.gains import NO_COUPLING, without_start
     from avc_casadi.present.pages.scene import explanation_lines, outcome, scene_lines, scene_page
-    from avc_casadi.simulation.explain import explain
+    from avc_casadi.simulation.screen import explain
 
     if args.screen:
         wrong = [key for key in _OF_RUNS if getattr(args, key)]

@@ -9,6 +9,8 @@ from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
+from avc_casadi.cli._to_simulation import couples_to_simulation
+from avc_casadi.cli._zwidth_tool import zwidth_tool
 from avc_casadi.design.registry import methods_help
 
 if TYPE_CHECKING:
@@ -32,6 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Compute the region, place the gains, draw and show."""
+    if couples_to_simulation(args.problem):
+        return zwidth_tool(args, console)
     import numpy as np
 
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth

@@ -292,3 +292,23 @@ def _edge(stable: Callable[[float], bool], low: float, high: float, precision: f
         middle = math.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
     return low
+
+
+def designed(problem: Problem, share_of_limit: float = 0.6, gain_margin: float = 1.5) -> ToolGains | None:
+    """Return a coupling that is linearly stable: the stiffness that is wanted, or a share of the stiffest; else None.
+
+    No hand tries it; `recommend_tool` lets many.
+
+    Args:
+        problem: with [simulation].
+        share_of_limit: of the stiffest, where no stiffness is wanted.
+        gain_margin: asked for, where a damper gives it.
+    """
+    search = ToolSearch(problem)
+    tool, local = search.loops.tool, search.loops.tool.exchange == "held-force"
+    wanted = tool.stiffness_n_per_m
+    if wanted is None:
+        stiffest = search.stiffest_beside_local_damper() if local else search.stiffest()
+        wanted = share_of_limit * stiffest.stiffness_n_per_m
+    found = search.damped(wanted, local=local, gain_margin=gain_margin) if wanted > 0 else []
+    return found[0] if found else None
