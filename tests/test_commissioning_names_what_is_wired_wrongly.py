@@ -237,7 +237,7 @@ def test_a_higher_force_waits_for_the_device_to_be_let_go(capsys: pytest.Capture
     assert core.tick(way)[0].max() > 5.0
     require("unicorn")
     assert main(["device", "--port", "emulator", "--force-n", "3"]) == 0
-    assert "force, N" in capsys.readouterr().out
+    assert "3.00 N of 50.0 N built in" in capsys.readouterr().out
 
 
 @pytest.mark.thorough

@@ -341,4 +341,4 @@ def test_monitor_and_clear_tell_the_fault(monkeypatch: pytest.MonkeyPatch, capsy
     assert main(["device", "--clear", "--port", "x"]) == 0
     told = capsys.readouterr().out
     assert "emergency stop" in told
-    assert "cleared; the device is in mode safe" in told
+    assert "Cleared  the device is in mode safe" in told

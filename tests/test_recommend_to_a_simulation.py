@@ -21,7 +21,13 @@ def problem(simulation, device=DEVICE):
 
 
 @pytest.mark.parametrize(
-    ("mass", "ratio", "exchange"), [(0.2, 2, "on-time"), (0.05, 5, "late"), (1.0, 1, "ahead"), (0.2, 16, "on-time")]
+    ("mass", "ratio", "exchange"),
+    [
+        (0.2, 2, "on-time"),
+        pytest.param(0.05, 5, "late", marks=pytest.mark.thorough),
+        pytest.param(1.0, 1, "ahead", marks=pytest.mark.thorough),
+        pytest.param(0.2, 16, "on-time", marks=pytest.mark.thorough),
+    ],
 )
 def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchange):
     step = ratio * 1e-3
@@ -64,6 +70,7 @@ def test_document_has_what_an_engine_is_given():
     assert found["slowest_step_s"] >= 0.002
 
 
+@pytest.mark.thorough
 def test_wanted_stiffness_is_given_or_what_it_needs():
     given = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.005\nstiffness_n_per_m = 3000.0"), hands=HANDS)
     assert given.coupling.gains.stiffness_n_per_m == 3000.0
@@ -76,6 +83,7 @@ def test_wanted_stiffness_is_given_or_what_it_needs():
     assert max(one.stiffest_n_per_m for one in light.helps) > light.stiffest.stiffness_n_per_m
 
 
+@pytest.mark.thorough
 def test_engine_whose_own_contact_is_unstable_is_told_apart():
     text = "tool_mass_kg = 0.2\nstep_s = 0.002\ncontact_stiffness_n_per_m = [0.0, 5e5]\ncontact_damping_ns_per_m = 0.0"
     found = avc.recommend(problem(text), hands=HANDS)

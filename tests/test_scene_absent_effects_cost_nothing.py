@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scene_reference import MASSLESS, scene_problem
 
-from avc_casadi.cli._text import nanoseconds
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.registries import EFFECTS
+from avc_casadi.present.pages.scene import nanoseconds
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.screen import explain
 

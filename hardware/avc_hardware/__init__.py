@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.firmware_fit import FirmwareLacksError as FirmwareLacksError
     from avc_hardware.codegen.firmware_fit import check_runs_on as check_runs_on
     from avc_hardware.codegen.packages import arm_gains_c as arm_gains_c
+    from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
     from avc_hardware.emulator.bench import BenchDevice as BenchDevice
     from avc_hardware.emulator.bench import Wiring as Wiring
     from avc_hardware.emulator.board import EmulatedBoard as EmulatedBoard
@@ -73,6 +74,7 @@ else:
         "codegen.figures": ("BoardLimits", "RuntimeFigures"),
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
         "codegen.packages": ("arm_gains_c",),
+        "codegen.tool_export": ("export_tool_c",),
         "emulator.bench": ("BenchDevice", "Wiring"),
         "emulator.board": ("EmulatedBoard",),
         "in_the_loop": ("FirmwareInTheLoop", "LoopResult", "LoopTrace", "tried_in_the_loop"),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# A spring so many times stiffer than the wall is the wall itself.
-_RIGID = 100.0
 # An impedance error at 1 Hz from which motion is another matter than rest, and a tap this near to the limit is at it.
 _SOFTER, _AT_LIMIT = 0.2, 0.97
 # The wall begins noticeably elsewhere than at its face, m; leaning on friction is worth a row.
@@ -36,6 +35,8 @@ def recommendation_page(
         written: file that holds the coupling, if one was written.
     """
     rows = recommendation_rows(document, problem)
+    if written is not None:
+        rows.append(Row("Written", written))
     if document["coupling"] is None:
         onwards = f"avc check {shown}"
     elif written is None:
@@ -43,23 +44,6 @@ def recommendation_page(
     else:
         onwards = f"avc export {written} --c DIR"
     return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"])
-
-
-def headline(problem: Problem, shown: str) -> str:
-    """Return a problem in a line: wall, device, rate and delay.
-
-    Args:
-        problem: the problem.
-        shown: as the user names it.
-    """
-    device, wall, unit = problem.device, problem.environment, problem.units.unit
-    late = f"{device.delay_samples:g} sample{'' if device.delay_samples == 1 else 's'} of delay"
-    parts = ((wall.stiffness_n_per_m, "N/m"), (wall.damping_ns_per_m, "N.s/m"))
-    rendered = ", ".join(quantity(value, unit(of)) for value, of in parts if value) or "none"
-    return (
-        f"{shown}   wall {rendered} · device {quantity(device.mass_kg, unit('kg'))}, "
-        f"{quantity(1 / device.sample_time_s, 'Hz')}, {late}"
-    )
 
 
 def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: bool = False) -> list[Row]:
@@ -71,9 +55,14 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         briefly: what is recommended and what holds alone, without what limits it.
     """
     if document["coupling"] is None:
-        none = Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL)
+        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
         return [none] if briefly else [none, *_limit(document, problem)]
-    rows = [_coupling(document, problem), *_rendered(document, problem), _stability(document), *_simulated(document)]
+    rows = [
+        _coupling(document, problem),
+        *_rendered(document, problem),
+        _stability(document, problem),
+        *_simulated(document),
+    ]
     if briefly:
         return rows
     return [
@@ -88,20 +77,8 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
 
 def _coupling(document: dict[str, Any], problem: Problem) -> Row:
     coupling, unit = document["coupling"], problem.units.unit
-    table, runtime, wall = coupling["table"], coupling["runtime"], coupling["wall"]["stiffness_n_per_m"]
-    spring, damper, contact = (
-        _span(table[key], unit(of))
-        for key, of in (
-            ("stiffness_n_per_m", "N/m"),
-            ("damping_ns_per_m", "N.s/m"),
-            ("contact_damping_ns_per_m", "N.s/m"),
-        )
-    )
-    parts = [f"contact damper b_p {contact}"] if max(table["contact_damping_ns_per_m"]) > 0 else []
-    if min(table["stiffness_n_per_m"]) >= _RIGID * wall:
-        parts.append("wall rendered directly")
-    else:
-        parts.append(f"spring k {spring}" + (f", damper b {damper}" if max(table["damping_ns_per_m"]) > 0 else ""))
+    table, runtime = coupling["table"], coupling["runtime"]
+    parts = [gains_text(table, problem)]
     if runtime["state_feedback"] is not None:
         parts.insert(0, f"observer ({len(runtime['state_feedback']['innovation'])} states) with state feedback")
     if runtime["observer_mass_kg"] is not None:
@@ -119,7 +96,11 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     if problem.environment.stiffness_n_per_m == 0:
         return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}")]
     if felt["stiffness_n_per_m"] is None:
-        what = "nothing but the force limit" if trial["at_force_limit"] else "nothing: no press ends in contact"
+        what = (
+            f"nothing but the {problem.units.key('force')} limit"
+            if trial["at_force_limit"]
+            else "nothing: no press ends in contact"
+        )
         return [Row("Rendered", f"{what} · impedance error {errors}", Mark.FAIL)]
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m'))} at the handle"
@@ -128,18 +109,18 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     if not 0.9 * sensed <= low <= high <= 1.1 * sensed:
         spread = f", {quantity(low, unit('N/m'))} to {quantity(high, unit('N/m'))} over 90 % of hands"
     softer = felt["complex_error"]["1"] > max(_SOFTER, 1 - felt["share_of_wall"])
-    at_rest = f"{quantity(sensed, unit('N/m'))} at rest ({percent(felt['share_of_wall'])} of the wall)"
+    static = f"{quantity(sensed, unit('N/m'))} static ({percent(felt['share_of_wall'])} of the wall)"
     return [
-        Row("Rendered", f"{at_rest}{at_handle}{spread}"),
+        Row("Rendered", f"{static}{at_handle}{spread}"),
         Row("Impedance error", errors, Mark.CAUTION if softer else Mark.NONE),
     ]
 
 
-def _stability(document: dict[str, Any]) -> Row:
+def _stability(document: dict[str, Any], problem: Problem) -> Row:
     claims, rest = document["certificate"]["deployable"]["claims"], document["rest"]["word"]
     failed = [claim["sentence"] for claim in claims if not claim["pass"]]
     if failed:
-        return Row("Stability", failed[0], Mark.FAIL)
+        return Row("Stability", problem.units.text(failed[0]), Mark.FAIL)
     if rest == "proved":
         return Row("Stability", "every hand and released, from any state: proved (L7)", Mark.PASS)
     told = {
@@ -187,17 +168,18 @@ def _outside(document: dict[str, Any]) -> list[Row]:
         return []
     told = ", ".join(f"{holding} {of['at_rest']} of {of['hands']}" for holding, of in tried.items())
     mark = Mark.PASS if all(of["at_rest"] == of["hands"] for of in tried.values()) else Mark.CAUTION
-    return [Row("Other hands", f"outside the design set, {told} settle", mark)]
+    return [Row("Outside hands", f"not of the design set: {told} settle", mark)]
 
 
 def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     trial, limit, unit = document["trial"], document["coupling"]["max_force_n"], problem.units.unit
+    label = problem.units.key("force").capitalize()
     reached, depth = quantity(trial["tap_force_n"], unit("N")), quantity(trial["tap_depth_m"], unit("m"))
     if limit is None or trial["tap_force_n"] < _AT_LIMIT * limit:
-        return [Row("Force", f"a tap reaches {reached}, {depth} deep")]
+        return [Row(label, f"a tap reaches {reached}, {depth} deep")]
     presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
     told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}"
-    return [Row("Force", told, Mark.CAUTION)]
+    return [Row(label, told, Mark.CAUTION)]
 
 
 def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
@@ -227,13 +209,50 @@ def _limit(document: dict[str, Any], problem: Problem) -> list[Row]:
         return []
     unit = problem.units.unit("N/m")
     helps = [
-        f"{_SHORT.get(one['change'], one['change'])} {quantity(one['stiffest_wall_n_per_m'], unit)}"
+        f"{_change(one, problem)} {quantity(one['stiffest_wall_n_per_m'], unit)}"
         for one in document["what_would_help"][:_MOST_HELPS]
     ]
     plain = quantity(document["plain_wall_n_per_m"], unit)
     return [Row("Linear limit", f"plain coupling {plain}; {'; '.join(helps)}")]
 
 
-def _span(values: list[float], unit: str) -> str:
-    low, high = min(values), max(values)
-    return quantity(low, unit) if low == high else f"{quantity(low, unit)} to {quantity(high, unit)}"
+def _change(one: dict[str, Any], problem: Problem) -> str:
+    return problem.units.text(_SHORT.get(one["change"], one["change"]))
+
+
+def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `recommend --stiffest` document as a headline and rows, a change of the device each.
+
+    Args:
+        document: of `avc recommend --stiffest --json`.
+        problem: what it was asked for.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    told, plain, others = quantities(problem.units), document["plain_wall_n_per_m"], document["confirmed"]
+    rows = [_stiffest("Stiffest wall", document, told, document["by"] or "")]
+    if others is not None:
+        settled, free, hands = (others[key] for key in ("at_rest", "at_rest_without_friction", "hands"))
+        quiet = f"{others['quiet']} below the vibrotactile threshold"
+        what = f"{settled} of {hands} other draws of hands settle, {free} without friction; {quiet}"
+        rows.append(Row("Confirmed", what, _all(settled, free, hands)))
+    helps = document["what_would_help"]
+    rows += [_stiffest(_change(one, problem).capitalize(), one, told) for one in helps]
+    if plain:
+        low, high = (told(one, "N.s/m") for one in document["damping_ns_per_m"])
+        rows.append(Row("Linear limit", f"plain coupling {told(plain, 'N/m')}, with {low} to {high} of damping"))
+    else:
+        rows.append(Row("Linear limit", "a plain coupling is stable at no wall", Mark.CAUTION))
+    onwards = [f"avc recommend {shown} --out coupling.json", f"avc recommend {shown} --stiffest -v"]
+    return page.rendered(headline(problem, shown), rows, onwards)
+
+
+def _stiffest(label: str, found: dict[str, Any], told: Quantities, by: str | None = None) -> Row:
+    if found["stiffest_wall_n_per_m"] is None:
+        return Row(label, "none was found", Mark.NONE if by is None else Mark.FAIL)
+    wall = told(found["stiffest_wall_n_per_m"], "N/m") + (f" ({by})" if by else "")
+    settled, free = found["at_rest"], found["at_rest_without_friction"]
+    if settled is None:
+        return Row(label, wall)
+    mark = _all(settled, free, found["hands"]) if by else Mark.NONE
+    return Row(label, f"{wall}: {settled} of {found['hands']} hands settle, {free} without friction", mark)
