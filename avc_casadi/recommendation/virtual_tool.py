@@ -12,6 +12,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
+from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.tool_coupling_file import tool_coupling_document
 from avc_casadi.model.lifted_loop import ToolGains
@@ -22,7 +23,8 @@ from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
 from avc_casadi.tool_coupling import ToolCoupling
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.tool_loop import Mode, ToolCase
+    from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.claims.stability.tool_loop import ToolCase
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
 
@@ -207,7 +209,7 @@ def recommend_tool(
     margin = mode = None
     if gains is not None and trial is not None:
         margin, mode = search.gain_margin(gains), search.loops.slowest(gains)
-        certificate = _certificate(search, gains, margin)
+        certificate = tool_certificate(problem, gains, search)
         coupling = ToolCoupling(problem, gains, certificate, trial.document(), versions or {})
     same = gains.stiffness_n_per_m if gains is not None else wanted
     return ToolRecommendation(
@@ -298,22 +300,6 @@ def _reason(tool: VirtualTool, wanted: float | None, margin: float, options: Too
     if margin < options.gain_margin:
         what += f"; K and B may be no more than {margin:.2g} times as large"
     return f"{what}, exchange {tool.exchange}"
-
-
-def _certificate(search: ToolSearch, gains: ToolGains, margin: float) -> dict[str, Any]:
-    """Return what is claimed of the loops."""
-    radius, case = search.loops.radius(gains)
-    return {
-        "stable": search.loops.stable(gains),
-        "spectral_radius": radius,
-        "worst": asdict(case),
-        "loops": len(search.loops),
-        "gain_margin": margin,
-        "claim": (
-            "linear stability of the lifted loop: every hand of [hands] and the device released, corners of device and "
-            "tool, free motion, rigid contact and the contact springs of the range, every phase of the clocks"
-        ),
-    }
 
 
 def _holds_off(problem: Problem, gains: ToolGains, options: ToolOptions) -> bool:

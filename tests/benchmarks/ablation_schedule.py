@@ -137,7 +137,9 @@ def replaced(targets: dict[str, Callable[[Any], Any]]) -> Iterator[None]:
 
 def cases(count: int, seed: int) -> Iterator[tuple[str, str, Problem]]:
     """Yield name, what is solved, and the problem: catalogue, wider scopes of figure 5, drawn ones."""
-    problems = [(one.name, avc.load_problem(one.name)) for one in avc.catalogue()]
+    loaded = ((one.name, avc.load_problem(one.name)) for one in avc.catalogue())
+    # One that couples to an engine has no wall to solve for.
+    problems = [(name, problem) for name, problem in loaded if problem.simulation is None]
     five = avc.load_problem("figure5")
     damped = {"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)}
     wider: list[dict[str, Any]] = [{}, {"coupling": damped}, {"device": {"delay_samples": 2}}]

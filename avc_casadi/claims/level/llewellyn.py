@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from avc_casadi.claims.passivity_claim import PassivityClaim
+from avc_casadi.claims.registry import PassivityClaim
 
 
 class Llewellyn(PassivityClaim):

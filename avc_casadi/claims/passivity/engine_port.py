@@ -1,0 +1,266 @@
+r"""The port at which an engine meets a coupling, once a step: is what it meets passive, whatever passive engine it is?
+
+Every T_s = N T the engine gives the tool a velocity v and the place x(n) = x(n-1) + T_s v(n), and the coupling answers
+with the force F on the tool. What stands behind the port, coupling, device and hand, is one map from v to -F at T_s:
+
+    G(z) = z^-a K X + z^-c B - [K B] C (z I - A_N)^-1 B_N z^-q [X 1]',    X = T_s z/(z - 1)
+
+A_N, B_N are N samples of the device on the coupling with the tool's state held, C reads its newest measured position
+and velocity, q is by how many steps the device's knowledge of the tool is old, and a and c by how many its force on the
+tool is. Of a held force F_e, L being the loop from it back to itself,
+
+    G(z) = z^-a K X + z^-c B + L/(1 - L) z^-e (K X + B).
+
+An engine is a passive operator at this port if the sum of F v over its steps is bounded below. Brown and Colgate
+(Passive implementation of multibody simulations for haptic display, 1997): it must then be implicit, its v(n) solved
+together with F(n). With G positive real (Re G >= 0 on the unit circle, no pole outside it; Colgate and Schenkel 1997)
+the loop with any of them is stable. An explicit mass is none: T_s/(m (z - 1)) has the real part -T_s/(2 m) (Brown and
+Colgate, Minimum mass for haptic display simulations, 1998), and no strictly causal map is positive real. For N = 1
+Llewellyn's condition is the same for every hand at once (Adams and Hannaford 1999).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.passivity.sampled_loop import SampledLoop
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.lifted_loop import clocks
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.problem import Hands
+    from avc_casadi.model.sampled_plant import SampledPlant
+    from avc_casadi.model.virtual_tool import VirtualTool
+
+# Angles per step, evenly and in the logarithm, and how often the lowest of them is looked at more finely.
+_ANGLES, _SMALLEST, _FINER = 400, 1e-5, 3
+# Share of the largest term that rounding can take from a real part: the spring's is K T_s/angle.
+_TOLERANCE = 1e-9
+# Slower decay than this is not told from none.
+_RADIUS_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class EnginePort:
+    """Whether a coupling is passive at the engine's port.
+
+    Attributes:
+        passive: with every hand of [hands], released, and every device corner: stable with any passive engine.
+        margin_ns_per_m: lowest Re G of all, at the device; minus infinity where G has a pole outside the unit circle.
+        frequency_hz: where it stands.
+        hand: with whom; all 0 for the device released.
+        step_s: at which step of the engine.
+        any_hand: at N = 1, whether it holds with any passive hand as well; None where that is not known.
+        any_hand_margin_ns_per_m: of Llewellyn's condition; None where that is not known.
+        engine_is_implicit: whether the declared engine solves its tool together with the coupling, as the claim asks.
+    """
+
+    passive: bool
+    margin_ns_per_m: float
+    frequency_hz: float
+    hand: dict[str, float]
+    step_s: float
+    any_hand: bool | None
+    any_hand_margin_ns_per_m: float | None
+    engine_is_implicit: bool
+
+
+@dataclass(frozen=True)
+class PortDelays:
+    """By how many steps the velocity that the engine sets is old where it is used.
+
+    Attributes:
+        spring: a, of the place in the spring's force on the tool.
+        damper: c, of the velocity in the damper's.
+        told: q, of what the device knows of the tool; of a held force, of that force.
+        held: e, of the tool in the force that is held.
+    """
+
+    spring: int
+    damper: int
+    told: int
+    held: int
+
+    @classmethod
+    def of(cls, tool: VirtualTool) -> PortDelays:
+        """Return those of an exchange; v(n) is the velocity that the force of step n is solved with.
+
+        An implicit engine uses the state that it solves for, so that on-time hands out the one before. Another uses and
+        hands out the state that its step began with; the one that it makes of it is ahead.
+        """
+        implicit = tool.integrator == "implicit"
+        solves = implicit or tool.integrator == "implicit-damping"
+        held = int(solves)
+        if tool.exchange == "held-force":
+            return cls(int(solves and not implicit), 0, tool.queued, held)
+        if tool.exchange == "ahead":
+            return cls(int(not implicit), int(not solves), tool.queued, held)
+        return cls(int(solves and not implicit), 0, tool.queued + int(solves), held)
+
+
+def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGains) -> EnginePort:
+    """Judge a coupling at the engine's port; the tool's mass and what it touches do not enter.
+
+    Args:
+        device: with its ranges.
+        hands: that may hold it; the device released is judged beside them.
+        tool: step, integrator and exchange.
+        gains: of the coupling, at the device.
+
+    Raises:
+        UnsupportedError: a step of the engine that is no whole multiple of T.
+    """
+    t, people = device.sample_time_s, with_let_go(hand_corners(hands))
+    plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
+    port = Port(plant, gains, PortDelays.of(tool), held_force=tool.exchange == "held-force")
+    found = []
+    for step_s in sorted(set(tool.step_s)):
+        clock = clocks(step_s, t)[0]
+        if not clock.whole:
+            raise UnsupportedError(
+                f"passivity at the engine's port is known where the step is a whole multiple of T = {t:g} s, not for "
+                f"{step_s:g} s: the port is no single map then; the spectral radius of the lifted loop judges it",
+                key="simulation.step_s",
+            )
+        found.append((*port.lowest(clock.samples[0]), step_s))
+    margin, angle, row, step_s = min(found)
+    tolerance = _TOLERANCE * (gains.damping_ns_per_m + gains.stiffness_n_per_m * max(tool.step_s))
+    llewellyn = _with_any_hand(device, tool, gains)
+    return EnginePort(
+        passive=margin >= -tolerance,
+        margin_ns_per_m=margin,
+        frequency_hz=angle / (2 * np.pi * step_s),
+        hand=people.values(row % len(people)),
+        step_s=step_s,
+        any_hand=None if llewellyn is None else llewellyn >= -tolerance,
+        any_hand_margin_ns_per_m=llewellyn,
+        engine_is_implicit=tool.integrator == "implicit",
+    )
+
+
+class Port:
+    """G of some devices with hands.
+
+    Args:
+        plant: devices with hands, from sample to sample.
+        gains: of the coupling.
+        delays: of the exchange.
+        held_force: whether the device holds a force that the engine makes.
+    """
+
+    def __init__(self, plant: SampledPlant, gains: ToolGains, delays: PortDelays, *, held_force: bool) -> None:
+        self._gains, self._delays, self._held_force = gains, delays, held_force
+        self._t = t = plant.sample_time_s
+        matrix, self._force = plant.with_forces_under_way()
+        n = matrix.shape[-1]
+        position = np.zeros(n + 1)
+        position[: len(plant.measured)] = plant.measured
+        velocity = (position - np.eye(n + 1)[n]) / t
+        self._read = np.stack([position, velocity])
+        k, b = (0.0, 0.0) if held_force else (gains.stiffness_n_per_m, gains.damping_ns_per_m)
+        self._sample = np.zeros((*matrix.shape[:-2], n + 1, n + 1))
+        self._sample[..., :n, :n] = matrix
+        asked = k * position + (b + gains.local_damping_ns_per_m) * velocity
+        self._sample[..., :n, :] += self._force[..., None] * asked
+        self._sample[..., n, :] = position
+
+    def impedance(self, samples: int, angles: FloatArray) -> ComplexArray:
+        """Return G, N.s/m, shape (angles, devices, hands).
+
+        Args:
+            samples: N.
+            angles: omega T_s, above 0, shape (angles,).
+        """
+        k, b = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m
+        z = np.exp(1j * angles)[:, None, None]
+        late, place = self._delays, samples * self._t * z / (z - 1)
+        own = k * place * z**-late.spring + b * z**-late.damper
+        matrix, drive = self._lifted(samples)
+        inverse = np.linalg.solve(z[..., None, None] * np.eye(matrix.shape[-1]) - matrix, drive.astype(complex))
+        moved = np.tensordot(inverse, self._coupled, axes=(-2, 0)) * z[..., None] ** -late.told
+        if self._held_force:
+            loop = moved[..., 0]
+            return np.asarray(own + loop / (1 - loop) * z**-late.held * (k * place + b))
+        return np.asarray(own - moved[..., 0] * place - moved[..., 1])
+
+    def radius(self, samples: int) -> float:
+        """Return the largest magnitude of a pole of G: of devices on the coupling with the tool held in place.
+
+        Args:
+            samples: N.
+        """
+        matrix, drive = self._lifted(samples)
+        if self._held_force:
+            n, late = matrix.shape[-1], self._delays.told
+            whole = np.zeros((*matrix.shape[:-2], n + late, n + late))
+            whole[..., :n, :n] = matrix
+            if late:
+                whole[..., :n, n + late - 1] = drive[..., 0]
+                whole[..., n, :n] = self._coupled
+                whole[..., np.arange(n + 1, n + late), np.arange(n, n + late - 1)] = 1.0
+            else:
+                whole[..., :n, :n] += drive * self._coupled
+            matrix = whole
+        return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+    def lowest(self, samples: int) -> tuple[float, float, int]:
+        """Return the lowest Re G, the angle where it stands and the number of device and hand.
+
+        Minus infinity where a pole lies on or outside the unit circle.
+
+        Args:
+            samples: N.
+        """
+        if not self.radius(samples) < 1 - _RADIUS_TOLERANCE:
+            return -np.inf, 0.0, 0
+        angles = np.concatenate(
+            [np.geomspace(_SMALLEST, 0.1, _ANGLES // 4, endpoint=False), np.linspace(0.1, np.pi, _ANGLES)]
+        )
+        for _ in range(_FINER + 1):
+            values = self.impedance(samples, angles).real.reshape(len(angles), -1)
+            place, row = divmod(int(np.argmin(values)), values.shape[1])
+            found = float(values[place, row]), float(angles[place]), row
+            angles = np.linspace(angles[max(place - 1, 0)], angles[min(place + 1, len(angles) - 1)], 41)
+        return found
+
+    @property
+    def _coupled(self) -> FloatArray:
+        """The coupling's force as a row of the device's state."""
+        gains = self._gains
+        return np.asarray(gains.stiffness_n_per_m * self._read[0] + gains.damping_ns_per_m * self._read[1])
+
+    def _lifted(self, samples: int) -> tuple[FloatArray, FloatArray]:
+        """Return A_N and B_N: of the tool's place and velocity, or of the force that is held."""
+        k, b = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m
+        by = np.array([[1.0]] if self._held_force else [[-k, -b]])
+        force = np.concatenate([self._force, np.zeros((*self._force.shape[:-1], 1))], axis=-1)[..., None] * by
+        power, drive = np.broadcast_to(np.eye(force.shape[-2]), self._sample.shape), np.zeros_like(force)
+        for _ in range(samples):
+            drive, power = self._sample @ drive + force, self._sample @ power
+        return np.asarray(power), drive
+
+
+def _with_any_hand(device: Device, tool: VirtualTool, gains: ToolGains) -> float | None:
+    """Return Llewellyn's margin where each sample is a step, and the device knows the tool of that step; else None."""
+    delays, corners = PortDelays.of(tool), device_corners(device, LINEAR_KEYS)
+    old = max(delays.spring, delays.damper, delays.told, delays.held if tool.exchange == "held-force" else 0)
+    whole = all(corner.delay_samples == int(corner.delay_samples) for corner in corners)
+    rigid = device.resonance is None and device.amplifier_bandwidth_hz is None
+    if max(tool.step_s) > 1.5 * device.sample_time_s or old or not (whole and rigid):
+        return None
+    k, b, local = gains.stiffness_n_per_m, gains.damping_ns_per_m, gains.local_damping_ns_per_m
+    loops = [
+        SampledLoop(one.damping_ns_per_m, 0.0, 0.0, one.sample_time_s, one.delay_samples, "sampled-data")
+        for one in corners
+    ]
+    return min(float(llewellyn_margin(loop, b, k, local)[0][0]) for loop in loops)

@@ -1,0 +1,170 @@
+"""Which springs and dampers to a virtual tool are stable: K against B, a curve for each engine rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.arrays import Comparable, FloatArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import short
+from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
+from avc_casadi.model.lifted_loop import ToolGains
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# Dampers beside none at all, as shares of m/T, evenly in the logarithm.
+_DAMPERS, _LIGHTEST, _HEAVIEST = 24, 1e-3, 1.0
+# Engine rates, as factors of the declared step.
+_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
+# Damping ratio that the device's own loop gives the released device beside a held force.
+_LOCAL_RATIO = 1.0
+# Softest spring, as a share of m/T_s^2, and stiffest, as one of m/T^2.
+_SOFTEST, _STIFFEST = 1e-3, 10.0
+# Ratio of two stiffnesses that are tried, and precision of a limit.
+_RATIO, _PRECISION = 1.6, 1.02
+
+
+@dataclass(frozen=True, eq=False)
+class ToolCurve(Comparable):
+    """Largest stable K at each B with an engine's step.
+
+    Attributes:
+        step_s: of the engine; the longest of its range where it is the declared one.
+        declared: whether it is the declared one, with its whole range.
+        stiffness_n_per_m: K up to which every softer one is stable too, shape (n,); 0 where none is.
+    """
+
+    step_s: float
+    declared: bool
+    stiffness_n_per_m: FloatArray
+
+    def __repr__(self) -> str:
+        return f"ToolCurve({1 / self.step_s:.4g} Hz: {short(self.stiffness_n_per_m, 'N/m')})"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ToolRegion(Comparable):
+    """The K-B region of a coupling to a simulation: with every hand, released, and every tool and contact.
+
+    Attributes:
+        problem: name of the problem.
+        damping_ns_per_m: B, shape (n,), the first 0.
+        local_damping_ratio: of a damper in the device's loop beside a held force: that which the released device has on
+            each K with it; 0 where there is none.
+        curves: one for each engine rate, fast ones first.
+    """
+
+    problem: str
+    damping_ns_per_m: FloatArray
+    local_damping_ratio: float
+    curves: tuple[ToolCurve, ...]
+
+    def __repr__(self) -> str:
+        return f"ToolRegion({self.problem!r}: {', '.join(map(repr, self.curves))})"
+
+    def document(self) -> dict[str, Any]:
+        """Return the `zwidth` document: JSON values only."""
+        found: dict[str, Any] = plain(
+            {
+                "schema": "avc-zwidth-tool/1",
+                "problem": self.problem,
+                "damping_ns_per_m": self.damping_ns_per_m,
+                "local_damping_ratio": self.local_damping_ratio,
+                "curves": [
+                    {
+                        "step_s": one.step_s,
+                        "rate_hz": 1 / one.step_s,
+                        "declared": one.declared,
+                        "stiffness_n_per_m": one.stiffness_n_per_m,
+                        **_stiffest(self.damping_ns_per_m, one.stiffness_n_per_m),
+                    }
+                    for one in self.curves
+                ],
+            }
+        )
+        return found
+
+
+def _stiffest(damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray) -> dict[str, float | None]:
+    place = int(np.argmax(stiffness_n_per_m))
+    stiffest = float(stiffness_n_per_m[place])
+    return {
+        "stiffest_n_per_m": stiffest or None,
+        "stiffest_with_ns_per_m": float(damping_ns_per_m[place]) if stiffest else None,
+    }
+
+
+def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
+    """Compute the region at the declared step of the engine, and at 2 and 4 times faster and slower ones.
+
+    Each curve is followed from the softest spring up to the first that is unstable, at 25 dampers; K is right to 2 %.
+    Beside a held force, which cannot damp, the device's own loop damps the released device critically on each K.
+
+    Args:
+        problem: with [simulation].
+        progress: told of the curves.
+    """
+    tool, device = required_tool(problem), problem.device
+    t, declared = device.sample_time_s, max(tool.step_s)
+    lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
+    mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
+    damping = np.concatenate([[0.0], mass / t * np.geomspace(_LIGHTEST, _HEAVIEST, _DAMPERS)])
+    steps = {round(factor * declared / t) * t: False for factor in _STEPS if round(factor * declared / t) >= 1}
+    steps = {step: False for step in steps if not math.isclose(step, declared, rel_tol=0.1)} | {declared: True}
+    ratio = _LOCAL_RATIO if tool.exchange == "held-force" else 0.0
+    curves = []
+    for place, step_s in enumerate(sorted(steps)):
+        progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")
+        of_engine = problem if steps[step_s] else problem.changed(simulation={"step_s": step_s})
+        loops, softest = ToolLoops(of_engine), _SOFTEST * mass / step_s**2
+        limits, near = np.zeros(len(damping)), softest
+        for row, b in enumerate(damping.tolist()):
+
+            def stable(k: float, b: float = b, loops: ToolLoops = loops) -> bool:
+                local = max(0.0, 2 * ratio * math.sqrt(k * mass) - device.damping_ns_per_m)
+                return loops.stable(ToolGains(k, b, local))
+
+            limits[row] = _limit(stable, softest, near, _STIFFEST * mass / t**2)
+            near = max(limits[row], softest)
+        curves.append(ToolCurve(step_s, steps[step_s], limits))
+    return ToolRegion(problem.name, damping, ratio, tuple(curves))
+
+
+def _limit(stable: Callable[[float], bool], softest: float, near: float, stiffest: float) -> float:
+    """Return the stiffness up to which all that are tried are stable; 0 where the softest is not.
+
+    Args:
+        stable: whether a stiffness is.
+        softest: where it begins.
+        near: where the limit may lie, that of the damper before.
+        stiffest: where it ends.
+    """
+    low = softest
+    if not stable(low):
+        return 0.0
+    # What lies well below the last limit is tried more coarsely.
+    while low < near / _RATIO:
+        after = min(_RATIO**3 * low, near / _RATIO)
+        if not stable(after):
+            return _bisected(stable, low, after)
+        low = after
+    while low < stiffest:
+        after = min(_RATIO * low, stiffest)
+        if not stable(after):
+            return _bisected(stable, low, after)
+        low = after
+    return low
+
+
+def _bisected(stable: Callable[[float], bool], low: float, high: float) -> float:
+    while high > _PRECISION * low:
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low

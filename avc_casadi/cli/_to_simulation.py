@@ -1,0 +1,93 @@
+"""What verbs are asked about where a simulation is at the other end: a problem with [simulation], or its coupling."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+import avc_casadi as avc
+from avc_casadi.cli._console import Console
+from avc_casadi.cli._subject import is_coupling, load_problem
+
+if TYPE_CHECKING:
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.tool_coupling import ToolCoupling
+
+
+def couples_to_simulation(source: str) -> bool:
+    """Whether a file or a name is a coupling to a simulation, or a problem with one; what cannot be read is neither.
+
+    Args:
+        source: as the user typed it.
+    """
+    from avc_casadi.files.tool_coupling_file import is_tool_coupling
+
+    if is_coupling(source):
+        return is_tool_coupling(source)
+    try:
+        return avc.load_problem(source).simulation is not None
+    except avc.AvcError:  # told where it is loaded
+        return False
+
+
+def read_tool(file: str) -> ToolCoupling:
+    """Read a coupling to a simulation; from here on the command answers in the words of its device."""
+    from avc_casadi._util.units import speak
+    from avc_casadi.files.tool_coupling_file import read_tool_coupling
+
+    found = read_tool_coupling(file)
+    speak(found.problem.units)
+    return found
+
+
+def problem_and_gains(
+    source: str, gains: str | None, console: Console | None = None
+) -> tuple[avc.Problem, ToolGains | None]:
+    """Return what a verb is asked about, and the gains; None where a problem came alone and none are designed.
+
+    Args:
+        source: problem, or coupling to a simulation.
+        gains: file of the gains, beside a problem.
+        console: told of a design; without one none is made.
+
+    Raises:
+        InputError: gains beside a coupling, of another kind, or none can be designed.
+    """
+    from avc_casadi.files.tool_coupling_file import is_tool_coupling
+
+    if is_coupling(source):
+        if gains is not None:
+            raise avc.InputError.of("is given beside a coupling; give the problem, or leave it out", file=gains)
+        coupling = read_tool(source)
+        return coupling.problem, coupling.gains
+    problem = load_problem(source)
+    if gains is not None:
+        if not is_tool_coupling(gains):
+            make = f"avc recommend {source} --out c.json"
+            raise avc.InputError.of(f"is no coupling to a simulation; make one: {make}", file=gains)
+        return problem, read_tool(gains).gains
+    return problem, None if console is None else _designed(problem, source, console)
+
+
+def _designed(problem: avc.Problem, source: str, console: Console) -> ToolGains:
+    """Return a coupling that is linearly stable, with a margin; no hand has tried it."""
+    from avc_casadi.design.virtual_tool import designed
+
+    with console.step("coupling"):
+        found = designed(problem)
+    if found is None:
+        why = f"no spring and damper is stable with every hand, released, tool and contact: avc recommend {source}"
+        raise avc.InputError.of(why, file=source)
+    return found
+
+
+def refuse(args: argparse.Namespace, options: tuple[str, ...]) -> None:
+    """Refuse options that ask for a wall.
+
+    Raises:
+        InputError: with the first that was given.
+    """
+    given = [one for one in options if getattr(args, one) not in (None, False, 0)]
+    if given:
+        key = f"--{given[0].replace('_', '-')}"
+        raise avc.InputError.of("is asked of walls, and the other end is a [simulation]; leave it out", key=key)

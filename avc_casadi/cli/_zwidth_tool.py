@@ -1,0 +1,29 @@
+"""`avc zwidth` of a problem with [simulation]."""
+
+from __future__ import annotations
+
+import argparse
+
+from avc_casadi.cli._console import Answer, Console
+from avc_casadi.cli._files import output_file
+from avc_casadi.cli._to_simulation import problem_and_gains
+
+
+def zwidth_tool(args: argparse.Namespace, console: Console) -> Answer:
+    """Compute the region, draw and show."""
+    from avc_casadi.claims.stability.tool_region import tool_region
+    from avc_casadi.present.pages.tool_claims import region_page
+
+    plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
+    problem, _ = problem_and_gains(args.problem, None)
+    with console.step("region"):
+        region = tool_region(problem, console)
+    if plot is not None:
+        from avc_casadi.present.figures.layout import save_figure
+        from avc_casadi.present.figures.tool_region import draw_tool_region
+
+        with console.step("figure"):
+            save_figure(draw_tool_region(region), plot)
+    document = region.document()
+    text = region_page(document, problem, console.page, args.problem)
+    return Answer(document, text if plot is None else f"{text}\ndrawn: {args.plot}")
