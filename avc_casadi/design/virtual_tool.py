@@ -34,6 +34,7 @@ class ToolSearchOptions:
         precision: relative precision of a limit.
         near_best: dampers with this share of the best damping ratio are good; the one with the widest gain margin wins.
         widest_margin: gain margins are sought up to this.
+        lighter: shares of a good damping ratio with which a lighter damper is tried, too.
         local_ratios: dampers of the device's own loop that are tried beside a held force, as damping ratios of the
             released device on the spring K: above 1 it would only creep back.
     """
@@ -46,6 +47,7 @@ class ToolSearchOptions:
     precision: float = 5e-3
     near_best: float = 0.9
     widest_margin: float = 4.0
+    lighter: tuple[float, ...] = (0.5, 0.25)
     local_ratios: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
 
@@ -178,7 +180,7 @@ class CouplingSearch:
         return best
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
-        """Return K with the dampers to be tried, the best damped first, then the lightest that damps half as well.
+        """Return K with the dampers to be tried: that damp best, and lighter ones that damp a half and a quarter as well.
 
         Of dampers nearly as good as the best the one with the widest margin counts. A light one passes on less of the
         encoder's steps.
@@ -201,10 +203,14 @@ class CouplingSearch:
         ratios = [self._judge.slowest(one).damping_ratio for one in safe]
         share = self.options.near_best
         best = max(_with_share(safe, ratios, share), key=self.gain_margin)
-        lightest = min(
-            _with_share(safe, ratios, share / 2), key=lambda one: one.damping_ns_per_m + one.local_damping_ns_per_m
-        )
-        return list(dict.fromkeys((best, lightest)))
+        lighter = [
+            min(
+                _with_share(safe, ratios, share * part),
+                key=lambda one: one.damping_ns_per_m + one.local_damping_ns_per_m,
+            )
+            for part in self.options.lighter
+        ]
+        return list(dict.fromkeys((best, *lighter)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
         """Whether some damper makes every loop stable with this K."""

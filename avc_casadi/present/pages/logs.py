@@ -7,11 +7,12 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.told import cure_text
 from avc_casadi.present.pages.subject import plural, quantities
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units

@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import InputError
+from avc_casadi._util.quantity import quantity
 from avc_casadi.present.pages.engines import ENGINES, Engine, Parameter, Said, number_text
 from avc_casadi.present.pages.tool_claims import coupling_text
 from avc_casadi.present.pages.virtual_tool import headline as tool_headline
-from avc_casadi.present.terminal import Mark, Page, Row, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.tool_coupling import ToolCoupling
