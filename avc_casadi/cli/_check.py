@@ -6,9 +6,11 @@ import argparse
 from typing import Any
 
 from avc_casadi.cli._check_device import check_device, is_device
+from avc_casadi.cli._check_tool import check_tool
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number, passive_limit, titled
+from avc_casadi.cli._to_simulation import couples_to_simulation
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -16,8 +18,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problem", metavar="P", help="problem or device: a file, or a name of the catalogue")
 
 
-def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
+def run(args: argparse.Namespace, console: Console) -> Answer:
     """Load the problem; its faults are raised."""
+    if couples_to_simulation(args.problem):
+        return check_tool(args, console)
     from avc_casadi._util.json_values import plain
     from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
     from avc_casadi.files.plausibility import plausibility
