@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from host_device import HostCore, HostLink
 
 import avc_hardware
 from avc_casadi import Problem, load_problem
@@ -25,7 +26,6 @@ from avc_casadi.model.schedule import GainSchedule, Status
 from avc_hardware import BoardLimits, Connection, TableImage
 from avc_hardware.codegen.build import HOST_INSTALL, build_host
 from avc_hardware.codegen.firmware import ARM_INSTALL
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.session import RefusedError
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, Float32Array
 from avc_casadi.model.runtime import StateFeedback
-from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
+from avc_casadi.simulation.runtime.observer import state_feedback_step
 from avc_casadi.simulation.runtime.step import Step
 from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures
 from avc_hardware.codegen.float_program import FloatProgram

@@ -12,8 +12,7 @@ from test_commissioning_names_what_is_wired_wrongly import bench
 from avc_casadi import InputError
 from avc_casadi.model.device import Device
 from avc_hardware import DeviceFault, Wiring, commission
-from avc_hardware.link.commission import pulse_plan
-from avc_hardware.link.pulse import LEAST_COUNTS, Moved
+from avc_hardware.link.commission import LEAST_COUNTS, Moved, pulse_plan
 
 # By the formula without viscous damping its pulse of 0.8 N would last 27 ms and be seen as two counts.
 DAMPED = Device(mass_kg=0.1, damping_ns_per_m=60.0, coulomb_friction_n=0.05, encoder_resolution_m=5e-5, max_force_n=8.0)

@@ -62,4 +62,4 @@ def test_command_in_shares_gives_the_answer_of_one_go(coupling, tmp_path, capsys
     assert "--resume DIR" in answer("--merge", code=2)["errors"][0]["message"]
     assert "another study" in answer("--resume", str(folder), "--without-friction", code=2)["errors"][0]["message"]
     assert main(command) == 0
-    assert f"{whole['at_rest']} of 20 hands at rest" in capsys.readouterr().out
+    assert f"{whole['at_rest']} of 20 hands in every motion" in capsys.readouterr().out

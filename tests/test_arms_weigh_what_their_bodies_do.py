@@ -253,7 +253,7 @@ def test_mjcf_moves_as_in_mujoco(tmp_path):
 @pytest.mark.parametrize(
     ("text", "ending", "said"),
     [
-        (Path(load_arm("gantry-urdf").model.file).read_text().replace('<mass value="0.15"/>', ""), "urdf", "stage_y"),
+        (Path(load_arm("gantry-urdf").model.file).read_text().replace('value="0.15"', 'value="-1"'), "urdf", "stage_y"),
         (Path(load_arm("gantry-urdf").model.file).read_text().replace('"0.1"/><ine', '"0"/><ine'), "urdf", "stage_z"),
         (Path(load_arm("gantry-urdf").model.file).read_text().replace("prismatic", "planar"), "urdf", "x (planar)"),
         (BODIES.format(extra="", inertial=""), "xml", "c"),
@@ -274,26 +274,31 @@ URDF = Path(load_arm("gantry-urdf").model.file).read_text()
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('<child link="tool"/>', '<child link="claw"/>', "joint grip: its child 'claw' is no link of the file"),
-        ('<child link="tool"/>', '<child link="frame"/>', "hangs in a loop of joints"),
-        ('<child link="tool"/>', '<child link="stage_x"/>', "link stage_x is the child of 2 joints"),
+        ('<child link="tool"/>', '<child link="claw"/>', "joint parent or child missing Element 'joint', line 11"),
+        ('<child link="tool"/>', '<child link="frame"/>', "body not found Element 'link', line 3"),
+        ('<child link="tool"/>', '<child link="stage_x"/>', "body has multiple parents: Element 'joint', line 11"),
         ('joint name="y"', 'joint name="x"', "has 2 joints of the name 'x'"),
-        ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', "joint y: axis xyz is '0 1'; allowed: 3 finite numbers"),
-        ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "joint y: axis xyz is 0 0 0"),
-        ('value="0.15"', 'value="-0.2"', "link stage_y: mass value is -0.2; allowed: 0 or more"),
-        ('value="0.15"', 'value="nan"', "link stage_y: mass value is 'nan'; allowed: a finite number"),
-        ('iyy="5e-4"', 'iyy="-5e-4"', "link stage_y: its inertia has a negative principal moment"),
-        ('iyy="5e-4" ', "", "link stage_y: its inertia does not tell iyy; give them, 0"),
-        ('<inertia ixx="5e-4"', '<moments ixx="5e-4"', "link stage_y: has a mass and no <inertia>"),
-        ('<joint name="y" ', "<joint ", "joint 2 of the file has no name"),
-        ('lower="-0.06"', 'lower="low"', "joint z: limit lower is 'low'; allowed: a finite number"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 1"/>', "'xyz' does not have enough data Element 'axis', line 9"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', "axis too small in joint Element name 'y'"),
+        ('<mass value="0.15"/>', "", "missing element: 'mass' Element 'inertial', line 5"),
+        ('value="0.15"', 'value="nan"', "mass value is 'nan'; allowed: finite numbers"),
+        ('iyy="5e-4"', 'iyy="-5e-4"', "inertia must have positive eigenvalues' in fullinertia Element name 'stage_y'"),
+        ('iyy="5e-4" ', "", "required attribute missing: 'iyy' Element 'inertia', line 5"),
+        ('<inertia ixx="5e-4"', '<moments ixx="5e-4"', "missing element: 'inertia' Element 'inertial', line 5"),
+        ('<joint name="y" ', "<joint ", "required attribute missing: 'name' Element 'joint', line 9"),
+        ('lower="-0.06"', 'lower="low"', "bad format in attribute 'lower' Element 'limit', line 10"),
         ('lower="-0.06"', 'lower="0.06"', "joint z: limit goes from 0.06 to 0.06"),
         (
             '<child link="tool"/>',
             '<child link="tool"/><child link="tip"/>',
-            "joint grip: has 2 of <child>; allowed: one",
+            "repeated element: 'child' Element 'child', line 11",
         ),
-        ("robot", "robots", "begins with <robots>; allowed: <robot>"),
+        (
+            '<link name="tool"/>',
+            '<link name="tool"/><link name="claw"/>',
+            "has 2 links that are no child of a joint (frame, claw); allowed: one, the base",
+        ),
+        ("robot", "robots", "Unrecognized XML model type: 'robots'"),
     ],
 )
 def test_what_is_wrong_in_a_urdf_is_told_by_name(old, new, said, tmp_path):
@@ -305,9 +310,13 @@ def test_what_is_wrong_in_a_urdf_is_told_by_name(old, new, said, tmp_path):
 def test_what_a_urdf_may_leave_out_is_what_it_means(tmp_path):
     lacks = URDF.replace('<axis xyz="1 0 0"/>', "").replace('<origin xyz="0.02 0 0" rpy="0 0 0"/>', "")
     lacks = lacks.replace('<origin xyz="0 0 0.2" rpy="0 0 0"/>', "").replace(' rpy="0 0 0"', "").replace("0.06", "0.6")
-    # What is there to be drawn or driven may be as it is.
+    # Axes need not be of unit length.
+    lacks = lacks.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 2 0"/>')
+    # A point mass has moments of 0. What is there to be drawn or driven may be as it is.
+    lacks = lacks.replace('iyy="5e-4"', 'iyy="0"').replace('ixx="5e-4"', 'ixx="0"').replace('izz="5e-4"', 'izz="0"')
+    mesh = '<geometry><mesh filename="package://tool.stl"/></geometry>'
     lacks = lacks.replace('effort="20" velocity="1"', "").replace(
-        '<link name="tool"/>', '<link name="tool"><visual/></link>'
+        '<link name="tool"/>', f'<link name="tool"><visual>{mesh}</visual><collision>{mesh}</collision></link>'
     )
     made, whole = arm(written(tmp_path, lacks, "tool", "urdf")), arm("gantry-urdf")
     q = np.array([[0.01, -0.02, 0.03]])

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hardware_bench import coupling, require, scratch, unwatched
+from host_device import HostCore
 from lock_step_board import LockStepBoard, Machine
 from test_firmware_tick_equals_reference import queue
 
@@ -21,7 +22,6 @@ from avc_hardware.codegen.boards import flashing, read_board
 from avc_hardware.codegen.build import build_host, build_image
 from avc_hardware.codegen.build_faults import build_faults
 from avc_hardware.codegen.tick_c import MADE_FOR, made_for
-from avc_hardware.emulator.host import HostCore
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.monitor import pause
 from avc_hardware.link.push import push_over

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from exported import Exported
 from hardware_bench import coupling, host_library, push, require, scratch
+from host_device import State
 
 from avc_casadi import InputError, load_device
 from avc_casadi.cli import main
@@ -15,7 +16,6 @@ from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage, build_firmware
 from avc_hardware.codegen.firmware_fit import FirmwareLacksError
-from avc_hardware.emulator.host import State
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.prove.between_rows import gain_corners, rows_and_between
+from avc_casadi.claims.proof_levels import gain_corners, rows_and_between
 from avc_casadi.claims.prove.changing import Changing, prove_changes
 from avc_casadi.claims.prove.joint_radius import joint_spectral_radius
 from avc_casadi.claims.stability.frozen_loop import joint_rendering

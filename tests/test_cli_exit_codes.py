@@ -168,9 +168,10 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
     done = avc("certify", "weak.toml", "stiff.csv", cwd=tmp_path)
     assert done.returncode == 1
     assert text_of(done) == "avc: weak: stiff.csv is not deployable\n"
-    assert done.stdout.decode().startswith("not deployable: hands (L5): linearly unstable")
-    assert f"claimed by the problem file: {level}" in done.stdout.decode()
-    assert done.stdout.decode().splitlines()[-2].endswith(": not met")
+    text = done.stdout.decode()
+    assert "✗ Deployable     no: not linearly stable with hands" in text
+    (claimed,) = [line for line in text.splitlines() if f"{level} by the problem file" in line]
+    assert claimed.endswith(": not met")
     (tmp_path / "soft.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,5.0,1e3\n50.0,5.0,1e3\n")
     done = avc("certify", "weak.toml", "soft.csv", "--json", cwd=tmp_path)
     assert done.returncode == 0
@@ -185,7 +186,7 @@ def test_the_problem_that_diverges_is_not_deployable(tmp_path):
     done = avc("certify", "c.json", cwd=tmp_path)
     assert done.returncode == 1
     assert text_of(done) == "avc: diverging: c.json is not deployable\n"
-    assert "let-go: linearly unstable let go" in done.stdout.decode()
+    assert "✗ Released       linearly unstable when released" in done.stdout.decode()
 
 
 @pytest.mark.thorough
@@ -303,8 +304,8 @@ def test_solve_says_yes_where_gains_were_found_and_tells_whether_they_are_deploy
     (tmp_path / "weak.toml").write_text(WEAK.format(scope=scope).replace("0.01", "2.0"))
     done = avc("solve", "weak.toml", "--method", "exact", cwd=tmp_path)
     assert done.returncode == 0
-    (line,) = [line for line in done.stdout.decode().splitlines() if "deployable" in line]
-    assert line.startswith("not deployable: hands (L5): ")
+    (line,) = [line for line in done.stdout.decode().splitlines() if "Deployable" in line]
+    assert line.split()[:4] == ["✗", "Deployable", "no:", "linearly"]
     document = strict_json(avc("solve", "weak.toml", "--method", "exact", "--json", cwd=tmp_path).stdout)
     assert None not in document["damping_ns_per_m"]
     assert document["deployable"]["pass"] is False

@@ -6,6 +6,7 @@ import pytest
 
 from avc_casadi import dump_problem, load_problem
 from avc_casadi.cli import main
+from avc_casadi.present.terminal import quantity
 
 VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]
 
@@ -56,14 +57,15 @@ def test_another_problem_model_and_structure_are_noted(arguments, gains, capsys)
     notes = json.loads(out.out)["notes"]
     assert [note.split(" for ")[1].split(" ")[0] for note in notes] == ["problem", "model", "structure"]
     _, out = call(capsys, *arguments)
+    text = " ".join(out.out.split())
     for note in notes:
-        assert f"note: {note}" in out.out
+        assert f"! Note {note}" in text
 
 
 @pytest.mark.thorough
 def test_simulate_says_from_which_row_its_gains_are(gains, capsys):
     _, out = call(capsys, *VERBS[1])
-    assert f"the table at {gains['frequency_hz'][0]:g} Hz" in out.out
+    assert f"the table at {quantity(gains['frequency_hz'][0], 'Hz')}" in out.out
 
 
 @pytest.mark.thorough
@@ -72,8 +74,8 @@ def test_simulate_says_at_which_frequency_the_scene_reads_the_gains(gains, capsy
     with open("soft7.toml", "w", encoding="utf-8") as file:  # noqa: PTH123
         file.write(text)
     _, out = call(capsys, "simulate", "soft7.toml", "--gains", "gains.json")
-    assert f"(b = {gains['damping_ns_per_m'][7]:.4g} N.s/m" in out.out
-    assert f"the table at {gains['frequency_hz'][7]:.4g} Hz" in out.out
+    assert f"spring k {quantity(gains['stiffness_n_per_m'][7], 'N/m')}" in out.out
+    assert f"the table at {quantity(gains['frequency_hz'][7], 'Hz')}" in out.out
 
 
 @pytest.mark.thorough

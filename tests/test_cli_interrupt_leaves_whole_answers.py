@@ -9,12 +9,12 @@ import sys
 import pytest
 from avc_process import ENVIRONMENT, avc, strict_json
 from hardware_bench import host_core
+from host_device import HostLink
 
 import avc_hardware
 from avc_casadi import InputError, fault_document
 from avc_casadi.cli import main
 from avc_casadi.cli._files import output_folder
-from avc_hardware.emulator.host import HostLink
 
 LARGE = """
 import sys

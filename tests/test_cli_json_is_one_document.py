@@ -4,7 +4,7 @@ import pytest
 from avc_process import avc, strict_json
 
 from avc_casadi import dump_problem, load_problem
-from avc_casadi.cli._recommend import stiffest_text
+from avc_casadi.present.pages.recommendation_lines import stiffest_lines
 
 SOLVE_KEYS = {
     "schema",
@@ -137,7 +137,7 @@ def test_recommend(tmp_path):
         "half the sample time",
         "twice the mass of the device",
     }
-    text = stiffest_text(only)
+    text = "\n".join(stiffest_lines(only))
     for one in (only, *only["what_would_help"]):
         assert f"{one['stiffest_wall_n_per_m']:.4g}" in text
 

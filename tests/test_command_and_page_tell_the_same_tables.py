@@ -47,7 +47,7 @@ def test_the_page_holds_every_table_of_the_comparison(told):
 @pytest.mark.thorough
 def test_the_command_prints_every_table_of_the_comparison(told, capsys):
     document, _, _ = told
-    assert main(["compare", "figure5", "--mine", "2000,7"]) == 0
+    assert main(["compare", "figure5", "--mine", "2000,7", "-v"]) == 0
     text = capsys.readouterr().out
     for table in comparison_tables(document):
         assert table.text() in text

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from excited import DECLARED, device, planned
 from hardware_bench import host_core, host_library, image, push, require, with_gains
+from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -25,7 +26,6 @@ from avc_hardware import (
     set_limits,
 )
 from avc_hardware.emulator.bench import WiredBench
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason
 from avc_hardware.link.messages import Kind
@@ -237,7 +237,7 @@ def test_a_higher_force_waits_for_the_device_to_be_let_go(capsys: pytest.Capture
     assert core.tick(way)[0].max() > 5.0
     require("unicorn")
     assert main(["device", "--port", "emulator", "--force-n", "3"]) == 0
-    assert "force, N" in capsys.readouterr().out
+    assert "3.00 N of 50.0 N built in" in capsys.readouterr().out
 
 
 @pytest.mark.thorough

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.design.comparison.injection import damping_injection
+from avc_casadi.design.comparison.comparison import damping_injection
 from avc_casadi.model.problem import Impedance
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.loop import loop_at

@@ -14,9 +14,8 @@ from avc_casadi.arm.arm import evaluated
 from avc_casadi.arm.contact import Contacts, contact_loops
 from avc_casadi.arm.coupled import coupled_certificate, electronics, radii, random_points
 from avc_casadi.arm.design import RESERVE, ArmDesign, DirectedGains, design_arm, gains_document
-from avc_casadi.arm.effective_mass import effective_masses, mobility, reached
+from avc_casadi.arm.effective_mass import effective_masses, mobility, reached, tip_device
 from avc_casadi.arm.mechanisms import arm
-from avc_casadi.arm.tip_device import tip_device
 from avc_casadi.arm.walls import workspace_map
 from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
 from avc_casadi.cli import main

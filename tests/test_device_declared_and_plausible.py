@@ -106,9 +106,9 @@ def test_check_shows_doubts_and_what_is_declared(tmp_path, capsys):
     file = tmp_path / "heavy.toml"
     file.write_text(avc.dump_problem(problem({"mass_kg": 250.0, "delay_samples": 0.5})))
     assert main(["check", str(file)]) == 0
-    text = capsys.readouterr().out
-    assert "warning: device.mass_kg is 250: usual 0.005 to 5 kg; is the unit right?" in text
-    assert "declared: device.delay_samples" in text
+    text = " ".join(capsys.readouterr().out.split())
+    assert "! Warning device.mass_kg is 250: usual 0.005 to 5 kg; is the unit right?" in text
+    assert "Declared device.delay_samples" in text
     assert main(["check", str(file), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["valid"]

@@ -204,10 +204,12 @@ def test_list_shows_devices_apart_from_problems(capsys):
 @pytest.mark.parametrize("name", ["devices/phantom-omni", "phantom-omni", None])
 def test_check_shows_what_is_known_of_a_device(capsys, name):
     asked = str(device_names()["phantom-omni"]) if name is None else name
-    assert main(["check", asked]) == 0
+    assert main(["check", asked, "-v"]) == 0
     text = capsys.readouterr().out
-    assert "max_force_n = 3.3   example: CHAI3D" in text
-    assert "not known: mass_kg, damping_ns_per_m" in text
+    assert "max_force_n           3.30 N, example" in text
+    assert "max_force_n: example, CHAI3D" in text
+    assert "mass_kg               100 g (40.0 g to 250 g), assumed" in text
+    assert "Not known             position_noise_rms_m, amplifier_bandwidth_hz" in text
     assert 'device = "phantom-omni"' in text
     assert main(["check", asked, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -240,7 +242,7 @@ def test_a_file_of_guesses_needs_no_sources(tmp_path, capsys):
     path.write_text("[device]\nmass_kg = 0.2\ndamping_ns_per_m = 1.0\nrange = { mass_kg = [0.1, 0.3] }\n")
     assert avc.load_device(path).device.range.mass_kg == (0.1, 0.3)
     assert main(["check", str(path)]) == 0
-    assert "guess\n  valid device file\n  mass_kg = 0.2, from 0.1 to 0.3\n" in capsys.readouterr().out
+    assert "mass_kg           200 g (100 g to 300 g)\n" in capsys.readouterr().out
     assert device_of('device = "guess.toml"\n', folder=tmp_path).mass_kg == 0.2
     # Once one value has a source, all have.
     path.write_text(path.read_text() + '[sources]\nmass_kg = { grade = "measured", source = "scale" }\n')

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.identification.excitation.design import check_plan, plan_excitation
-from avc_casadi.identification.excitation.forecast import corners_of, forecast
+from avc_casadi.identification.excitation.plan import corners_of, forecast
 from avc_casadi.model.device import Device
 from avc_hardware import Connection, RefusedError, excite
 from avc_hardware.link import messages as m

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from excited import Bench, device, planned
 from hardware_bench import coupling, host_library, push, require, scratch, with_gains
+from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lock_step_board import LockStepBoard
@@ -21,7 +22,6 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, TableImage, clear_faults
 from avc_hardware.codegen.build import build_image
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.emulator.machine import BY_BROWN_OUT, BY_POWER_ON, CLOCK_HZ
 from avc_hardware.link import messages as m
 from avc_hardware.link.excite import ENDS
@@ -341,4 +341,4 @@ def test_monitor_and_clear_tell_the_fault(monkeypatch: pytest.MonkeyPatch, capsy
     assert main(["device", "--clear", "--port", "x"]) == 0
     told = capsys.readouterr().out
     assert "emergency stop" in told
-    assert "cleared; the device is in mode safe" in told
+    assert "Cleared  the device is in mode safe" in told

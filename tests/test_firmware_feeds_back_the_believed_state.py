@@ -9,6 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 from hardware_bench import believer, bench_problem, dense_believer, host_library, push, require, unwatched
+from host_device import HostCore, HostLink
 from numpy.typing import NDArray
 from reference_coupling import ReferenceCoupling
 from reference_device import ReferenceFeedback
@@ -18,7 +19,6 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import DeviceFault, TableImage
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.session import Session

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hardware_bench import coupling, dense_believer, require, scratch
+from host_device import BEFORE_WALL
 from lock_step_board import LockStepBoard
 from tick_profile import TickCount, tick_instructions
 
@@ -17,7 +18,6 @@ from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection
 from avc_hardware.codegen.build import build_image
 from avc_hardware.codegen.image import read_elf
-from avc_hardware.emulator.host import BEFORE_WALL
 from avc_hardware.link.monitor import pause
 from avc_hardware.link.push import push_over
 

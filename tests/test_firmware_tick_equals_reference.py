@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hardware_bench import believer, coupling, dense_believer, require, scratch, unwatched
+from host_device import HostCore, State
 from lock_step_board import LockStepBoard
 from numpy.typing import NDArray
 from reference_device import ReferenceDevice
@@ -30,7 +31,6 @@ from avc_hardware.codegen.boards import TARGETS
 from avc_hardware.codegen.build import build_host, build_image
 from avc_hardware.codegen.tick_c import MADE_FOR, made_for
 from avc_hardware.codegen.tick_program import SAMPLE_TIMES_S, constants, templates
-from avc_hardware.emulator.host import HostCore, State
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.frames import Decoder, Frame
 from avc_hardware.link.messages import parse

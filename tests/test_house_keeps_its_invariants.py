@@ -77,6 +77,21 @@ def test_hardware_loads_neither_proofs_nor_simulation():
     assert not [name for name in found if ".prove" in name or ".simulation" in name]
 
 
+@pytest.mark.parametrize(
+    "module",
+    [
+        "avc_casadi.claims.certify",
+        "avc_casadi.claims.deployable",
+        "avc_hardware.codegen.export",
+        "avc_hardware.link.push",
+    ],
+)
+def test_proofs_are_loaded_when_one_is_asked_for(module):
+    found = loaded_by(module)
+    assert module in found
+    assert not [name for name in found if ".prove" in name]
+
+
 @pytest.mark.thorough
 def test_tests_reach_into_private_modules_less_and_less():
     reached = [

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi.claims.prove.interval import ComplexInterval, Interval, cosine, matrix_product, sine
+from avc_casadi.claims.prove.interval import ComplexInterval, Interval, cosine, sine
 
 ENDS = st.floats(-1e150, 1e150, allow_nan=False).map(lambda x: x if abs(x) > 1e-150 else 0.0)
 MODEST = st.floats(-50.0, 50.0).map(lambda x: x if abs(x) > 1e-150 else 0.0)
@@ -142,29 +142,16 @@ def test_complex_rectangles_enclose(a, b, c, d, s, t, u, v):
     assert encloses(one.abs2(), w * w + x * x)
 
 
-def test_matrix_products_and_sums_enclose_exact_ones():
+def test_sums_enclose_exact_ones():
     generator = np.random.default_rng(3)
-    left, right = generator.normal(size=(40, 3, 4)), generator.normal(size=(40, 4, 2))
-    product = matrix_product(Interval.of(left), Interval.of(right))
+    left = generator.normal(size=(40, 3, 4))
     total = Interval.of(left).sum(axis=1)
-    assert product.shape == (40, 3, 2)
     assert total.shape == (40, 4)
-    assert np.all(product.width < 1e-13)
-    assert np.all(product.width > 0)
+    assert np.all(total.width < 1e-13)
+    assert np.all(total.width > 0)
     for row in range(40):
-        for i in range(3):
-            for j in range(2):
-                exact = sum(Fraction(float(left[row, i, k])) * Fraction(float(right[row, k, j])) for k in range(4))
-                assert Fraction(float(product.low[row, i, j])) <= exact <= Fraction(float(product.high[row, i, j]))
         exact = sum(Fraction(float(value)) for value in left[row, :, 2])
         assert Fraction(float(total.low[row, 2])) <= exact <= Fraction(float(total.high[row, 2]))
-
-
-@given(st.fractions(min_value=-1000, max_value=1000))
-def test_rational_numbers_are_enclosed_tightly(value):
-    one = Interval.of_fraction(value)
-    assert Fraction(float(one.low)) <= value <= Fraction(float(one.high))
-    assert float(one.high) <= np.nextafter(float(one.low), np.inf)
 
 
 def test_what_is_not_known_stays_unknown():
@@ -173,7 +160,7 @@ def test_what_is_not_known_stays_unknown():
     for result in (lost * two, two * lost, lost * lost, lost / two, abs(lost), lost.square(), lost.hull(-two)):
         assert not np.any((result.low > 0) & (result.high < np.inf))
         assert not np.any((result.high < 0) & (result.low > -np.inf))
-    for result in (sine(lost), cosine(lost), lost + lost, lost - two, two - lost, lost.meet(two), lost.clip(-9.0, 9.0)):
+    for result in (sine(lost), cosine(lost), lost + lost, lost - two, two - lost, lost.clip(-9.0, 9.0)):
         assert np.all(np.isnan(result.low) | np.isnan(result.high))
     overflown = Interval.of([1e200], [2e200]) * Interval.of([1e200], [2e200])
     assert np.isnan(overflown.low).all() or overflown.low[0] <= 1e308

@@ -7,11 +7,11 @@ import zlib
 import numpy as np
 import pytest
 from hardware_bench import coupling, host_core, image, refused
+from host_device import HostLink
 
 from avc_casadi import InputError
 from avc_casadi.model.gains import GainTable
 from avc_hardware import Connection, TableImage
-from avc_hardware.emulator.host import HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.messages import Kind

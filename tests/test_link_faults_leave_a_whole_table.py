@@ -8,6 +8,7 @@ import os
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import coupling, dense_believer, host_core, push
+from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,7 +18,6 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link import settings as _clear
 
 GUARD = Runtime(guard="passivity-controller")

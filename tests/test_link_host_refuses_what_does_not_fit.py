@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hardware_bench import coupling, host_core, host_library, image, push, refused, unwatched
+from host_device import HostCore, HostLink
 
 import avc_hardware
 from avc_casadi import LinkError, NotDeployableError, UnsupportedError
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage, check_runs_on
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link.faults import Reason, Refusal
 
 

@@ -15,13 +15,13 @@ import pytest
 import serial
 from excited import planned
 from hardware_bench import coupling, host_core, push, stream
+from host_device import HostCore
 
 from avc_casadi import LinkError, PortError
 from avc_casadi.cli import main
 from avc_casadi.identification.excitation.plan import Plan
 from avc_hardware import TableImage, excite, find_port, list_ports, monitor
-from avc_hardware.emulator.host import HostCore
-from avc_hardware.link import ports as ports_module
+from avc_hardware.link import connection as ports_module
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals need a Unix system")
 tty = pytest.importorskip("tty", reason="pseudo-terminals need a Unix system")

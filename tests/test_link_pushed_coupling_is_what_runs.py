@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from hardware_bench import coupling, host_core, host_library, push, unwatched
+from host_device import HostCore, HostLink
 
 from avc_casadi import LinkError
 from avc_hardware import Connection, RuntimeFigures, TableImage
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.push import push_over

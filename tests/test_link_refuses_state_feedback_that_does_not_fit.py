@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hardware_bench import believer, bench_problem, coupling, dense_believer, host_core, push
+from host_device import HostLink
 
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.coupling import Coupling
@@ -16,7 +17,6 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import Connection, TableImage, check_runs_on
 from avc_hardware.codegen.firmware_fit import FEEDBACK_STATES
-from avc_hardware.emulator.host import HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.messages import Kind

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from hardware_bench import coupling, host_core, push
+from host_device import HostLink
 
 from avc_casadi import LinkError
 from avc_hardware import Connection, TableImage
-from avc_hardware.emulator.host import HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware.link.frames import Decoder, Frame, cobs_decode, encode

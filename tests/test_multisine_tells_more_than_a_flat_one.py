@@ -8,11 +8,10 @@ from hardware_bench import require
 from measured_device import Truth, measured
 from scipy.signal import butter, lfilter
 
-from avc_casadi.identification.excitation.crest import crest_factor, low_crest_phases, schroeder_phases
 from avc_casadi.identification.excitation.design import plan_excitation
-from avc_casadi.identification.excitation.forecast import forecast
 from avc_casadi.identification.excitation.information import Centring, Room, best_power, information
-from avc_casadi.identification.excitation.signal import FULL, Signal
+from avc_casadi.identification.excitation.plan import forecast
+from avc_casadi.identification.excitation.signal import FULL, Signal, crest_factor, low_crest_phases, schroeder_phases
 from avc_casadi.model.device import Device
 
 PERIOD = 1e-3

@@ -12,6 +12,7 @@ from avc_casadi.identification.fit import Window, fit
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.terms import Structure
+from avc_casadi.simulation import native
 
 VALUES = {
     "mass_kg": 0.11,
@@ -69,7 +70,7 @@ def test_a_compiler_that_does_not_know_the_machine_s_own_vectors_will_do(predict
     asked = (structure, structure.start(VALUES), Observer(40.0))
     monkeypatch.setattr(_run, "_WORTH_COMPILING", 0)
     (own,) = predictor.predict(*asked)
-    monkeypatch.setattr(_run, "_VECTORS", "-march=no-such-machine")
+    monkeypatch.setattr(native, "_VECTORS", "-march=no-such-machine")
     monkeypatch.setattr(_run, "_COMPILING", {})
     _run._native.cache_clear()
     (common,) = predictor.predict(*asked)

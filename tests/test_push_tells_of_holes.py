@@ -28,6 +28,6 @@ def test_the_widest_hole_between_rows_with_gains(without, hole, tmp_path, capsys
     assert json.loads(capsys.readouterr().out)["widest_hole_hz"] == hole
     assert main(push) == 0
     said = capsys.readouterr().out
-    assert ("interpolates" in said) == (hole is not None)
+    assert ("interpolated" in said) == (hole is not None)
     if hole is not None:
-        assert f"from {hole[0]:g} to {hole[1]:g} Hz" in said
+        assert f"from {hole[0]:.1f} Hz to {hole[1]:.1f} Hz" in said

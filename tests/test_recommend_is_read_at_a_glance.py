@@ -9,7 +9,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.present.recommendation import recommendation_page
+from avc_casadi.present.pages.recommendation import recommendation_page
 from avc_casadi.present.terminal import Page
 from avc_casadi.recommendation.recommend import judged_as_recommended
 

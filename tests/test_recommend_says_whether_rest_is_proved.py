@@ -11,10 +11,10 @@ import avc_casadi as avc
 from avc_casadi.claims.deployable import certified
 from avc_casadi.claims.proof_levels import promises_rest, quick_rest_level
 from avc_casadi.claims.prove.rest import Rest
-from avc_casadi.cli._recommend import recommendation_lines
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
+from avc_casadi.present.pages.recommendation_lines import recommendation_lines
 from avc_casadi.recommendation.limit_cycle_freedom import proved_first, with_rest
 from avc_casadi.recommendation.told import rest_line
 

@@ -106,12 +106,12 @@ def test_a_push_to_a_device_with_part_of_a_sample_of_delay_is_tried_too(capsys):
     code, text = said(capsys, "push", "c.json", "--port", "emulator")
     assert code == 0
     assert "1 row on emulator" in text
-    assert "read back equal" in text
-    assert "it came to rest" in text
+    assert "✓ Read back    equal" in text
+    assert "✓ In the loop  settles with a hand" in text
 
 
 def test_the_hand_that_lets_go_is_called_so():
     problem = avc.load_problem("diverging").changed(hands={"let_go": True})
     verdict = avc.deployable(Coupling.of(problem, avc.solve(problem, "exact")))
-    assert "linearly unstable let go" in verdict.sentence
+    assert "linearly unstable when released" in verdict.sentence
     assert "hand of 0 kg" not in verdict.sentence

@@ -6,8 +6,8 @@ from robust_steps import step_at
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.state_feedback import Laws
+from avc_casadi.design.robust.cma_continuation import moved
 from avc_casadi.design.robust.lqg import Space
-from avc_casadi.design.robust.moved import moved
 
 STIFFNESS = 5000.0
 SLOWEST = 3

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scene_reference import MASSLESS, scene_problem
 
-from avc_casadi.cli._text import nanoseconds
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.registries import EFFECTS
+from avc_casadi.present.pages.scene import nanoseconds
 from avc_casadi.simulation.compile import compile_scene
-from avc_casadi.simulation.explain import explain
+from avc_casadi.simulation.screen import explain
 
 BASE = ('kind = "hand"', 'kind = "wall"')
 # States and inputs that each effect adds to a hand at a wall, coupled in series.

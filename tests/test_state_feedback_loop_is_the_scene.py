@@ -25,7 +25,7 @@ from avc_casadi.paper.rendered import felt_impedance
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
+from avc_casadi.simulation.runtime.observer import state_feedback_step
 
 HAND = Hand(0.12, 7.0, 450.0)
 
@@ -159,7 +159,7 @@ def test_a_law_for_another_wall_is_refused_by_the_claim_that_fails():
         verdicts[stiffness] = avc.deployable(made)
     assert [claim.passed for claim in verdicts[2e3].claims] == [True, True, True]
     assert [claim.passed for claim in verdicts[5e3].claims] == [True, False, True]
-    assert "let-go: linearly unstable let go" in verdicts[5e3].sentence
+    assert "released: linearly unstable when released" in verdicts[5e3].sentence
     assert not any(claim.passed for claim in verdicts[12e3].claims)
     assert "dead zone: linearly unstable with a hand of" in verdicts[12e3].sentence
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli._recommend import stiffest_text
+from avc_casadi.present.pages.recommendation_lines import stiffest_lines
 from avc_casadi.recommendation import stiffest as _stiffest
 from avc_casadi.recommendation.search_schedule import CLIMBS, ONWARDS
 from avc_casadi.recommendation.stiffest import stiffest
@@ -89,7 +89,7 @@ def test_a_change_is_told_by_the_way_that_leads_furthest():
 
 
 def test_the_text_tells_all_of_it():
-    text = stiffest_text(found())
+    text = "\n".join(stiffest_lines(found()))
     for one in (found(), *found()["what_would_help"]):
         assert f"{one['stiffest_wall_n_per_m']:.4g}" in text
     assert f"of {found()['confirmed']['hands']} hands that had no part in the choice" in text
@@ -116,7 +116,7 @@ def test_a_device_that_nothing_holds_has_none():
     told = stiffest(avc.load_problem("hard/massless"), hands=3)
     assert told["stiffest_wall_n_per_m"] is None
     assert {one["stiffest_wall_n_per_m"] for one in told["what_would_help"]} == {None}
-    assert "none was found" in stiffest_text(told)
+    assert "none was found" in "\n".join(stiffest_lines(told))
 
 
 def test_the_device_as_it_is_is_searched_as_for_a_recommendation_and_more():

@@ -5,13 +5,13 @@ import json
 import numpy as np
 import pytest
 from hardware_bench import coupling, host_core, push, with_gains
+from host_device import FLASH_SLOT, HostCore, HostFlash, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import InputError, LinkError, load_problem
 from avc_casadi.cli import main
 from avc_hardware import Connection, DeviceStatus, TableImage, set_limits, store
-from avc_hardware.emulator.host import FLASH_SLOT, HostCore, HostFlash, HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason
 from avc_hardware.link.frames import Frame, encode

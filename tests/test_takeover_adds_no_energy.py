@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import believer, coupling, dense_believer, host_core, push, require, stream, with_gains
+from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_firmware_tick_equals_reference import queue
@@ -21,7 +22,6 @@ from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, EmulatedBoard, StreamResult, TableImage
 from avc_hardware.codegen.firmware import IMAGE
 from avc_hardware.codegen.image import read_elf
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason
 from avc_hardware.link.frames import Frame, encode

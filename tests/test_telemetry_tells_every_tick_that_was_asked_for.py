@@ -22,6 +22,7 @@ import pytest
 from avc_process import strict_json
 from faulty_link import FaultyLink, LinkFault
 from hardware_bench import coupling, host_core, push, require, with_gains
+from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
@@ -33,7 +34,6 @@ from avc_casadi import InputError, MissingExtraError, UnsupportedError, load_pro
 from avc_casadi.cli import _monitor, main
 from avc_casadi.identification.read import read_columns
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, LivePlot, TelemetrySample, monitor, open_log
-from avc_hardware.emulator.host import HostCore, HostLink
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.frames import Frame, encode

@@ -29,6 +29,7 @@ def test_a_quantity_is_read_back_within_half_of_its_last_digit(size, sign, digit
         (1.5, "kg", "1.50 kg"),
         (3e-5, "kg.m2", "30.0 mg.m2"),
         (0.0, "N", "0 N"),
+        (-4e-13, "N.s/m", "below 0.001 nN.s/m"),
         (math.inf, "N/m", "unbounded"),
         (None, "N", "-"),
         (2.5e-5, "m", "25.0 um"),

@@ -210,6 +210,6 @@ def test_commissioning_speaks_of_angles(tmp_path, monkeypatch, capsys):
     told = capsys.readouterr().out
     assert linear_words(told) == []
     assert "250 mrad" in told
-    assert "next: avc push, touch the wall" in told
+    assert "next: avc push    touch the wall" in told
     assert main(["commission", "knob", "--port", "emulator"]) == 0  # with detents
-    assert "next: avc firmware --built-in, touch the wall" in capsys.readouterr().out
+    assert "next: avc firmware --built-in    touch the wall" in capsys.readouterr().out

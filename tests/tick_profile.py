@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from host_device import BEFORE_WALL
+
 from avc_hardware.codegen.firmware import IMAGE
 from avc_hardware.codegen.image import read_elf
 from avc_hardware.emulator.board import EmulatedBoard
-from avc_hardware.emulator.host import BEFORE_WALL
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.connection import Connection
 from avc_hardware.link.monitor import pause

@@ -20,8 +20,7 @@ from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.arm.coupled import CoupledCertificate, coupled_certificate
-from avc_casadi.arm.effective_mass import mass_range, unit
-from avc_casadi.arm.tip_device import tip_device
+from avc_casadi.arm.effective_mass import mass_range, tip_device, unit
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_let_go
 
@@ -208,12 +207,7 @@ _DIGITS = 6
 
 
 def gains_document(arm: Arm, design: ArmDesign) -> dict[str, Any]:
-    """Return the gains with what is claimed of them, as JSON values.
-
-    Args:
-        arm: what they are for.
-        design: the gains.
-    """
+    """Return the gains with what is claimed of them, as JSON values."""
     gains, certificate = design.gains, design.certificate
     regions = [
         {

@@ -1,12 +1,13 @@
 """What the tip weighs: the operational-space inertia L = (J M^-1 J')^-1, and the effective mass along a normal.
 
 Something that hits a wall of normal n with its tangent free moves as 1/(n' L^-1 n); held on the tangent, as by a proxy
-with friction, as n' L n, which is more. A design for the two ends holds in between.
+with friction, as n' L n, which is more. A design for the two ends holds in between: the device of one axis has that
+range of masses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,10 +16,56 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.arm.arm import evaluated
-from avc_casadi.arm.local_search import climb
+from avc_casadi.files.device_file import DeviceFile, Sources
+from avc_casadi.model.device import Device
 
 if TYPE_CHECKING:
     from avc_casadi.arm.arm import Arm
+
+
+_REACH, _SHRINK, _STILL = 0.2, 0.6, 1e-4
+_ROUNDS = 24
+
+
+def climb(
+    value: Callable[[FloatArray], FloatArray], starts: FloatArray, *, probes: int = 24, seed: int = 0
+) -> tuple[FloatArray, FloatArray]:
+    """Climb from several places in the unit box; not numbers are avoided.
+
+    Args:
+        value: of points (m, k) to values (m,).
+        starts: shape (s, k).
+        probes: points tried about each place in a round.
+        seed: of the probes.
+
+    Returns:
+        Where each climb ended, shape (s, k), and the value there.
+    """
+    random = np.random.default_rng(seed)
+    at = np.clip(starts, 0.0, 1.0)
+    top = _numbers(value(at))
+    reach = np.full(len(at), _REACH)
+    for _ in range(_ROUNDS):
+        going = np.flatnonzero(reach > _STILL)
+        if not going.size:
+            break
+        steps = random.standard_normal((len(going), probes, at.shape[1])) * reach[going, None, None]
+        # Half of the probes move a few of the coordinates only.
+        kept = random.random(steps.shape) < np.where(np.arange(probes) % 2, 1.0, 2 / at.shape[1])[:, None]
+        near = np.clip(at[going, None] + steps * kept, 0.0, 1.0)
+        values = _numbers(value(near.reshape(-1, at.shape[1]))).reshape(len(going), probes)
+        best = values.argmax(axis=1)
+        rows = np.arange(len(going))
+        better = values[rows, best] > top[going]
+        winners = going[better]
+        at[winners], top[winners] = near[rows, best][better], values[rows, best][better]
+        reach[going[~better]] *= _SHRINK
+    return at, top
+
+
+def _numbers(values: FloatArray) -> FloatArray:
+    return np.where(np.isnan(values), -np.inf, values)
+
 
 # Smaller than this beside the largest, a mobility is that of a singular pose.
 _SINGULAR = 1e-9
@@ -190,3 +237,59 @@ def grid(low: FloatArray, high: FloatArray, counts: tuple[int, ...]) -> FloatArr
         for a, b, count in zip(low, high, counts, strict=True)
     ]
     return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(low))
+
+
+_DIGITS = 5
+# Heavier than any tip; a pose that cannot move is not designed for.
+_HEAVIEST_KG = 1e3
+
+
+def tip_device(arm: Arm, lightest_kg: float, heaviest_kg: float) -> Device:
+    """Return the device of one axis, its mass between two ends; nominal is the middle of the ratios.
+
+    Args:
+        arm: the arm.
+        lightest_kg: tangent free.
+        heaviest_kg: tangent held.
+
+    Raises:
+        InputError: an end is not finite, which a singular pose has.
+    """
+    if not 0 < lightest_kg <= heaviest_kg < _HEAVIEST_KG:
+        raise InputError.of(
+            f"weighs {lightest_kg:.4g} to {heaviest_kg:.4g} kg, a singular pose; take another or a smaller workspace",
+            key="workspace",
+        )
+    ends = tuple(float(f"{end:.{_DIGITS}g}") for end in (lightest_kg, heaviest_kg))
+    tables = arm.file.device.model_dump(exclude_unset=True, exclude={"mass_kg"})
+    nominal = float(f"{(lightest_kg * heaviest_kg) ** 0.5:.{_DIGITS}g}")
+    ranges = {**tables.pop("range", {}), "mass_kg": (ends[0], ends[1])}
+    return Device.model_validate({"mass_kg": min(max(nominal, ends[0]), ends[1]), **tables, "range": ranges})
+
+
+def tip_device_file(arm: Arm, lightest_kg: float, heaviest_kg: float, where: str) -> DeviceFile:
+    """Return that device as a device file, which a problem file names.
+
+    Args:
+        arm: the arm.
+        lightest_kg: tangent free.
+        heaviest_kg: tangent held.
+        where: poses and normals that the ends stand for, for title and source.
+    """
+    device, name = tip_device(arm, lightest_kg, heaviest_kg), arm.file.name or "the arm"
+    stated = device.model_fields_set | device.range.model_fields_set
+    told = {"grade": "assumed", "source": f"as the arm file of {name} states it"}
+    weighed = {
+        "grade": "computed",
+        "source": f"effective mass of {name}, {where}: 1/(n' L^-1 n) with the tangent free to n' L n with it held",
+    }
+    keys = list(Sources.model_fields)
+    return DeviceFile.model_validate(
+        {
+            "name": "device",
+            "title": f"{arm.file.title or name}: {where}",
+            "device": device,
+            "gaps": [key for key in keys if key not in stated],
+            "sources": {key: weighed if key == "mass_kg" else told for key in keys if key in stated},
+        }
+    )

@@ -19,12 +19,7 @@ if TYPE_CHECKING:
 
 
 def gantry(file: ArmFile, stages: GantryStages) -> Arm:
-    """Return a gantry: x carries y, y carries z.
-
-    Args:
-        file: of the arm.
-        stages: its masses.
-    """
+    """Return a gantry: x carries y, y carries z."""
     q = ca.SX.sym("q", 3)
     carried = [sum(stages.stage_mass_kg[axis:]) + stages.drive_mass_kg[axis] for axis in range(3)]
     return arm_of(file, q, ca.SX(q), ca.diag(ca.SX(carried)), ca.SX(0, 1))

@@ -1,9 +1,12 @@
-"""An arm from a model of somebody else's, URDF or MJCF, through adam-robotics (extra ``arms``)."""
+"""An arm from a URDF or MJCF: MuJoCo reads it, adam-robotics writes its equations (extra ``arms``)."""
 
 from __future__ import annotations
 
 import io
+import re
 import warnings
+import xml.etree.ElementTree as ET
+from collections import Counter
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import partial
@@ -13,9 +16,8 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from avc_casadi._errors import InputError, MissingExtraError, UnsupportedError
+from avc_casadi._errors import Fault, InputError, MissingExtraError, UnsupportedError
 from avc_casadi.arm.arm import Arm, arm_of
-from avc_casadi.arm.urdf import SLIDES, TURNS, refuse_massless, whole_urdf
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
 
 _LARGEST_BYTES = 2**24
 _PREFIX = "arm/"
+_SLIDES, _TURNS = ("prismatic",), ("revolute", "continuous")
+# A principal moment of inertia that is given as 0, of a point mass: MuJoCo takes none.
+_POINT_KGM2 = 1e-12
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,7 @@ def model_arm(file: ArmFile, model: ModelFile) -> Arm:
         UnsupportedError: parts that move have no inertia, or the mechanism is not a chain of simple joints.
     """
     text = _text(model)
-    described = _Described(whole_urdf(model, text), model.tip, {}) if "<robot" in text else _of_mjcf(model)
+    described = _described(model, text)
     algorithms = _algorithms(described)
     # Joints beyond the tip count too, at home: their masses are carried.
     q = ca.SX.sym("q", algorithms.NDoF)
@@ -96,7 +101,7 @@ def _mujoco() -> Any:
     try:
         import mujoco  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise MissingExtraError("models in MJCF need mujoco: pip install 'avc-casadi[arms]'") from error
+        raise MissingExtraError("models in URDF and MJCF need mujoco: pip install 'avc-casadi[arms]'") from error
     return mujoco
 
 
@@ -107,10 +112,10 @@ def _algorithms(described: _Described) -> Any:
         warnings.simplefilter("ignore")
         maths = adam.casadi.casadi_like.SpatialMath()
         factory = adam.model.build_model_factory(description=described.description, math=maths)
-        names = [joint.name for joint in factory.get_joints() if joint.type in (*TURNS, *SLIDES)]
+        names = [joint.name for joint in factory.get_joints() if joint.type in (*_TURNS, *_SLIDES)]
         model = adam.model.Model.build(factory=factory, joints_name_list=names)
     for joint in model.joints.values():
-        if joint.type in SLIDES:
+        if joint.type in _SLIDES:
             joint.motion_subspace = partial(_sliding, maths, joint.axis)
     if described.tip not in {*model.links, *model.frames}:
         known = ", ".join(sorted(name.removeprefix(_PREFIX) for name in (*model.links, *model.frames)))
@@ -123,15 +128,27 @@ def _sliding(maths: Any, axis: Any) -> Any:
     return maths.vertcat(axis[0], axis[1], axis[2], zero, zero, zero)
 
 
-def _of_mjcf(model: ModelFile) -> _Described:
+def _described(model: ModelFile, text: str) -> _Described:
+    urdf = "<robot" in text
+    if urdf:
+        _check_urdf(model, text)
     mujoco = _mujoco()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            own = mujoco.MjSpec.from_file(model.file)
-            refuse_massless(model, [body.name for body in own.bodies if _bare(body)])
+            own = mujoco.MjSpec.from_string(text) if urdf else mujoco.MjSpec.from_file(model.file)
+            if urdf:
+                ends = [body.name for body in own.worldbody.bodies]
+                if len(ends) > 1:
+                    said = f"has {len(ends)} links that are no child of a joint ({', '.join(ends)})"
+                    raise InputError.of(f"{said}; allowed: one, the base", file=model.file, key="model.file")
+                for drawn in (*own.geoms, *own.meshes, *own.materials, *own.textures):
+                    own.delete(drawn)
+                own.compiler.fusestatic, own.compiler.boundinertia = False, _POINT_KGM2
+            _refuse_massless(model, [body.name for body in own.bodies if list(body.joints) and not _carries(body)])
             whole = mujoco.MjSpec()
             whole.compiler.inertiafromgeom = own.compiler.inertiafromgeom
+            whole.compiler.boundinertia = own.compiler.boundinertia
             # adam takes the first body for one that floats, with no joint of its own.
             base = whole.worldbody.add_body(name="base", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
             whole.attach(own, frame=base.add_frame(), prefix=_PREFIX)
@@ -139,17 +156,68 @@ def _of_mjcf(model: ModelFile) -> _Described:
     except ValueError as error:
         if isinstance(error, InputError):
             raise
-        raise InputError.of(f"is no MJCF that MuJoCo takes: {error}", file=model.file, key="model.file") from error
+        kind, said = "URDF" if urdf else "MJCF", " ".join(str(error).replace(_PREFIX, "").split())
+        raise InputError.of(f"is no {kind} that MuJoCo takes: {said}", file=model.file, key="model.file") from error
     _refuse_what_adam_lacks(model, compiled)
     names = [compiled.joint(i).name for i in range(compiled.njnt)]
     rotors = {name: float(compiled.dof_armature[i]) for i, name in enumerate(names)}
     return _Described(compiled, f"{_PREFIX}{model.tip}", rotors)
 
 
-def _bare(body: Any) -> bool:
-    """Whether a body with joints has neither an inertia nor anything of which one could be taken."""
-    carries = body.explicitinertial or list(body.geoms) or any(not list(child.joints) for child in body.bodies)
-    return bool(list(body.joints)) and not carries
+def _check_urdf(model: ModelFile, text: str) -> None:
+    """Refuse what MuJoCo takes for something else without a word, or tells without a name."""
+    try:
+        root = ET.fromstring(text)  # noqa: S314 - a file that the user names; expat of today refuses entity bombs
+    except ET.ParseError as error:
+        raise InputError.of(f"is no XML: {error}", file=model.file, key="model.file") from error
+    joints = root.findall("joint")
+    other = [
+        f"{joint.get('name')} ({'mimic' if joint.find('mimic') is not None else joint.get('type')})"
+        for joint in joints
+        if joint.get("type") not in (*_TURNS, *_SLIDES, "fixed") or joint.find("mimic") is not None
+    ]
+    if other:
+        raise UnsupportedError(
+            f"{model.file}: joints that are neither hinges nor slides of their own: {', '.join(other)}",
+            key="model.file",
+        )
+    names = Counter((one.tag, one.get("name", "")) for one in (*root.findall("link"), *joints))
+    wrong = [f"has {count} {kind}s of the name {name!r}" for (kind, name), count in names.items() if count > 1]
+    wrong += [
+        f"{one.tag} {key} is {value!r}; allowed: finite numbers"
+        for one in root.iter()
+        for key, value in one.items()
+        if key not in ("name", "link", "filename") and re.search(r"\b(nan|inf)\b", value, re.IGNORECASE)
+    ]
+    wrong += [
+        f"joint {joint.get('name')}: limit goes from {limit.get('lower', '0')} to {limit.get('upper', '0')}; allowed: "
+        "an upper end above the lower one"
+        for joint in joints
+        if joint.get("type") in ("prismatic", "revolute")
+        and (limit := joint.find("limit")) is not None
+        and limit.get("lower", "0") == limit.get("upper", "0")
+    ]
+    if wrong:
+        raise InputError([Fault(model.file, None, "model.file", one) for one in wrong])
+
+
+def _refuse_massless(model: ModelFile, names: list[str]) -> None:
+    """Refuse parts that move and have no inertia."""
+    if names:
+        raise UnsupportedError(
+            f"{model.file}: no inertia is given for what moves: {', '.join(names)}; such models are made for drawing. "
+            "Give mass and inertia of every link that moves, from CAD or from a scale",
+            key="model.file",
+        )
+
+
+def _carries(body: Any) -> bool:
+    """Whether a body, or one that is fixed to it, has mass and inertia or something of which they could be taken."""
+    return bool(
+        (body.explicitinertial and body.mass > 0)
+        or list(body.geoms)
+        or any(_carries(child) for child in body.bodies if not list(child.joints))
+    )
 
 
 def _refuse_what_adam_lacks(model: ModelFile, compiled: Any) -> None:

@@ -13,8 +13,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.arm.effective_mass import effective_masses, grid, mobility, reached
-from avc_casadi.arm.tip_device import tip_device
+from avc_casadi.arm.effective_mass import effective_masses, grid, mobility, reached, tip_device
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_let_go
 

@@ -8,9 +8,8 @@ import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certificate import Certificate
-from avc_casadi.claims.levels import Rows
+from avc_casadi.claims.levels import Rows, proof_level
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, passive_limit_n_per_m
-from avc_casadi.claims.proof_levels import proof_level
 from avc_casadi.claims.registry import CLAIMS, Judged
 from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.coupling import check_sample_time, require_coupling

@@ -1,9 +1,9 @@
 """Deployable: whether a coupling may go into a device, and which claim fails where it may not.
 
-One definition, for every verb: linearly stable with every hand of [hands] and with the device let go, over every corner
-of [device.range], on the loop of the device as declared: its sample time and delay, amplifier and resonance; at the
-table's rows and between them. An observer between encoder steps is no part of it: it is not linear. State feedback is,
-with whatever share of the innovation passes its dead zone.
+One definition, for every verb: linearly stable with every hand of [hands] and with the device released, over every
+corner of [device.range], on the loop of the device as declared: its sample time and delay, amplifier and resonance; at
+the table's rows and between them. An observer between encoder steps is no part of it: it is not linear. State feedback
+is, with whatever share of the innovation passes its dead zone.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class Deployable:
         """The verdict in one line: which claim fails and what to do."""
         failed = [claim for claim in self.claims if not claim.passed]
         if not failed:
-            return "deployable: linearly stable with every hand of [hands] and let go"
+            return "deployable: linearly stable with every hand of [hands] and released"
         return "not deployable: " + "; ".join(f"{_CALLED[claim.name]}: {claim.sentence}" for claim in failed)
 
     @property
@@ -181,7 +181,7 @@ def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, pro
     row = int(np.argmax(found.radius))
     who = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
     held = tuple(found.hands.values(row).values())
-    worst = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "let go"
+    worst = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "when released"
     at = _Worst(float(found.radius[row]), frequency[row], found.devices[found.corner[row]], found.devices)
     return at.claim("hands", found.stable, who, worst)
 
@@ -196,7 +196,7 @@ def _let_go_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, pr
     stable = np.asarray((radius < radius_limit(problem.device, parts, no_hand())[:, 0]).all(axis=0))
     corner, row = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
     at = _Worst(float(radius[corner, row]), frequency[row], corners[corner], corners)
-    return at.claim("let-go", stable, "let go", "let go")
+    return at.claim("let-go", stable, "when released", "when released")
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,9 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
 
     return (
         _claim_of("hands", found.held.radius, every, held(found.held)),
-        _claim_of("let-go", found.free.radius, "let go", "let go" + _of(found.free.device, found.devices)),
+        _claim_of(
+            "let-go", found.free.radius, "when released", "when released" + _of(found.free.device, found.devices)
+        ),
         _claim_of(
             "dead-zone",
             found.any_share.radius,
@@ -266,11 +268,11 @@ def _detent_claims(
 
 _CALLED = {
     "hands": "hands (L5)",
-    "let-go": "let-go",
+    "let-go": "released",
     "dead-zone": "dead zone",
     "detent": "detents",
     "detent-hands": "detents in the wall, hands",
-    "detent-let-go": "detents in the wall, let go",
+    "detent-let-go": "detents in the wall, released",
 }
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 

@@ -25,9 +25,6 @@ def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
     At a top nobody asks for rest: a hand that is softer than the slope, and the device let go, fall into a valley. That
     they do so without an oscillation is what is claimed.
 
-    Args:
-        problem: with detents.
-
     Returns:
         Whether it holds, a sentence, what to do, and the largest spectral radius in a valley.
     """
@@ -46,9 +43,9 @@ def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
         quickest = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else math.nan
         rest = "" if held == len(people) else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
         sentence = (
-            f"detents: in a valley, a spring of {slope:.4g} N/m, linearly stable with every hand of [hands] and let go,"
-            f" spectral radius {radius:.6g} at most; at a top, a spring of {-slope:.4g} N/m, {held} of {len(people)} "
-            f"hands, one of them none, hold it{rest}"
+            f"detents: in a valley, a spring of {slope:.4g} N/m, linearly stable with every hand of [hands] and "
+            f"released, spectral radius {radius:.6g} at most; at a top, a spring of {-slope:.4g} N/m, {held} of "
+            f"{len(people)} hands, one of them none, hold it{rest}"
         )
         return True, sentence, "", radius
     where = (

@@ -12,10 +12,6 @@ from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.levels import Rows, level_result, not_judged
-from avc_casadi.claims.prove.hands import prove_hands
-from avc_casadi.claims.prove.held_device import HAND
-from avc_casadi.claims.prove.law import ContactLaw
-from avc_casadi.claims.prove.rest import prove_rest
 from avc_casadi.claims.stability.declared_device import rigid, whole_stability
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts
 from avc_casadi.claims.stability.switching import switching_proof
@@ -46,6 +42,8 @@ def proved_level(rows: Rows, checked: LevelResult, known: list[Rest], progress: 
     Returns:
         The level: not met where a row is refuted. Rows that stay open keep what the search said, and are named.
     """
+    from avc_casadi.claims.prove.hands import prove_hands  # noqa: PLC0415 - proofs are loaded on demand
+
     if checked.refused or not len(rows.b):
         return replace(checked, outcome="open")
     gains, inverse = np.unique(np.array([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
@@ -99,6 +97,10 @@ def not_proved(checked: LevelResult, why: str) -> LevelResult:
 
 def _at_rest(rows: Rows, unique: list[HandsProof], known: list[Rest], progress: Progress) -> dict[int, Rest]:
     """Prove rows that are open by a multiplier that brings them to rest, clipped last; by number among the unique."""
+    from avc_casadi.claims.prove.held_device import HAND  # noqa: PLC0415 - proofs are loaded on demand
+    from avc_casadi.claims.prove.law import ContactLaw  # noqa: PLC0415
+    from avc_casadi.claims.prove.rest import prove_rest  # noqa: PLC0415
+
     problem, found = rows.problem, {}
     box = {name: getattr(problem.hands, name) for name in HAND}
     for row, proof in enumerate(unique):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +23,8 @@ from avc_casadi.model.hands import Hand
 
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import Level
-    from avc_casadi.claims.passivity_claim import PassivityClaim, Where
-    from avc_casadi.claims.registry import Judged
+    from avc_casadi.claims.prove.hands import Outcome
+    from avc_casadi.claims.registry import Judged, PassivityClaim, Where
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Model, Problem
 
@@ -323,3 +324,34 @@ def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: Float
         radius = whole_stability(device, parts, contact, hand).radius[:, 0]
         stable &= radius < 1 - RADIUS_TOLERANCE
     return stable
+
+
+def proof_level(
+    level: Level, outcome: Outcome, claim: str, row_passed: BoolArray, detail: dict[str, Any], worst: int = 0
+) -> LevelResult:
+    """Return a level of rows of the table that runs; a proof has no margin.
+
+    Args:
+        level: which.
+        outcome: proved, refuted or open.
+        claim: one sentence.
+        row_passed: which rows are proved, shape (n,).
+        detail: the proofs among it.
+        worst: number of the row that the claim speaks of.
+    """
+    nothing = np.full(len(row_passed), np.nan)
+    return LevelResult(
+        level=level,
+        passed=bool(row_passed.all()),
+        margin_ns_per_m=math.nan,
+        frequency_hz=math.nan,
+        model="sampled-data",
+        claim=claim,
+        tolerance_ns_per_m=0.0,
+        row=worst,
+        row_passed=row_passed,
+        row_margin_ns_per_m=nothing,
+        row_frequency_hz=nothing,
+        detail=detail,
+        outcome=outcome,
+    )

@@ -1,8 +1,7 @@
-"""L7: rest with every hand, making and breaking contact, at each row of the table that runs."""
+"""The levels on demand, L7 to L9, of the rows of the table that runs: proofs, and what speaks of them."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import rows_text
-from avc_casadi.claims.certificate import LevelResult
-from avc_casadi.claims.prove.between_rows import gain_corners, rows_and_between
+from avc_casadi.claims.levels import proof_level
 from avc_casadi.claims.prove.changing import MOST_CELLS, Changing, Order, prove_changes
 from avc_casadi.claims.prove.hands import Outcome
 from avc_casadi.claims.prove.held_device import HAND, HeldDevice
@@ -26,8 +24,7 @@ from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.model.gains import spring_before
 
 if TYPE_CHECKING:
-    from avc_casadi._util.arrays import BoolArray
-    from avc_casadi.claims.certificate import Certificate, Level, LevelResult
+    from avc_casadi.claims.certificate import Certificate, LevelResult
     from avc_casadi.claims.prove.hands import Outcome
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
@@ -58,37 +55,6 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
         for level, found in certificate.levels.items()
         if "proofs" in found.detail
     }
-
-
-def proof_level(
-    level: Level, outcome: Outcome, claim: str, row_passed: BoolArray, detail: dict[str, Any], worst: int = 0
-) -> LevelResult:
-    """Return a level of rows of the table that runs; a proof has no margin.
-
-    Args:
-        level: which.
-        outcome: proved, refuted or open.
-        claim: one sentence.
-        row_passed: which rows are proved, shape (n,).
-        detail: the proofs among it.
-        worst: number of the row that the claim speaks of.
-    """
-    nothing = np.full(len(row_passed), np.nan)
-    return LevelResult(
-        level=level,
-        passed=bool(row_passed.all()),
-        margin_ns_per_m=math.nan,
-        frequency_hz=math.nan,
-        model="sampled-data",
-        claim=claim,
-        tolerance_ns_per_m=0.0,
-        row=worst,
-        row_passed=row_passed,
-        row_margin_ns_per_m=nothing,
-        row_frequency_hz=nothing,
-        detail=detail,
-        outcome=outcome,
-    )
 
 
 def ripple_level(coupling: Coupling, found: list[Rest], progress: Progress = SILENT) -> LevelResult:
@@ -129,12 +95,7 @@ _MOST_CHANGES = 2000
 
 
 def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult:
-    """Judge gains that change: anywhere in the box of the table, or row by row; what runs beside them is told.
-
-    Args:
-        coupling: what runs.
-        progress: told of corners and cells.
-    """
+    """Judge gains that change: anywhere in the box of the table, or row by row; what runs beside them is told."""
     table, runtime = coupling.table, coupling.runtime
 
     def told(outcome: Outcome, claim: str, detail: dict[str, Any]) -> LevelResult:
@@ -241,10 +202,6 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
     A device with play is not known that exactly. No orbit is looked for, so that it is proved, refuted by an unstable
     hand, or open.
 
-    Args:
-        coupling: what runs.
-        progress: told of the work.
-
     Returns:
         The level; None for any other coupling.
     """
@@ -350,3 +307,34 @@ def _gap(coupling: Coupling, found: Rest, progress: Progress) -> WallGap | None:
             )
         except UnsupportedError:
             return None
+
+
+def gain_corners(gains: FloatArray) -> FloatArray:
+    """Return the corners of the box of some rows.
+
+    Args:
+        gains: b, k and b_p of the rows, shape (3, rows); infinite is rigid.
+
+    Returns:
+        Shape (3, n), n of 1 to 8.
+    """
+    ends = [np.unique([row.min(), row.max()]) for row in gains]
+    return np.stack(np.meshgrid(*ends, indexing="ij")).reshape(3, -1)
+
+
+def rows_and_between(gains: FloatArray) -> FloatArray:
+    """Return rows whose mixtures hold every row and every straight way from one to the next.
+
+    On the way b and k move by another share than b_p in the three numbers that count: between two rows that differ in
+    both, coupling and contact damper are mixed crosswise too.
+
+    Args:
+        gains: b, k and b_p of the rows in the order of the table, shape (3, rows).
+
+    Returns:
+        Shape (3, n), the rows themselves first.
+    """
+    before, after = gains[:, :-1], gains[:, 1:]
+    both = (before[:2] != after[:2]).any(axis=0) & (before[2] != after[2])
+    crossed = [np.vstack([one[:2, both], other[2:, both]]) for one, other in ((before, after), (after, before))]
+    return np.hstack([gains, *crossed])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.registry import Registry
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Model, Problem, Scope
     from avc_casadi.model.schedule import GainSchedule
+
 
 CLAIMS: Registry[Claim] = Registry("level", "avc_casadi.claims.level")
 
@@ -108,3 +109,25 @@ def asked_for(problem: Problem) -> str:
     """Return the level that the scope of a problem asks its gains to meet."""
     stated = problem.stability
     return next(name for name, one in CLAIMS.items() if one.scope == stated.scope and one.hold in {None, stated.model})
+
+
+Where = Literal["own", "band", "all"]
+"""At which frequencies a row is judged: its own, a band about it, or all."""
+
+
+class PassivityClaim(Claim):
+    """Frozen gains are passive, at frequencies and with environments that a level names.
+
+    Attributes:
+        where: at which frequencies.
+        any_environment: whether before any passive environment, and not this one alone.
+    """
+
+    where: ClassVar[Where] = "all"
+    any_environment: ClassVar[bool] = False
+
+    def judge(self, judged: Judged) -> LevelResult:
+        """Judge the rows."""
+        from avc_casadi.claims.levels import judge_passivity  # noqa: PLC0415 - help texts need the names alone
+
+        return judge_passivity(judged, self)

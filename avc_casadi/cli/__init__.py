@@ -1,6 +1,5 @@
 """The command `avc`: one file a verb, listed in `_verbs`."""
 
-from avc_casadi.cli._certify import _beside_hands as _beside_hands
 from avc_casadi.cli._main import main as main
 from avc_casadi.cli._main import parse as parse
 from avc_casadi.cli._text import number as number

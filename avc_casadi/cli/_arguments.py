@@ -22,6 +22,11 @@ def add_port(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_verbose(parser: argparse.ArgumentParser) -> None:
+    """Declare --verbose."""
+    parser.add_argument("-v", "--verbose", action="store_true", help="print all that is known of it")
+
+
 def positive(text: str) -> float:
     """Read a finite number above 0."""
     try:

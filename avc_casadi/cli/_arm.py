@@ -1,4 +1,4 @@
-"""Tell what a device of several axes weighs at its tip: by pose and direction, and over its workspace.
+"""Tell the effective mass of a device of several axes at its tip, and design its gains.
 
 An arm is a file or a name of the catalogue (avc list). Along a normal n its effective mass lies between
 1/(n' L^-1 n), the tangent free, and n' L n, the tangent held, L the operational-space inertia; --out writes both ends
@@ -13,10 +13,9 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._arguments import add_verbose, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, output_folder, write_text
-from avc_casadi.cli._text import number, table, titled
 
 if TYPE_CHECKING:
     import argparse
@@ -25,8 +24,6 @@ if TYPE_CHECKING:
     from avc_casadi.arm.arm import Arm
 
 _POSES, _MOST_REGIONS = 1000, 20
-# A device written from a workspace of which more is out of reach is warned of.
-_MUCH_OUT_OF_REACH = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--gains", metavar="DIR", help="design gains for every normal and write them into a folder")
     parser.add_argument("--regions", metavar="A,B,C", help="parts of the workspace along each axis (default 1 each)")
     parser.add_argument("--one-coupling", action="store_true", help="the same gains for every normal")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -59,6 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         raise avc.InputError.of("goes with --gains DIR; give both or none", key=key)
     from avc_casadi.arm.effective_mass import mass_range, one_normal
     from avc_casadi.arm.mechanisms import arm
+    from avc_casadi.present.pages.arm import arm_lines, arm_page
 
     made = arm(args.arm)
     normals = None if normal is None else one_normal(made, normal)
@@ -74,7 +73,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document["normal"] = None if normals is None else _plain(normals[0])
     document["out"] = None if out is None else str(out)
     if out is not None:
-        from avc_casadi.arm.tip_device import tip_device_file
+        from avc_casadi.arm.effective_mass import tip_device_file
         from avc_casadi.identification.device import device_text
 
         where = ("any direction" if normal is None else f"normal {args.normal}") + ", "
@@ -84,7 +83,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         document["map"] = _map(made, args, drawing, console)
     if args.gains is not None:
         document["gains"] = _gains(made, args, _cells(made, regions), console)
-    return Answer(document, _text(document, args))
+    text = arm_page(document, console.page, args.at, args.normal)
+    return Answer(document, text, more="\n".join(arm_lines(document)))
 
 
 def _map(made: Arm, args: argparse.Namespace, drawing: Path, console: Console) -> dict[str, Any]:
@@ -197,86 +197,3 @@ def _pose(made: Arm, at: tuple[float, ...], normals: Any) -> dict[str, Any]:
         }
     )
     return pose
-
-
-def _text(document: dict[str, Any], args: argparse.Namespace) -> str:
-    axes = document["axes"]
-    free, held = document["home_free_kg"], document["home_held_kg"]
-    rows = [[axis, number(1e3 * free[i]), number(1e3 * held[i])] for i, axis in enumerate(axes)]
-    along = "in any direction" if args.normal is None else f"along the normal {args.normal}"
-    lines = [
-        titled(document["arm"], document["title"]),
-        f"  {document['source']}" if document["source"] else "",
-        f"tip at home: {_place(document['home_tip_m'])} m; effective mass there, tangent free and held:",
-        table(["along", "free\ng", "held\ng"], rows, left=(0,)),
-    ]
-    if "at" in document:
-        pose = document["at"]
-        lines.append(
-            f"at {args.at} m from home {along}: {number(1e3 * pose['free_kg'])} g free, "
-            f"{number(1e3 * pose['held_kg'])} g held"
-        )
-        if not pose["in_workspace"]:
-            lines.append("  that is outside the declared workspace, for which map and gains are made")
-    else:
-        found = document["workspace"]
-        lines.append(
-            f"over the workspace {along}: "
-            f"{number(1e3 * found['lightest_kg'])} g (at {_place(found['lightest_at_m'])} m) to"
-            f" {number(1e3 * found['heaviest_kg'])} g (at {_place(found['heaviest_at_m'])} m)"
-        )
-        if found["out_of_reach"]:
-            lines.append(
-                f"  {found['out_of_reach']} of {found['poses']} poses of the grid are out of the mechanism's reach"
-            )
-    found = document.get("workspace", {})
-    if document["out"] and found and found["out_of_reach"] > _MUCH_OUT_OF_REACH * found["poses"]:
-        lines.append(
-            f"warning: what is written knows of {found['poses'] - found['out_of_reach']} of {found['poses']} poses "
-            "alone; give a workspace that the mechanism reaches"
-        )
-    if document["out"]:
-        lines.append(f'written: {document["out"]}; in a problem file: device = "{document["out"]}"')
-    if "map" in document:
-        lines += _map_lines(document["map"])
-    if "gains" in document:
-        lines += _gains_lines(document["gains"], axes)
-    return "\n".join(line for line in lines if line)
-
-
-def _map_lines(found: dict[str, Any]) -> list[str]:
-    rows = []
-    for column, label in enumerate(found["labels"]):
-        walls = [row[column] for row in found["stiffness_n_per_m"] if row[column] is not None]
-        rows.append([label, number(min(walls)), number(max(walls))])
-    return [
-        f"stiffest wall, spring and damper, every hand and let go, over {sum(found['there'])} poses:",
-        table(["normal", "least\nN/m", "most\nN/m"], rows, left=(0,)),
-        f"drawn: {found['file']}",
-    ]
-
-
-def _gains_lines(found: dict[str, Any], axes: list[str]) -> list[str]:
-    claim, rows = found["claim"], []
-    for place, region in enumerate(found["regions"], 1):
-        for way, k, b in zip(found["directions"], region["stiffness_n_per_m"], region["damping_ns_per_m"], strict=True):
-            rows.append([str(place), _place(way), number(k), number(b)])
-        k, b = region["tangent_stiffness_n_per_m"], region["tangent_damping_ns_per_m"]
-        rows.append([str(place), "along the surface", number(k), number(b)])
-    normal = f"normal\n{', '.join(axes)}"
-    worst = claim["worst"]
-    who = "held by a hand" if worst["held"] else "let go"
-    return [
-        table(["region", normal, "k\nN/m", "b\nN.s/m"], rows, left=(1,)),
-        (
-            f"coupled loop: stable up to {claim['factor']:.4g} times these gains with all that was looked at (designed "
-            f"along one axis alone: {claim['factor_of_one_axis_designs']:.4g} times); the worst is {who} at "
-            f"{_place(worst['tip_m'])} m, normal {_place(worst['normal'])}, {worst['delay_samples']:g} samples late"
-        ),
-        "a search, not a proof; frozen gains and poses: keep the gains of the first touch until the contact ends",
-        f"written: {', '.join(found['files'])} in {found['folder']}",
-    ]
-
-
-def _place(position_m: list[float]) -> str:
-    return ", ".join(number(one, 3) for one in position_m)

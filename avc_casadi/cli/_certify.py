@@ -1,18 +1,18 @@
-"""Say which stability claims a gain table meets, with its worst margins."""
+"""Say whether a coupling may be deployed, and which stability claims it meets."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import avc_casadi as avc
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._certify_tool import certify_tool
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
-from avc_casadi.cli._text import holes_text, number, passive_limit, rows_text
+from avc_casadi.cli._text import holes_text, rows_text
 from avc_casadi.cli._to_simulation import couples_to_simulation
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
         "Say which stability claims a coupling meets, with the worst margin of each and where it stands, and whether\n"
-        "it may go into a device: stable with every hand of [hands] and let go. Exit code 1 if it may not."
+        "it may go into a device: stable with every hand of [hands] and released. Exit code 1 if it may not."
     )
     parser.add_argument("problem", metavar="P", help="problem to judge against; or a coupling file, which has its own")
     parser.add_argument("gains", metavar="GAINS", nargs="?", help="coupling or gain file, .json or .csv")
@@ -43,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="with --prove: write proofs and witnesses, a file a level",
     )
+    add_verbose(parser)
     parser.epilog = _provable()
 
 
@@ -72,10 +73,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) -> Answer:
     from avc_casadi._util.json_values import json_text
-    from avc_casadi.claims.certificate import levels_table
     from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.claims.registry import asked_for
     from avc_casadi.coupling import Coupling
+    from avc_casadi.present.pages.certificate import certificate_lines, certificate_page
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
@@ -104,27 +105,14 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
         "proof_files": written,
         "deployable": deployment,
     } | certificate
-    claims = "\n".join(f"  {note}" for note in levels_table(certificate).notes)
-    beside = "".join(f"note: {note}\n" for note in notes)
-    text = (
-        f"{deployment['sentence']}\n{_detents(deployment)}"
-        f"{problem.name}: {rows_text(gains.rows)} of {file}, {certificate['judged']}\n{beside}"
-        f"{levels_text(certificate)}\n"
-        f"{claims}\n{_proof(certificate['levels']['L5'])}{_beside_hands(certificate['levels']['L5'])}"
-        f"claimed by the problem file: {claimed} (scope {problem.stability.scope}, model {problem.stability.model}): "
-        f"{_answer(certificate['levels'][claimed])}\n"
-        f"{passive_limit(certificate['passive_limit_n_per_m'])}"
-    )
-    if written:
-        text += f"\nwritten to {args.proof_out}: {', '.join(written)}"
     complaint = "" if deployment["pass"] else f"avc: {problem.name}: {file} is not deployable"
-    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
-
-
-def _detents(deployment: dict[str, Any]) -> str:
-    """Return what was claimed of the detents where it holds; what does not is told in the verdict."""
-    claims = (claim for claim in deployment.get("claims", ()) if claim["name"].startswith("detent") and claim["pass"])
-    return "".join(f"{claim['sentence']}\n" for claim in claims)
+    return Answer(
+        document,
+        certificate_page(document, problem, console.page, problem.name if args.gains is None else args.problem),
+        code=1 if complaint else 0,
+        complaint=complaint,
+        more="\n".join(certificate_lines(document, problem)),
+    )
 
 
 def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupling | None, list[str]]:
@@ -139,55 +127,3 @@ def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupli
         raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="GAINS")
     coupling = read_subject("certify", args.problem, beside=f"avc certify P {args.problem}")
     return coupling.problem, coupling.schedule, coupling, []
-
-
-def _answer(level: Mapping[str, Any]) -> str:
-    """Say whether a claim is met, in the words of the table."""
-    if not level["pass"]:
-        return "not judged" if level["refused"] else "not met"
-    return "met as far as a search tells, not proved" if level.get("outcome") == "open" else "met"
-
-
-def _proof(level: Mapping[str, Any]) -> str:
-    """What was proved of L5, where that was asked for."""
-    proof = level.get("proof")
-    if proof is None:
-        return ""
-    counts = ", ".join(f"{proof[word]} {word}" for word in ("proved", "refuted", "open") if proof[word])
-    beside = "" if proof["first_open"] is None else f"; open: {proof['first_open']}"
-    return f"L5 over the whole ranges: {counts} ({proof['looked_at']} cells, {proof['seconds']:.2g} s){beside}\n"
-
-
-def _beside_hands(level: Mapping[str, Any]) -> str:
-    """What stands beside L5: the device let go, and switching between neighbouring rows; empty where not judged."""
-    from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
-
-    radius, switching = level.get("released_spectral_radius"), level.get("common_lyapunov")
-    lines = []
-    if level["margin_ns_per_m"] is not None:
-        word = "could lose before it becomes unstable" if level["margin_ns_per_m"] >= 0 else "lacks"
-        lines.append(
-            f"L5's margin is the device damping that it {word} with the worst hand; L0 to L3 give the lowest Re Z_h, "
-            "L4 what (6) leaves"
-        )
-    if radius is not None:
-        if radius < 1 - RADIUS_TOLERANCE:
-            word = "comes to rest"
-        elif level["released_pass"] or radius <= 1 + RADIUS_TOLERANCE:
-            word = "keeps its speed or place where nothing acts on it, as any free mass, and does not run away"
-        else:
-            word = "not stable"
-        lines.append(f"device let go: {word}; spectral radius {number(radius, 6)} at worst")
-    if switching is not None:
-        lines.append(
-            f"switching: a common Lyapunov function found for {switching['proved']} of {switching['pairs']} pairs of "
-            f"neighbouring rows, with each of {switching['hands']} hands; the others are open or unstable themselves"
-        )
-    return "".join(f"{line}\n" for line in lines)
-
-
-def levels_text(certificate: Mapping[str, Any]) -> str:
-    """Return the levels as a table: passivity and stability are different claims and stay apart."""
-    from avc_casadi.claims.certificate import levels_table
-
-    return levels_table(certificate).text()

@@ -12,7 +12,7 @@ from avc_casadi.cli._to_simulation import problem_and_gains, refuse
 def certify_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Judge the coupling of a file, or of GAINS against a problem; 1 if it is not stable."""
     from avc_casadi.design.tool_certificate import tool_certificate
-    from avc_casadi.present.tool_claims import certificate_page
+    from avc_casadi.present.pages.tool_claims import certificate_page
 
     refuse(args, ("requested", "prove", "proof_out"))
     problem, gains = problem_and_gains(args.problem, args.gains)

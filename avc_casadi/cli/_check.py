@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._check_device import check_device, is_device
 from avc_casadi.cli._check_tool import check_tool
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import number, passive_limit, titled
 from avc_casadi.cli._to_simulation import couples_to_simulation
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("problem", metavar="P", help="problem or device: a file, or a name of the catalogue")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -26,10 +26,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
+    from avc_casadi.present.pages.catalogue import problem_page
     from avc_casadi.recommendation.preconditions import hopeless
 
     if is_device(args.problem):
-        return check_device(args.problem)
+        return check_device(args.problem, console)
     problem = load_problem(args.problem)
     frequency = problem.frequencies_hz()
     device, measured = problem.device, problem.boundaries.measured
@@ -56,22 +57,4 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "declared": list(declared(problem)),
         "warnings": warnings,
     }
-    return Answer(document, _text(document))
-
-
-def _text(document: dict[str, Any]) -> str:
-    source = f"  {document['source']}\n" if document["source"] else ""
-    lines = (
-        f"{titled(document['problem'], document['title'])}\n{source}"
-        f"  valid; structure {document['structure']}, model {document['model']}, scope {document['scope']}\n"
-        f"  {document['frequencies']} frequencies, {number(document['lowest_hz'])} to "
-        f"{number(document['highest_hz'])} Hz; Nyquist {number(document['nyquist_hz'])} Hz\n"
-        f"  wall {number(document['environment_stiffness_n_per_m'])} N/m; "
-        f"{passive_limit(document['passive_limit_n_per_m'])}"
-    )
-    if document["bounds_measured_hz"]:
-        low, high = document["bounds_measured_hz"]
-        lines += f"\n  bounds of what feels real measured from {number(low)} to {number(high)} Hz"
-    if document["declared"]:
-        lines += f"\n  declared: {', '.join(document['declared'])}"
-    return lines + "".join(f"\n  warning: {one['key']} {one['message']}" for one in document["warnings"])
+    return Answer(document, problem_page(document, problem, console.page, args.problem))

@@ -6,9 +6,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from avc_casadi.cli._console import Answer
+from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_device
-from avc_casadi.cli._text import titled
 
 
 def is_device(source: str) -> bool:
@@ -27,8 +26,10 @@ def is_device(source: str) -> bool:
     return isinstance(tables.get("device"), dict) and set(tables) <= set(DeviceFile.model_fields)
 
 
-def check_device(source: str) -> Answer:
+def check_device(source: str, console: Console) -> Answer:
     """Load the device file; its faults are raised."""
+    from avc_casadi.present.pages.catalogue import device_lines, device_page
+
     file = load_device(source)
     values = file.device.model_dump(mode="json", exclude_unset=True)
     ranges = values.pop("range", {})
@@ -44,7 +45,8 @@ def check_device(source: str) -> Answer:
         "referred_as": _reference(source, file.name),
         "sdk_example": None if file.sdk_example is None else file.sdk_example.model_dump(exclude_none=True),
     }
-    return Answer(document, _text(document))
+    units = file.device.units
+    return Answer(document, device_page(document, units, console.page), more="\n".join(device_lines(document, units)))
 
 
 def _reference(source: str, name: str) -> str:
@@ -54,28 +56,3 @@ def _reference(source: str, name: str) -> str:
     known = device_names().get(name)
     elsewhere = source.endswith(".toml") and (known is None or Path(source).resolve() != Path(str(known)).resolve())
     return Path(source).name if elsewhere else name
-
-
-def _text(document: dict[str, Any]) -> str:
-    lines = [titled(document["device"], document["title"]), "  valid device file"]
-    for key, value in document["values"].items():
-        source = document["sources"].get(key)
-        ends = f", from {document['range'][key][0]} to {document['range'][key][1]}" if _pair(document, key) else ""
-        where = "" if source is None else f"   {source['grade']}: {source['source']}"
-        lines.append(f"  {key} = {_shown(value)}{ends}{where}")
-    if document["gaps"]:
-        lines.append(f"  not known: {', '.join(document['gaps'])}")
-    if document["sdk_example"] is not None:
-        example = dict(document["sdk_example"])
-        source = example.pop("source")
-        lines.append(f"  example of an SDK: {_shown(example)}   {source}")
-    lines.append(f'  in a problem file: device = "{document["referred_as"]}"')
-    return "\n".join(lines)
-
-
-def _pair(document: dict[str, Any], key: str) -> bool:
-    return isinstance(document["range"].get(key), list)
-
-
-def _shown(value: Any) -> str:
-    return ", ".join(f"{key} {one}" for key, one in value.items()) if isinstance(value, dict) else str(value)

@@ -12,7 +12,7 @@ def check_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Show tool, engine and exchange, and what is unusual of them."""
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
-    from avc_casadi.present.tool_claims import check_page
+    from avc_casadi.present.pages.tool_claims import check_page
     from avc_casadi.recommendation.virtual_tool import unusual
 
     problem, _ = problem_and_gains(args.problem, None)

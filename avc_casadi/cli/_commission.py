@@ -1,4 +1,4 @@
-"""Commission a device: its wiring checked by hand and a small pulse, its wall placed, its force limited at first.
+"""Commission a device: its wiring checked, its wall placed, its force limited at first.
 
 A person pushes the device into the wall by hand, draws it back to where the wall's face shall be and lets go; then a
 small stated pulse must move it the way of the force. A reversed or stuck encoder, a reversed or dead motor is named
@@ -15,7 +15,6 @@ from avc_casadi.cli._arguments import add_port, add_worded, check_worded, positi
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_device, load_problem
-from avc_casadi.cli._text import number
 
 _WIRINGS = ("right", "encoder-reversed", "encoder-stuck", "motor-reversed", "motor-dead")
 
@@ -42,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Say what to do, look, tell; 1 where something is wired wrongly."""
     from avc_casadi._util.json_values import plain
+    from avc_casadi.present.pages.bench import commission_page
     from avc_hardware import EMULATOR, Wiring, commission
 
     if args.on_bench != "right" and args.port != EMULATOR:
@@ -66,10 +66,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if found.found:
         return Answer(document, "", code=1, complaint=f"avc: {found.port}: {found.sentence}")
     motion = "" if device.units.linear else " --motion rotary"
+    option = "--force-n" if device.units.linear else "--torque-nm"
     # Beside detents a table is not pushed.
     deploy = "avc push" if problem is None or problem.detent is None else "avc firmware --built-in"
-    text = (
-        f"{found.sentence}\nfirst touch: the force is limited to {number(found.limits.force_n)} N; next: {deploy}, "
-        f"touch the wall, then raise it: avc device --force-n F{motion}"
-    )
-    return Answer(document, text)
+    onwards = [deploy, f"touch the wall, then raise the limit: avc device {option} F{motion}"]
+    return Answer(document, commission_page(document, device.units, console.page, onwards))

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._compare_text import comparison_text
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
@@ -27,6 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="judge a constant pair too, for example 7000,10: N/m and N.s/m (of a knob N.m/rad and N.m.s/rad)",
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the comparison: .png, .svg or .pdf")
+    add_verbose(parser)
 
 
 def gain_pair(text: str) -> tuple[float, float]:
@@ -43,6 +44,7 @@ def gain_pair(text: str) -> tuple[float, float]:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve by all methods, compare, draw and show."""
     from avc_casadi.design.comparison.document import comparison_document
+    from avc_casadi.present.pages.comparison import comparison_lines, comparison_page
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
@@ -55,7 +57,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             save_figure(draw_comparison(comparison), plot)
     document = comparison_document(comparison)
     missing = infeasible(document)
-    return Answer(document, comparison_text(document, args.plot), code=1 if missing else 0, complaint=missing)
+    text = comparison_page(document, problem, console.page, args.problem, args.plot)
+    more = "\n".join(comparison_lines(document))
+    return Answer(document, text, code=1 if missing else 0, complaint=missing, more=more)
 
 
 def compared(problem: avc.Problem, mine: tuple[float, float] | None, console: Console) -> Comparison:

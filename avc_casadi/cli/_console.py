@@ -28,15 +28,17 @@ class Answer:
 
     Attributes:
         document: the JSON document, made of JSON values.
-        text: the same for people; empty after a live display.
+        text: the same for people, at a glance, in the words of the device's motion; empty after a live display.
         code: exit code: 0 done, 1 the answer is no.
         complaint: why the code is not 0, for standard error.
+        more: what stands below the text with ``-v``, in the words of a linear device.
     """
 
     document: dict[str, Any]
     text: str
     code: int = 0
     complaint: str = ""
+    more: str = ""
 
 
 @dataclass
@@ -92,8 +94,8 @@ class Console:
             self._descriptor = os.dup(1)
             _lead_to_standard_error(1)
 
-    def answer(self, answer: Answer) -> None:
-        """Print the answer; Ctrl-C does not cut it short.
+    def answer(self, answer: Answer, *, verbose: bool = False) -> None:
+        """Print the answer, all that is known of it where it is to be verbose; Ctrl-C does not cut it short.
 
         Raises:
             OSError: standard output cannot be written to.
@@ -106,8 +108,8 @@ class Console:
             self._answered = True
             if self.as_json:
                 self._write(json_text(answer.document))
-            elif answer.text:
-                self._write(spoken().text(answer.text.rstrip("\n")) + "\n")
+            elif text := "\n\n".join(filter(None, [answer.text, spoken().text(answer.more) if verbose else ""])):
+                self._write(text.rstrip("\n") + "\n")
             if answer.complaint:
                 self.complain(answer.complaint)
 

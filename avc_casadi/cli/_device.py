@@ -1,4 +1,4 @@
-"""Show or lower the limits of a device while it runs, have it keep what it holds over a reset, or clear its faults."""
+"""Show or lower the limits of a device, store what it holds, or clear its faults."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from typing import Any
 from avc_casadi import InputError
 from avc_casadi.cli._arguments import add_motion, add_port, add_worded, check_worded, positive, positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._text import number, table
 
-_UNITS = {"force_n": "force, N", "speed_m_per_s": "speed, m/s", "energy_j": "energy, J"}
 _OF_STORE = {"acts": "--acts", "no_coupling": "--no-coupling", "name": "--name"}
 _OF_LIMITS = {
     "force_n": "--force-n",
@@ -68,6 +66,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _limited(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.units import speak, units_for
+    from avc_casadi.present.pages.bench import limits_page
     from avc_hardware import set_limits
 
     units = units_for(args.motion)
@@ -85,19 +84,17 @@ def _limited(args: argparse.Namespace, console: Console) -> Answer:
         )
     three = {name: vars(getattr(found, name)) for name in ("boards", "asked", "hold")}
     document: dict[str, Any] = plain({"schema": "avc-limits/1", "port": found.port, "waits": found.waits} | three)
-    rows = [(label, *(number(three[name][key]) for name in ("hold", "boards"))) for key, label in _UNITS.items()]
-    text = table(("limit", "now", "built in"), rows, left=(0,))
-    if found.waits:
-        text += f"\n{number(found.asked.force_n)} N hold when the device is let go, out of contact"
-    return Answer(document, text)
+    return Answer(document, limits_page(document, units, console.page))
 
 
 def _stored(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.units import speak, units_for
+    from avc_casadi.present.pages.bench import store_page
     from avc_hardware import store
 
-    speak(units_for(args.motion))
+    units = units_for(args.motion)
+    speak(units)
     with console.step(f"store on {args.port}"):
         kept = store(
             args.port,
@@ -107,14 +104,13 @@ def _stored(args: argparse.Namespace, console: Console) -> Answer:
             baud=args.baud,
             on_silence=console.notice,
         )
-    after = "acts after a reset, out of contact" if kept.acts else "does not act after a reset"
-    coupling = f"coupling {kept.coupling_id}, which {after}" if kept.coupling_id else "no coupling"
-    text = f"kept: {coupling}; force limit {number(kept.force_n)} N; name {kept.name or 'none'}; store {kept.number}"
-    return Answer(plain({"schema": "avc-store/1"} | vars(kept)), text)
+    document = plain({"schema": "avc-store/1"} | vars(kept))
+    return Answer(document, store_page(document, units, console.page))
 
 
 def _cleared(args: argparse.Namespace, console: Console) -> Answer:
     """Clear; 1 if a fault is still there."""
+    from avc_casadi.present.pages.bench import faults_page
     from avc_hardware import clear_faults
 
     with console.step(f"clear {args.port}"):
@@ -128,13 +124,6 @@ def _cleared(args: argparse.Namespace, console: Console) -> Answer:
         "left": [fault.word for fault in found.left],
         "mode": found.status.mode,
     }
-    lines = list(found.were.advice) or ["no fault was latched"]
-    if found.were & found.first:
-        lines.append(f"first, at tick {found.tick}: {found.first.word}")
-    if found.left:
-        return Answer(
-            document, "\n".join(lines), code=1, complaint=f"avc: {found.port}: still there: {found.left.word}"
-        )
-    if found.were:
-        lines.append(f"cleared; the device is in mode {found.status.mode}")
-    return Answer(document, "\n".join(lines))
+    complaint = f"avc: {found.port}: still there: {found.left.word}" if found.left else ""
+    text = faults_page(document, list(found.were.advice), console.page)
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)

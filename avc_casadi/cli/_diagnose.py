@@ -1,4 +1,4 @@
-"""Diagnose a log of a loop that buzzes: the nearest single cause, the evidence, and what would cure it.
+"""Diagnose a log of a loop that buzzes: the nearest single cause, the evidence, the remedy.
 
 Reads the logs that `avc identify` reads. Names one of: delay, too much damping, encoder limit cycle, resonance,
 stiffness over the limit, hand let go, dropped ticks, halved rate; or says that nothing is wrong, or that it cannot
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
+from avc_casadi.cli._arguments import add_log_layout, add_verbose, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_known, load_problem
@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--plot", metavar="FILE", help="write a picture of each log (.png, .svg, .pdf)")
     parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -54,8 +55,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     layout = log_layout(args)
     device, hands = _declared(args)
     coupling = _coupling(args.coupling)
+    from avc_casadi._util.units import spoken
     from avc_casadi.identification.diagnosis.diagnose import diagnose
     from avc_casadi.identification.diagnosis.told import diagnosis_document, diagnosis_text
+    from avc_casadi.present.pages.logs import diagnosis_page
 
     found = [
         diagnose(
@@ -71,16 +74,16 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         )
         for log in args.log
     ]
-    lines = ["\n\n".join(map(diagnosis_text, found))]
     documents = [diagnosis_document(each) for each in found]
     document: dict[str, Any] = documents[0] if len(found) == 1 else {"schema": "avc-diagnose/1", "logs": documents}
-    if picture is not None:
-        lines += [f"picture: {path}" for path in _pictures(found, picture)]
+    written = [] if picture is None else [str(path) for path in _pictures(found, picture)]
     if page is not None:
         _report(found, page, console)
-        lines.append(f"page: {page}")
+        written.append(str(page))
     healthy = all(each.verdict == "nothing wrong" for each in found)
-    return Answer(document, "\n".join(lines), 0 if healthy or all(each.cause for each in found) else 1)
+    code = 0 if healthy or all(each.cause for each in found) else 1
+    text = diagnosis_page(found, spoken(), console.page, f"avc diagnose {' '.join(args.log)} -v", written)
+    return Answer(document, text, code, more="\n\n".join(map(diagnosis_text, found)))
 
 
 def _declared(args: argparse.Namespace) -> tuple[Device | None, Hands | None]:

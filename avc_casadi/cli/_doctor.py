@@ -8,12 +8,10 @@ import platform
 import shutil
 import sys
 from importlib.util import find_spec
-from typing import Any
 
-from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._arguments import add_verbose, positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._ports import found_ports, ports_answer, ports_text
-from avc_casadi.cli._text import number, table
+from avc_casadi.cli._ports import found_ports, ports_answer
 from avc_casadi.cli._versions import package_versions
 
 _PROGRAMS = ("cc", "gcc", "clang", "arm-none-eabi-gcc", "qemu-system-arm")
@@ -34,11 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and boards like the Arduino start anew",
     )
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate for --ask; default 115200")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Look at everything; 1 if the default solver does not solve."""
     from avc_casadi.cli._solver_trial import try_solvers
+    from avc_casadi.present.pages.installation import installation_lines, installation_page, port_rows
 
     if args.ports:
         return ports_answer(args, console)
@@ -70,35 +70,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     complaint = (
         "" if well else f"avc: {_NEEDED} does not solve; install casadi again: pip install --force-reinstall casadi"
     )
-    return Answer(
-        document, _text(document, ports_text(ports, asked=args.ask)), code=0 if well else 1, complaint=complaint
-    )
-
-
-def _text(document: dict[str, Any], ports: str) -> str:
-    packages = list(document["packages"].items())
-    trials = document["solvers"]
-    solvers = [
-        (trial["kind"], trial["name"], trial["outcome"], number(trial["seconds"], 2))
-        for trial in trials
-        if trial["outcome"] != "absent"
-    ]
-    absent = [f"{trial['name']} ({trial['kind']})" for trial in trials if trial["outcome"] == "absent"]
-    programs = [(name, found or "absent") for name, found in document["programs"].items()]
-    emulator = "installed" if document["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
-    return "\n".join(
-        [
-            f"{document['executable']} on {document['platform']}",
-            "",
-            table(("package", "version"), packages, left=(0, 1)),
-            "",
-            table(("kind", "solver", "outcome", "s"), solvers, left=(0, 1, 2)),
-            f"absent: {', '.join(absent) or 'none'}",
-            "",
-            table(("program", "place"), programs, left=(0, 1)),
-            "",
-            ports,
-            f"emulated device: {emulator}",
-            f"this folder is {'' if document['folder_writable'] else 'NOT '}writable",
-        ]
-    )
+    text = installation_page(document, port_rows(ports, asked=args.ask), console.page, _NEEDED)
+    more = "\n".join(installation_lines(document))
+    return Answer(document, text, code=0 if well else 1, complaint=complaint, more=more)

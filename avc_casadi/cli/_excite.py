@@ -1,4 +1,4 @@
-"""Excite a device safely and log it: a signal played by the firmware within limits, for `avc identify`.
+"""Excite a device within limits of force, speed and travel, and log it for `avc identify`.
 
 Before anything moves, the plan is simulated on the declared device and at every corner of [device.range]; one that
 would break a limit is refused. The firmware checks force, speed and travel at every tick and holds the device near
@@ -19,14 +19,14 @@ from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_device, load_problem
-from avc_casadi.cli._text import number, table
+from avc_casadi.cli._text import number
+from avc_casadi.present.terminal import Row
 
 if TYPE_CHECKING:
     from avc_casadi.identification.excitation.design import Excitation
     from avc_casadi.model.device import Device
     from avc_hardware import ExcitationLog
 
-_WORDS = {"force_n": "force", "speed_m_per_s": "speed", "travel_m": "travel"}
 # Travel in steps of the encoder that `avc identify` asks for at least.
 _FEWEST_STEPS = 12.0
 _SIGNALS = ("multisine", "chirp", "sweep", "release")
@@ -82,6 +82,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
         )
     from avc_casadi.identification.excitation.design import plan_excitation
+    from avc_casadi.present.pages.bench import log_rows, plan_page
     from avc_hardware import excite
 
     with console.step("plan: a signal within the limits on every device of the ranges"):
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             progress=console,
         )
     document: dict[str, Any] = {"schema": "avc-excite/1", "plan": _plan(made), "out": None, "log": None}
-    text = _plan_text(made, args.port)
+    text = plan_page(document["plan"], device.units, console.page, args.device, args.port)
     if args.plan_only:
         return Answer(document, text)
     console.say(text)
@@ -104,7 +105,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         def cut(log: ExcitationLog) -> None:
             if out is not None:
                 log.save(out)
-                console.say(f"{_log_text(log)}\nwritten: {out}, as far as it went")
+                rows = [*log_rows(log.document(), device.units), Row("Written", f"{out}, as far as it went")]
+                console.say(console.page.rendered(log.port, rows))
 
         log = excite(
             made.plan,
@@ -116,15 +118,16 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             on_silence=console.notice,
         )
     document["log"] = log.document()
-    lines = [_log_text(log)]
+    rows, onwards = log_rows(document["log"], device.units), []
     if out is not None:
         log.save(out)
         document["out"] = str(out)
-        lines.append(f"written: {out}")
+        rows.append(Row("Written", str(out)))
     complaint = f"{log.end}; {_advice(log)}" if not log.whole else _too_little(document["log"], device)
     if out is not None and not complaint:
-        lines[-1] += f"; next: avc identify {out} --device {args.device} --out mine.toml"
-    return Answer(document, "\n".join(lines), 1 if complaint else 0, f"avc: {log.port}: {complaint}" * bool(complaint))
+        onwards.append(f"avc identify {out} --device {args.device} --out mine.toml")
+    text = console.page.rendered(f"{args.device}   {args.signal} on {log.port}", rows, onwards)
+    return Answer(document, text, 1 if complaint else 0, f"avc: {log.port}: {complaint}" * bool(complaint))
 
 
 def _device(source: str) -> Device:
@@ -161,34 +164,6 @@ def _plan(made: Excitation) -> dict[str, Any]:
         }
     )
     return document
-
-
-def _plan_text(made: Excitation, port: str) -> str:
-    plan, document = made.plan, _plan(made)
-    low, high = plan.band_hz
-    forecast = document["forecast"]
-    rows = [
-        (name, *(number(values[key]) for values in (document["limits"], forecast["declared"], forecast["worst"])))
-        for name, key in (("force, N", "force_n"), ("speed, m/s", "speed_m_per_s"), ("travel, m", "travel_m"))
-    ]
-    several = f"{len(made.devices) - 1} corners" if len(made.devices) > 1 else "no ranges"
-    return (
-        f"{plan.kind} of {plan.seconds:g} s on {port}: {number(low)} to {number(high)} Hz, peak "
-        f"{number(made.peak_force_n)} N, held back by the {_WORDS[made.held_back_by]} limit\n"
-        f"a spring of {number(plan.spring_n_per_m)} N/m and a damper of {number(plan.damper_ns_per_m)} N.s/m hold the "
-        "device near where it stands; hands off\n"
-        + table(("at most", "limit", "declared\ndevice", f"worst of\n{several}"), rows, left=(0,))
-    )
-
-
-def _log_text(log: ExcitationLog) -> str:
-    document = log.document()
-    lost = f"; {log.lost} records lost, seen as gaps" if log.lost else "; no record lost"
-    return (
-        f"{log.end}: {document['records']} records in {document['seconds']:.4g} s{lost}; at most "
-        f"{number(document['peak_force_n'])} N, {number(document['peak_speed_m_per_s'])} m/s, "
-        f"{number(document['peak_travel_m'])} m"
-    )
 
 
 def _too_little(log: Mapping[str, Any], device: Device) -> str:

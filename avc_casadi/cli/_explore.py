@@ -1,4 +1,4 @@
-"""Turn knobs on a local page: device, wall and hands as sliders, what they make of a coupling beside them.
+"""Turn knobs on a local page: device, wall and hands as sliders beside what they make of a coupling.
 
 The page is served to this machine alone (127.0.0.1, a random token in its address), needs no network and ends with
 Ctrl-C. Its settings stand in its address; it saves problem and coupling as files, and shows the commands for the same.

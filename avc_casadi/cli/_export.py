@@ -6,10 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
-from avc_casadi.cli._text import holes_text, rows_text
+from avc_casadi.cli._text import holes_text
 
 # As `avc_hardware.export_c` knows them.
 PACKAGES = ("arduino", "platformio", "cmake", "chai3d", "openhaptics", "haply")
@@ -49,11 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_problem_of_gains(parser)
     add_unsafe(parser)
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Write both files."""
     from avc_casadi.claims.deployable import require_deployable
+    from avc_casadi.present.pages.bench import export_page
     from avc_hardware import export_c
 
     coupling = read_subject("export", args.gains, args.problem)
@@ -77,10 +80,5 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "unsafe": unsafe_note(verdict),
         "lacks": list(coupling.lacks),
     }
-    lines = [document["unsafe"]] if document["unsafe"] else []
-    what = f"coupling {coupling.id} at {1 / coupling.sample_time_s:g} Hz, {rows_text(len(coupling.table))}"
-    what += ", double precision" * (args.precision == "double")
-    lines.append(f"{what}: {', '.join(written)}")
     document["holes"] = holes_text(coupling) or None
-    lines += [f"note: {document['holes']}"] if document["holes"] else []
-    return Answer(document, "\n".join([*lines, *(f"lacks: {one}" for one in coupling.lacks)]))
+    return Answer(document, export_page(document, coupling, console.page, args.gains), more="\n".join(written))

@@ -1,4 +1,4 @@
-"""Build firmware for a device: its sample time, encoder and force limit built in, and say how to flash it."""
+"""Build firmware for a device, its sample time, encoder and force limit built in."""
 
 from __future__ import annotations
 
@@ -55,6 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Build the image and tell the commands that flash it."""
     from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import spoken
+    from avc_casadi.present.pages.bench import firmware_page
     from avc_hardware import build_firmware
 
     subject: Coupling | avc.Problem | Device
@@ -87,21 +89,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     held = (
         f"coupling {getattr(subject, 'id', '')} built in: no other can be pushed"
         if args.built_in
-        else f"gains are pushed: avc push{at}"
+        else f"pushed: avc push{at}{estimator}"
     )
-    lines = [
-        f"{built.board} ({built.title}), build {built.build}, {built.size} bytes from {built.address:#010x}:",
-        (
-            f"  made for T = {number(limits.sample_time_s)} s, encoder steps of {number(limits.metres_per_count)} m, "
-            f"at most {number(limits.max_force_n)} N{estimator}"
-        ),
-        f"  {held}; serial line at {baud} baud",
-        *(f"  {note}" for note in notes),
-        *(f"  {path}" for path in document["files"]),
-        f"flash it from within {args.out}, by any one of:",
-        *(f"  {command}" for command in built.commands),
-    ]
-    return Answer(document, "\n".join(lines))
+    text = firmware_page(document, built.title, spoken(), console.page, held)
+    return Answer(document, text)
 
 
 def _notes(subject: Coupling | Problem | Device, limits: BoardLimits) -> list[str]:

@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import add_log_layout, log_layout, positive
+from avc_casadi.cli._arguments import add_log_layout, add_verbose, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_known
@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--encoder-at", choices=("motor", "handle"), help="side of the resonance with the encoder")
     parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -57,10 +58,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     page = output_file(args.report, "--report", (".html",)) if args.report else None
     layout, masses, known = log_layout(args), _masses(args), _known(args)
     base = load_known(args.device) if args.device else None
-    from avc_casadi._util.units import speak, units_for
+    from avc_casadi._util.units import speak, spoken, units_for
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
     from avc_casadi.identification.told import identification_document, identification_text
+    from avc_casadi.present.pages.logs import identification_page
 
     found = identify(
         args.log,
@@ -76,7 +78,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if base is None:
         speak(units_for(found.motion))
     document: dict[str, Any] = identification_document(found)
-    lines = [identification_text(found)]
+    written: list[str] = []
     code, complaint = 0, ""
     if found.device is None:
         missing = ", ".join(key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates)
@@ -86,12 +88,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         )
     elif out is not None:
         write_text(out, device_text(found.device), "--out")
-        lines.append(f'written: {out}; in a problem file: device = "{out}"')
+        written.append(str(out))
     document["out"] = str(out) if out is not None and found.device is not None else None
     if page is not None:
         _report(found, page, console)
-        lines.append(f"page: {page}")
-    return Answer(document, "\n".join(lines), code, complaint)
+        written.append(str(page))
+    text = identification_page(found, spoken(), console.page, args.log, written)
+    return Answer(document, text, code, complaint, more=identification_text(found))
 
 
 def _report(found: Identification, page: Any, console: Console) -> None:

@@ -11,7 +11,9 @@ import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from difflib import get_close_matches
 from importlib import import_module
+from textwrap import wrap
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -29,13 +31,14 @@ from avc_casadi import (
 from avc_casadi.cli._arguments import named
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._study import command
-from avc_casadi.cli._verbs import OLD_VERBS, VERBS
+from avc_casadi.cli._verbs import OLD_VERBS, QUESTIONS, VERBS
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
 
 DONE, NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 0, 1, 2, 70, 141
 
+_VERB = "VERB"
 _EPILOG = """\
 P is a problem file or a name of the catalogue (avc list); GAINS is what `avc solve --out` wrote.
 exit codes: 0 done; 1 the answer is no; 2 bad input; 130 interrupted.
@@ -49,6 +52,10 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
         key, what = (found[1], found[2]) if found else ("", message)
+        if key == _VERB and (typed := re.match(r"invalid choice: '([^']*)'", what)):
+            near = get_close_matches(typed[1], [*VERBS, *OLD_VERBS], n=1)
+            what = f"{typed[1]!r} is no verb; "
+            what += f"did you mean {near[0]}" if near else f"allowed: {', '.join(VERBS)}"
         if key.startswith("-") and what == "expected one argument":
             what += f"; a value that begins with - is written {key}=VALUE"
         raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
@@ -63,16 +70,21 @@ def build_parser() -> argparse.ArgumentParser:
     """Return the parser of all verbs; imports nothing slow."""
     parser = _Parser(
         prog="avc",
+        usage="avc [-h] [--version] VERB ...",
         description="Design, certify, simulate and deploy adaptive virtual couplings for haptic devices.",
-        epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"avc-casadi {__version__}")
-    verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=_Parser)
-    for name in VERBS:
-        module = import_module(f"avc_casadi.cli._{name}")
-        _take(verbs.add_parser(name, help=_summary(module), **_described(module)), module)
+    verbs = parser.add_subparsers(metavar=_VERB, required=True, parser_class=_Parser, help=argparse.SUPPRESS)
+    listed = []
+    for question, names in QUESTIONS.items():
+        listed.append(f"{question}:")
+        for name in names:
+            module = import_module(f"avc_casadi.cli._{name}")
+            _take(verbs.add_parser(name, **_described(module)), module)
+            listed += wrap(_summary(module), 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
+    parser.epilog = "\n".join([*listed, "", _EPILOG])
     return parser
 
 
@@ -170,7 +182,7 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
         console.complain(traceback.format_exc())
         console.refuse(_document(f"internal error: {error!r}"), "avc: internal error; please report it")
         return INTERNAL
-    console.answer(answer)
+    console.answer(answer, verbose=getattr(args, "verbose", False))
     return int(answer.code)
 
 

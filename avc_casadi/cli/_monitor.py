@@ -11,6 +11,7 @@ from avc_casadi.cli._arguments import add_motion, add_port, positive, positive_i
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._text import number
+from avc_casadi.present.terminal import quantity
 
 if TYPE_CHECKING:
     from avc_hardware import Device, DeviceStatus, TelemetryLog, TelemetrySample
@@ -139,7 +140,9 @@ def _device(device: Device) -> str:
 
 
 def _end(document: dict[str, Any], args: argparse.Namespace) -> str:
-    lines = []
+    from avc_casadi._util.units import units_for
+
+    lines, units = [], units_for(args.motion)
     if document["lost"]:
         lines.append(
             f"{document['lost']} of {document['records'] + document['lost']} records lost: the line is too slow or "
@@ -147,14 +150,13 @@ def _end(document: dict[str, Any], args: argparse.Namespace) -> str:
         )
     if document["out"]:
         lines.append(f"written: {document['out']}, {document['records']} records")
-    ended = document["ended"]
+    ended, force = document["ended"], units.key("force")
     if args.heartbeat_s and ended is not None:
-        lines.append(
-            f"heartbeat ended: the force fell to {number(ended['force_n'])} N; mode {ended['mode']} until the next "
-            "heartbeat, out of contact"
-        )
+        fell = f"the {force} fell to {quantity(ended['force_n'], units.unit('N'))}"
+        until = f"mode {ended['mode']} until the next heartbeat, out of contact"
+        lines.append(f"heartbeat ended: {fell}; {until}")
     elif args.heartbeat_s:
-        lines.append("heartbeat ended, and the device did not answer: its force falls by itself")
+        lines.append(f"heartbeat ended, and the device did not answer: its {force} falls by itself")
     return "\n".join(lines)
 
 

@@ -6,9 +6,6 @@ import argparse
 from typing import Any
 
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._text import table
-
-_NO = "no: add yourself to its group (dialout)"
 
 
 def found_ports(args: argparse.Namespace, console: Console) -> list[dict[str, Any]]:
@@ -24,22 +21,13 @@ def found_ports(args: argparse.Namespace, console: Console) -> list[dict[str, An
 
 def ports_answer(args: argparse.Namespace, console: Console) -> Answer:
     """Answer with the ports alone."""
+    from avc_casadi.present.pages.installation import port_rows
+
     ports = found_ports(args, console)
-    text = ports_text(ports, asked=args.ask)
-    return Answer({"schema": "avc-ports/1", "ports": ports}, f"{text}\nwithout a device: --port emulator")
-
-
-def ports_text(ports: list[dict[str, Any]], *, asked: bool) -> str:
-    """Lay the ports out for people."""
-    head: tuple[str, ...] = ("port", "description", "serial number", "may be opened")
-    rows: list[tuple[str, ...]] = [
-        (port["device"], port["description"], port["serial_number"] or "-", "yes" if port["accessible"] else _NO)
-        for port in ports
-    ]
-    if asked:
-        head = (*head, "avc device", "coupling")
-        rows = [(*row, *_told(port["avc_device"])) for row, port in zip(rows, ports, strict=True)]
-    return table(head, rows, left=range(len(head))) if rows else "serial ports: none"
+    text = console.page.rendered(
+        "serial ports", port_rows(ports, asked=args.ask), ["without a device: --port emulator"]
+    )
+    return Answer({"schema": "avc-ports/1", "ports": ports}, text)
 
 
 def _asked(port: str, baud: int) -> dict[str, Any] | None:
@@ -60,10 +48,3 @@ def _asked(port: str, baud: int) -> dict[str, Any] | None:
         "sample_time_s": device.sample_time_s,
         "faults": device.faults,
     }
-
-
-def _told(found: dict[str, Any] | None) -> tuple[str, str]:
-    if found is None:
-        return "-", "-"
-    own = " ".join(filter(None, (found["name"], found["unique_id"])))
-    return own or "without name and number", found["coupling_id"] or "none"

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from avc_casadi.cli._arguments import add_port, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._deploy import tried_or_say
 from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of, read_subject, unsafe_note
-from avc_casadi.cli._text import number, rows_text
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-LET_GO = "the device is in contact: let go of it, out of the wall; the new coupling takes over there"
+IN_CONTACT = "the device is in contact: release it, out of the wall; the new coupling takes over there"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        f"{__doc__}\nA coupling that is not deployable (linearly stable with every hand of [hands] and let go) is\n"
+        f"{__doc__}\nA coupling that is not deployable (linearly stable with every hand of [hands] and released) is\n"
         "refused with exit code 1; --unsafe overrides. The emulated device is a fresh one for every command;\n"
         "it runs at the coupling's own sample time, encoder and force limit, with a hand on it."
     )
@@ -37,6 +36,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push; a refusal is raised."""
     from avc_casadi._util.json_values import plain
     from avc_casadi.claims.deployable import require_deployable
+    from avc_casadi.present.pages.bench import push_page
     from avc_hardware import EMULATOR, push
 
     coupling = read_subject("push", args.gains, args.problem)
@@ -52,7 +52,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 unsafe=args.unsafe,
                 device_id=args.device_id,
                 # The emulated device lets go by itself.
-                on_wait=lambda: None if args.port == EMULATOR else console.say(LET_GO),
+                on_wait=lambda: None if args.port == EMULATOR else console.say(IN_CONTACT),
             ).document()
         )
     document["unsafe"] = unsafe_note(verdict)
@@ -63,45 +63,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             document["in_the_loop"] = tried_or_say(coupling)
     equal = document["readback_equal"]
     complaint = "" if equal else f"avc: {args.port}: the table read back is not the one sent; push again"
-    return Answer(document, "\n".join(_lines(document, coupling)), code=0 if equal else 1, complaint=complaint)
-
-
-def _lines(document: dict[str, Any], coupling: Coupling) -> list[str]:
-    wall = coupling.wall
-    limit = "the device's own" if coupling.max_force_n is None else f"{number(coupling.max_force_n)} N"
-    lines = [document["unsafe"]] if document["unsafe"] else []
-    lines += [
-        (
-            f"{rows_text(document['rows'])} on {document['port']} in {document['seconds']:.3g} s "
-            f"({document['attempts']} attempt{'s' if document['attempts'] > 1 else ''}); table {document['table_id']}, "
-            f"CRC {document['crc32']:08x}"
-        ),
-        (
-            f"with them: wall {number(wall.stiffness_n_per_m)} N/m, {number(wall.damping_ns_per_m)} N.s/m, force limit "
-            f"{limit}, coupling {coupling.id}"
-        ),
-        (
-            f"read back {'equal' if document['readback_equal'] else 'NOT EQUAL'}; rounding to single precision changed "
-            f"a gain by at most {document['rounding_max']:.1e} (relative)"
-        ),
-    ]
-    if document["widest_hole_hz"] is not None:
-        low, high = (number(end) for end in document["widest_hole_hz"])
-        lines.append(
-            "rows without gains were left out; the device interpolates across the holes they leave; the widest is "
-            f"from {low} to {high} Hz"
-        )
-    if "in_the_loop" in document:
-        tried = document["in_the_loop"]
-        what = tried["sentence"] if "sentence" in tried else f"not tried; {tried['skipped']}"
-        if tried.get("left_out"):
-            what += f"; left out: {', '.join(tried['left_out'])}"
-        lines.append(f"firmware and plant in the loop: {what}")
-    return [
-        *lines,
-        *(f"note: {note}" for note in document.get("notes", ())),
-        *(f"lacks: {one}" for one in coupling.lacks),
-    ]
+    text = push_page(document, coupling, console.page, args.gains)
+    return Answer(document, text, code=0 if equal else 1, complaint=complaint)
 
 
 def widest_hole(coupling: Coupling) -> list[float] | None:

@@ -1,15 +1,14 @@
-"""Recommend the coupling to deploy: its gains, how stiff it feels, what holds it back and what would help."""
+"""Recommend the coupling to deploy: its gains, what it renders, what limits it."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import positive_int
+from avc_casadi.cli._arguments import add_verbose, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import number, table
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
@@ -26,13 +25,12 @@ _NO_COMPILER = (
     "times as long"
 )
 _HANDS = 100
-_RESTING = ("at_rest", "at_rest_without_friction")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
-        f"{__doc__}\nExit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and let go."
+        f"{__doc__}\nExit code 1 if no coupling is deployable: linearly stable with every hand of [hands] and released."
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--out", metavar="FILE", help="write the coupling, .json: for push, stream, export, simulate")
@@ -44,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lean-on-friction",
         action="store_true",
-        help="take the stiffest coupling whose hands rest with the declared dry friction, if not without it",
+        help="take the stiffest coupling with which hands settle by the declared dry friction, if not without it",
     )
     parser.add_argument(
         "--prove",
@@ -52,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="prove what is chosen, as avc certify --prove does: minutes where it is robust",
     )
     parser.add_argument("--hands", type=positive_int, metavar="N", help=f"simulated hands (default {_HANDS})")
-    parser.add_argument("-v", "--verbose", action="store_true", help="print all that is known of it")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -60,7 +58,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
-    from avc_casadi.present.recommendation import recommendation_page
+    from avc_casadi.present.pages.recommendation import recommendation_page, stiffest_page
+    from avc_casadi.present.pages.recommendation_lines import recommendation_lines, stiffest_lines
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.stiffest import stiffest
     from avc_casadi.simulation.native import compiler
@@ -74,12 +73,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     problem = load_problem(args.problem)
     if compiler() is None:
         console.notice(_NO_COMPILER)
-    if problem.simulation is not None:
-        return _to_simulation(args, console, problem, hands, out)
+    if problem.simulation is not None or problem.follower is not None:
+        return _to_other_end(args, console, problem, hands, out)
     workers = min(2, processors())
     if args.stiffest:
         document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)
-        return Answer(document, stiffest_text(document))
+        text = stiffest_page(document, problem, console.page, args.problem)
+        return Answer(document, text, more="\n".join(stiffest_lines(document)))
     with console.step(f"candidates with {hands} hands"):
         found = recommend(
             problem,
@@ -90,30 +90,31 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             workers=workers,
             progress=console,
         )
+    written = None
     if out is not None and found.coupling is not None:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
+        written = str(out)
     document = recommend_document(found)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    text = recommendation_page(document, problem, console.page, args.problem, args.out)
-    if args.verbose:
-        text = "\n".join([text, "", *recommendation_lines(document)])
-    if out is not None and found.coupling is not None:
-        text += f"\nwritten: {out}"
-    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+    text = recommendation_page(document, problem, console.page, args.problem, written)
+    more = "\n".join(recommendation_lines(document))
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
 
 
-def _to_simulation(
+def _to_other_end(
     args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
 ) -> Answer:
-    """Recommend a coupling to a [simulation], write and show it; 1 if none can be deployed."""
+    """Recommend a coupling to a [simulation] or a [follower], write and show it; 1 if none can be deployed."""
     from avc_casadi.files.tool_coupling_file import write_tool_coupling
-    from avc_casadi.present.virtual_tool import tool_page
+    from avc_casadi.present.pages.virtual_tool import tool_page
     from avc_casadi.recommendation.virtual_tool import recommend_tool
 
     alien = [option for option in ("stiffest", "lean_on_friction", "prove") if getattr(args, option)]
     if alien:
         key = f"--{alien[0].replace('_', '-')}"
-        raise avc.InputError.of("is asked of walls, and the other end is a [simulation]; leave it out", key=key)
+        raise avc.InputError.of("is asked of walls, and the other end is none; leave it out", key=key)
+    if problem.follower is not None:
+        return _to_follower(args, console, problem, hands, out)
     with console.step(f"couplings with {hands} hands"):
         found = recommend_tool(problem, hands, versions=package_versions(), progress=console)
     if out is not None and found.coupling is not None:
@@ -124,80 +125,27 @@ def _to_simulation(
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 
 
+def _to_follower(
+    args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
+) -> Answer:
+    """Recommend the coupling of a teleoperator and show it; 1 if none can be deployed."""
+    from avc_casadi.present.pages.bilateral import bilateral_page
+    from avc_casadi.recommendation.bilateral import recommend_bilateral
+
+    if out is not None:
+        message = "has no file for a teleoperator yet; leave it out: --json has K, B and all that is known"
+        raise avc.InputError.of(message, key="--out")
+    with console.step(f"couplings with {hands} hands"):
+        found = recommend_bilateral(problem, hands, progress=console)
+    document = found.document()
+    text = bilateral_page(document, problem, console.page, args.problem, verbose=args.verbose)
+    complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+
+
 def recommend_document(found: Recommendation) -> dict[str, Any]:
     """Return the `recommend` document, which says what its complex error is taken from."""
     document = found.document()
     if "complex_error" in document["felt"]:
         document["felt"]["complex_error_from"] = _PHYSICAL_WALL
     return document
-
-
-def recommendation_lines(document: dict[str, Any]) -> list[str]:
-    """Return the recommendation for people, the conclusion first."""
-    from avc_casadi.recommendation.told import conclusion_lines
-
-    lines = [*conclusion_lines(document), ""]
-    if document["what_would_help"]:
-        rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
-        lines += [
-            (
-                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand, by linear "
-                "stability alone: nobody tries it, with encoder, friction or bouncing, so what is deployed may be "
-                "softer (--stiffest: the stiffest wall that simulated hands rest at, and what would help it)"
-            ),
-            table(["what would help", "plain wall,\nlinear alone\nN/m"], rows, left=(0,)),
-        ]
-    if document["certificate"]:
-        lines += [f"claim: {claim['sentence']}" for claim in document["certificate"]["deployable"]["claims"]]
-    if document["trial"] is not None:
-        lines.append(
-            f"simulated only: {', '.join(document['trial']['effects'])}; {', '.join(document['trial']['motions'])}"
-        )
-    if "complex_error_from" in document["felt"]:
-        lines.append(f"complex error: distance from {document['felt']['complex_error_from']}")
-    lines += [f"assumed: {gap}" for gap in document["assumed"]]
-    lines += [f"not used: {what}" for what in document["not_used"]]
-    return lines
-
-
-def stiffest_text(document: dict[str, Any]) -> str:
-    """Return the stiffest wall for people."""
-    low, high = document["damping_ns_per_m"]
-    wall = document["stiffest_wall_n_per_m"]
-    rows = [
-        [
-            one["change"],
-            "none" if one["stiffest_wall_n_per_m"] is None else number(one["stiffest_wall_n_per_m"]),
-            *("" if one[key] is None else f"{one[key]} of {one['hands']}" for key in _RESTING),
-        ]
-        for one in (document | {"change": "as it is"}, *document["what_would_help"])
-    ]
-    found = f"{number(wall)} N/m ({document['by']})" if wall is not None else "none was found"
-    asked = f", tried by {document['hands']} simulated hands" if wall is not None else ""
-    return "\n".join(
-        [
-            f"{document['problem']}: stiffest wall: {found}, linearly stable with every hand and let go{asked}",
-            *_confirmed(document["confirmed"]),
-            (
-                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
-                f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: what hands "
-                "rest at may be softer"
-                if document["plain_wall_n_per_m"]
-                else "a plain spring and damper: no wall is linearly stable with every hand and let go"
-            ),
-            table(["what would help", "stiffest wall\nN/m", "at rest", "without\nfriction"], rows, left=(0,)),
-            *(f"assumed: {gap}" for gap in document["assumed"]),
-            *(f"not used: {what}" for what in document["not_used"]),
-        ]
-    )
-
-
-def _confirmed(others: dict[str, int] | None) -> list[str]:
-    if others is None:
-        return []
-    return [
-        (
-            f"of {others['hands']} hands that had no part in the choice {others['at_rest']} come to rest, "
-            f"{others['at_rest_without_friction']} without friction, {others['quiet']} without a vibration that is felt"
-        )
-    ]

@@ -1,4 +1,4 @@
-"""Do everything: answer the paper's question, recommend a coupling, certify it, try it, draw, report and push.
+"""Do all of it: answer the paper's question, recommend a coupling, try it, report and push.
 
 The gains that answer the paper's question are for comparison (gains.json). What goes into the device is the recommended
 coupling (coupling.json), or that of --method. Writes the figures and one self-contained report.html too.
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._compare import compared, infeasible
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._deploy import push_or_say
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help=f"deploy the gains of this method, not the recommended coupling: {methods_help()}",
     )
-    parser.add_argument("-v", "--verbose", action="store_true", help="print all that is known of it")
+    add_verbose(parser)
     add_unsafe(parser)
 
 
@@ -66,9 +67,9 @@ def _worked_through(
     from avc_casadi.design.comparison.document import comparison_document
     from avc_casadi.files.coupling_file import coupling_document
     from avc_casadi.files.gain_file import gain_csv, gain_document
+    from avc_casadi.present.pages.run import run_page
     from avc_casadi.present.report.page import ReportContents, report_html
     from avc_casadi.present.report.summary import summarise, summary_lines
-    from avc_casadi.present.run import run_page
     from avc_casadi.recommendation.told import conclusion_lines
 
     comparison = compared(problem, None, console)
@@ -108,9 +109,7 @@ def _worked_through(
     document = {"schema": "avc-run/2", "folder": str(shown), "files": written, "deploy": deployment} | summary
     where = f"{shown / 'report.html'} and {len(written) - 1} files beside it"
     text = run_page(document, problem, console.page, args.problem, where)
-    if args.verbose:
-        lines = [titled(problem.name, problem.title), *conclusion, *summary_lines(summary)[1:]]
-        text = "\n".join([text, "", *lines])
+    more = "\n".join([titled(problem.name, problem.title), *conclusion, *summary_lines(summary)[1:]])
     scoped = comparison.delivered != comparison.optimum
     complaints = [without_gains(gain_document(gains)) if scoped else infeasible(compare)]
     if not deployment["deployable"] and not push.get("unsafe"):
@@ -119,7 +118,7 @@ def _worked_through(
     elif "refused" in push:
         complaints.append(f"avc: {problem.name}: push refused")
     complaint = "\n".join(filter(None, complaints))
-    return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
 
 
 def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:

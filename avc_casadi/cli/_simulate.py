@@ -1,4 +1,4 @@
-"""Simulate the scene of a problem and say what the hand would feel."""
+"""Simulate the scene of a problem: whether the device settles, and what is rendered."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._screen import screened
-from avc_casadi.cli._simulate_text import outcome, simulation_text
 from avc_casadi.cli._simulate_tool import simulate_tool
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
 from avc_casadi.cli._to_simulation import couples_to_simulation
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Simulate the scene of a problem file and say what the hand would feel: with its listed effects only, or with\n"
         "none listed with a hand, a wall and all that the device declares.\n"
-        "Exit code 1 if the device does not come to rest."
+        "Exit code 1 if the device does not settle."
     )
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue; or a coupling file")
     parser.add_argument("--gains", metavar="GAINS", help="coupling or gain file in place of the scene's own coupling")
@@ -68,23 +68,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of --screen: largest relative change of position, force and stiffness that does not count "
         f"(default {_TOLERANCE})",
     )
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Simulate, measure the cost of each effect, write and show; 1 if the device does not come to rest."""
+    """Simulate, measure the cost of each effect, write and show; 1 if the device does not settle."""
     if couples_to_simulation(args.problem):
         return simulate_tool(args, console)
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.declared import left_out
     from avc_casadi.model.gains import NO_COUPLING, without_start
-    from avc_casadi.simulation.explain import explain
+    from avc_casadi.present.pages.scene import explanation_lines, outcome, scene_lines, scene_page
+    from avc_casadi.simulation.screen import explain
 
     if args.screen:
         wrong = [key for key in _OF_RUNS if getattr(args, key)]
         if wrong:
             raise avc.InputError.of("does not go with --screen", key=f"--{wrong[0]}")
         tolerance = _TOLERANCE if args.tolerance is None else args.tolerance
-        return screened(*_subject(args, console), tolerance, console)
+        return screened(*_subject(args, console), tolerance, console, args.problem)
     if args.tolerance is not None:
         raise avc.InputError.of("goes with --screen alone", key="--tolerance")
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
@@ -119,13 +121,12 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document["without_guard"] = None if unguarded is None else _figures(unguarded)
     if beside:
         document["against"] = [_figures(run) for run in beside]
-    complaint = "" if found.stable else f"avc: {problem.name}: {outcome(document)}"
-    return Answer(
-        document,
-        simulation_text(document, plot=args.plot, explained=args.explain),
-        code=1 if complaint else 0,
-        complaint=complaint,
-    )
+    complaint = "" if found.stable else f"avc: {problem.name}: the device {outcome(document)}"
+    text = scene_page(document, problem, console.page, args.problem, args.plot)
+    if args.explain:
+        text = "\n".join([text, "", *explanation_lines(document)])
+    more = "" if args.explain else "\n".join(scene_lines(document))
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
 
 
 def _subject(

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate the scene with engine and tool; without gains a coupling is designed first; 1 if it does not rest."""
-    from avc_casadi.present.tool_claims import simulated_page
+    from avc_casadi.present.pages.tool_claims import simulated_page
 
     refuse(args, ("against", "explain", "screen", "tolerance"))
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))

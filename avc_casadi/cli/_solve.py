@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._certify import levels_text
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import counts, number, passive_limit, sample_rows, table
+from avc_casadi.cli._text import number
 from avc_casadi.cli._versions import package_versions
 from avc_casadi.design.registry import methods_help
 
@@ -32,18 +32,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--solver", help="CasADi solver of direct: sqpmethod-qrqp (default), ipopt, sqpmethod, fatrop, ..."
     )
     parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
-    parser.add_argument(
-        "--as-printed", action="store_true", help="closed form with the paper's errors, and a table of them"
-    )
+    parser.add_argument("--as-printed", action="store_true", help="closed form with the paper's errors; -v tells them")
     parser.add_argument(
         "--out", metavar="FILE", help="write the coupling: .json (everything), or .csv (the bare table)"
     )
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Solve, write and show."""
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.gain_file import gain_csv
+    from avc_casadi.present.pages.solution import solution_lines, solution_page
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
@@ -62,7 +62,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if out is not None:
         write_text(out, gain_csv(gains) if out.suffix.lower() == ".csv" else _file_text(document, coupling), "--out")
     complaint = without_gains(document)
-    return Answer(document, _text(document, args.out), code=1 if complaint else 0, complaint=complaint)
+    text = solution_page(document, problem, console.page, args.problem, args.out)
+    more = "\n".join(solution_lines(document))
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
 
 
 def _file_text(document: dict[str, Any], coupling: Coupling | None) -> str:
@@ -108,56 +110,3 @@ def without_gains(document: dict[str, Any]) -> str:
         if len(of_state) > 2:
             lines.append(f"  and {len(of_state) - 2} more {state} between")
     return "\n".join(lines)
-
-
-def _text(document: dict[str, Any], out: str | None) -> str:
-    damped = document["structure"] == "damped"
-    keys = ["frequency_hz", "damping_ns_per_m", "stiffness_n_per_m"]
-    head = ["f\nHz", "b\nN.s/m", "k\nN/m"]
-    if damped:
-        keys.append("contact_damping_ns_per_m")
-        head.append("b_p\nN.s/m")
-    keys += ["magnitude_error", "complex_error", "real_part"]
-    head += ["error of |Z|\nN.s/m", "complex error\nto Z_h_ds", "Re Z_h\nN.s/m", "\nstatus"]
-    rows = [
-        [*(number(document[key][row]) for key in keys), document["status"][row]]
-        for row in sample_rows(len(document["status"]))
-    ]
-    seconds = document["seconds"]
-    lines = [
-        f"{document['problem']}: {document['method']}"
-        + (f" ({document['solver']})" if document["solver"] else "")
-        + f", structure {document['structure']}, model {document['model']}",
-        table(head, rows, left=(len(head) - 1,)),
-        f"{counts(document['counts'])}; built in {seconds['build']:.3g} s, solved in {seconds['solve']:.3g} s",
-        *document["notes"],
-        levels_text(document["certificate"]),
-        *([document["deployable"]["sentence"]] if document["deployable"] else []),
-        realism_text(document["realism"]),
-        passive_limit(document["passive_limit_n_per_m"]),
-    ]
-    if "paper_errors" in document:
-        lines += ["", "errors of the printed paper (these gains have those of (10) and (17)):", *errors_text(document)]
-    if out is not None:
-        lines.append(f"written: {out}")
-    return "\n".join(lines)
-
-
-def realism_text(realism: dict[str, Any]) -> str:
-    """Return how much of the frequency range feels real."""
-    return (
-        f"{100 * realism['share_inside_bounds']:.3g} % of the frequencies between the bounds U and L, "
-        f"{100 * realism['share_inside_jnd']:.3g} % within {100 * realism['jnd']:.3g} % of the desired impedance"
-    )
-
-
-def errors_text(document: dict[str, Any]) -> list[str]:
-    """Return the paper's errors, three lines each."""
-    lines = []
-    for error in document["paper_errors"]:
-        lines += [
-            f"  {error['equation']}: {error['as_printed']}",
-            f"      correct: {error['correct']}",
-            f"      effect:  {error['effect']}",
-        ]
-    return lines

@@ -17,7 +17,6 @@ from avc_casadi.cli._subject import (
     read_subject,
     unsafe_note,
 )
-from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -43,11 +42,14 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push the table as the safety net, then stream; 1 if the device does not end on this coupling's table."""
     from avc_casadi._util.json_values import plain
     from avc_casadi.claims.deployable import require_deployable
+    from avc_casadi.present.pages.bench import stream_page
+    from avc_casadi.present.pages.subject import quantities
+    from avc_casadi.present.terminal import quantity
     from avc_hardware import stream
 
     coupling = _coupling(args, console)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
-    shown, sent = -1.0, 0
+    told, shown, sent = quantities(coupling.problem.units), -1.0, 0
 
     def show(sample: StreamSample) -> None:
         nonlocal shown, sent
@@ -55,9 +57,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         if sample.time_s >= shown + 0.5:
             shown = sample.time_s
             console.say(
-                f"{sample.time_s:7.2f} s  {number(sample.frequency_hz):>8} Hz  "
-                f"b {number(sample.damping_ns_per_m):>9} N.s/m  k {number(sample.stiffness_n_per_m):>9} N/m  "
-                f"force {number(sample.force_n):>8} N"
+                f"{sample.time_s:7.2f} s  {quantity(sample.frequency_hz, 'Hz'):>8}  "
+                f"b {told(sample.damping_ns_per_m, 'N.s/m'):>12}  k {told(sample.stiffness_n_per_m, 'N/m'):>9}  "
+                f"force {told(sample.force_n, 'N'):>7}"
             )
 
     try:
@@ -83,14 +85,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         | {"deployable": verdict.document(), "unsafe": unsafe_note(verdict)}
         | {"samples": [vars(sample) for sample in result.samples]}
     )
-    text = (
-        f"{result.sent} messages in {result.seconds:.3g} s at {result.rate_hz:g} Hz on {result.port}: "
-        f"{result.taken} taken, {result.late} late, {result.lost} lost; back to the table {result.fell_back} times\n"
-        f"round trip: median {1e3 * result.round_trip_s:.3g} ms, largest {1e3 * result.round_trip_max_s:.3g} ms; "
-        f"{'NOT as it should be' if result.faults else 'afterwards the device is on its table'} ({result.status.mode})"
-    )
+    text = stream_page(document, coupling.problem.units, console.page, result.faults)
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
-    text = "\n".join(filter(None, [unsafe_note(verdict), text]))
     return Answer(document, text, code=1 if result.faults else 0, complaint=complaint)
 
 

@@ -1,4 +1,4 @@
-"""Run a study of the source distribution, or list them: what accuracy and guarantees cost, the paper's Table 1."""
+"""Run a study of the source distribution, or list them: the cost of accuracy, the paper's Table 1."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -39,32 +39,11 @@ def rows_text(rows: int) -> str:
     return support.rows_text(rows)
 
 
-def counts(found: Mapping[str, int]) -> str:
-    """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
-    from avc_casadi._util import text as support
-
-    return support.counts_text(found)
-
-
-def sample_rows(rows: int, most: int | None = None) -> list[int]:
-    """Return at most so many row numbers, evenly spread, first and last among them."""
-    from avc_casadi._util import text as support
-
-    return support.sample_rows(rows, most or support.ROWS_SHOWN)
-
-
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:
     """Align cells in columns; a header cell may hold several lines."""
     from avc_casadi._util import text as support
 
     return support.text_table(header, rows, left=left)
-
-
-def nanoseconds(cost_ns: float | None, scatter_ns: float) -> str:
-    """Tell a cost in ns; one that the scatter of the clock hides is below that."""
-    if cost_ns is None:
-        return "-"
-    return f"{cost_ns:.0f}" if cost_ns > scatter_ns else f"< {max(scatter_ns, 1):.0f}"
 
 
 def holes_text(coupling: Coupling) -> str:

@@ -5,32 +5,18 @@ A verb module has a docstring (its first line is the help), ``add_arguments(pars
 
 from __future__ import annotations
 
-VERBS: tuple[str, ...] = (
-    "run",
-    "recommend",
-    "explore",
-    "list",
-    "check",
-    "solve",
-    "compare",
-    "certify",
-    "simulate",
-    "zwidth",
-    "study",
-    "trial",
-    "excite",
-    "identify",
-    "diagnose",
-    "arm",
-    "commission",
-    "push",
-    "stream",
-    "export",
-    "firmware",
-    "monitor",
-    "device",
-    "doctor",
-)
+QUESTIONS: dict[str, tuple[str, ...]] = {
+    "design a coupling": ("recommend", "run", "solve", "compare"),
+    "judge it": ("certify", "simulate", "trial", "zwidth"),
+    "measure a device": ("excite", "identify", "diagnose", "commission"),
+    "deploy": ("export", "push", "stream", "monitor", "device", "firmware"),
+    "look": ("list", "check", "explore", "arm", "doctor"),
+    "study": ("study",),
+}
+"""The verbs, by the question that they answer."""
+
+VERBS: tuple[str, ...] = tuple(verb for verbs in QUESTIONS.values() for verb in verbs)
+"""All of them."""
 
 OLD_VERBS: dict[str, tuple[str, ...]] = {
     "accuracy": ("study", "accuracy"),

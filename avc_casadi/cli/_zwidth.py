@@ -1,14 +1,14 @@
-"""Show which walls the device can render, without coupling and with a static one, and where solved gains lie."""
+"""Show which walls the device can render, without coupling and with a constant one."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import number, passive_limit, sample_rows, table
 from avc_casadi.cli._to_simulation import couples_to_simulation
 from avc_casadi.cli._zwidth_tool import zwidth_tool
 from avc_casadi.design.registry import methods_help
@@ -18,14 +18,6 @@ if TYPE_CHECKING:
 
     from avc_casadi.claims.zwidth import LlewellynTable, ZWidth
     from avc_casadi.design.constant.static import StaticCoupling
-
-_SHORT = {
-    "passive-paper": "passive\npaper",
-    "passive-sampled-data": "passive\nsampled",
-    "passive-delayed": "passive\n1 sample late",
-    "stable-released": "stable\nno hand",
-    "stable-hands": "stable\nall hands",
-}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"whose gains are placed in the region: {methods_help()}; default direct",
     )
     parser.add_argument("--plot", metavar="FILE", help="draw the region: .png, .svg or .pdf")
+    add_verbose(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
@@ -46,6 +39,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     import numpy as np
 
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
+    from avc_casadi.present.pages.walls import walls_lines, walls_page
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
@@ -75,7 +69,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document["gains"] = {"method": args.method} | _columns(
         frequency_hz=gains.frequency_hz, wall_damping_ns_per_m=wall[0], wall_stiffness_n_per_m=wall[1]
     )
-    return Answer(document, _text(document, args.plot))
+    text = walls_page(document, problem, console.page, args.problem, args.plot)
+    return Answer(document, text, more="\n".join(walls_lines(document)))
 
 
 def _rigid_and_ideal(problem: avc.Problem) -> bool:
@@ -132,70 +127,3 @@ def _document(region: ZWidth, llewellyn: LlewellynTable | None, static: list[Sta
         ),
         "static": [_columns(**vars(coupling)) for coupling in static],
     }
-
-
-def _text(document: dict[str, Any], plot: str | None) -> str:
-    curves, damping = document["curves"], document["wall_damping_ns_per_m"]
-    rows = [
-        [number(damping[row]), *(number(curve["stiffness_n_per_m"][row]) for curve in curves.values())]
-        for row in sample_rows(len(damping), 16)
-    ]
-    lines = [
-        f"{document['problem']}: largest stiffness (N/m) of a wall B + K/s without coupling",
-        table(["B\nN.s/m", *(_SHORT[key] for key in curves)], rows),
-        *(f"  {_SHORT[key].replace(chr(10), ' ')}: {curve['claim']}" for key, curve in curves.items()),
-        _wanted(document),
-        passive_limit(document["passive_limit_n_per_m"]),
-    ]
-    if any(None in curve["stiffness_n_per_m"] for curve in curves.values()):
-        lines.append("  -: no stiffness meets the claim at this B")
-    if document["encoder_limit_n_per_m"] is not None:
-        limit = number(document["encoder_limit_n_per_m"])
-        lines.append(f"encoder and Coulomb friction keep a passive wall below 2 f_c/Delta = {limit} N/m")
-    found = document["llewellyn"]
-    if found is not None:
-        columns = (found["damping_ratio"], found["paper_kc_t_over_b_d"], found["sampled_data_kc_t_over_b_d"])
-        body = [[number(value, 5) for value in row] for row in zip(*columns, strict=True)]
-        lines += [
-            "",
-            "static coupling for any passive wall: largest k_c T/b_d that Llewellyn's condition (6) allows",
-            table(("b_c/b_d", "paper's hold\nas printed", "sampled-data\nhold"), body),
-            "  -: no stiffness is allowed",
-        ]
-    if document["static"]:
-        head = ("condition", "model", "b\nN.s/m", "k\nN/m", "b_p\nN.s/m", "error\n%")
-        keys = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-        body = [
-            [
-                row["condition"],
-                row["model"],
-                *(number(row[key] if row["found"] else None) for key in keys),
-                number(100 * row["error"] if row["found"] else None),
-            ]
-            for row in document["static"]
-        ]
-        lines += [
-            "",
-            "best constant coupling: llewellyn for any passive wall, all for this wall at all frequencies"
-            + ("; nominal device, not its ranges" if document["device_corners"] > 1 else ""),
-            table(head, body, left=(0, 1)),
-        ]
-    lines += [""] * bool(document["used"] or document["not_used"] or document["refused"])
-    if document["used"]:
-        lines.append(f"declared and used: {', '.join(document['used'])}")
-    if document["not_used"]:
-        lines.append(f"declared and not used: {', '.join(document['not_used'])}")
-    lines += [f"refused: {why}" for why in document["refused"]]
-    if plot is not None:
-        lines.append(f"drawn: {plot}")
-    return "\n".join(lines)
-
-
-def _wanted(document: dict[str, Any]) -> str:
-    """Say which claims the wall of the problem meets without coupling."""
-    wall = document["wanted"]
-    met = [curve["claim"] for curve in document["curves"].values() if curve["wanted_wall"]]
-    return (
-        f"the wall wanted, {number(wall['stiffness_n_per_m'])} N/m and {number(wall['damping_ns_per_m'])} N.s/m, "
-        f"without coupling: {'; '.join(met) or 'meets none of these claims'}"
-    )

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -17,6 +17,7 @@ from avc_casadi.model.lifted_loop import ToolGains
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.claims.stability.periodic import Mode
     from avc_casadi.model.problem import Problem
 
 
@@ -55,39 +56,67 @@ _COARSE, _FIRST_STEP = 2**0.5, 2.0
 _CHECKED, _CHECKED_TO = 1.25, 0.02
 
 
-class ToolSearch:
-    """Searches for couplings of one problem with [simulation].
+class Loops(Protocol):
+    """All loops that a coupling must make stable."""
+
+    def stable(self, gains: ToolGains) -> bool:
+        """Whether every loop is."""
+
+    def slowest(self, gains: ToolGains) -> Mode:
+        """Return the least damped oscillation of all loops."""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What the search counts by.
+
+    Attributes:
+        mass_kg: of the lightest device.
+        damping_ns_per_m: of the device.
+        sample_time_s: T.
+        slow_s: the longest time in the loop: a step of the engine, a delay.
+    """
+
+    mass_kg: float
+    damping_ns_per_m: float
+    sample_time_s: float
+    slow_s: float
+
+    @classmethod
+    def of(cls, problem: Problem, slow_s: float) -> Scale:
+        """Take the device of a problem, and its lightest hand where it has no mass."""
+        device = problem.device
+        lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
+        mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
+        return cls(mass, device.damping_ns_per_m, device.sample_time_s, max(slow_s, device.sample_time_s))
+
+
+class CouplingSearch:
+    """Searches for spring and damper that make some loops stable.
 
     Args:
-        problem: with [simulation].
+        loops: all of them.
+        scale: what is counted by.
         options: numbers of the search.
     """
 
-    def __init__(self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
-        self.problem, self.options = problem, options
-        self.loops = ToolLoops(problem)
+    def __init__(self, loops: Loops, scale: Scale, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
+        self._judge, self.scale, self.options = loops, scale, options
 
     @cached_property
     def dampers_ns_per_m(self) -> FloatArray:
         """Dampers B that are tried, light ones first."""
-        heaviest = self._mass_kg / self.problem.device.sample_time_s
         o = self.options
-        return heaviest * np.geomspace(o.lightest, o.heaviest, o.dampers)
+        return self.scale.mass_kg / self.scale.sample_time_s * np.geomspace(o.lightest, o.heaviest, o.dampers)
 
     @property
     def stiffest_n_per_m(self) -> float:
         """Stiffness at which a search ends: that of a mass that swings faster than T can tell."""
-        return self.options.stiffest * self._mass_kg / self.problem.device.sample_time_s**2
-
-    @property
-    def _mass_kg(self) -> float:
-        device = self.problem.device
-        lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
-        return lightest or max(self.problem.hands.mass_kg[0], 1e-6)
+        return self.options.stiffest * self.scale.mass_kg / self.scale.sample_time_s**2
 
     @property
     def _softest_n_per_m(self) -> float:
-        return self.options.softest * self._mass_kg / max(self.loops.tool.step_s) ** 2
+        return self.options.softest * self.scale.mass_kg / self.scale.slow_s**2
 
     @property
     def softest(self) -> ToolGains:
@@ -113,8 +142,8 @@ class ToolSearch:
 
     def _local(self, stiffness_n_per_m: float, ratio: float) -> float:
         """Return the damper that gives the released device a damping ratio on a spring, beside its own."""
-        critical = 2 * math.sqrt(stiffness_n_per_m * self._mass_kg)
-        return max(0.0, ratio * critical - self.problem.device.damping_ns_per_m)
+        critical = 2 * math.sqrt(stiffness_n_per_m * self.scale.mass_kg)
+        return max(0.0, ratio * critical - self.scale.damping_ns_per_m)
 
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
         """Return the gains with the stiffest stable K over the dampers.
@@ -161,14 +190,14 @@ class ToolSearch:
         Returns:
             Empty where no damper makes every loop stable.
         """
-        stable = [one for one in self._tried(stiffness_n_per_m, local=local, finer=True) if self.loops.stable(one)]
+        stable = [one for one in self._tried(stiffness_n_per_m, local=local, finer=True) if self._judge.stable(one)]
         if not stable:
             return []
         between = [factor for factor in (math.sqrt(gain_margin), gain_margin) if factor > 1]
-        safe = [one for one in stable if all(self.loops.stable(one.times(factor)) for factor in between)]
+        safe = [one for one in stable if all(self._judge.stable(one.times(factor)) for factor in between)]
         if not safe:
             return [max(stable, key=self.gain_margin)]
-        ratios = [self.loops.slowest(one).damping_ratio for one in safe]
+        ratios = [self._judge.slowest(one).damping_ratio for one in safe]
         share = self.options.near_best
         best = max(_with_share(safe, ratios, share), key=self.gain_margin)
         lightest = min(
@@ -181,7 +210,7 @@ class ToolSearch:
         tried = self._tried(stiffness_n_per_m, local=local)
         middle = len(tried) / 2
         order = sorted(range(len(tried)), key=lambda place: abs(place - middle))
-        return any(self.loops.stable(tried[place]) for place in order)
+        return any(self._judge.stable(tried[place]) for place in order)
 
     def _tried(self, stiffness_n_per_m: float, *, local: bool, finer: bool = False) -> list[ToolGains]:
         """Return the couplings of one stiffness that are tried."""
@@ -197,31 +226,47 @@ class ToolSearch:
 
     def gain_margin(self, gains: ToolGains) -> float:
         """Return how many times as large K and B may be together, 0 where they are not stable as they are."""
-        if not self.loops.stable(gains):
+        if not self._judge.stable(gains):
             return 0.0
-        return _edge(lambda factor: self.loops.stable(gains.times(factor)), 1.0, self.options.widest_margin, 1.02)
+        return _edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, 1.02)
 
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
         """Return the largest stable K about one that is near, 0 where there is none."""
         low = near
-        while not self.loops.stable(gains(low)):
+        while not self._judge.stable(gains(low)):
             low /= _COARSE
             if low < self._softest_n_per_m:
                 return 0.0
         high = near if low < near else self.stiffest_n_per_m
-        return _edge(lambda k: self.loops.stable(gains(k)), low, high, precision)
+        return _edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
 
     def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
         """Return the gains at a limit, softened to where a softer coupling is unstable with the same dampers."""
         count = math.ceil(math.log(1 / _CHECKED_TO) / math.log(_CHECKED))
         softer = (limit * np.geomspace(_CHECKED_TO, 1.0, count + 1)).tolist()
-        if not self.loops.stable(gains(softer[0])):
+        if not self._judge.stable(gains(softer[0])):
             return gains(0.0)
         for before, after in itertools.pairwise(softer):
-            if not self.loops.stable(gains(after)):
-                end = _edge(lambda k: self.loops.stable(gains(k)), before, after, 1 + self.options.precision)
+            if not self._judge.stable(gains(after)):
+                end = _edge(lambda k: self._judge.stable(gains(k)), before, after, 1 + self.options.precision)
                 return gains(end)
         return gains(limit)
+
+
+class ToolSearch(CouplingSearch):
+    """Searches for couplings of one problem with [simulation].
+
+    Args:
+        problem: with [simulation].
+        options: numbers of the search.
+
+    Attributes:
+        loops: of the problem.
+    """
+
+    def __init__(self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
+        self.loops = ToolLoops(problem)
+        super().__init__(self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options)
 
 
 def _with_share(gains: list[ToolGains], ratios: list[float], share: float) -> list[ToolGains]:

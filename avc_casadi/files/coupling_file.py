@@ -19,6 +19,7 @@ from avc_casadi.files.gain_document import COUPLING_SCHEMA, GainCheck, state_fee
 from avc_casadi.files.gain_file import gain_document, read_csv, read_document, units_of_document
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.tool_coupling_file import SCHEMA as TOOL_SCHEMA
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
@@ -34,6 +35,10 @@ GAINS_ALONE = (
     "and the certificate. Give the problem that it was made for beside it"
 )
 """What is missing in a gain file that no problem stands beside."""
+_TO_SIMULATION = (
+    "couples a device to a [simulation]: it has no wall and no gain table, and its tool moves in an engine; "
+    "avc export, avc certify and avc simulate take it"
+)
 _WRITTEN = (
     "schema id problem title problem_file method solver structure model contact constant sample_time_s max_force_n "
     "frequency_hz damping_ns_per_m stiffness_n_per_m contact_damping_ns_per_m impedance_re impedance_im target_re "
@@ -108,6 +113,8 @@ def read_file(path: str | Path) -> Coupling | GainSchedule:
     if path.suffix.lower() == ".csv":
         return read_csv(path)
     document = read_document(path)
+    if document.get("schema") == TOOL_SCHEMA:
+        raise InputError.of(_TO_SIMULATION, file=str(path))
     units = units_of_document(document)
     with told_in(units):
         return _read(units.read(document), path)

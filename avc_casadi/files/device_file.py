@@ -231,6 +231,13 @@ def with_device(tables: Mapping[str, Any], folder: Path | None) -> Worded | Find
     findings: list[Finding] = []
     own, units = device_words(own, base, findings)
     device, rest = felt_at_handle(_overridden(base, own) if base else own, units, findings)
+    other = tables.get("follower")
+    if isinstance(other, Mapping) and "from" in other:
+        found = _referred(other, folder)
+        if isinstance(found, tuple):
+            return ("follower", *found[0][1:]), found[1]
+        kept = {key: value for key, value in other.items() if key != "from"}
+        tables = {**tables, "follower": _overridden(found, kept)}
     return problem_words(tables, device, (units, rest), findings)
 
 

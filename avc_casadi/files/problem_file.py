@@ -88,13 +88,14 @@ def with_wall(problem: Problem | str | Path) -> Problem:
     """Return a problem as `as_problem` does, where the device's own loop computes a wall.
 
     Raises:
-        UnsupportedError: the other end is a simulation, and no wall is declared beside it.
+        UnsupportedError: the other end is a simulation or a follower, and no wall is declared beside it.
     """
     found, wall = as_problem(problem), as_problem(problem).environment
-    if found.simulation is not None and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
+    far = "simulation" if found.simulation is not None else "follower" if found.follower is not None else ""
+    if far and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         raise UnsupportedError(
-            f"{found.name or 'the problem'} couples to a [simulation] and has no wall in [environment], which is asked "
-            "for here; avc recommend, certify, zwidth, simulate and export know its coupling",
+            f"{found.name or 'the problem'} couples to a [{far}] and has no wall in [environment], which is asked "
+            "for here; avc recommend answers it",
             key="environment",
         )
     return found

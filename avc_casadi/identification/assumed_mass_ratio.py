@@ -45,11 +45,7 @@ def shared(predictor: Predictor, found: Fit, window: Window, tolerance: float) -
 
 
 def share_assumed(found: Fit) -> bool:
-    """Return whether a model has a resonance whose share is held.
-
-    Args:
-        found: the model.
-    """
+    """Return whether a model has a resonance whose share is held."""
     return SHARE in found.structure.assumed and found.structure.present(SHARE)
 
 

@@ -121,11 +121,7 @@ def refused_beside(keys: Sequence[str]) -> dict[str, Refusal]:
 
 
 def only_feedback(records: Sequence[Record]) -> OnlyFeedback | None:
-    """Return the controller that makes the whole force of every record, or None.
-
-    Args:
-        records: of one device.
-    """
+    """Return the controller that makes the whole force of every record, or None."""
     found = [_controller(record) for record in records]
     moved = any(_goes_on(record.position_m) for record in records)
     return found[0] if moved and all(one is not None for one in found) else None
@@ -153,15 +149,21 @@ def _controller(record: Record) -> OnlyFeedback | None:
     return None
 
 
+def regression(columns: FloatArray, wanted: FloatArray) -> tuple[FloatArray, float, int]:
+    """Return least squares by columns that are brought to one size: factors, root mean square that is left, rank."""
+    scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
+    scaled, _, rank, _ = np.linalg.lstsq(columns / scale, wanted, rcond=1e-10)
+    factors = np.asarray(scaled / scale)
+    return factors, float(np.sqrt(np.mean((columns @ factors - wanted) ** 2))), int(rank)
+
+
 def _fit(
     position: FloatArray, force: FloatArray, rows: IndexArray, lag: int, filtered: bool, period_s: float
 ) -> OnlyFeedback | None:
     x, before = position[rows - lag], position[rows - lag - 1]
     columns = [x - x.mean(), x - before, np.ones(rows.size)] + ([force[rows - 1]] if filtered else [])
     matrix = np.stack(columns, axis=1)
-    scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
-    told = np.linalg.lstsq(matrix / scale, force[rows], rcond=1e-10)[0] / scale
-    left = float(np.sqrt(np.mean((matrix @ told - force[rows]) ** 2)))
+    told, left, _ = regression(matrix, force[rows])
     most = _OF_CHANGES * float(np.std(force[rows] - force[rows - 1]))
     if not filtered:
         most = max(most, _OF_FORCE * float(np.std(force[rows])))

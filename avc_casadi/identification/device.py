@@ -238,9 +238,6 @@ def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
 def device_text(file: DeviceFile) -> str:
     """Return a device file as TOML.
 
-    Args:
-        file: of a device.
-
     Raises:
         AvcError: a text that TOML cannot hold.
     """

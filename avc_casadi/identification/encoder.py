@@ -27,11 +27,7 @@ _APART = 6
 
 
 def encoder_step_m(records: Sequence[Record]) -> float | None:
-    """Return the step of the encoder, or None where the readings lie on no lattice.
-
-    Args:
-        records: of one device.
-    """
+    """Return the step of the encoder, or None where the readings lie on no lattice."""
     values = np.unique(np.concatenate([record.position_m for record in records]))
     if values.size < _FEWEST:
         return None

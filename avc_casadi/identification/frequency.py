@@ -50,11 +50,7 @@ class Response:
 
 
 def measured_response(records: Sequence[Record]) -> Response:
-    """Return the response by Welch's averages over all records.
-
-    Args:
-        records: of one device.
-    """
+    """Return the response by Welch's averages over all records."""
     period = records[0].sample_time_s
     shortest = min(record.position_m.size for record in records)
     length = int(min(_WINDOW_S / period, shortest // 4))
@@ -96,12 +92,7 @@ def model_response(
 
 
 def held_guess(response: Response, delay_s: float) -> dict[str, float] | None:
-    """Return mass, damping and spring of a device that is held, from its response below its structure, or None.
-
-    Args:
-        response: of the log.
-        delay_s: of the force.
-    """
+    """Return mass, damping and spring of a device that is held, from its response below its structure, or None."""
     use = (response.coherence > _COHERENT) & response.driven & (response.frequency_hz < _BELOW_STRUCTURE_HZ)
     if use.sum() < 5:
         return None

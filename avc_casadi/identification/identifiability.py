@@ -59,13 +59,7 @@ _WIDEST = {
 
 
 def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
-    """Return what is not told of the parameters of a fit, by name.
-
-    Args:
-        fit: at its best.
-        spread: its uncertainty.
-        normal: correlations of the normalised sensitivities.
-    """
+    """Return what is not told of the parameters of a fit, by name."""
     found = {}
     names = [one.name for one in fit.structure.free]
     for index, one in enumerate(fit.structure.free):
@@ -155,11 +149,7 @@ def never_told(
 
 
 def beyond_force(key: str) -> Refusal:
-    """Return why a force is not told whose upper end is beyond the force that acted.
-
-    Args:
-        key: of the force.
-    """
+    """Return why a force is not told whose upper end is beyond the force that acted."""
     return Refusal(key, "the log bounds it by more than the force that acted", EXCITATION[key])
 
 

@@ -38,15 +38,14 @@ from avc_casadi.identification.log_consistency import (
     saturation_notes,
     unlike_notes,
 )
-from avc_casadi.identification.model import Identification, Refusal, Shown
+from avc_casadi.identification.model import Identification, Refusal, Shown, known_at_handle, of_the_turn, radius_of
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import read_logs
 from avc_casadi.identification.record import Record, shortened
-from avc_casadi.identification.remarks import remarks
-from avc_casadi.identification.rotary import known_at_handle, of_the_turn, radius_of
 from avc_casadi.identification.select import HIDDEN, select
 from avc_casadi.identification.selection import Selection, settled, without
 from avc_casadi.identification.terms import PARAMETERS, PLAY, TERMS, Structure
+from avc_casadi.identification.told import remarks
 from avc_casadi.identification.uncertainty import Spread, richardson, sensitivity, spread_of
 from avc_casadi.identification.units import Layout
 

@@ -9,8 +9,7 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.identification.coarse_to_fine import FIRST_RATE_PER_S, roughly
-from avc_casadi.identification.fit import Fit
+from avc_casadi.identification.fit import FIRST_RATE_PER_S, Fit, roughly
 from avc_casadi.identification.frequency import Response, held_guess, likely_resonances
 from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.record import Record
@@ -88,10 +87,6 @@ def saturated_force_n(records: Sequence[Record], delay_samples: float) -> float 
 
     A device that follows the force up to its limit moves as inverse dynamics say with the force cut there, and much
     less so with the force as it is logged.
-
-    Args:
-        records: of one device.
-        delay_samples: of the first guess.
     """
     motion = _Motion.of(records)
     largest = max(float(np.abs(record.force_n).max()) for record in records)

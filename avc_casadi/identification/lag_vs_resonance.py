@@ -10,8 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from avc_casadi.identification.coarse_to_fine import closely, richer, rms_m_of, roughly
-from avc_casadi.identification.fit import Fit, Window, fit, judged
+from avc_casadi.identification.fit import FIRST_RATE_PER_S, Fit, Window, closely, fit, judged, richer, rms_m_of, roughly
 from avc_casadi.identification.frequency import Response
 from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.terms import HIGHEST_SEEN, LINEAR, LOOP_DAMPING, LOOP_RATIO, lag_of
@@ -23,7 +22,6 @@ A_LAG_FROM = 1.5
 _PLACES = (0.2, 0.1, 0.05)
 # How much of delay and lag together may be lag, where a search begins.
 _SHARES = (0.2, 0.5, 0.9)
-_RATE_PER_S = 60.0
 # A lag is a current loop whose other pole is so many times as fast: of this times its bandwidth, and this ratio.
 _LIKE_A_LAG = (2.0, 1.25)
 # No structure is damped by more, and no current loop by less; hardly any handle by more than the second.
@@ -50,7 +48,7 @@ def of_the_other_order(predictor: Predictor, found: Fit, window: Window) -> Fit:
         {**values, "delay_samples": (1 - share) * late, "amplifier_bandwidth_hz": lag / (turn * share * late)}
         for share in _SHARES
     ]
-    return _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
+    return _best(predictor, [roughly(predictor, structure, start, FIRST_RATE_PER_S) for start in starts], window)
 
 
 def damped_as_it_is(predictor: Predictor, found: Fit, window: Window) -> tuple[Trial, Fit]:
@@ -77,7 +75,7 @@ def damped_as_it_is(predictor: Predictor, found: Fit, window: Window) -> tuple[T
     hope = compared(found, near, LOOP_DAMPING)
     if hope.standard_errors < 0:
         return replace(hope, taken=False), near
-    begun = roughly(predictor, structure, start, _RATE_PER_S).values
+    begun = roughly(predictor, structure, start, FIRST_RATE_PER_S).values
     # Under the same observer: what little they differ by is less than what another one would make of it.
     free = fit(predictor, structure, begun, found.observer, window, steps=20)
     return compared(found, free, LOOP_DAMPING), free
@@ -113,7 +111,7 @@ def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window, *,
     elif doubted:
         rate = 1 / predictor.sample_time_s
         starts += [{**values, "amplifier_bandwidth_hz": share * rate, LOOP_RATIO: 0.5} for share in _PLACES]
-    loop = _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
+    loop = _best(predictor, [roughly(predictor, structure, start, FIRST_RATE_PER_S) for start in starts], window)
     return None if compared(loop, found, "resonance").taken else loop
 
 
@@ -141,7 +139,7 @@ def behind_a_structure(predictor: Predictor, found: Fit, window: Window) -> Fit 
         "resonance.damping_ratio": values[LOOP_RATIO],
     }
     starts = [{**values, **mode, "resonance.mass_ratio": share} for share in _HANDLES]
-    ringing = _best(predictor, [roughly(predictor, structure, start, _RATE_PER_S) for start in starts], window)
+    ringing = _best(predictor, [roughly(predictor, structure, start, FIRST_RATE_PER_S) for start in starts], window)
     return ringing if compared(found, ringing, "resonance").taken else None
 
 
@@ -159,7 +157,6 @@ ALIKE = 1.02
 # Where it may lie, as multiples of the highest frequency that is excited, and how it may be.
 _BEYOND = (1.3, 2.5)
 _LIKELY = {"resonance.damping_ratio": 0.03, "resonance.mass_ratio": 0.4}
-_RATE_PER_S_MIMIC = 60.0
 
 
 def rival_resonance(
@@ -201,7 +198,7 @@ def rival_resonance(
             predictor,
             replace(lagging.structure, terms=terms, encoder_at="handle" if side == "handle" else "motor"),
             {**lagging.values, **_LIKELY, "resonance.frequency_hz": place},
-            _RATE_PER_S_MIMIC,
+            FIRST_RATE_PER_S,
         )
         for side in sides
         for place in places

@@ -52,13 +52,7 @@ class Observer:
     rate_per_s: float
 
     def gain(self, step: LinearStep, mass_kg: float, period: float) -> tuple[FloatArray, float]:
-        """Return the gain of the observer for a white disturbance at the motor, and the share of noise in the error.
-
-        Args:
-            step: the linear part.
-            mass_kg: of the device.
-            period: T.
-        """
+        """Return the gain of the observer for a white disturbance at the motor, and the share of noise in the error."""
         # Velocities in metres a sample and forces in what moves the mass a metre in a sample balance the equation.
         scale = np.array([_scale(name, mass_kg, period) for name in step.names])
         matrix = step.matrix * scale[:, None] / scale

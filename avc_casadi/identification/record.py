@@ -104,10 +104,6 @@ class Columns:
 def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
     """Cut a log into records at its gaps, and find what is wrong with it.
 
-    Args:
-        columns: the log.
-        added_mass_kg: known mass on the device.
-
     Returns:
         Records, faults, and what the user should know.
     """
@@ -285,10 +281,6 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
 
 def shortened(records: Sequence[Record], most_samples: int) -> tuple[list[Record], str]:
     """Keep evenly spread pieces of long records.
-
-    Args:
-        records: of one device.
-        most_samples: to keep in all.
 
     Returns:
         Records, and what was left out, or nothing.

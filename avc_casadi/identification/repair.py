@@ -166,12 +166,7 @@ class Even:
 
 
 def laid_evenly(columns: Columns, period_s: float) -> Even:
-    """Return a log whose ticks scatter as one of even samples, with its gaps as they are.
-
-    Args:
-        columns: with times that increase.
-        period_s: of the even samples.
-    """
+    """Return a log whose ticks scatter as one of even samples, with its gaps as they are."""
     time = columns.time_s
     steps = np.diff(time)
     edges = [0, *(np.flatnonzero(steps > LONGEST_STEP * period_s) + 1), time.size]

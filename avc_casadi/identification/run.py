@@ -1,28 +1,218 @@
-"""A model run through a record sample by sample: compiled where there is a compiler, else evaluated by CasADi."""
+"""A model run through a record sample by sample: compiled where there is a compiler, else evaluated by CasADi.
+
+One sample of a model as CasADi functions: the next state, the prediction error, and their exact derivatives.
+
+Dry friction stops the motor, holds it and lets it go inside the sample. It enters through two numbers only, the mean
+force and its moment; their gradient is found once a sample, and each parameter that is searched for then costs products
+with the matrices of the linear part.
+"""
 
 from __future__ import annotations
 
 import ctypes
-import subprocess
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.sample import Sample, sample
-from avc_casadi.simulation.lanes import LANES_HEAD, in_lanes
-from avc_casadi.simulation.native import c_of, compiler, library
+from avc_casadi.identification.linear import TAPS, entries_of
+from avc_casadi.identification.terms import FRICTION
+from avc_casadi.simulation.native import LANES_HEAD, compiler, in_lanes, library
+
+_LEVEL = FRICTION.index("coulomb_friction_n")
+_ASYMMETRY = FRICTION.index("damping_asymmetry_ns_per_m")
+_EXCESS = FRICTION.index("breakaway_excess_n")
+_SPEED = FRICTION.index("stribeck_speed_m_per_s")
+_OFFSET = FRICTION.index("offset_n")
+_DRIFT = FRICTION.index("offset_drift_n_per_s")
+_TINY = 1e-30
+# Of a velocity at least so much is taken to be left after a sample; a resonance may turn it.
+_LEAST_LEFT = 0.05
+_CLOSE = 1e-3
+_HALF_ROOT_PI = math.sqrt(math.pi) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One sample of a model of n states.
+
+    Attributes:
+        plain: state, inputs (the forces of the taps, measured position, time), numbers (entries of the linear part,
+            friction, gain of the observer, which state is measured) -> next state, error.
+        seen: the same -> next state, error and what the slopes need of friction.
+        slope: derivative of the state by one parameter, that of the numbers by it, state, inputs, numbers, the second
+            output of `seen` -> derivative of the next state, of the error.
+    """
+
+    plain: Any
+    seen: Any
+    slope: Any
+
+
+@lru_cache(maxsize=16)
+def sample(states: int, cuts: int, stribeck: bool) -> Sample:
+    """Return the functions of a sample.
+
+    Args:
+        states: number n of states.
+        cuts: how often the velocity is looked at inside a sample.
+        stribeck: whether friction depends on the velocity.
+    """
+    count = entries_of(states, cuts)
+    x, inputs = ca.SX.sym("x", states), ca.SX.sym("inputs", TAPS + 2)
+    entries, parts = ca.SX.sym("entries", count), ca.SX.sym("friction", len(FRICTION))
+    gain, measured = ca.SX.sym("gain", states), ca.SX.sym("measured", states)
+    numbers = ca.vertcat(entries, parts, gain, measured)
+    friction = ca.SX.sym("mean and moment", 2)
+
+    forces, y, time = inputs[:TAPS], inputs[TAPS], inputs[TAPS + 1]
+    matrix = ca.reshape(entries[: states * states], states, states)
+    inward = ca.reshape(entries[states * states : states * (states + TAPS)], states, TAPS)
+    motor = entries[states * (states + TAPS) : states * (states + TAPS + 1)]
+    early = entries[states * (states + TAPS + 1) :]
+    error = y - ca.dot(measured, x)
+    corrected = x + gain * error
+    speed = corrected[1]
+    push = parts[_OFFSET] + parts[_DRIFT] * time - parts[_ASYMMETRY] * ca.fabs(speed)
+    alone = matrix @ corrected + inward @ forces + motor * push
+    width = states + TAPS + 1
+    inside, eases = [], []
+    for cut in range(cuts):
+        row = early[cut * width : (cut + 1) * width]
+        ease = ca.fmax(row[-1], (1 + cut) * _TINY)
+        inside.append(ca.dot(row[:states], corrected) + ca.dot(row[states:-1], forces) + ease * push)
+        eases.append(ease)
+    moved = ca.vertcat(
+        speed, *inside, alone[1], *eases, motor[1], matrix[1, 1], parts[_LEVEL], parts[_EXCESS], parts[_SPEED]
+    )
+    after = alone - motor * friction[0]
+    # Early friction moves the position further than late friction of the same impulse.
+    after[0] -= motor[0] * (friction[1] - friction[0])
+
+    given = ca.SX.sym("moved", moved.numel())
+    through = ca.vertcat(*_friction_of(ca.vertsplit(given), cuts, stribeck=stribeck))
+    # What the loop over the parts of a sample writes twice is found once.
+    both = ca.cse([through, ca.densify(ca.jacobian(through, given))])
+    value, by_moved = ca.Function("gradient", [given], both)(moved)
+    held = ca.substitute(after, friction, value)
+
+    direction, of_state = ca.SX.sym("direction", numbers.numel()), ca.SX.sym("s", states)
+    kept = ca.SX.sym("kept", 3 + by_moved.numel())
+    where, along = ca.vertcat(x, numbers), ca.vertcat(of_state, direction)
+    change = ca.reshape(kept[3:], *by_moved.shape) @ ca.jtimes(moved, where, along)
+    following = ca.jtimes(after, ca.vertcat(where, friction), ca.vertcat(along, change))
+    following = ca.substitute(following, friction, kept[1:3])
+    arguments = [x, inputs, numbers]
+    return Sample(
+        ca.Function("plain", arguments, [held, error]),
+        ca.Function("seen", arguments, [held, ca.vertcat(error, value, ca.vec(by_moved))]),
+        ca.Function("slope", [of_state, direction, *arguments, kept], [following, ca.jtimes(error, where, along)]),
+    )
+
+
+def _friction_of(moved: Sequence[Any], cuts: int, *, stribeck: bool) -> tuple[Any, Any]:
+    """Return the mean of dry friction over a sample, as it weighs in the velocity at the end, and as in the position.
+
+    The sample has parts, cut where the newer force arrives and wherever else. A velocity that decays evenly changes in
+    proportion to what 1 N would have changed it by: that is the clock inside the sample.
+
+    Args:
+        moved: velocity at the start, and without friction at the cuts and at the end; change of velocity by 1 N of
+            friction until each cut and over the sample; what is left of a velocity after the sample; the numbers of
+            friction.
+        cuts: of the sample.
+        stribeck: whether friction depends on the velocity.
+    """
+    speeds, eases, left, law = moved[: cuts + 2], (0.0, *moved[cuts + 2 : -4]), moved[-4], moved[-3:]
+    level, excess, slow = law
+    of_motion = _Law(level, excess if stribeck else 0.0, slow if stribeck else None)
+    whole, gone = eases[-1], 1 - ca.fmax(left, _LEAST_LEFT)
+    now, mean, moment = speeds[0], 0.0, 0.0
+    for before, free, begun, done in zip(speeds[:-1], speeds[1:], eases[:-1], eases[1:], strict=True):
+        slower = 1 - gone * begun / whole
+        kept = (1 - gone * done / whole) / slower
+        ease = ca.fmax((done - begun) / slower, _TINY)
+        change = free - before + (1 - kept) * (before - now)
+        moving, rested, rest = _part(now, now + change, ease, kept, of_motion)
+        stop = begun + (done - begun) * (1 - rest)
+        weights = [_late(each / whole, gone) for each in (begun, stop, done)]
+        for force, one, other in ((moving, *weights[:2]), (rested, *weights[1:])):
+            mean += force * (one - other)
+            moment += force * (_further(one, gone) - _further(other, gone))
+        now += change - ease * (rested + (moving - rested) * (1 - _late(1 - rest, 1 - kept)))
+    return mean, moment
+
+
+def _late(share: Any, gone: Any) -> Any:
+    """Return how much of its weight in the velocity at the end a force has that acts from some time on.
+
+    Args:
+        share: of the change by 1 N that has passed by then.
+        gone: of a velocity after the whole.
+    """
+    return (1 - share) / (1 - gone * share)
+
+
+def _further(late: Any, gone: Any) -> Any:
+    """Return the same of its weight in the position, to first order in what is gone."""
+    return late**2 * (1 - gone * (1 - late) * 2 / 3)
+
+
+@dataclass(frozen=True, eq=False)
+class _Law:
+    """Dry friction: its level while moving, how much more from rest, and the speed at which that has gone (or None)."""
+
+    coulomb: Any
+    excess: Any
+    slow: Any
+
+    def level(self, one: Any, other: Any) -> Any:
+        """Return the mean level over the velocities between two, N."""
+        if self.slow is None:
+            return self.coulomb
+        apart = other - one
+        few = ca.fabs(apart) < _CLOSE * self.slow
+        over = ca.if_else(few, 1.0, apart)
+        middle = (one + other) / 2
+        mean = self.slow * _HALF_ROOT_PI * (ca.erf(other / self.slow) - ca.erf(one / self.slow)) / over
+        return self.coulomb + self.excess * ca.if_else(few, ca.exp(-((middle / self.slow) ** 2)), mean)
+
+    def held(self, change: Any, ease: Any) -> Any:
+        """Return friction from rest: what holds, or the level of the motion that begins."""
+        away = ca.if_else(change > 0, 1.0, -1.0)
+        going = ca.fmax(away * change - ease * (self.coulomb + self.excess), 0.0)
+        return away * ca.fmin(away * change / ease, self.level(0.0, going))
+
+
+def _part(before: Any, free: Any, ease: Any, kept: Any, law: _Law) -> Sequence[Any]:
+    """Return dry friction over a part of a sample: while moving, from rest on, and the share from rest on.
+
+    The velocity keeps its sign, or it ends inside the part, and then friction holds the motor up to its level or lets
+    it go the other way. The level is the mean over the velocities passed.
+
+    Args:
+        before: velocity at the start, m/s.
+        free: velocity at the end without friction.
+        ease: change of velocity by 1 N of friction over that time.
+        kept: share of a velocity that is left at the end.
+        law: of friction.
+    """
+    sign = ca.if_else(before > 0, 1.0, -1.0)
+    guess = ca.fmax(sign * (free - sign * ease * law.level(before, before)), 0.0)
+    level = law.level(before, sign * guess)
+    after = free - sign * ease * level
+    rest = ca.fmin(ca.fmax(-sign * after / ca.fmax(sign * (before - after), _TINY), 0.0), 1.0)
+    return sign * level, law.held(free - kept * before, ease), ca.if_else(before == 0, 1.0, rest)
+
 
 # Samples after which a function that runs on is compiled.
 _WORTH_COMPILING = 20_000
-# Of statements without a branch more than -O1 takes half as long again to compile, and they run no faster.
-_FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
-# The machine's own vectors, which not every compiler knows by this name.
-_VECTORS = "-march=native"
 
 
 @dataclass(frozen=True)
@@ -48,6 +238,10 @@ _COMPILERS = ThreadPoolExecutor(1, thread_name_prefix="compiler")
 _LOOP = """
 #include <string.h>
 {head}
+#define EVALUATE(name, x, inputs, numbers, first, second) {{ \\
+  const double* given[{most}] = {{x, inputs, numbers}}; \\
+  double *taken[{most}] = {{first, second}}, w[{most}]; \\
+  if (name(given, taken, 0, w, 0)) return 1; }}
 static inline void slope(const Lanes* restrict s, const Lanes* restrict direction, const double* restrict x,
                          const double* restrict inputs, const double* restrict numbers, const double* restrict kept,
                          Lanes* restrict along, Lanes* restrict error) {{
@@ -57,7 +251,7 @@ static inline void slope(const Lanes* restrict s, const Lanes* restrict directio
 static int without(long long samples, double* x, const double* inputs, const double* numbers, double* out) {{
   double next[{states}];
   for (long long k = 0; k < samples; ++k, inputs += {inputs}) {{
-    if (call_plain(x, inputs, numbers, next, out + k, 0)) return 1;
+    EVALUATE(plain, x, inputs, numbers, next, out + k)
     memcpy(x, next, sizeof next);
   }}
   return 0;
@@ -75,7 +269,7 @@ int avc_run(long long samples, long long columns, double* x, const double* input
     for (int i = 0; i < {numbers}; ++i) direction[j / WIDTH][i][j % WIDTH] = directions[j * {numbers} + i];
   double next[{states}], kept[{kept}];
   for (long long k = 0; k < samples; ++k, inputs += {inputs}, out += columns + 1) {{
-    if (call_seen(x, inputs, numbers, next, kept, 0)) return 1;
+    EVALUATE(seen, x, inputs, numbers, next, kept)
     out[0] = kept[0];
     for (long long v = 0; v < vectors; ++v) {{
       Lanes error;
@@ -97,7 +291,7 @@ def prepare(kinds: Sequence[Kind]) -> None:
     """
     for kind in kinds:
         if kind not in _COMPILING and compiler() is not None:
-            _COMPILING[kind] = _COMPILERS.submit(_library, _source(kind))
+            _COMPILING[kind] = _COMPILERS.submit(library, _source(kind))
 
 
 def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, directions: FloatArray, kind: Kind) -> FloatArray:
@@ -131,6 +325,9 @@ def _sample(kind: Kind) -> Sample:
 
 def _source(kind: Kind) -> str:
     one = _sample(kind)
+    generator = ca.CodeGenerator("sample", {"with_header": False, "main": False, "mex": False})
+    for function in (one.plain, one.seen):
+        generator.add(function)
     reads = ("s[{}]", "direction[{}]", *(f"SPREAD({name}[{{}}])" for name in ("x", "inputs", "numbers", "kept")))
     loop = _LOOP.format(
         head=LANES_HEAD,
@@ -139,15 +336,9 @@ def _source(kind: Kind) -> str:
         kept=one.seen.numel_out(1),
         inputs=one.plain.numel_in(1),
         numbers=one.plain.numel_in(2),
+        most=max(size for each in (one.plain, one.seen) for size in (each.sz_arg(), each.sz_res(), each.sz_w())),
     )
-    return c_of([one.plain, one.seen], loop)
-
-
-def _library(source: str) -> ctypes.CDLL:
-    try:
-        return library(source, (*_FLAGS, _VECTORS))
-    except subprocess.CalledProcessError:
-        return library(source, _FLAGS)
+    return str(generator.dump()) + loop
 
 
 @lru_cache(maxsize=16)

@@ -9,15 +9,20 @@ import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.identification.assumed_mass_ratio import shared
-from avc_casadi.identification.coarse_to_fine import (
+from avc_casadi.identification.fit import (
     FIRST_RATE_PER_S,
+    Fit,
+    Window,
+    best_observer,
     closely,
+    fit,
+    judged,
     richer,
     ringing_behind_a_lag,
     rms_m_of,
     roughly,
+    slowest_observer,
 )
-from avc_casadi.identification.fit import Fit, Window, best_observer, fit, judged, slowest_observer
 from avc_casadi.identification.frequency import Response
 from avc_casadi.identification.initial_guess import starts_of
 from avc_casadi.identification.lag_vs_resonance import ALIKE, damped_as_it_is, rival_resonance

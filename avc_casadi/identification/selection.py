@@ -50,27 +50,13 @@ class Selection:
 
 
 def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Fit once more, closely, under the observer that the model asks for.
-
-    Args:
-        predictor: of the records.
-        found: the model.
-        window: of the fit.
-    """
+    """Fit once more, closely, under the observer that the model asks for."""
     observer = best_observer(predictor, found, window)
     return fit(predictor, found.structure, found.values, observer, window, tolerance=1e-10)
 
 
 def without(predictor: Predictor, chosen: Selection, term: str, why: str, window: Window) -> None:
-    """Take a term out of the model and fit again.
-
-    Args:
-        predictor: of the records.
-        chosen: the model.
-        term: what goes.
-        why: in words.
-        window: of the fit.
-    """
+    """Take a term out of the model and fit again."""
     found = chosen.fit
     chosen.rivals[term] = found
     chosen.trials[term] = replace(chosen.trials[term], taken=False, why=why)
@@ -102,13 +88,7 @@ def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) 
 
 
 def no_false_loop(predictor: Predictor, chosen: Selection, window: Window) -> bool:
-    """Take a resonance before an encoder at the handle in place of a current loop, where that does better.
-
-    Args:
-        predictor: of the records.
-        chosen: the model.
-        window: of the fits.
-    """
+    """Take a resonance before an encoder at the handle in place of a current loop, where that does better."""
     loop = chosen.fit
     ringing = None if LOOP_DAMPING not in loop.structure.terms else behind_a_structure(predictor, loop, window)
     if ringing is None:

@@ -1,23 +1,24 @@
-"""An identification as a JSON document and as text."""
+"""An identification as a JSON document and as text, with what its user should know beside the numbers."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number, text_table
+from avc_casadi.identification.assumed_mass_ratio import at_the_other_side
+from avc_casadi.identification.closed_loop import EXCITATION, OnlyFeedback, coloured
+from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Identification
-from avc_casadi.identification.terms import words_of
+from avc_casadi.identification.terms import LOOP_DAMPING, PLAY, words_of
 
 SCHEMA = "avc-identify/1"
 
 
 def identification_document(found: Identification) -> dict[str, Any]:
-    """Return the document ``avc-identify/1``.
-
-    Args:
-        found: what the logs tell.
-    """
+    """Return the document ``avc-identify/1``."""
     device = found.device
     document = {
         "schema": SCHEMA,
@@ -81,11 +82,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
 
 
 def identification_text(found: Identification) -> str:
-    """Return the same for people.
-
-    Args:
-        found: what the logs tell.
-    """
+    """Return the same for people."""
     records = f"{found.records} record{'' if found.records == 1 else 's'}"
     terms = words_of(found.terms, found.amplifier_order)
     lines = [
@@ -128,3 +125,104 @@ def identification_text(found: Identification) -> str:
     if found.notes:
         lines += ["", *(f"note: {note}" for note in found.notes)]
     return "\n".join(lines)
+
+
+# A structure rings longer than one that is damped by this.
+_PLAYS = 0.2
+# No link and no amplifier is as quick as this, in samples.
+_NO_DELAY = 5e-3
+
+
+def remarks(
+    fit: Fit,
+    lags: FloatArray,
+    feedback: bool,
+    driven: OnlyFeedback | None,
+    estimates: Mapping[str, object],
+    radius_m: float,
+) -> list[str]:
+    """Return what may be otherwise than the numbers say, one sentence each.
+
+    Args:
+        fit: of the logs.
+        lags: autocorrelation of its error.
+        feedback: whether the force follows the position.
+        driven: the controller that makes all of the force, where something else moves the device.
+        estimates: what is told.
+        radius_m: how far the handle goes for a unit of the position.
+    """
+    notes = []
+    if "stiffness" in fit.structure.terms:
+        stiffness = number(fit.values["stiffness_n_per_m"] * radius_m**2)
+        notes.append(
+            f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping "
+            f"are "
+            "those of the device with what holds it; log it let go"
+        )
+    other = at_the_other_side(fit)
+    if other:
+        mass, spring = (number(other[key] * radius_m**2, 3) for key in ("mass_kg", "stiffness_n_per_m"))
+        notes.append(
+            "the spring may be on either side of the resonance, which this log does not tell: at the motor it has "
+            f"{spring} N/m, and the device {mass} kg; the intervals hold both"
+        )
+    if "amplifier" in fit.structure.terms:
+        notes.append(
+            "a filter of the position before it was logged looks like this amplifier, and then leans delay and "
+            "friction; log the encoder's counts as they are"
+        )
+        if fit.structure.amplifier_order == 1:
+            notes.append(
+                "a current loop damped by 1.5 and more is this lag, with its quicker pole counted in the delay: the "
+                "same device, in other numbers"
+            )
+        elif LOOP_DAMPING not in fit.structure.terms:
+            notes.append(
+                f"the current loop is taken with a damping ratio of {number(fit.structure.loop_damping_ratio, 2)} "
+                "(amplifier_damping_ratio), which the log does not tell; the intervals hold others that do as well"
+            )
+    if "resonance" in fit.structure.terms and fit.values["resonance.damping_ratio"] > _PLAYS:
+        notes.append(
+            f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is rarely one of a "
+            "structure: play in the transmission looks like one; that of a structure stays where it is with half the "
+            "force"
+        )
+    if "play" in fit.structure.terms:
+        notes.append(
+            "where the device turns, the position stands still and then goes on at speed: the encoder stands behind "
+            f"play of {number(fit.values[PLAY] / radius_m, 2)} m (backlash_m); mass, damping and friction are those "
+            "beside it, and what is found with this file knows of it. Better: take the play up (preload, a tighter "
+            "belt or capstan)"
+        )
+    if driven is not None:
+        notes.append(
+            f"{driven.sentence(radius_m)}, and the device goes on moving: a hand or something else moves it, whose "
+            f"force is not in the log, so that mass, damping and friction are not told. Better: {EXCITATION}"
+        )
+    elif feedback and coloured(lags):
+        notes.append(
+            "the force follows the measured position (a closed loop), and the prediction error is not white: what "
+            "disturbs "
+            "the device is not what the model takes it for, and estimates may be biased; the intervals hold what "
+            "another "
+            "observer would have found. Better: an external force (multisine) beside the controller, hands off"
+        )
+    elif feedback:
+        notes.append(
+            "the force follows the measured position (a closed loop); the prediction error is white, so that this "
+            "does not "
+            "bias the estimates"
+        )
+    elif coloured(lags):
+        notes.append(
+            "the prediction error is not white: something moves the device that the model does not know (a hand, a "
+            "cable, "
+            "an unmodelled mode)"
+        )
+    no_lag = fit.values["delay_samples"] < _NO_DELAY and "amplifier" not in fit.structure.terms
+    if estimates.get("delay_samples") is not None and no_lag:
+        notes.append(
+            "the delay came out at 0: does the log pair each force with the position that it was computed from, and "
+            "hold every tick? Of every second or tenth one, delay and friction lean"
+        )
+    return notes

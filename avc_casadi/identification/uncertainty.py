@@ -46,17 +46,19 @@ class Trial:
         return -self.held_out_change > WORTH
 
 
+def _curvature(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return J'J of all blocks, and the root of its diagonal, which brings parameters to one size."""
+    whole = np.sum([block.curvature for block in fit.blocks], axis=0)
+    return whole, np.sqrt(np.maximum(np.diag(whole), 1e-300))
+
+
 def held_out(fit: Fit) -> FloatArray:
     """Return the squared error of each block as the fit without it predicts it, shape (blocks,), m^2.
 
     The fit without a block is one Gauss-Newton step away, from the fit with all or from a point beside it.
-
-    Args:
-        fit: at its best or near it.
     """
-    whole = np.sum([block.curvature for block in fit.blocks], axis=0)
+    whole, scale = _curvature(fit)
     gradient = np.sum([block.gradient for block in fit.blocks], axis=0)
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
     squares = []
     for block in fit.blocks:
         rest = (whole - block.curvature) / scale / scale[:, None]
@@ -153,8 +155,7 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
     """
     gradients = np.array([block.gradient for block in fit.blocks])
     curvatures = np.array([block.curvature for block in fit.blocks])
-    whole = curvatures.sum(axis=0)
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    whole, scale = _curvature(fit)
     free, count = scale.size, len(fit.blocks)
     random = np.random.default_rng(_SEED)
     # At a bound the gradient does not vanish; it says nothing of the spread.
@@ -250,8 +251,7 @@ def moves_of(fit: Fit) -> FloatArray:
     Args:
         fit: a point, with the blocks that are asked.
     """
-    whole = np.sum([block.curvature for block in fit.blocks], axis=0)
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    whole, scale = _curvature(fit)
     gradients = np.array([block.gradient for block in fit.blocks]).T / scale[:, None]
     return np.asarray(-(np.linalg.lstsq(whole / scale / scale[:, None], gradients, rcond=1e-10)[0] / scale[:, None]).T)
 
@@ -260,12 +260,8 @@ def sensitivity(fit: Fit) -> tuple[FloatArray, float]:
     """Return correlations of the normalised sensitivities, shape (free, free), and their collinearity index.
 
     The index is 1/sqrt of the smallest eigenvalue: from about 20 on, two or more numbers do the same to the log.
-
-    Args:
-        fit: at its best.
     """
-    whole = np.sum([block.curvature for block in fit.blocks], axis=0)
-    scale = np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    whole, scale = _curvature(fit)
     normal = whole / scale / scale[:, None]
     smallest = float(np.linalg.eigvalsh(normal)[0])
     return normal, 1 / np.sqrt(max(smallest, 1e-16))
@@ -279,14 +275,7 @@ _UNSURE = 1.0 / _TIMES**2
 
 
 def richardson(predictor: Predictor, fit: Fit, spread: Spread, window: Window) -> tuple[Fit, Spread]:
-    """Move a fit to where ever finer parts of a sample put it; its interval holds what is left of the law of the move.
-
-    Args:
-        predictor: of the records.
-        fit: at its best.
-        spread: its uncertainty.
-        window: of the fit.
-    """
+    """Move a fit to where ever finer parts of a sample put it; its interval holds what that law leaves."""
     if not (fit.structure.present("amplifier_bandwidth_hz") and fit.structure.present("coulomb_friction_n")):
         return fit, spread
     fine = predictor.of(predictor.records, parts=_TIMES * PARTS)

@@ -112,11 +112,13 @@ class LiftedLoop:
         size: number of states.
         shift: the state that has everything one metre on, shape (size,).
         sample_time_s: T.
+        period_s: after which the pattern of steps recurs.
     """
 
     def __init__(self, plant: SampledPlant, clock: Clock, engine: VirtualTool) -> None:
         self.clock, self.engine = clock, engine
         self.sample_time_s = plant.sample_time_s
+        self.period_s = sum(clock.samples) * plant.sample_time_s
         self._matrix, self._force = plant.with_forces_under_way()
         self._n = n = self._matrix.shape[-1]
         held = 1 if engine.exchange == "held-force" else 2

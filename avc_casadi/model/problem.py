@@ -17,6 +17,7 @@ from avc_casadi._util.text import short
 from avc_casadi._util.units import Units
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.findings import checked
+from avc_casadi.model.follower import Follower
 from avc_casadi.model.measured_bounds import MeasuredBounds
 from avc_casadi.model.quantity import (
     Damping,
@@ -224,6 +225,7 @@ class Problem(Table):
         environment: the wall; left out beside a simulation, there is none.
         detent: notches along the way, beside the wall; None: there are none.
         simulation: the engine and its tool at the other end of the coupling; None: the wall is in the device's loop.
+        follower: a second device at the other end; None: there is none.
 
     Raises:
         pydantic.ValidationError: a value is refused, or a rule between values is broken.
@@ -249,6 +251,7 @@ class Problem(Table):
     hands: Hands = Hands()
     detent: Detent | None = None
     simulation: VirtualTool | None = None
+    follower: Follower | None = None
     frequency: Frequency = Frequency()
     scene: Scene = Scene()
 
@@ -258,7 +261,8 @@ class Problem(Table):
         """What is left out of a problem of a device that turns is that of a linear one at its handle."""
         if not isinstance(tables, Mapping):
             return tables
-        if tables.get("simulation") is not None and "environment" not in tables:
+        far = tables.get("simulation") is not None or tables.get("follower") is not None
+        if far and "environment" not in tables:
             tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
         return with_turned_defaults(tables)
 

@@ -310,6 +310,12 @@ def _engine_no_faster(values: Values) -> Iterator[Finding]:
         yield ("simulation", "step_s"), message
 
 
+def _one_other_end(values: Values) -> Iterator[Finding]:
+    """A device is coupled to an engine or to a second device, not to both."""
+    if values["simulation"] is not None and values["follower"] is not None:
+        yield ("follower",), "stands beside [simulation]; allowed: one of them"
+
+
 DEVICE_RULES: tuple[Rule, ...] = (
     *(_known_range(key) for key in DeviceRange.model_fields if key != "resonance"),
     *(_known_range("resonance", key) for key in ResonanceRange.model_fields),
@@ -332,4 +338,5 @@ RULES: tuple[Rule, ...] = (
     _duration,
     _saturation,
     _engine_no_faster,
+    _one_other_end,
 )

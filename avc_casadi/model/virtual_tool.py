@@ -29,8 +29,13 @@ RIGID_N_PER_M = LARGEST_STIFFNESS_N_PER_M
 """A contact of this stiffness is rigid: the tool stops at it."""
 
 
-def _interval(one: Quantity, *, unbounded: bool = False) -> Callable[[Any], Interval]:
-    """Return the validator of a number, or of [lowest, highest]; unbounded lets `inf` stand for the largest."""
+def interval(one: Quantity, *, unbounded: bool = False) -> Callable[[Any], Interval]:
+    """Return the validator of a number, or of [lowest, highest]; both become a pair.
+
+    Args:
+        one: validator of each end.
+        unbounded: whether `inf` stands for the largest value.
+    """
 
     def end(value: Any) -> float:
         if unbounded and isinstance(value, float) and value == math.inf:
@@ -47,10 +52,10 @@ def _interval(one: Quantity, *, unbounded: bool = False) -> Callable[[Any], Inte
     return read
 
 
-_Masses = Annotated[Interval, BeforeValidator(_interval(Quantity("kg", 1e-9, 1e6, zero=False)))]
-_Dampings = Annotated[Interval, BeforeValidator(_interval(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(_interval(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
-_Steps = Annotated[Interval, BeforeValidator(_interval(Quantity("s", 1e-7, 10, zero=False)))]
+_Masses = Annotated[Interval, BeforeValidator(interval(Quantity("kg", 1e-9, 1e6, zero=False)))]
+_Dampings = Annotated[Interval, BeforeValidator(interval(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(interval(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Steps = Annotated[Interval, BeforeValidator(interval(Quantity("s", 1e-7, 10, zero=False)))]
 _Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 _Late = Annotated[int, BeforeValidator(Whole(0, 8))]
 

@@ -12,6 +12,8 @@ from enum import Enum
 from typing import TextIO
 
 _PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+# Less than that in SI units is told as such.
+_LEAST = 1e-12
 # Lines are no longer than that where nobody says how wide the terminal is, nor on a very wide one.
 _WIDTH, _WIDEST, _NARROWEST = 110, 140, 60
 _COLOURS = {"✓": "32", "✗": "31", "!": "33"}
@@ -114,6 +116,8 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
         return f"{'-' if value < 0 else ''}unbounded"
     if value == 0:
         return f"0 {unit}"
+    if abs(value) < _LEAST:
+        return f"below 0.001 n{unit}"
     exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
     group = min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
     decimals = max(0, digits - 1 - (exponent - group))

@@ -18,8 +18,8 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.design.robust.cma_continuation import continuation, refined
 from avc_casadi.design.robust.lqg import Space
-from avc_casadi.design.robust.preconditions import why_no_law
 from avc_casadi.design.robust.solve import FIRST
+from avc_casadi.design.robust.uncertainty_set import why_no_law
 from avc_casadi.design.tuning import tuned
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import with_let_go

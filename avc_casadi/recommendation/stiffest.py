@@ -14,7 +14,7 @@ from avc_casadi._util.parallel import Processes, require_workers
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
-from avc_casadi.design.robust.moved import moved
+from avc_casadi.design.robust.cma_continuation import moved
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of

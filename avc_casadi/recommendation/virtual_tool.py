@@ -23,7 +23,8 @@ from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
 from avc_casadi.tool_coupling import ToolCoupling
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.tool_loop import Mode, ToolCase
+    from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.claims.stability.tool_loop import ToolCase
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
 

@@ -14,9 +14,8 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import contact_law, thinned
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
-from avc_casadi.simulation.advance.advance import Advance, Drive, Layout, MatrixExponential, Split, column
-from avc_casadi.simulation.advance.friction import TaylorSeries
-from avc_casadi.simulation.advance.substeps import Projected, RungeKutta
+from avc_casadi.simulation.advance.advance import Advance, Drive, Layout, MatrixExponential, column
+from avc_casadi.simulation.advance.friction import Projected, RungeKutta, TaylorSeries
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.effects.computation import Adaptation
@@ -105,15 +104,6 @@ class CompiledScene:
     def speeds(self) -> tuple[str, ...]:
         """Names of the traces of what moves; they follow the first trace."""
         return tuple(name for name in self.traces if name in _SPEEDS)
-
-    @property
-    def branches(self) -> bool:
-        """Whether compiled code can skip pieces of a sample."""
-        return self._tick.split is not None
-
-    def split(self) -> Split | None:
-        """Return the sample in pieces, of which compiled code skips those that do not happen; None without any."""
-        return None if self._tick.split is None else self._tick.split()
 
     def states_of(self, kind: str) -> int:
         """Number of states that an effect owns."""

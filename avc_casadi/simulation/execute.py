@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -14,7 +13,6 @@ from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.parallel import processors
 from avc_casadi.simulation.compile import CompiledScene
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, LOST_M, judged_samples
-from avc_casadi.simulation.lanes import LANES, SideBySide, side_by_side
 from avc_casadi.simulation.native import NativeScene, compiler
 
 Engine = Literal["auto", "casadi", "native"]
@@ -23,8 +21,6 @@ Engine = Literal["auto", "casadi", "native"]
 _COMPILE_S, _COMPILE_S_PER_INSTRUCTION, _SAVED_S = 0.1, 2.5e-4, 1.5e-9
 # Runs whose traces are held at a time, where they are only judged.
 _TRACES = 250
-# In pieces, a sample with dry friction is no longer than this.
-_SPLIT_INSTRUCTIONS = 3000
 
 
 def execute(
@@ -53,27 +49,27 @@ def execute_to_speed(
 ) -> FloatArray:
     """Run a scene once for every row of the parameters, and only say how fast each run ends.
 
-    Side by side no trace is kept.
+    Machine code keeps no trace.
 
     Args:
         scene: the compiled scene.
         parameters: as for `execute`.
         inputs: as for `execute`.
         engine: as for `execute`.
-        workers: number of threads side by side; one where others have work for the other processors.
+        workers: number of threads; one where others have work for the other processors.
 
     Returns:
         The largest speed of the end that is judged over that at which a run is no longer at rest, shape (runs,):
         below 1 is at rest as `judge` says; infinite for a run that left the workspace.
     """
     native = _compiled(scene, len(parameters), engine)
-    if isinstance(native, SideBySide):
+    if native is not None:
         first = scene.samples - judged_samples(scene.samples, scene.sample_time_s)
         far, fast = native.peaks(scene.initial, inputs.T, parameters, workers, first).T
         return _over_rest(scene, far, fast)
     found = [np.zeros(0)]
     for begin in range(0, len(parameters), _TRACES):
-        run = execute(scene, parameters[begin : begin + _TRACES], inputs, engine=engine)
+        run = _by_casadi(scene, parameters[begin : begin + _TRACES], inputs)
         last = slice(-judged_samples(scene.samples, scene.sample_time_s), None)
         fast = np.max([np.abs(run[name][:, last]).max(axis=-1) for name in scene.speeds], axis=0)
         found.append(_over_rest(scene, np.abs(run["position_m"]).max(axis=-1), fast))
@@ -85,19 +81,15 @@ def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray
     return np.where(here, fast_m_per_s / (AT_REST_M_PER_S / scene.metres_per_unit), np.inf)
 
 
-def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | SideBySide | None:
+def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | None:
     """Return the scene as machine code, or None where CasADi is to run it."""
     saved = runs * scene.samples * scene.instructions * _SAVED_S
-    size = min(scene.instructions, _SPLIT_INSTRUCTIONS) if scene.branches else scene.instructions
-    pays = saved > _COMPILE_S + size * _COMPILE_S_PER_INSTRUCTION
+    pays = saved > _COMPILE_S + scene.instructions * _COMPILE_S_PER_INSTRUCTION
     if engine != "native" and not (engine == "auto" and pays and compiler() is not None):
         return None
-    if runs >= LANES:
-        with suppress(LookupError, OSError, subprocess.CalledProcessError):
-            return side_by_side(scene.function, len(scene.speeds))
     try:
         return NativeScene(scene)
-    except (OSError, subprocess.CalledProcessError):
+    except (LookupError, OSError, subprocess.CalledProcessError):
         if engine == "native":
             raise
     return None

@@ -29,11 +29,6 @@ def target_of(motion: Motion, samples: int, sample_time_s: float) -> Target:
     """Evaluate a motion.
 
     A held target begins with the device at rest at the surface, x = 0, or at the target if that lies before it.
-
-    Args:
-        motion: motion of the problem file.
-        samples: number of samples n.
-        sample_time_s: T.
     """
     time = np.arange(samples + 1, dtype=np.float64) * np.float64(sample_time_s)
     position = _position(motion, time)

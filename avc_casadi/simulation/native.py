@@ -1,6 +1,7 @@
-"""The sample function as machine code: generated C, compiled once, for runs long enough to pay for it.
+"""A scene as machine code: several runs side by side in the lanes of vectors, in C written from CasADi's instructions.
 
-The compiler may not fuse multiplications and additions, so that the results have the bits of CasADi's own evaluation.
+No lane knows of another, no instruction is reordered or fused, and a choice is made bit by bit instead of by a jump: a
+run has the bits of CasADi's own evaluation, in whatever lane, alone or beside others.
 """
 
 from __future__ import annotations
@@ -24,80 +25,134 @@ from avc_casadi._util.parallel import processors
 if TYPE_CHECKING:
     from avc_casadi.simulation.compile import CompiledScene
 
-
-KEPT = 1024
-"""Scenes whose machine code is at hand: a device with ranges is tried in some hundreds, many of the same text."""
+# Scenes whose machine code is at hand: a device with ranges is tried in some hundreds, many of the same text.
+_KEPT = 1024
 # To begin a thread takes as long as some runs do.
 _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
-_FLAGS = ("-O2", "-ffp-contract=off", "-fPIC", "-shared")
+LANES = 16
+"""Runs side by side."""
+# Nothing fused; no errno, for which a root would leave its lanes. -O2 compiles half as long again and is no faster.
+_FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
+# The machine's own vectors, which not every compiler knows by this name.
+_VECTORS = "-march=native"
+
+# What an instruction does in C; those of one name in capitals are the macros below.
+_OPERATIONS = {
+    "ASSIGN": "{0}",
+    "ADD": "{0} + {1}",
+    "SUB": "{0} - {1}",
+    "MUL": "{0} * {1}",
+    "DIV": "{0} / {1}",
+    "NEG": "-{0}",
+    "SQ": "{0} * {0}",
+    "TWICE": "SPREAD(2.) * {0}",
+    "INV": "SPREAD(1.) / {0}",
+    "LT": "ONE({0} < {1})",
+    "LE": "ONE({0} <= {1})",
+    "EQ": "ONE({0} == {1})",
+    "NE": "ONE({0} != {1})",
+    "NOT": "ONE({0} == 0.)",
+    "AND": "ONE(({0} != 0.) & ({1} != 0.))",
+    "OR": "ONE(({0} != 0.) | ({1} != 0.))",
+    "IF_ELSE_ZERO": "(Lanes)((Bits){1} & ({0} != 0.))",
+    "SIGN": "PICK({0} < 0., SPREAD(-1.), PICK({0} > 0., SPREAD(1.), {0}))",
+    "FABS": "(Lanes)((Bits){0} & 0x7fffffffffffffffLL)",
+    "FMAX": "LARGER({0}, {1})",
+    "FMIN": "SMALLER({0}, {1})",
+    "CONSTPOW": "each_pow({0}, {1})",
+}
+_OF_ONE = (
+    *("floor", "ceil", "sqrt", "log", "log1p", "exp", "expm1", "erf"),
+    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+)
+_OF_TWO = ("fmax", "fmin", "pow", "fmod", "remainder", "atan2", "copysign", "hypot")
+_OPERATIONS |= {name.upper(): f"each_{name}({{0}})" for name in _OF_ONE}
+_OPERATIONS |= {name.upper(): f"each_{name}({{0}}, {{1}})" for name in _OF_TWO if name.upper() not in _OPERATIONS}
+
+_HEAD = """
+#include <math.h>
+#if defined(__AVX512F__)
+#define WIDTH 8
+#elif defined(__AVX__)
+#define WIDTH 4
+#else
+#define WIDTH 2
+#endif
+typedef double Lanes __attribute__((vector_size(8 * WIDTH)));
+typedef long long Bits __attribute__((vector_size(8 * WIDTH)));
+/* Takes 0 away, which changes no number, not even -0. */
+#define SPREAD(number) ((number) - (Lanes){0})
+#define ONE(yes) ((Lanes)((yes) & (Bits)SPREAD(1.)))
+#define PICK(yes, this, that) ((Lanes)(((yes) & (Bits)(this)) | (~(yes) & (Bits)(that))))
+#define EACH(name) static inline Lanes each_##name(Lanes a) { \\
+  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i]); return r; }
+#define EACH_PAIR(name) static inline Lanes each_##name(Lanes a, Lanes b) { \\
+  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i], b[i]); return r; }
+"""
+# Of two zeros, that of this library is the second one; others may choose by sign.
+_PAIRS = """
+#if defined(__x86_64__) && defined(__GLIBC__)
+#define LARGER(a, b) PICK(((a) > (b)) | ((b) != (b)), a, b)
+#define SMALLER(a, b) PICK(((a) < (b)) | ((b) != (b)), a, b)
+#else
+#define LARGER(a, b) each_fmax(a, b)
+#define SMALLER(a, b) each_fmin(a, b)
+#endif
+"""
+
+LANES_HEAD = "\n".join(
+    [_HEAD, *(f"EACH({name})" for name in _OF_ONE), *(f"EACH_PAIR({name})" for name in _OF_TWO), _PAIRS]
+)
+"""What the C of a function in lanes needs before it: `Lanes` of `WIDTH` numbers, and what is done with them."""
+
+_SAMPLE = """
+static inline void sample(const Lanes* restrict now, const double* restrict u, const Lanes* restrict p,
+                          Lanes* restrict next, Lanes* restrict traces) {{
+  {body}
+}}
+"""
 
 _LOOP = """
-int avc_run(long long runs, long long samples, const double* initial, const double* inputs, const double* parameters,
-            double* traces) {{
-  double now[{states}], next[{states}];
-  for (long long run = 0; run < runs; ++run) {{
-    const double* p = parameters + run * {n_parameters};
-    for (int i = 0; i < {n_states}; ++i) now[i] = initial[i];
+#define VECTORS (LANES / WIDTH)
+/* The largest so far; once not a number, always not a number. */
+static inline Lanes peak(Lanes value, Lanes before) {{
+  const Lanes size = (Lanes)((Bits)value & 0x7fffffffffffffffLL);
+  return PICK((size > before) | (size != size), size, before);
+}}
+
+int avc_run(long long runs, long long samples, long long judged, const double* initial, const double* inputs,
+            const double* parameters, double* traces, double* peaks) {{
+  for (long long first = 0; first < runs; first += LANES) {{
+    const long long left = (runs - first + WIDTH - 1) / WIDTH, vectors = left < VECTORS ? left : VECTORS;
+    Lanes now[2][VECTORS][{states}], p[VECTORS][{parameters}], seen[VECTORS][{traces}], far[VECTORS], fast[VECTORS];
+    for (int v = 0; v < vectors; ++v) {{
+      for (int lane = 0; lane < WIDTH; ++lane) {{
+        /* Lanes without a run of their own go through the last one. */
+        const long long mine = first + v * WIDTH + lane, run = mine < runs ? mine : runs - 1;
+        for (int i = 0; i < {n_parameters}; ++i) p[v][i][lane] = parameters[run * {n_parameters} + i];
+      }}
+      for (int i = 0; i < {n_states}; ++i) now[0][v][i] = SPREAD(initial[i]);
+      far[v] = fast[v] = SPREAD(0.);
+    }}
     for (long long tick = 0; tick < samples; ++tick) {{
-      if (avc_sample(now, inputs + tick * {n_inputs}, p, next, traces + (run * samples + tick) * {n_traces})) return 1;
-      for (int i = 0; i < {n_states}; ++i) now[i] = next[i];
+      for (int v = 0; v < vectors; ++v) {{
+        sample(now[tick & 1][v], inputs + tick * {n_inputs}, p[v], now[~tick & 1][v], seen[v]);
+        far[v] = peak(seen[v][0], far[v]);
+        if (tick >= judged)
+          for (int i = 1; i <= {speeds}; ++i) fast[v] = peak(seen[v][i], fast[v]);
+      }}
+      if (traces)
+        for (int lane = 0; lane < LANES && first + lane < runs; ++lane)
+          for (int i = 0; i < {n_traces}; ++i)
+            traces[((first + lane) * samples + tick) * {n_traces} + i] = seen[lane / WIDTH][i][lane % WIDTH];
     }}
+    if (peaks)
+      for (int lane = 0; lane < LANES && first + lane < runs; ++lane) {{
+        peaks[2 * (first + lane)] = far[lane / WIDTH][lane % WIDTH];
+        peaks[2 * (first + lane) + 1] = fast[lane / WIDTH][lane % WIDTH];
+      }}
   }}
   return 0;
-}}
-"""
-
-_CALL = """
-static int call_{name}({inputs}double* r, double* s, double* t) {{
-  const double* arg[{arguments}];
-  double* res[{results}];
-  double w[{work}];
-  long long int iw[{integers}];
-  {given}
-  res[0] = r; {second}{third}
-  (void)s; (void)t;
-  return {name}(arg, res, iw, w, 0);
-}}
-"""
-
-_WHOLE = """
-static int avc_sample(const double* now, const double* u, const double* p, double* next, double* traces) {
-  return call_sample(now, u, p, next, traces, 0);
-}
-"""
-
-_SPLIT = """
-static int through(double* x, double force, double* target, double velocity, double duration, const double* p) {{
-  const double part = duration / {substeps};
-  for (int substep = 0; substep < {substeps}; ++substep) {{
-    double moment[5] = {{force, *target, velocity, part, 0.0}}, out[{n_plant}], used[2];
-    for (int event = 0; event < {events} && moment[3] != 0.0; ++event) {{
-      if (call_until_event(x, moment, p, out, used, 0)) return 1;
-      for (int i = 0; i < {n_plant}; ++i) x[i] = out[i];
-      moment[3] -= used[0];
-      moment[1] += velocity * ({sample_time!r} * used[0]);
-      moment[4] = used[1];
-    }}
-    if (moment[3] != 0.0) {{
-      if (call_to_the_end(x, moment, p, out, 0, 0)) return 1;
-      for (int i = 0; i < {n_plant}; ++i) x[i] = out[i];
-    }}
-    *target = moment[1] + velocity * ({sample_time!r} * moment[3]);
-  }}
-  return 0;
-}}
-
-static int avc_sample(const double* now, const double* u, const double* p, double* next, double* traces) {{
-  double drive[5];
-  if (call_computer(now, u, p, next + {n_plant}, traces, drive)) return 1;
-  for (int i = 0; i < {n_plant}; ++i) next[i] = now[i];
-  if (!{late}) return through(next, drive[0], drive + 3, drive[4], 1.0, p);
-  {{
-    double target = drive[3];
-    if (through(next, drive[1], &target, drive[4], drive[2], p)) return 1;
-    target = drive[3] + drive[4] * ({sample_time!r} * drive[2]);
-    return through(next, drive[0], &target, drive[4], 1.0 - drive[2], p);
-  }}
 }}
 """
 
@@ -113,13 +168,21 @@ def _found(name: str, path: str | None) -> str | None:
 
 
 class NativeScene:
-    """The compiled loop over samples; calls release the interpreter, so that threads run side by side."""
+    """The compiled loop over samples; calls release the interpreter, so that threads run side by side.
+
+    Args:
+        scene: the compiled scene.
+
+    Raises:
+        LookupError: an instruction that has no form in lanes.
+        OSError, CalledProcessError: there is no compiler, or none that knows vectors.
+    """
 
     def __init__(self, scene: CompiledScene) -> None:
         self._traces = int(scene.function.numel_out(1))
-        self._run = _compiled(scene.function, scene.split()).avc_run
+        self._run = _compiled(scene.function, len(scene.speeds)).avc_run
         self._run.restype = ctypes.c_int
-        self._run.argtypes = [ctypes.c_longlong, ctypes.c_longlong] + [ctypes.c_void_p] * 4
+        self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
 
     def __call__(self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int) -> FloatArray:
         """Run every row of the parameters from the same initial state.
@@ -134,35 +197,62 @@ class NativeScene:
             The traces, shape (runs, samples, traces).
         """
         traces = np.empty((len(parameters), len(inputs), self._traces))
-        initial, inputs, parameters = (
-            np.ascontiguousarray(value, np.float64) for value in (initial, inputs, parameters)
-        )
+        self._go(initial, inputs, parameters, workers, 0, traces, None)
+        return traces
+
+    def peaks(
+        self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int
+    ) -> FloatArray:
+        """Return only the largest size of the first trace, and of the speeds from a sample on, shape (runs, 2).
+
+        Args:
+            initial: as for a call, and so are the next three.
+            inputs: as above.
+            parameters: as above.
+            workers: as above.
+            judged: the sample from which on speeds count.
+        """
+        peaks = np.empty((len(parameters), 2))
+        self._go(initial, inputs, parameters, workers, judged, None, peaks)
+        return peaks
+
+    def _go(
+        self,
+        initial: FloatArray,
+        inputs: FloatArray,
+        parameters: FloatArray,
+        workers: int,
+        judged: int,
+        traces: FloatArray | None,
+        peaks: FloatArray | None,
+    ) -> None:
+        initial, inputs, parameters = (np.ascontiguousarray(one, np.float64) for one in (initial, inputs, parameters))
 
         def work(rows: slice) -> None:
             self._run(
                 len(parameters[rows]),
                 len(inputs),
+                judged,
                 initial.ctypes.data,
                 inputs.ctypes.data,
                 parameters[rows].ctypes.data,
-                traces[rows].ctypes.data,
+                None if traces is None else traces[rows].ctypes.data,
+                None if peaks is None else peaks[rows].ctypes.data,
             )
 
-        in_threads(work, len(parameters), workers)
-        return traces
+        _in_threads(work, len(parameters), workers)
 
 
-def in_threads(work: Callable[[slice], None], rows: int, workers: int, whole: int = 1) -> None:
+def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
     """Do some rows in each thread.
 
     Args:
         work: what to do with a slice of the rows; it leaves Python to others.
         rows: number of rows.
-        workers: number of threads at most.
-        whole: rows that are no cheaper apart: all threads but the last get a multiple of them.
+        workers: number of threads at most; all but the last get a multiple of the lanes.
     """
-    groups = -(-rows // whole)
-    each = whole * -(-groups // max(1, min(workers, groups)))
+    groups = -(-rows // LANES)
+    each = LANES * -(-groups // max(1, min(workers, groups)))
     parts = [slice(first, min(first + each, rows)) for first in range(0, rows, max(1, each))]
     others = [_THREADS.submit(work, part) for part in parts[1:]]
     try:
@@ -173,74 +263,81 @@ def in_threads(work: Callable[[slice], None], rows: int, workers: int, whole: in
             other.result()
 
 
-def c_of(functions: Sequence[Any], loop: str) -> str:
-    """Return CasADi functions of at most three results and a loop that calls them, in C.
+@lru_cache(maxsize=_KEPT)
+def _compiled(function: Any, speeds: int) -> ctypes.CDLL:
+    """Return the loop of a sample, once for each: the text of its C takes as long as some runs."""
+    return library(_code(function, speeds))
 
-    Args:
-        functions: each is ``call_NAME(arguments, three results)`` in C, a result that is 0 is not wanted.
-        loop: C that follows them.
-    """
+
+@lru_cache(maxsize=1)
+def _names() -> dict[int, str]:
     import casadi as ca  # noqa: PLC0415
 
-    generator = ca.CodeGenerator("scene", {"with_header": False, "main": False, "mex": False})
-    for function in functions:
-        generator.add(function)
-    return "".join([str(generator.dump()), *map(_call, functions), loop])
+    return {getattr(ca, name): name.removeprefix("OP_") for name in dir(ca) if name.startswith("OP_")}
 
 
-@lru_cache(maxsize=KEPT)
-def _compiled(whole: Any, split: Any) -> ctypes.CDLL:
-    """Return the loop of a scene, once for each: the text of its C takes as long as some runs."""
-    functions = [whole] if split is None else [split.computer, split.until_event, split.to_the_end]
-    return library(c_of(functions, _loop(whole, split)), _FLAGS)
+def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
+    """Return the C of a function in lanes, to follow `LANES_HEAD`.
 
+    Args:
+        function: of SX.
+        given: how an element of each argument is read, with {} for its index: ``SPREAD(u[{}])`` is one for all lanes.
+        results: how an element of each result is named.
 
-def _loop(whole: Any, split: Any) -> str:
-    """Return a sample of a scene and the loop over its samples, in C."""
-    if split is None:
-        sample = _WHOLE
-    else:
-        sample = _SPLIT.format(
-            substeps=split.substeps,
-            events=split.events,
-            late=int(split.late),
-            sample_time=split.sample_time_s,
-            n_plant=split.to_the_end.numel_out(0),
+    Raises:
+        LookupError: an instruction that has no form in lanes.
+    """
+    lines, names = [], _names()
+    for index in range(function.n_instructions()):
+        name, taken, to = (
+            names[function.instruction_id(index)],
+            function.instruction_input(index),
+            function.instruction_output(index),
         )
-    return sample + _LOOP.format(
-        states=max(1, whole.numel_in(0)),
-        n_states=whole.numel_in(0),
-        n_inputs=whole.numel_in(1),
-        n_parameters=whole.numel_in(2),
-        n_traces=whole.numel_out(1),
-    )
+        if name == "INPUT":
+            which, element = taken
+            value = given[which].format(element)
+        elif name == "CONST":
+            value = f"SPREAD({float(function.instruction_constant(index)).hex()})"
+        elif name == "OUTPUT":
+            lines.append(f"{results[to[0]].format(to[1])} = w{taken[0]};")
+            continue
+        else:
+            value = _OPERATIONS[name].format(*(f"w{one}" for one in taken))
+        lines.append(f"w{to[0]} = {value};")
+    work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
+    return "\n  ".join([f"Lanes {work};", *lines])
 
 
-def _call(function: Any) -> str:
-    """Return a C function that gives a generated one its work space."""
-    count = function.n_out()
-    given = range(function.n_in())
-    return _CALL.format(
-        name=function.name(),
-        inputs="".join(f"const double* a{index}, " for index in given),
-        given=" ".join(f"arg[{index}] = a{index};" for index in given),
-        arguments=max(1, function.sz_arg()),
-        results=max(3, function.sz_res()),
-        work=max(1, function.sz_w()),
-        integers=max(1, function.sz_iw()),
-        second="res[1] = s; " if count > 1 else "",
-        third="res[2] = t;" if count > 2 else "",
-    )
+def _code(function: Any, speeds: int) -> str:
+    """Return the C of a sample and its loop."""
+    body = in_lanes(function, ("now[{}]", "SPREAD(u[{}])", "p[{}]"), ("next[{}]", "traces[{}]"))
+    sizes = {
+        "states": function.numel_in(0),
+        "inputs": function.numel_in(1),
+        "parameters": function.numel_in(2),
+        "traces": function.numel_out(1),
+    }
+    least = {name: max(1, size) for name, size in sizes.items()}
+    loop = _LOOP.format(**least, **{f"n_{name}": size for name, size in sizes.items()}, speeds=speeds)
+    return "\n".join([LANES_HEAD, f"#define LANES {LANES}", _SAMPLE.format(body=body), loop])
 
 
-@lru_cache(maxsize=64)
-def library(source: str, flags: tuple[str, ...]) -> ctypes.CDLL:
-    """Compile C once in the life of this process.
+def library(source: str) -> ctypes.CDLL:
+    """Compile C for this machine, once in the life of this process.
 
     Raises:
         FileNotFoundError: there is no compiler.
         CalledProcessError: it refuses.
     """
+    try:
+        return _library(source, (*_FLAGS, _VECTORS))
+    except subprocess.CalledProcessError:
+        return _library(source, _FLAGS)
+
+
+@lru_cache(maxsize=64)
+def _library(source: str, flags: tuple[str, ...]) -> ctypes.CDLL:
     found = compiler()
     if found is None:
         raise FileNotFoundError("no C compiler: neither $CC nor cc is there")

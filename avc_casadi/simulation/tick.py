@@ -77,7 +77,6 @@ class Tick:
         environment_energy_j: energy in the environment's spring at this sample.
         coupling_energy_j: energy in the coupling's spring.
         at_end: what is to be done when the force is settled.
-        split: makes the sample in pieces that compiled code can skip; None where there is nothing to skip.
     """
 
     sample_time_s: float
@@ -96,7 +95,6 @@ class Tick:
     environment_energy_j: Expr = 0.0
     coupling_energy_j: Expr = 0.0
     at_end: list[Callable[[], None]] = field(default_factory=list)
-    split: Callable[[], Any] | None = None
     states: list[Slot] = field(default_factory=list)
     inputs: list[Slot] = field(default_factory=list)
     parameters: list[Slot] = field(default_factory=list)

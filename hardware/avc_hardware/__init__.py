@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.firmware_fit import FirmwareLacksError as FirmwareLacksError
     from avc_hardware.codegen.firmware_fit import check_runs_on as check_runs_on
     from avc_hardware.codegen.packages import arm_gains_c as arm_gains_c
+    from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
     from avc_hardware.emulator.bench import BenchDevice as BenchDevice
     from avc_hardware.emulator.bench import Wiring as Wiring
     from avc_hardware.emulator.board import EmulatedBoard as EmulatedBoard
@@ -32,6 +33,11 @@ if TYPE_CHECKING:
     from avc_hardware.link.connection import EMULATOR as EMULATOR
     from avc_hardware.link.connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
     from avc_hardware.link.connection import Connection as Connection
+    from avc_hardware.link.connection import Diagnosis as Diagnosis
+    from avc_hardware.link.connection import Port as Port
+    from avc_hardware.link.connection import diagnose as diagnose
+    from avc_hardware.link.connection import find_port as find_port
+    from avc_hardware.link.connection import list_ports as list_ports
     from avc_hardware.link.connection import open_link as open_link
     from avc_hardware.link.device import Device as Device
     from avc_hardware.link.device import DeviceStatus as DeviceStatus
@@ -40,11 +46,6 @@ if TYPE_CHECKING:
     from avc_hardware.link.faults import DeviceFault as DeviceFault
     from avc_hardware.link.monitor import LivePlot as LivePlot
     from avc_hardware.link.monitor import monitor as monitor
-    from avc_hardware.link.ports import Diagnosis as Diagnosis
-    from avc_hardware.link.ports import Port as Port
-    from avc_hardware.link.ports import diagnose as diagnose
-    from avc_hardware.link.ports import find_port as find_port
-    from avc_hardware.link.ports import list_ports as list_ports
     from avc_hardware.link.push import PushResult as PushResult
     from avc_hardware.link.push import push as push
     from avc_hardware.link.session import NoAnswerError as NoAnswerError
@@ -73,17 +74,20 @@ else:
         "codegen.figures": ("BoardLimits", "RuntimeFigures"),
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
         "codegen.packages": ("arm_gains_c",),
+        "codegen.tool_export": ("export_tool_c",),
         "emulator.bench": ("BenchDevice", "Wiring"),
         "emulator.board": ("EmulatedBoard",),
         "in_the_loop": ("FirmwareInTheLoop", "LoopResult", "LoopTrace", "tried_in_the_loop"),
         "link.bytes": ("ByteLink", "SerialLink"),
         "link.commission": ("Commissioned", "commission"),
-        "link.connection": ("Connection", "DEFAULT_BAUD", "EMULATOR", "EMULATOR_IS_FRESH", "open_link"),
+        "link.connection": (
+            *("Connection", "DEFAULT_BAUD", "EMULATOR", "EMULATOR_IS_FRESH", "open_link"),
+            *("Diagnosis", "Port", "diagnose", "find_port", "list_ports"),
+        ),
         "link.device": ("Device", "DeviceStatus"),
         "link.excite": ("ExcitationLog", "excite"),
         "link.faults": ("DeviceFault",),
         "link.monitor": ("LivePlot", "monitor"),
-        "link.ports": ("Diagnosis", "Port", "diagnose", "find_port", "list_ports"),
         "link.push": ("PushResult", "push"),
         "link.session": ("NoAnswerError", "RefusedError"),
         "link.settings": ("Cleared", "DeviceLimits", "Limits", "Stored", "clear_faults", "set_limits", "store"),

@@ -110,7 +110,7 @@ IDENTIFY = (
     ),
     Rule("identification.select._no_rival_resonance", lambda *_: None, "the same once more at the end"),
     Rule(
-        "identification.coarse_to_fine.ringing_behind_a_lag",
+        "identification.fit.ringing_behind_a_lag",
         lambda _, simple, *__: simple,
         "resonance and lag at once",
         lambda *_: False,
@@ -192,7 +192,7 @@ IDENTIFY = (
     ),
     Rule("identification.uncertainty._ENOUGH_RECORDS", 10**6, "differences between records"),
     Rule("identification.initial_guess._MOST_STARTS", 1, "a second start of a resonance"),
-    Rule("identification.coarse_to_fine._ROUGH_SAMPLES", 10**9, "rough fits of pieces"),
+    Rule("identification.fit._ROUGH_SAMPLES", 10**9, "rough fits of pieces"),
     Rule("identification.record._worth", lambda *_: 0.0, "short pieces left out", _zero),
 )
 DIAGNOSE = (
@@ -214,7 +214,7 @@ DIAGNOSE = (
         lambda given, result: result is given[0],
     ),
     Rule("identification.diagnosis.limit_cycle.find_toggling", lambda *_: None, "turns over few counts", _none),
-    Rule("identification.diagnosis.transient.passes", lambda *_: False, "a touch that passes", _nothing),
+    Rule("identification.diagnosis.limit_cycle.passes", lambda *_: False, "a touch that passes", _nothing),
     Rule("identification.diagnosis.oscillation._restless", lambda *_: False, "ripple without a line", _nothing),
     Rule("identification.diagnosis.oscillation._level_from", lambda *_: None, "a decay that ends at a level", _none),
     Rule("identification.diagnosis.oscillation._falls", lambda *_: False, "irregular motion that falls", _nothing),
@@ -414,7 +414,7 @@ IN_FITS = {
 # These are inside of a scene that is played.
 IN_SCENES = (
     "identification.diagnosis.limit_cycle.",
-    "identification.diagnosis.transient.",
+    "identification.diagnosis.limit_cycle.",
     "identification.diagnosis.oscillation.",
 )
 

@@ -29,9 +29,9 @@ from avc_casadi.model.hands import Hand  # noqa: E402
 from avc_casadi.simulation.compile import compile_scene  # noqa: E402
 from avc_casadi.simulation.effects.registry import build_effects  # noqa: E402
 from avc_casadi.simulation.execute import execute  # noqa: E402
-from avc_casadi.simulation.explain import ns_per_step  # noqa: E402
 from avc_casadi.simulation.native import NativeScene  # noqa: E402
 from avc_casadi.simulation.scene import compile_for, settled  # noqa: E402
+from avc_casadi.simulation.screen import ns_per_step  # noqa: E402
 
 try:
     from numba import njit

@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import test_firmware_tick_equals_reference as ticked
 from faulty_link import FaultKind, LinkFault
 from hardware_bench import scratch
+from host_device import HostCore, State
 from lock_step_board import LockStepBoard
 from test_firmware_survives_fuzzing import corpus_folder
 from test_link_faults_leave_a_whole_table import PAIRS, image, push_through
@@ -37,7 +38,6 @@ from avc_hardware import EmulatedBoard
 from avc_hardware.codegen.boards import RECORDS, ROWS
 from avc_hardware.codegen.build import build_fuzzer, build_image, source_hash
 from avc_hardware.codegen.tick_c import sources_for
-from avc_hardware.emulator.host import HostCore, State
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.faults import INTERFACE_VERSION
 

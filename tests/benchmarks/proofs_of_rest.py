@@ -14,6 +14,8 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,7 +31,7 @@ from studies.designs import design
 import avc_casadi as avc
 from avc_casadi.claims.prove.held_device import HAND, HeldDevice
 from avc_casadi.claims.prove.law import ContactLaw
-from avc_casadi.claims.prove.walls import rigid_with_damper, wall_gap
+from avc_casadi.claims.prove.walls import Laws, wall_gap
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import STYLUS_RANGES
@@ -49,6 +51,24 @@ DAMPERS = {"A": 12, "B": 6}
 def hands_of(population: str) -> dict[str, tuple[float, float]]:
     hands = avc.load_problem("figure5").hands
     return {name: getattr(hands, name) for name in HAND} if population == "A" else dict(STYLUS_RANGES)
+
+
+def rigid_with_damper(law: ContactLaw, shares: Sequence[float]) -> Laws:
+    """Return rigid couplings with contact dampers of so many K T."""
+
+    def at(stiffness: float) -> list[ContactLaw]:
+        return [
+            replace(
+                law,
+                damping_ns_per_m=np.inf,
+                stiffness_n_per_m=np.inf,
+                contact_damping_ns_per_m=share * stiffness * law.sample_time_s,
+                wall_stiffness_n_per_m=stiffness,
+            )
+            for share in shares
+        ]
+
+    return at
 
 
 def wall_cell(time_s: float, delay: int, population: str) -> dict[str, Any]:

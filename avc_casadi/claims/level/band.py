@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar
 
-from avc_casadi.claims.passivity_claim import PassivityClaim, Where
+from avc_casadi.claims.registry import PassivityClaim, Where
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Scope

@@ -1,4 +1,4 @@
-"""Level L7: comes to rest with every hand, making and breaking contact."""
+"""Level L7: settles with every hand, making and breaking contact."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class RestWithEveryHand(Claim):
     """Rest from any state with every hand of the box."""
 
     name: ClassVar[str] = "L7"
-    title: ClassVar[str] = "comes to rest with every hand, making and breaking contact"
+    title: ClassVar[str] = "settles with every hand, making and breaking contact"
     rank: ClassVar[float] = 70
     claims: ClassVar[str] = (
         "each frozen row comes to rest with every hand of the box, wherever it rests and from any state, making and"

@@ -16,8 +16,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.prove.changing_loop import ChangingLoop
-from avc_casadi.claims.prove.contraction import NormedCell, covers, normed_cells, shrinks
+from avc_casadi.claims.prove.contraction import ChangingLoop, NormedCell, covers, normed_cells, shrinks
 from avc_casadi.claims.prove.hands import Outcome, moving_box, out_of_reach
 from avc_casadi.claims.prove.interval import Interval
 from avc_casadi.claims.prove.joint_radius import JointRadius, growth, joint_spectral_radius

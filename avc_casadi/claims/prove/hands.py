@@ -19,9 +19,8 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
 from avc_casadi.claims.prove.frozen_loop import FrozenGains, FrozenLoop
-from avc_casadi.claims.prove.hands_piece import TOP, Piece, all_inside
 from avc_casadi.claims.prove.interval import Interval
-from avc_casadi.claims.prove.zero_exclusion import Cells, exclude_zeros
+from avc_casadi.claims.prove.zero_exclusion import TOP, Cells, Piece, all_inside, exclude_zeros
 from avc_casadi.claims.stability.declared_device import rigid, whole_stability
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
 from avc_casadi.claims.stability.worst_hand import worst_hands

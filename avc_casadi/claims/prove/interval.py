@@ -10,22 +10,22 @@ it: ask `x.low > 0`, never `not x.low <= 0`.
 Beside it stands `_disc`, for complex numbers that turn: a rectangle grows by up to the root of 2 with each turn, a disc
 does not. Rectangles keep real and imaginary parts apart, whose signs decide here, and trust no function of libm.
 
-mpmath and python-flint enclose one number at a time, a thousand times slower on the arrays of a search; the packages
-that work on arrays come as binaries for few platforms.
+python-flint and mpmath enclose one number at a time: products and quotients of 100 000 intervals take python-flint four
+to nine times as long, sums twelve times, to which come 0.7 and 1.1 us a number there and back. The packages that work
+on arrays come as binaries for few platforms.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from fractions import Fraction
 from types import EllipsisType
 from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.arrays import FloatArray
 
 _UNIT = 2.0**-52
 _LEAST = 2.0**-1022
@@ -55,15 +55,6 @@ class Interval:
         one, other = np.broadcast_arrays(first, first if high is None else np.asarray(high, dtype=np.float64))
         return cls(one, other)
 
-    @classmethod
-    def of_fraction(cls, value: Fraction) -> Self:
-        """Return the tightest interval around a rational number."""
-        near = float(value)
-        below, above = (np.nextafter(near, end) for end in (-np.inf, np.inf))
-        low = near if Fraction(near) <= value else below
-        high = near if Fraction(near) >= value else above
-        return cls.of(low, high)
-
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of the array."""
@@ -83,10 +74,6 @@ class Interval:
     def magnitude(self) -> FloatArray:
         """Largest absolute value."""
         return np.asarray(np.maximum(np.abs(self.low), np.abs(self.high)))
-
-    def contains(self, value: FloatArray | float) -> BoolArray:
-        """Whether each number lies in its interval."""
-        return np.asarray((self.low <= value) & (value <= self.high))
 
     def __getitem__(self, index: Index) -> Interval:
         return Interval(np.asarray(self.low[index]), np.asarray(self.high[index]))
@@ -157,10 +144,6 @@ class Interval:
         with np.errstate(invalid="ignore"):
             root = np.sqrt(self.low)
             return Interval(np.asarray(np.maximum(_below(root), 0.0)), _above(np.sqrt(self.high) + 0.0 * root))
-
-    def meet(self, other: Interval) -> Interval:
-        """Return what two enclosures of the same numbers have in common."""
-        return Interval(np.maximum(self.low, other.low), np.minimum(self.high, other.high))
 
     def hull(self, other: Interval) -> Interval:
         """Return the smallest intervals that hold both."""
@@ -238,15 +221,6 @@ class ComplexInterval:
     def abs2(self) -> Interval:
         """Return the squared moduli."""
         return self.real.square() + self.imag.square()
-
-
-def matrix_product(one: Interval, other: Interval) -> Interval:
-    """Multiply matrices over the last two axes, shapes (..., n, k) and (..., k, m)."""
-    terms = [one[..., :, i, None] * other[..., None, i, :] for i in range(one.shape[-1])]
-    total = terms[0]
-    for term in terms[1:]:
-        total = total + term
-    return total
 
 
 def cosine(angle: Interval) -> Interval:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from avc_casadi.claims.prove.held_device import HeldDevice
 from avc_casadi.claims.prove.rest import promising, prove_rest, sampled_hands, unstable_hand
 
@@ -86,24 +84,6 @@ def wall_gap(
 def same_gains(law: ContactLaw) -> Laws:
     """Return the law before other walls."""
     return lambda stiffness: (replace(law, wall_stiffness_n_per_m=stiffness),)
-
-
-def rigid_with_damper(law: ContactLaw, shares: Sequence[float] = tuple(np.linspace(0.6, 3.0, 16))) -> Laws:
-    """Return rigid couplings with contact dampers of so many K T."""
-
-    def at(stiffness: float) -> list[ContactLaw]:
-        return [
-            replace(
-                law,
-                damping_ns_per_m=np.inf,
-                stiffness_n_per_m=np.inf,
-                contact_damping_ns_per_m=share * stiffness * law.sample_time_s,
-                wall_stiffness_n_per_m=stiffness,
-            )
-            for share in shares
-        ]
-
-    return at
 
 
 def _last(holds: Callable[[float], bool], highest: float, steps: int) -> float:

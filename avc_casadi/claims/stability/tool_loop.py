@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.claims.stability.eigenvalues import eigenvalues
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.claims.stability.periodic import TOLERANCE, PeriodicLoops
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks
@@ -22,12 +20,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import VirtualTool
 
-# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is not told from none.
-_TOLERANCE = 1e-9
 # Contacts between free and the stiffest are tried at so many stiffnesses, evenly in the logarithm.
 _CONTACTS = 4
-# Eigenvalues this small belong to what is forgotten within a step; slower swings than this are drift.
-_DEAD, _DRIFT_HZ = 1e-6, 0.1
 # Softest contact beside free motion, as a share of the stiffest.
 _SOFTEST = 1e-3
 
@@ -49,28 +43,14 @@ class ToolCase:
     step_s: float
 
 
-@dataclass(frozen=True)
-class Mode:
-    """An oscillation of a loop.
-
-    Attributes:
-        damping_ratio: as a share of the critical; 1 where nothing swings.
-        frequency_hz: of the oscillation.
-        time_constant_s: in which it falls to 1/e.
-    """
-
-    damping_ratio: float
-    frequency_hz: float
-    time_constant_s: float
-
-
-class ToolLoops:
+class ToolLoops(PeriodicLoops):
     """All loops of a problem with [simulation]: hands, released, device corners, tools, contacts and clocks.
 
     Args:
         problem: with [simulation].
 
     Attributes:
+        patterns: the lifted loop of each clock.
         tool: the [simulation].
         tools: the corners of tool and contact, at the device.
         hands: corners of [hands], the device released last.
@@ -84,83 +64,37 @@ class ToolLoops:
             dict.fromkeys(one for contact in contact_stiffnesses_n_per_m(tool) for one in tool_states(tool, contact))
         )
         plant = sampled_plant(devices, self.hands)
-        self._loops = [
+        self.patterns: list[LiftedLoop] = [
             LiftedLoop(plant, clock, tool)
             for step_s in sorted(set(tool.step_s))
             for clock in clocks(step_s, problem.device.sample_time_s)
         ]
         self._devices = len(devices)
-        self._few: list[list[int]] = [[] for _ in self._loops]
+        super().__init__()
 
     def __len__(self) -> int:
-        return len(self._loops) * len(self.tools) * self._devices * len(self.hands)
+        return len(self.patterns) * len(self.tools) * self._devices * len(self.hands)
 
-    def stable(self, gains: ToolGains) -> bool:
-        """Whether every loop is; those that failed before are asked first."""
-        if not self._settle(gains, self._few):
-            return False
-        failed = self._first_unstable(gains)
-        if failed is None:
-            return True
-        self._few[failed[0]].append(failed[1])
-        return False
+    def matrices(self, place: int, gains: ToolGains) -> FloatArray:
+        """Return the monodromy matrices over one period of a clock, shape (loops, size, size)."""
+        loop = self.patterns[place]
+        return loop.monodromy(gains, self.tools).reshape(-1, loop.size, loop.size)
 
     def radius(self, gains: ToolGains) -> tuple[float, ToolCase]:
-        """Return the largest spectral radius, counted by one step of the engine, and the loop that has it."""
-        worst, where = -1.0, (0, 0)
-        for place, loop in enumerate(self._loops):
-            values = np.abs(self._eigenvalues(loop, gains)).max(axis=-1) ** (1 / len(loop.clock.samples))
-            row = int(np.argmax(values))
-            if values[row] > worst:
-                worst, where = float(values[row]), (place, row)
-        return worst, self._case(*where)
+        """Return the spectral radius of the loop that grows fastest, counted by one step of the engine, and that."""
+        place, row, radius = self.worst(gains)
+        return radius ** (1 / len(self.patterns[place].clock.samples)), self._case(place, row)
 
     def engine_alone_stable(self) -> bool:
         """Whether the tool in contact stays where it is without any coupling: an engine's own matter."""
         touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]
-        alone = [np.linalg.eigvals(loop.tool_alone(one)) for loop in self._loops for one in touching]
-        return all(np.abs(values).max() <= 1 + _TOLERANCE for values in alone)
-
-    def slowest(self, gains: ToolGains) -> Mode:
-        """Return the least damped mode of all loops that swings, faster than once in ten seconds."""
-        found = Mode(1.0, 0.0, math.inf)
-        for loop in self._loops:
-            period_s = sum(loop.clock.samples) * loop.sample_time_s
-            values = self._eigenvalues(loop, gains).ravel()
-            poles = np.log(values[np.abs(values) > _DEAD]) / period_s
-            poles = poles[np.abs(poles.imag) > 2 * np.pi * _DRIFT_HZ]
-            if len(poles) == 0:
-                continue
-            ratio = -poles.real / np.abs(poles)
-            row = int(np.argmin(ratio))
-            if ratio[row] < found.damping_ratio:
-                pole = poles[row]
-                found = Mode(float(ratio[row]), float(abs(pole.imag) / (2 * np.pi)), float(-1 / pole.real))
-        return found
-
-    def _settle(self, gains: ToolGains, rows: Sequence[Sequence[int]]) -> bool:
-        for loop, some in zip(self._loops, rows, strict=True):
-            if some and not _contracts(self._eigenvalues(loop, gains, some)).all():
-                return False
-        return True
-
-    def _first_unstable(self, gains: ToolGains) -> tuple[int, int] | None:
-        for place, loop in enumerate(self._loops):
-            unstable = np.abs(self._eigenvalues(loop, gains)).max(axis=-1)
-            row = int(np.argmax(unstable))
-            if not unstable[row] < 1 - _TOLERANCE:
-                return place, row
-        return None
-
-    def _eigenvalues(self, loop: LiftedLoop, gains: ToolGains, rows: Sequence[int] | None = None) -> ComplexArray:
-        """Return the eigenvalues of loops, one of what floats freely taken out, shape (loops, size)."""
-        matrices = loop.monodromy(gains, self.tools).reshape(-1, loop.size, loop.size)
-        return eigenvalues(_held(matrices if rows is None else matrices[rows], loop.shift))
+        alone = [np.linalg.eigvals(loop.tool_alone(one)) for loop in self.patterns for one in touching]
+        return all(np.abs(values).max() <= 1 + TOLERANCE for values in alone)
 
     def _case(self, place: int, row: int) -> ToolCase:
         tool, device, hand = np.unravel_index(row, (len(self.tools), self._devices, len(self.hands)))
         return ToolCase(
-            self.hands.values(int(hand)), int(device), self.tools[int(tool)], self._loops[place].clock.step_s
+            self.hands.values(int(hand)), int(device), self.tools[int(tool)], self.patterns[place].clock.step_s
         )
 
 
@@ -193,14 +127,3 @@ def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
     low = max(lowest, _SOFTEST * highest)
     between = np.geomspace(low, highest, _CONTACTS).tolist() if 0 < low < highest else [highest]
     return sorted({0.0, *between, RIGID_N_PER_M})
-
-
-def _contracts(values: ComplexArray) -> BoolArray:
-    return np.asarray(np.abs(values).max(axis=-1) < 1 - _TOLERANCE)
-
-
-def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:
-    """Take the eigenvalue 1 of a free translation out of matrices that have it, the others staying (Wielandt)."""
-    floats = np.abs(matrices @ shift - shift).max(axis=-1) < 1e-9
-    taken = matrices - shift[:, None] * matrices[..., :1, :]
-    return np.where(floats[..., None, None], taken, matrices)

@@ -24,8 +24,7 @@ from avc_casadi.claims.stability.frozen_loop import Rendering
 from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
 from avc_casadi.design.robust.goal import PER_SOFTNESS, cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
-from avc_casadi.design.robust.preconditions import softened
-from avc_casadi.design.robust.uncertainty_set import Loops
+from avc_casadi.design.robust.uncertainty_set import Loops, softened
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.state_feedback import Laws
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
+
 
 ResidualSpeed = Callable[[Sequence["StateFeedback"]], FloatArray]
 """Laws to the residual speed of each hand, over the threshold of rest, shape (laws, hands)."""
@@ -344,3 +344,25 @@ def evolution(
         "verb_log": 0,
     }
     return _cma().CMAEvolutionStrategy(np.clip(start, *bounds), spread, options)
+
+
+def moved(step: Step, before: Problem, problem: Problem) -> Step | None:
+    """Take the numbers of a law for another device, each as far from where its search begins as before.
+
+    Args:
+        step: a wall and its law, which need not hold on the other device.
+        before: the device that it was found for.
+        problem: the other device, before the same wall.
+
+    Returns:
+        The same wall on the other device; None where the numbers give no law there.
+    """
+    space, usual = Space(problem.device, problem.hands), Space(before.device, before.hands)
+    names = [knob.name for knob in usual.knobs]
+    away = dict(zip(names, step.best.logarithms - usual.starts[0], strict=True))
+    logarithms = np.clip(space.starts[0] + [away.get(knob.name, 0.0) for knob in space.knobs], *space.bounds)
+    gains, rendering = softened(problem, step.stiffness_n_per_m)
+    with suppress(np.linalg.LinAlgError):
+        found = candidate_at(space, Loops.of(problem.device, problem.hands), rendering, logarithms)
+        return Step(gains, step.stiffness_n_per_m, (found,))
+    return None

@@ -11,9 +11,11 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, Rendering, frozen_rendering
 from avc_casadi.claims.stability.state_feedback import largest_radius, poles, state_feedback_loop
 from avc_casadi.design.robust.goal import DECAY_PER_S, RANGED_DECAY_PER_S, VARIED_DECAY_PER_S, largest_by_speed
 from avc_casadi.model.corners import LINEAR_KEYS, device_set, device_with
+from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import FINGERTIP, Hand, hand_corners, no_hand, stylus_corners
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.sampled_plant import sampled_plant
@@ -21,7 +23,9 @@ from avc_casadi.model.sampled_plant import sampled_plant
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.frozen_loop import Rendering
     from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
+
 
 Plants = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -177,3 +181,22 @@ def _with_middle(hands: Hands) -> Hand:
     (m0, m1), (b0, b1), (k0, k1) = hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m
     middle = ((m0 * m1) ** 0.5, (b0 * b1) ** 0.5, (k0 + k1) / 2)
     return Hand(*(np.append(value, one) for value, one in zip(vars(corners).values(), middle, strict=True)))
+
+
+def why_no_law(problem: Problem) -> str:
+    """Say why a device before a wall has no law; empty where it may have one."""
+    device = problem.device
+    faults = []
+    if not problem.environment.stiffness_n_per_m > 0:
+        faults.append("the wall has no stiffness to be rendered (environment.stiffness_n_per_m)")
+    if not device.mass_kg > 0:
+        faults.append("the device has no mass (device.mass_kg), so that nothing is there when it is released")
+    if device.delay_samples > MAX_DELAY_SAMPLES / 4:
+        faults.append(f"the delay of {device.delay_samples:g} samples is above {MAX_DELAY_SAMPLES // 4}")
+    return "; ".join(faults)
+
+
+def softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
+    """Return the spring in series with which the wall has a stiffness at rest, and both as they are rendered."""
+    gains = Gains(0.0, spring_before(problem, stiffness_n_per_m))
+    return gains, frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)

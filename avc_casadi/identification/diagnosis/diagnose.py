@@ -22,9 +22,8 @@ from avc_casadi.identification.diagnosis.log import Log, log_of
 from avc_casadi.identification.diagnosis.model import Diagnosis
 from avc_casadi.identification.diagnosis.oscillation import Swing, find_oscillation
 from avc_casadi.identification.diagnosis.plant import Fit, fit_plants
-from avc_casadi.identification.diagnosis.relay import find_relay
+from avc_casadi.identification.diagnosis.relay import find_relay, find_two_rates
 from avc_casadi.identification.diagnosis.saturation import exceeded, limited
-from avc_casadi.identification.diagnosis.two_rates import find_two_rates
 from avc_casadi.identification.diagnosis.verdict import Judge
 from avc_casadi.identification.read import read_columns
 from avc_casadi.identification.record import Columns

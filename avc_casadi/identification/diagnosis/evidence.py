@@ -31,11 +31,6 @@ def felt(log: Log, swing: Swing, declared: Declared) -> float:
 
     Of one step of the encoder the size of the motion is not known, and its force is: the hand of the box that it moves
     the most counts. Where the force stands at its limit it moves nothing, and the position counts.
-
-    Args:
-        log: on its grid.
-        swing: its oscillation.
-        declared: the loop as it was meant.
     """
     found = swing.found
     if toggles(found) and np.ptp(log.force_n[(swing.first + swing.last) // 2 : swing.last]) > 0:

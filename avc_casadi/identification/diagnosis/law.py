@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.claims.stability.frozen_loop import Rendering
+from avc_casadi.identification.closed_loop import regression
 from avc_casadi.identification.diagnosis.log import Log
 
 _MOST_LAG = 8
@@ -139,16 +140,14 @@ def _fit(
     different = len(np.unique(matrix, axis=0)) if rows.size < _FEWEST else rows.size
     if different < _TWICE * len(columns):
         return None
-    scale = np.sqrt(np.mean(matrix**2, axis=0)) + 1e-300
-    (*told,), _, rank, _ = np.linalg.lstsq(matrix / scale, force[rows], rcond=1e-10)
-    values = np.array(told) / scale
+    values, left, rank = regression(matrix, force[rows])
     changes = float(np.std(force[rows]))
     if rank < len(columns) or changes == 0:
         return None
     keep = float(values[3]) if filtered else 0.0
     if not 0 <= keep < 0.98:
         return None
-    left = float(np.sqrt(np.mean((matrix @ values - force[rows]) ** 2))) / changes
+    left /= changes
     if rows.size < _FEWEST and left > _EXACT:
         return None
     k = float(values[0]) / (1 - keep)

@@ -2,7 +2,7 @@
 
 Short pulses of one count, as a limit cycle leaves that sits beside the edge between two, have their power in harmonics:
 no line of their spectrum is as high as a count. Their turns come evenly all the same. Noise at the edge turns at
-random, and a slow motion passes the counts one way.
+random, and a slow motion passes the counts one way. A few cycles with long contact after them are those of a touch.
 """
 
 from __future__ import annotations
@@ -90,3 +90,22 @@ def _pushed(log: Log, turns: IndexArray) -> BoolArray:
     force = log.force_n
     swing = np.maximum.reduceat(force, turns)[:-1] - np.minimum.reduceat(force, turns)[:-1]
     return np.asarray(swing > 1e-9 * float(np.abs(force).max(initial=1e-300)))
+
+
+# So few cycles are those of a touch, where contact goes on for so long after them, and for as many of their cycles.
+_FEW_CYCLES, _AFTER_S = 8.0, 1.0
+
+
+def passes(log: Log, begins_s: float, ends_s: float, last: int, hertz: float) -> bool:
+    """Return whether a few cycles, as of a touch, are followed by long contact.
+
+    Args:
+        log: on its grid, without a tick missed.
+        begins_s: of the oscillation.
+        ends_s: of the oscillation.
+        last: sample at which it ends.
+        hertz: of the oscillation.
+    """
+    touching = np.count_nonzero(log.force_n[last:]) * log.ticks.period_s
+    few = hertz * (ends_s - begins_s) < _FEW_CYCLES
+    return bool(log.ticks.missed_share == 0 and few and touching > _AFTER_S and touching * hertz > _FEW_CYCLES)

@@ -11,9 +11,8 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.identification.diagnosis.limit_cycle import Toggling, find_toggling
+from avc_casadi.identification.diagnosis.limit_cycle import Toggling, find_toggling, passes
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.transient import passes
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 
@@ -97,11 +96,7 @@ class Swing:
 
 
 def find_oscillation(log: Log) -> Swing:
-    """Find the oscillation of a log.
-
-    Args:
-        log: on its grid.
-    """
+    """Find the oscillation of a log."""
     period = log.ticks.period_s
     position = log.position_m
     n = position.size

@@ -52,12 +52,7 @@ _LEAST_GAIN = 0.5
 
 
 def exceeded(log: Log, limit_n: float) -> bool:
-    """Return whether a log commands more than the force that a device declares as its limit.
-
-    Args:
-        log: on its grid.
-        limit_n: of the device.
-    """
+    """Return whether a log commands more than the force that a device declares as its limit."""
     return bool(np.mean(np.abs(log.force_n) > _ABOVE * limit_n) > _SELDOM)
 
 

@@ -14,11 +14,7 @@ SCHEMA = "avc-diagnose/1"
 
 
 def diagnosis_document(found: Diagnosis) -> dict[str, Any]:
-    """Return the document ``avc-diagnose/1``.
-
-    Args:
-        found: what the log says.
-    """
+    """Return the document ``avc-diagnose/1``."""
     law = found.law
     document = {
         "schema": SCHEMA,
@@ -55,11 +51,7 @@ def diagnosis_document(found: Diagnosis) -> dict[str, Any]:
 
 
 def diagnosis_text(found: Diagnosis) -> str:
-    """Return the same for people.
-
-    Args:
-        found: what the log says.
-    """
+    """Return the same for people."""
     lines = [f"{found.source}: {found.conclusion}", ""]
     if found.cures:
         lines += ["would rest with (each alone, checked on the loop model or in the scene):"]

@@ -22,15 +22,14 @@ from avc_casadi.identification.diagnosis.evidence import (
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_mode
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.limit_cycle import passes
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.model import Cure, Diagnosis, Measured, Trace, Verdict
 from avc_casadi.identification.diagnosis.oscillation import Swing
 from avc_casadi.identification.diagnosis.plant import Fit
-from avc_casadi.identification.diagnosis.relay import Relay, find_jump, jump_sentence
+from avc_casadi.identification.diagnosis.relay import Relay, TwoRates, find_jump, jump_sentence
 from avc_casadi.identification.diagnosis.remedies import cures_of
 from avc_casadi.identification.diagnosis.saturation import GROWN, unlimited
-from avc_casadi.identification.diagnosis.transient import passes
-from avc_casadi.identification.diagnosis.two_rates import TwoRates
 
 # A cause is named where the odds for it are two to one: of 200 logs drawn at random that names five more than a share
 # of 0.8 and no rival above 0.12 did, all of them rightly.

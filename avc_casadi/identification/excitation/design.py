@@ -12,11 +12,9 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
-from avc_casadi.identification.excitation.crest import crest_factor, low_crest_phases
-from avc_casadi.identification.excitation.forecast import Forecast, corners_of, forecast
 from avc_casadi.identification.excitation.information import Centring, Room, best_power
-from avc_casadi.identification.excitation.plan import Kind, Plan, speed_window
-from avc_casadi.identification.excitation.signal import FULL, KNOTS, Signal
+from avc_casadi.identification.excitation.plan import Forecast, Kind, Plan, corners_of, forecast, speed_window
+from avc_casadi.identification.excitation.signal import FULL, KNOTS, Signal, crest_factor, low_crest_phases
 from avc_casadi.model.device import Device
 from avc_casadi.model.sampled_plant import device_plant
 
@@ -147,10 +145,6 @@ def peak_force_n(plan: Plan) -> float:
 
 def check_plan(plan: Plan, device: Device) -> Forecast:
     """Refuse a plan that takes a device of the ranges beyond the limits.
-
-    Args:
-        plan: to be played.
-        device: with its ranges.
 
     Returns:
         Its forecast on the device as declared and at every corner.

@@ -1,12 +1,26 @@
-"""A plan: the signal, the limits that the device keeps, and what holds it near where it began."""
+"""A plan: the signal, the limits that the device keeps, what holds it near where it began, and what it will do.
+
+Before anything moves it is simulated for the device and for every one of the ranges, with linear mechanics, amplifier,
+delay and dry friction, the ramps, the centring and the force limit; the encoder's steps are left out, and allowed for
+by one step.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import MotionKind
-from avc_casadi.identification.excitation.signal import Signal
+from avc_casadi.identification.excitation.signal import FULL, WHOLE, Signal, ramp
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_with
+from avc_casadi.model.device import Device
+from avc_casadi.model.plant import LinearPlant, transition
+from avc_casadi.model.sampled_plant import device_plant
 
 Kind = Literal["multisine", "chirp", "sweep", "release"]
 
@@ -77,3 +91,134 @@ def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_
     """
     wanted = metres_per_count / (_COARSE * max_speed_m_per_s * sample_time_s)
     return int(min(max(1, -(-wanted // 1)), WINDOW_MOST))
+
+
+# Parts of a sample in which friction is constant, where the force does not arrive inside it.
+_PARTS = 2
+# Ticks between two words of progress.
+_TOLD = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Largest magnitudes, each of shape (devices, scales).
+
+    Attributes:
+        force_n: of signal and centring together.
+        speed_m_per_s: as the device takes it, over its window.
+        travel_m: from the start.
+    """
+
+    force_n: FloatArray
+    speed_m_per_s: FloatArray
+    travel_m: FloatArray
+
+
+def corners_of(device: Device) -> list[Device]:
+    """Return the device itself, then those at the corners of its ranges that move it: mechanics, delay and friction."""
+    whole = device_with(device, {})
+    corners = device_corners(device, (*LINEAR_KEYS, "coulomb_friction_n"))
+    return [whole, *(one for one in corners if one != whole)]
+
+
+def forecast(
+    plan: Plan, devices: Sequence[Device], scales: FloatArray | None = None, progress: Progress = SILENT
+) -> Forecast:
+    """Simulate a plan on devices, with the signal as it is and larger or smaller.
+
+    Args:
+        plan: at the sample time of the devices.
+        devices: of one structure, such as the corners of one.
+        scales: of the signal; None is 1 alone.
+        progress: is told of the ticks.
+    """
+    scales = np.ones(1) if scales is None else scales
+    signal = plan.signal.units(plan.ticks) * (plan.max_force_n / FULL)
+    fade = ramp(plan.ticks, plan.ramp_ticks) / WHOLE
+    steps = _Steps.of(devices)
+    shape = (len(devices), scales.size)
+    state = np.zeros((*shape, steps.states))
+    asked = np.zeros((steps.longest + 2, *shape))
+    rows = np.arange(len(devices))
+    passed = np.zeros((plan.window, *shape))
+    most = np.zeros((3, *shape))
+    window_s = plan.window * plan.sample_time_s
+    for tick in range(plan.ticks):
+        if tick % _TOLD == 0:
+            progress.advance(tick, plan.ticks, "ticks simulated")
+        away = state[..., steps.seen]
+        slot = tick % plan.window
+        speed = (away - passed[slot]) / window_s
+        passed[slot] = away
+        hold = plan.spring_n_per_m * away + plan.damper_ns_per_m * speed
+        force = (signal[tick] * scales - hold) * fade[tick]
+        for into, found in zip(most, (force, speed, away), strict=True):
+            np.maximum(into, np.abs(found), out=into)
+        limited = np.minimum(np.maximum(force, -plan.max_force_n), plan.max_force_n)
+        asked[tick % len(asked)] = limited
+        state = steps.advance(state, asked[(tick - steps.late) % len(asked), rows])
+    step_m = plan.metres_per_count
+    return Forecast(most[0], most[1] + step_m / window_s, most[2] + step_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """The parts of a sample for every device; one list of delays, as each part has its own.
+
+    Attributes:
+        parts: of each part: transition, transposed, shape (devices, n, n); force along +x and friction against it,
+            shape (devices, 1, n).
+        late: samples since the force of each part was asked for, shape (parts, devices).
+        most_n: friction, shape (devices, 1).
+        seen: index of the position that the encoder sees.
+    """
+
+    parts: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
+    late: IndexArray
+    most_n: FloatArray
+    seen: int
+
+    @classmethod
+    def of(cls, devices: Sequence[Device]) -> _Steps:
+        whole = np.array([int(one.delay_samples) for one in devices])
+        rest = np.array([one.delay_samples for one in devices]) - whole
+        split = bool(rest.any())
+        shares = [rest, 1 - rest] if split else [np.full(whole.size, 1 / _PARTS)] * _PARTS
+        first = devices[0]
+        return cls(
+            parts=tuple(_part(devices, share) for share in shares),
+            late=np.stack([whole + 1, whole] if split else [whole] * _PARTS),
+            most_n=np.array([[one.coulomb_friction_n] for one in devices]),
+            seen=2 if first.resonance is not None and first.encoder_at == "handle" else 0,
+        )
+
+    @property
+    def states(self) -> int:
+        return int(self.parts[0][0].shape[-1])
+
+    @property
+    def longest(self) -> int:
+        return int(self.late.max())
+
+    def advance(self, state: FloatArray, forces: FloatArray) -> FloatArray:
+        rubs = bool(self.most_n.any())
+        for (matrix, push, rub), force in zip(self.parts, forces, strict=True):
+            state = state @ matrix + push * force[..., None]
+            if rubs:
+                stops = state[..., 1] / -rub[..., 1]
+                held = np.minimum(np.maximum(stops, -self.most_n), self.most_n)
+                state = state + rub * held[..., None]
+        return state
+
+
+def _part(devices: Sequence[Device], share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    matrix, push, rub = [], [], []
+    for device, part in zip(devices, share, strict=True):
+        plant = device_plant(device).linear()
+        rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
+        seconds = max(float(part), 1e-9) * device.sample_time_s
+        step = transition(plant, seconds)
+        matrix.append(step.matrix.T)
+        push.append([-step.force])
+        rub.append([transition(rubbing, seconds).force])
+    return np.array(matrix), np.array(push), np.array(rub)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -10,31 +11,6 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.plant import LinearPlant, transition
 from avc_casadi.simulation.tick import Expr, Tick
-
-
-@dataclass(frozen=True)
-class Split:
-    """The pieces, as CasADi functions.
-
-    Attributes:
-        computer: (states, inputs, parameters) -> (next of the states behind the plant's, traces, drive); the drive is
-            the held force, that before it, the share of the sample until it arrives, the target and its velocity.
-        until_event: (plant state, [force, target, its velocity, time left, breaking away], parameters) -> (plant state,
-            [time used, breaking away]).
-        to_the_end: the same arguments -> plant state.
-        substeps: series a sample.
-        events: changes that are located in each of them.
-        late: whether the force before acts first.
-        sample_time_s: T.
-    """
-
-    computer: Any
-    until_event: Any
-    to_the_end: Any
-    substeps: int
-    events: int
-    late: bool
-    sample_time_s: float
 
 
 def column(*symbols: Expr) -> Expr:
@@ -152,6 +128,35 @@ class Advance(Protocol):
 
     def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
         """Return the parameters for each hand, shape (..., p), in the order in which `step` adds them."""
+
+
+@dataclass(frozen=True)
+class Continuous(ABC):
+    """A scheme that is given the plant's rates, and goes through each stretch in which the force stays.
+
+    Attributes:
+        layout: the plant's numbers.
+        substeps: of a stretch.
+    """
+
+    layout: Layout
+    substeps: int
+
+    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
+        """Return the plant's numbers over one sample, shape (..., p)."""
+        return self.layout.parameters(plant, sample_time_s)
+
+    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
+        """Add the plant's numbers and return the state one sample later."""
+        plant = PlantSymbols(self.layout, tick)
+        if drive.late is None:
+            return self._through(plant, state, drive.force, drive.target, 1.0)
+        middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
+        return self._through(plant, middle, drive.force, plant.moved(drive.target, drive.late), 1.0 - drive.late)
+
+    @abstractmethod
+    def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
+        """Return the state after a stretch, its duration a share of the sample."""
 
 
 @dataclass(frozen=True)

@@ -3,12 +3,14 @@
 Inside a sample the plant is linear while it slides one way or sticks. Each stretch is the power series of
 exp(A t), cut where the rest is below rounding; its end, where the velocity reaches 0 or the load exceeds the friction,
 is a root of a polynomial. Time is counted in samples, so that all coefficients are of the size of the state.
+
+Beside it, in substeps: friction by projection, the constant one that stops the device or the largest there is; and
+explicit steps of order four, for comparison.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -16,8 +18,16 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.model.plant import LinearPlant, time_scale
-from avc_casadi.simulation.advance.advance import Drive, Layout, PlantSymbols, Split, column
+from avc_casadi.model.plant import LinearPlant, time_scale, transition
+from avc_casadi.simulation.advance.advance import (
+    Continuous,
+    Drive,
+    Layout,
+    MatrixExponential,
+    PlantSymbols,
+    Stretch,
+    stretches,
+)
 from avc_casadi.simulation.tick import Expr, Tick
 
 # The first power left out, relative to the change of the state in a sample.
@@ -32,18 +42,14 @@ _EVENTS = 2
 
 
 @dataclass(frozen=True)
-class TaylorSeries:
+class TaylorSeries(Continuous):
     """Plant with dry friction, or with a force that changes inside the sample: exact to rounding.
 
     Attributes:
-        layout: the plant's numbers.
-        order: last power of a series.
-        substeps: series a sample.
+        order: last power of a series, of which there is one a substep.
     """
 
-    layout: Layout
     order: int
-    substeps: int
 
     @classmethod
     def of(cls, plant: LinearPlant, sample_time_s: float, friction_n: float, substeps: int) -> TaylorSeries:
@@ -70,53 +76,7 @@ class TaylorSeries:
                 f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
                 "device, or a slower amplifier or resonance"
             )
-        return cls(Layout.of(plant, friction_n), order, substeps)
-
-    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
-        """Return the plant's numbers over one sample, shape (..., p)."""
-        return self.layout.parameters(plant, sample_time_s)
-
-    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
-        """Add the plant's numbers and return the state one sample later."""
-        plant = PlantSymbols(self.layout, tick)
-        if self.layout.friction_n > 0:
-            tick.split = cache(lambda: self._split(tick, plant, drive))
-        if drive.late is None:
-            return self._through(plant, state, drive.force, drive.target, 1.0)
-        middle = self._through(plant, state, drive.force_before, drive.target, drive.late)
-        return self._through(plant, middle, drive.force, plant.moved(drive.target, drive.late), 1.0 - drive.late)
-
-    def _split(self, tick: Tick, plant: PlantSymbols, drive: Drive) -> Split:
-        """Return the sample in pieces."""
-        import casadi as ca  # noqa: PLC0415
-
-        count = self.layout.states
-        state = ca.SX.sym("state", count)
-        moment = [ca.SX.sym(name) for name in ("force", "position", "velocity", "remaining", "breaking")]
-        force, position, velocity, remaining, breaking = moment
-        acting = None if drive.force is None else force
-        target = None if drive.target is None else (position, velocity)
-        parameters = column(*(slot.symbol for slot in tick.parameters))
-        arguments = [state, ca.vertcat(*moment), parameters]
-        now = ca.vertsplit(state)
-        moved, used, breaks = self._until_event(plant, now, acting, target, remaining, breaking)
-        rest = self._to_the_end(plant, now, acting, target, remaining, breaking)
-        held = (drive.force, drive.force_before, drive.late, *(drive.target or (None, None)))
-        whole = [column(*(slot.symbol for slot in slots)) for slots in (tick.states, tick.inputs, tick.parameters)]
-        results = [
-            column(*tick.successors()[count:]),
-            ca.vertcat(*tick.traces.values()),
-            ca.vertcat(*(0.0 if signal is None else signal for signal in held)),
-        ]
-        return Split(
-            computer=ca.Function("computer", whole, results),
-            until_event=ca.Function("until_event", arguments, [ca.vertcat(*moved), ca.vertcat(used, breaks)]),
-            to_the_end=ca.Function("to_the_end", arguments, [ca.vertcat(*rest)]),
-            substeps=self.substeps,
-            events=_EVENTS,
-            late=drive.late is not None,
-            sample_time_s=tick.sample_time_s,
-        )
+        return cls(Layout.of(plant, friction_n), substeps, order)
 
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
         part = duration / self.substeps
@@ -248,3 +208,91 @@ def _order(plant: LinearPlant, step_s: float) -> int:
         if largest > _LARGEST_TERM:
             break
     return _HIGHEST_ORDER + 1
+
+
+@dataclass(frozen=True)
+class RungeKutta(Continuous):
+    """Explicit steps of equal length; friction neither sticks nor is its change of sign located."""
+
+    def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
+        h = duration / self.substeps
+        for _ in range(self.substeps):
+            middle, end = plant.moved(target, h / 2), plant.moved(target, h)
+            k1 = _rates(plant, state, force, target)
+            k2 = _rates(plant, _ahead(state, k1, h / 2), force, middle)
+            k3 = _rates(plant, _ahead(state, k2, h / 2), force, middle)
+            k4 = _rates(plant, _ahead(state, k3, h), force, end)
+            mean = [(a + 2 * (b + c) + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]
+            state, target = _ahead(state, mean, h), end
+        return state
+
+
+def _ahead(state: list[Expr], rates: list[Expr], h: Expr) -> list[Expr]:
+    return [x + h * rate for x, rate in zip(state, rates, strict=True)]
+
+
+def _rates(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any) -> list[Expr]:
+    import casadi as ca  # noqa: PLC0415
+
+    rates = plant.rates(state, force, target)
+    if plant.friction is not None:
+        rates[1] -= plant.friction * ca.sign(state[1])
+    return rates
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Implicit and free of events; exact while the device slides, of first order where it stops or breaks away.
+
+    Attributes:
+        substeps: equal steps a stretch.
+        held: whether a force acts at all.
+        driven: whether a hand moves the plant.
+        late: when the new force arrives, as a share of the sample.
+        friction_n: dry friction.
+    """
+
+    substeps: int
+    held: bool
+    driven: bool
+    late: float
+    friction_n: float
+
+    def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
+        """Add the transition matrices and return the state one sample later."""
+        for stretch in stretches(self.late):
+            state = self._through(tick, stretch, state, drive)
+        return state
+
+    def _through(self, tick: Tick, stretch: Stretch, state: list[Expr], drive: Drive) -> list[Expr]:
+        import casadi as ca  # noqa: PLC0415
+
+        free = MatrixExponential(1, self.held, self.driven)
+        inner = Tick(tick.sample_time_s * stretch.share / self.substeps, tick.start_m)
+        now = [ca.SX.sym(f"x{index}") for index in range(len(state))]
+        symbols = {name: ca.SX.sym(name) for name in ("force", "position", "velocity")}
+        target = (symbols["position"], symbols["velocity"]) if self.driven else None
+        moved = free.step(inner, now, Drive(symbols["force"] if self.held else None, None, None, target))
+        parameters = [slot.symbol for slot in inner.parameters]
+        substep = ca.Function("substep", [*now, *symbols.values(), *parameters], moved)
+        held = [tick.parameter(f"{slot.name}{stretch.name}", slot.symbol.sparsity()) for slot in inner.parameters]
+        of_friction = tick.parameter(f"transition_of_friction{stretch.name}", ca.Sparsity.dense(len(state), 1))
+        force = drive.force_before if stretch.before else drive.force
+        for index in range(self.substeps):
+            elapsed = tick.sample_time_s * (stretch.begin + stretch.share * index / self.substeps)
+            aim = (0.0, 0.0) if drive.target is None else (drive.target[0] + drive.target[1] * elapsed, drive.target[1])
+            sliding = substep(*state, 0.0 if force is None else force, *aim, *held)
+            stopping = -sliding[1] / of_friction[1]
+            friction = ca.fmin(ca.fmax(stopping, -self.friction_n), self.friction_n)
+            state = [x + of_friction[row] * friction for row, x in enumerate(sliding)]
+            state[1] *= ca.fabs(stopping) > self.friction_n
+        return state
+
+    def parameters(self, plant: LinearPlant, sample_time_s: float) -> FloatArray:
+        """Return the transition matrices of each stretch, that of the friction last."""
+        parts = []
+        for stretch in stretches(self.late):
+            step_s = sample_time_s * stretch.share / self.substeps
+            parts.append(MatrixExponential(1, self.held, self.driven).parameters(plant, step_s))
+            parts.append(transition(replace(plant, force=plant.friction), step_s).force)
+        return np.concatenate(parts, axis=-1)

@@ -25,9 +25,8 @@ from avc_casadi.simulation.effects.base import SceneEffect, Station, insert, req
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings, adaptation_step, hold_step
 from avc_casadi.simulation.runtime.estimators import estimator_step
 from avc_casadi.simulation.runtime.guard import GuardSettings, guard_step
-from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
+from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step, state_feedback_step
 from avc_casadi.simulation.runtime.signal import EstimatorSettings
-from avc_casadi.simulation.runtime.state_feedback import state_feedback_step
 from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick
 
 

@@ -103,11 +103,7 @@ class Notch(SceneEffect):
         return cls(table.frequency_hz, table.depth, table.width)
 
     def section(self, sample_time_s: float) -> tuple[float, float, float, float, float]:
-        """Return b0, b1, b2, a1, a2 of the discrete filter.
-
-        Args:
-            sample_time_s: T.
-        """
+        """Return b0, b1, b2, a1, a2 of the discrete filter."""
         turned = math.tan(math.pi * self.frequency_hz * sample_time_s)
         wide, square = self.width * turned, turned * turned
         whole = 1 + wide + square

@@ -111,9 +111,6 @@ def course_of(problem: Problem) -> Course:
     """Return what hands do with a device, and how long: longer where a heavy one swings for long in a hand alone.
 
     A coupling cannot be blamed for what a hand and a device do without it.
-
-    Args:
-        problem: device and hands.
     """
     longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S))
     longer_s = _STEP_S * float(np.ceil(longer_s / _STEP_S))

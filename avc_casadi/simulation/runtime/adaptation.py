@@ -49,10 +49,6 @@ def hold_step(sample_time_s: float, settings: HoldSettings) -> Step:
     The gains follow the rows of the table, each of which was designed, all the way to rest: the frequency falls, not
     the gains. The age stops at the hold time, so that nothing grows.
 
-    Args:
-        sample_time_s: T.
-        settings: hold and decay.
-
     Returns:
         frequency_hz, valid, with the parameter rest_hz -> frequency_hz, held (1 while it is not an estimate of now).
     """

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
 from avc_casadi.claims.deployable import require_deployable
-from avc_hardware.codegen.c_text import checked_name, comment, comment_lines
 from avc_hardware.codegen.coupling_program import FARTHEST_M, CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
 from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, SINGLE, Precision
-from avc_hardware.codegen.packages import packaged
+from avc_hardware.codegen.packages import checked_name, comment, comment_lines, packaged
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
 
@@ -159,7 +158,7 @@ _NEVER_CLIPPED = """\
 #endif
 """
 
-_WIDE_ENOUGH = """
+WIDE_ENOUGH = """
 #include <float.h>
 
 #if DBL_MANT_DIG < 53
@@ -278,10 +277,10 @@ def export_c(
     files = {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
     units = coupling.problem.units
     made = {file: units.code(text) for file, text in packaged(files, coupling, packages).items()}
-    return made if name == NAME else {_renamed(file, name): _renamed(text, name) for file, text in made.items()}
+    return made if name == NAME else {renamed(file, name): renamed(text, name) for file, text in made.items()}
 
 
-def _renamed(text: str, name: str) -> str:
+def renamed(text: str, name: str) -> str:
     """Return a path or a source in which all that has the usual name has another."""
     plain = text.replace(NAME, name).replace(NAME.upper(), name.upper())
     return plain.replace(NAME.replace("_", "-"), name.replace("_", "-"))
@@ -352,7 +351,7 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, 
     literal = precision.literal
     return _SOURCE.format(
         id=coupling.id,
-        check=_WIDE_ENOUGH if precision is DOUBLE else "",
+        check=WIDE_ENOUGH if precision is DOUBLE else "",
         real=precision.c_type,
         zero=literal(0.0),
         jump=literal(program.jump_m),

@@ -138,12 +138,7 @@ class BenchDevice:
     """
 
     def __init__(self, device: Device, *, seed: int = 0) -> None:
-        """Put a device at rest at 0.
-
-        Args:
-            device: at its nominal values.
-            seed: of the encoder's noise.
-        """
+        """Put a device at rest at 0."""
         linear = device_plant(device).linear()
         self.limits = board_limits(device)
         self.plant = BenchPlant(

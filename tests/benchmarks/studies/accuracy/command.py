@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.units import spoken
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
@@ -40,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
         with console.step("figure"):
             save_figure(draw_accuracy(study), plot)
-    return Answer(study.document(), _text(study, args.plot))
+    return Answer(study.document(), spoken().text(_text(study, args.plot)))
 
 
 def _text(study: Accuracy, plot: str | None) -> str:

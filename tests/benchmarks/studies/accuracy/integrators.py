@@ -9,8 +9,8 @@ import numpy as np
 
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.explain import ns_per_step
 from avc_casadi.simulation.scene import AnyGains, compile_for, settled, staged
+from avc_casadi.simulation.screen import ns_per_step
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.units import spoken
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("figure"):
             save_figure(draw_pareto(study), plot)
     document = study.document()
-    return Answer(document, _text(document, args.plot))
+    return Answer(document, spoken().text(_text(document, args.plot)))
 
 
 def _text(document: dict[str, Any], plot: str | None) -> str:

@@ -1,0 +1,85 @@
+"""A second device at the other end of the coupling: the follower of a bilateral teleoperator."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator
+
+from avc_casadi.model.device import Device
+from avc_casadi.model.quantity import LARGEST_DAMPING_NS_PER_M, Quantity, Share, Stiffness
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, Interval, interval
+
+Architecture = Literal["position-position", "position-force"]
+ForceSent = Literal["commanded", "measured"]
+
+_Delays = Annotated[Interval, BeforeValidator(interval(Quantity("s", 1e-6, 10)))]
+_Dampings = Annotated[Interval, BeforeValidator(interval(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(interval(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
+
+
+class Follower(Device):
+    """The table [follower]: all keys of [device], the link to it, and what it touches.
+
+    Leader and follower each hold, every sample time of their own, the force of a spring K and a damper B between their
+    position and the newest one of the other that has arrived. Positions of the follower are `position_scale` times
+    those of the leader, forces at the leader `force_scale` times those of the follower.
+
+    Attributes:
+        delay_s: of a message from the leader, [shortest, longest].
+        return_delay_s: of one from the follower; None: as the other way.
+        jitter: share of the delay by which single messages are late or early, in trials.
+        lost_share: share of messages that are lost, in trials.
+        architecture: position-position: both are coupled to the other's position; position-force: the follower is, and
+            the leader feels a force of the follower.
+        force: of position-force: commanded, what the follower's controller asks for; measured, what it touches with.
+        contact_stiffness_n_per_m: what the follower touches; free and the stiffest belong to it; without an end rigid.
+        contact_damping_ns_per_m: damper of what it touches; None: a tenth of the critical one of follower and contact.
+            Without any, a stiff contact that rings is driven by every late damper.
+        position_scale: metres of the follower for a metre of the leader.
+        force_scale: newtons at the leader for a newton of the follower.
+        stiffness_n_per_m: K that is wanted, at the leader; None: the stiffest.
+    """
+
+    delay_s: _Delays = (0.0, 0.0)
+    return_delay_s: _Delays | None = None
+    jitter: Share = 0.0
+    lost_share: Share = 0.0
+    architecture: Architecture = "position-position"
+    force: ForceSent = "commanded"
+    contact_stiffness_n_per_m: _Contacts = (0.0, RIGID_N_PER_M)
+    contact_damping_ns_per_m: _Dampings | None = None
+    position_scale: _Scale = 1.0
+    force_scale: _Scale = 1.0
+    stiffness_n_per_m: Stiffness | None = None
+
+    @property
+    def scale(self) -> float:
+        """Mass, damping or stiffness at the leader for one of the follower."""
+        return self.position_scale * self.force_scale
+
+    @property
+    def rigid(self) -> bool:
+        """Whether what it touches may be rigid."""
+        return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
+
+    @property
+    def delays_s(self) -> list[tuple[float, float]]:
+        """Pairs of delays, to the follower and back: the shortest and the longest both ways."""
+        there, back = self.delay_s, self.return_delay_s or self.delay_s
+        return sorted({(there[0], back[0]), (there[1], back[1])})
+
+    def at_leader(self) -> Device:
+        """Return the follower as the leader counts its position and force."""
+        keys = {key: getattr(self, key) for key in Device.model_fields if key in self.model_fields_set}
+        ranges = self.range
+        for key in ("mass_kg", "damping_ns_per_m"):
+            keys[key] = self.scale * getattr(self, key)
+        known = {
+            key: tuple(self.scale * end for end in ends)
+            for key in ("mass_kg", "damping_ns_per_m")
+            if (ends := getattr(ranges, key)) is not None
+        }
+        keys["range"] = ranges.model_copy(update=known)
+        return Device.model_validate(keys)

@@ -1,0 +1,1 @@
+"""What each verb prints: a headline and rows, a file a group of verbs."""

@@ -1,0 +1,83 @@
+"""The coupling of a teleoperator at a glance: spring and dampers, what they render, what holds, what limits them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.present.terminal import Mark, Page, Row, quantity
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# A gain margin below which a row warns.
+_SAFE = 1.5
+
+
+def bilateral_page(
+    document: dict[str, Any], problem: Problem, page: Page, shown: str = "P", *, verbose: bool = False
+) -> str:
+    """Return the `recommend` document of a problem with [follower] as a headline and some rows.
+
+    Args:
+        document: of `avc recommend --json`.
+        problem: what it was asked for.
+        page: where it is printed.
+        shown: the problem as the user names it.
+        verbose: with all that is known below.
+    """
+    follower, device, unit = problem.follower, problem.device, problem.units.unit
+    assert follower is not None  # noqa: S101 - asked of problems with one
+    there = quantity(follower.delays_s[-1][0], "s")
+    headline = (
+        f"{shown}   follower {quantity(follower.mass_kg, unit('kg'))}, {quantity(1 / follower.sample_time_s, 'Hz')}, "
+        f"{there} away, {follower.architecture} · leader {quantity(device.mass_kg, unit('kg'))}, "
+        f"{quantity(1 / device.sample_time_s, 'Hz')}"
+    )
+    text = page.rendered(headline, bilateral_rows(document, problem), [f"avc recommend {shown} -v"])
+    if verbose:
+        lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]
+        text = "\n".join([text, "", *lines, *(f"not used: {what}" for what in document["not_used"])])
+    return text
+
+
+def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
+    """Return the rows of the `recommend` document.
+
+    Args:
+        document: of `avc recommend --json`.
+        problem: what it was asked for.
+    """
+    found, unit = document["teleoperation"], problem.units.unit
+    limit = Row("Linear limit", f"K {quantity(found['stiffest_n_per_m'], unit('N/m'))}")
+    if not document["deployable"]:
+        return [Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL), limit]
+    told = f"spring K {quantity(found['stiffness_n_per_m'], unit('N/m'))}"
+    told += f", damper B {quantity(found['damping_ns_per_m'], unit('N.s/m'))}"
+    if found["local_damping_ns_per_m"] > 0:
+        told += f", damper of each loop {quantity(found['local_damping_ns_per_m'], unit('N.s/m'))}"
+    rows = [
+        Row("Coupling", told, Mark.PASS),
+        Row("Rigid contact", f"{quantity(found['rendered_stiffness_n_per_m'], unit('N/m'))} pressed"),
+    ]
+    mode, margin = found["least_damped"], found["gain_margin"]
+    stable = f"all hands and released, free to rigid, {found['loops']} loops; gain margin {margin:.2g}"
+    if mode["damping_ratio"] < 1:
+        stable += f"; least damped {mode['damping_ratio']:.2g} at {quantity(mode['frequency_hz'], 'Hz')}"
+    rows.append(Row("Stability", stable, Mark.PASS if margin >= _SAFE else Mark.CAUTION))
+    if found["passivity_margin_ns_per_m"] is not None:
+        passive = found["passivity_margin_ns_per_m"] >= 0
+        needed = quantity(found["passive_damping_ns_per_m"], unit("N.s/m"))
+        told = (
+            "for any operator and environment" if passive else f"not for any operator: that asks for {needed} a device"
+        )
+        rows.append(Row("Passivity", told, Mark.PASS if passive else Mark.CAUTION))
+    trial = document["trial"]
+    link = f"{100 * trial['jitter']:g} % of jitter, {100 * trial['lost_share']:g} % of the messages lost"
+    rows.append(
+        Row(
+            "Simulated",
+            f"{trial['settled']} of {trial['hands']} hands settle ({', '.join(trial['motions'])}); {link}",
+            Mark.PASS if trial["settled"] == trial["hands"] else Mark.FAIL,
+        )
+    )
+    return [*rows, limit]

@@ -1,0 +1,114 @@
+"""A problem file or a device file at a glance: whether it is valid, and what it means."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.present.pages.subject import headline, passive_limit, quantities
+from avc_casadi.present.terminal import Mark, Page, Row, quantity
+
+if TYPE_CHECKING:
+    from avc_casadi._util.units import Units
+    from avc_casadi.model.problem import Problem
+
+# Unit of a key of a linear device by its ending, the longest first.
+_UNITS = {
+    "_ns_per_m": "N.s/m",
+    "_n_per_m": "N/m",
+    "_m_per_s": "m/s",
+    "_kg": "kg",
+    "_hz": "Hz",
+    "_n": "N",
+    "_m": "m",
+    "_s": "s",
+}
+# Values of a device that have a row of their own; the others share one.
+_MOST_VALUES = 7
+
+
+def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `check` document of a problem as a headline and rows.
+
+    Args:
+        document: of `avc check --json`.
+        problem: what was checked.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    low, high, nyquist = (quantity(document[f"{key}_hz"], "Hz") for key in ("lowest", "highest", "nyquist"))
+    rows = [
+        Row("Valid", document["title"] or "yes", Mark.PASS),
+        *([Row("Source", document["source"])] if document["source"] else []),
+        Row("Asked for", f"structure {document['structure']}, model {document['model']}, scope {document['scope']}"),
+        Row("Frequencies", f"{document['frequencies']}, {low} to {high}; Nyquist {nyquist}"),
+        passive_limit(document["passive_limit_n_per_m"], problem.units),
+    ]
+    if document["bounds_measured_hz"]:
+        low, high = (quantity(end, "Hz") for end in document["bounds_measured_hz"])
+        rows.append(Row("Bounds", f"of what feels real measured from {low} to {high}"))
+    if document["declared"]:
+        rows.append(Row("Declared", problem.units.text(", ".join(document["declared"]))))
+    rows += [
+        Row("Warning", problem.units.text(f"{one['key']} {one['message']}"), Mark.CAUTION)
+        for one in document["warnings"]
+    ]
+    return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
+
+
+def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
+    """Return the `check` document of a device as a headline and rows, a value each with its range and grade.
+
+    Args:
+        document: of `avc check --json`.
+        units: of the device's motion.
+        page: where it is printed.
+    """
+    sources, ranges = document["sources"], document["range"]
+    told = {}
+    for key, value in document["values"].items():
+        told[units.key(key)] = _value(key, value, units)
+        if isinstance(ends := ranges.get(key), list):
+            told[units.key(key)] += f" ({_value(key, ends[0], units)} to {_value(key, ends[1], units)})"
+        told[units.key(key)] += f", {sources[key]['grade']}" if key in sources else ""
+    rows = [Row(key, value) for key, value in list(told.items())[:_MOST_VALUES]]
+    if len(told) > _MOST_VALUES:
+        rows.append(Row("and", "; ".join(f"{key} {value}" for key, value in list(told.items())[_MOST_VALUES:])))
+    rows.insert(0, Row("Valid", document["title"] or "yes", Mark.PASS))
+    gaps = [gap for gap in document["gaps"] if gap not in document["values"]]
+    if gaps:
+        rows.append(Row("Not known", ", ".join(map(units.key, gaps)), Mark.CAUTION))
+    onwards = [f'in a problem file: device = "{document["referred_as"]}"']
+    return page.rendered(f"{document['device']}   device file", rows, onwards)
+
+
+def device_lines(document: dict[str, Any], units: Units) -> list[str]:
+    """Return where each value of a device is from, and the example of its SDK.
+
+    Args:
+        document: of `avc check --json`.
+        units: of the device's motion.
+    """
+    lines = [f"{units.key(key)}: {one['grade']}, {one['source']}" for key, one in document["sources"].items()]
+    if document["sdk_example"] is not None:
+        example = dict(document["sdk_example"])
+        source = example.pop("source")
+        lines.append(f"example of an SDK: {', '.join(f'{key} {one}' for key, one in example.items())}   {source}")
+    return lines
+
+
+def _value(key: str, value: Any, units: Units) -> str:
+    """Tell a value in the unit that the ending of its key names."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{_word(name)} {_value(name, one, units)}" for name, one in value.items())
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    unit = None if key.endswith("radius_m") else next((_UNITS[one] for one in _UNITS if key.endswith(one)), None)
+    if unit is None:
+        return f"{value:.4g}"
+    return quantities(units)(value, unit)
+
+
+def _word(key: str) -> str:
+    ending = next((ending for ending in _UNITS if key.endswith(ending)), "")
+    return key.removesuffix(ending).replace("_", " ")

@@ -1,0 +1,195 @@
+"""A certificate at a glance: deployable or not and what decides it, then what else is known; and all of it."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.text import number, rows_text
+from avc_casadi.claims.certificate import levels_table
+from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
+from avc_casadi.present.pages.subject import headline, passive_limit, quantities
+from avc_casadi.present.terminal import Mark, Page, Row
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# What a claim on deployment is called, and how it is told that it fails.
+_CLAIMS = {
+    "hands": ("Every hand", "with hands"),
+    "let-go": ("Released", "when released"),
+    "dead-zone": ("Dead zone", "in the dead zone"),
+    "detent": ("Detents", "on detents"),
+}
+_OUTCOMES = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
+
+
+def certificate_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `certify` document as a headline and rows.
+
+    Args:
+        document: of `avc certify --json`.
+        problem: what it was judged against.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    file, levels, verdict = document["gains"], document["levels"], document["deployable"]
+    rows = [
+        _verdict(verdict),
+        *_claims(verdict, levels["L5"], problem),
+        *(_proof(name, level, problem, page) for name, level in levels.items() if level["outcome"]),
+        *_switching(levels["L5"]),
+        _per_frequency(levels),
+        _claimed(document, problem),
+        passive_limit(document["passive_limit_n_per_m"], problem.units),
+        *(Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]),
+    ]
+    if document["proof_files"]:
+        rows.append(Row("Written", ", ".join(document["proof_files"])))
+    onwards = f"avc export {file} --c DIR" if verdict["pass"] else f"avc recommend {shown} --out coupling.json"
+    return page.rendered(headline(problem, file), rows, [onwards, f"avc certify {file} -v"])
+
+
+def _verdict(verdict: Mapping[str, Any]) -> Row:
+    """Tell whether it may be deployed, and which claims fail."""
+    if verdict["pass"]:
+        return Row("Deployable", "yes: linearly stable with every hand and released", Mark.PASS)
+    failed = dict.fromkeys(_named(one["name"])[1] for one in verdict.get("claims", ()) if not one["pass"])
+    why = f"not linearly stable {' and '.join(failed)}" if failed else "no row has gains"
+    return Row("Deployable", f"no: {why}", Mark.FAIL)
+
+
+def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any], problem: Problem) -> list[Row]:
+    """Tell each claim with its worst spectral radius; of those on detents the worst alone."""
+    worst: dict[str, Mapping[str, Any]] = {}
+    for claim in verdict.get("claims", ()):
+        label, _ = _named(claim["name"])
+        if label not in worst or _hardness(claim) > _hardness(worst[label]):
+            worst[label] = claim
+    return [_claim(label, claim, hands, problem) for label, claim in worst.items()]
+
+
+def _named(claim: str) -> tuple[str, str]:
+    return _CLAIMS["detent" if claim.startswith("detent") else claim]
+
+
+def _hardness(claim: Mapping[str, Any]) -> tuple[bool, float]:
+    return not claim["pass"], claim["spectral_radius"] or 0.0
+
+
+def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], problem: Problem) -> Row:
+    radius = claim["spectral_radius"]
+    if not claim["pass"] or radius is None:
+        return Row(label, problem.units.text(claim["sentence"]), Mark.PASS if claim["pass"] else Mark.FAIL)
+    told = f"spectral radius {number(radius, 5)} at most"
+    if claim["name"] == "hands" and hands["margin_ns_per_m"] is not None:
+        margin = quantities(problem.units)(hands["margin_ns_per_m"], "N.s/m")
+        told += f"; {margin} of the device's damping may be lost"
+    return Row(label, told, Mark.PASS)
+
+
+def _proof(name: str, level: Mapping[str, Any], problem: Problem, page: Page) -> Row:
+    """Tell what became of a proof, in one line."""
+    told = f"{level['outcome']}: {level['title'] if level['outcome'] == 'proved' else level['claim']}"
+    return Row(
+        name,
+        textwrap.shorten(problem.units.text(told), page.width - 18, placeholder=" ..."),
+        _OUTCOMES[level["outcome"]],
+    )
+
+
+def _switching(hands: Mapping[str, Any]) -> list[Row]:
+    found = hands.get("common_lyapunov")
+    if found is None or not found["pairs"]:
+        return []
+    every = found["proved"] == found["pairs"]
+    told = f"common Lyapunov function for {found['proved']} of {found['pairs']} pairs of neighbouring rows"
+    return [Row("Switching", told, Mark.PASS if every else Mark.CAUTION)]
+
+
+def _per_frequency(levels: Mapping[str, Any]) -> Row:
+    """Tell the claims that deployment does not need: those of the paper, each row at its frequencies."""
+    others = {name: level for name, level in levels.items() if not level["outcome"] and name != "L5"}
+    words = {
+        "met": [name for name, level in others.items() if level["pass"]],
+        "not met": [name for name, level in others.items() if not level["pass"] and not level["refused"]],
+        "not judged": [name for name, level in others.items() if level["refused"]],
+    }
+    told = "; ".join(f"{', '.join(names)} {word}" for word, names in words.items() if names)
+    return Row("Passivity", f"{told}; deployment does not need it (-v)")
+
+
+def _claimed(document: Mapping[str, Any], problem: Problem) -> Row:
+    level, name = document["levels"][document["claimed"]], document["claimed"]
+    scope = f"scope {problem.stability.scope}, model {problem.stability.model}"
+    mark = Mark.PASS if level["pass"] else Mark.NONE
+    return Row("Asked for", f"{name} by the problem file ({scope}): {answered(level)}", mark)
+
+
+def answered(level: Mapping[str, Any]) -> str:
+    """Return whether a claim is met, in the words of the table.
+
+    Args:
+        level: of a certificate.
+    """
+    if not level["pass"]:
+        return "not judged" if level["refused"] else "not met"
+    return "met as far as a search tells, not proved" if level.get("outcome") == "open" else "met"
+
+
+def certificate_lines(document: dict[str, Any], problem: Problem) -> list[str]:
+    """Return all that the `certify` document says: the table of levels, each claim, what stands beside them.
+
+    Args:
+        document: of `avc certify --json`.
+        problem: what it was judged against.
+    """
+    table, hands = levels_table(document), document["levels"]["L5"]
+    return [
+        document["deployable"]["sentence"],
+        f"{problem.name}: {rows_text(len(document['frequency_hz']))} of {document['gains']}, {document['judged']}",
+        table.text(),
+        *(f"  {note}" for note in table.notes),
+        *_cells(hands),
+        *beside_hands(hands),
+    ]
+
+
+def _cells(level: Mapping[str, Any]) -> Sequence[str]:
+    """Return what was proved over the whole ranges, where that was asked for."""
+    proof = level.get("proof")
+    if proof is None:
+        return ()
+    counts = ", ".join(f"{proof[word]} {word}" for word in ("proved", "refuted", "open") if proof[word])
+    beside = "" if proof["first_open"] is None else f"; open: {proof['first_open']}"
+    return (f"L5 over the whole ranges: {counts} ({proof['looked_at']} cells, {proof['seconds']:.2g} s){beside}",)
+
+
+def beside_hands(level: Mapping[str, Any]) -> list[str]:
+    """Return what stands beside L5: the device released, and switching between neighbouring rows.
+
+    Args:
+        level: L5 of a certificate.
+    """
+    radius, switching, lines = level.get("released_spectral_radius"), level.get("common_lyapunov"), []
+    if level["margin_ns_per_m"] is not None:
+        word = "could lose before it becomes unstable" if level["margin_ns_per_m"] >= 0 else "lacks"
+        lines.append(
+            f"L5's margin is the device damping that it {word} with the worst hand; L0 to L3 give the lowest Re Z_h, "
+            "L4 what (6) leaves"
+        )
+    if radius is not None:
+        if radius < 1 - RADIUS_TOLERANCE:
+            word = "settles"
+        elif level["released_pass"] or radius <= 1 + RADIUS_TOLERANCE:
+            word = "keeps its speed or place where nothing acts on it, as any free mass, and does not run away"
+        else:
+            word = "not stable"
+        lines.append(f"device released: {word}; spectral radius {number(radius, 6)} at worst")
+    if switching is not None:
+        lines.append(
+            f"switching: a common Lyapunov function found for {switching['proved']} of {switching['pairs']} pairs of "
+            f"neighbouring rows, with each of {switching['hands']} hands; the others are open or unstable themselves"
+        )
+    return lines

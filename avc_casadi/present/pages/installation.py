@@ -1,0 +1,95 @@
+"""An installation at a glance: solvers that really solve, packages, compilers, ports."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from avc_casadi._util.text import number, text_table
+from avc_casadi.present.terminal import Mark, Page, Row
+
+_NO = "no right to open it: add yourself to its group (dialout)"
+
+
+def installation_page(document: dict[str, Any], ports: Sequence[Row], page: Page, needed: str) -> str:
+    """Return the `doctor` document as a headline and rows.
+
+    Args:
+        document: of `avc doctor --json`.
+        ports: rows of the ports.
+        page: where it is printed.
+        needed: the solver without which nothing works.
+    """
+    there = [trial for trial in document["solvers"] if trial["outcome"] != "absent"]
+    solve = [trial["name"] for trial in there if trial["outcome"] == "solves"]
+    programs = [name for name, place in document["programs"].items() if place]
+    missing = [name for name, place in document["programs"].items() if not place]
+    well = needed in {trial["name"] for trial in there if trial["kind"] == "nlp" and trial["outcome"] == "solves"}
+    rows = [
+        Row("Solver", f"{needed} {'solves' if well else 'does NOT solve'}", Mark.PASS if well else Mark.FAIL),
+        Row("All solvers", f"{len(solve)} of {len(there)} solve a small problem: {', '.join(solve)}"),
+        Row("Packages", ", ".join(f"{name} {version}" for name, version in document["packages"].items())),
+        Row("Programs", ", ".join(programs) or "none", Mark.PASS if not missing else Mark.NONE),
+        *([Row("Absent", ", ".join(missing), Mark.CAUTION)] if missing else []),
+        Row("Emulator", "installed", Mark.PASS)
+        if document["emulator"]
+        else Row("Emulator", "absent; pip install 'avc-casadi[emulator]'", Mark.CAUTION),
+        *ports,
+        Row("This folder", "writable", Mark.PASS)
+        if document["folder_writable"]
+        else Row("This folder", "NOT writable", Mark.FAIL),
+    ]
+    return page.rendered(f"{document['executable']} on {document['platform']}", rows, ["avc doctor -v"])
+
+
+def installation_lines(document: dict[str, Any]) -> list[str]:
+    """Return what became of each solver, and where the programs are.
+
+    Args:
+        document: of `avc doctor --json`.
+    """
+    trials = document["solvers"]
+    solvers = [
+        (trial["kind"], trial["name"], trial["outcome"], number(trial["seconds"], 2))
+        for trial in trials
+        if trial["outcome"] != "absent"
+    ]
+    absent = [f"{trial['name']} ({trial['kind']})" for trial in trials if trial["outcome"] == "absent"]
+    programs = [(name, found or "absent") for name, found in document["programs"].items()]
+    return [
+        text_table(("kind", "solver", "outcome", "s"), solvers, left=(0, 1, 2)),
+        f"absent: {', '.join(absent) or 'none'}",
+        "",
+        text_table(("program", "place"), programs, left=(0, 1)),
+    ]
+
+
+def port_rows(ports: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:
+    """Return the serial ports as rows, a port each.
+
+    Args:
+        ports: of `avc doctor --json`, with ``avc_device`` where it was asked.
+        asked: whether each was asked which device is there.
+    """
+    rows = [
+        Row(
+            port["device"],
+            ", ".join(filter(None, [*_described(port), _device(port["avc_device"]) if asked else ""])),
+            Mark.PASS if port["accessible"] else Mark.CAUTION,
+        )
+        for port in ports
+    ]
+    return rows or [Row("Serial ports", "none")]
+
+
+def _described(port: Mapping[str, Any]) -> list[str]:
+    number_of = f"serial number {port['serial_number']}" if port["serial_number"] else ""
+    return [port["description"], number_of, "may be opened" if port["accessible"] else _NO]
+
+
+def _device(found: Mapping[str, Any] | None) -> str:
+    """Tell the avc device behind a port."""
+    if found is None:
+        return "no avc device"
+    own = " ".join(filter(None, (found["name"], found["unique_id"]))) or "without name and number"
+    return f"avc device {own}, coupling {found['coupling_id'] or 'none'}"

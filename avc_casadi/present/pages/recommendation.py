@@ -1,0 +1,258 @@
+"""A recommendation at a glance: which coupling, what it renders, what holds, what limits it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
+from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# An impedance error at 1 Hz from which motion is another matter than rest, and a tap this near to the limit is at it.
+_SOFTER, _AT_LIMIT = 0.2, 0.97
+# The wall begins noticeably elsewhere than at its face, m; leaning on friction is worth a row.
+_ELSEWHERE_M, _STIFFER = 5e-4, 1.1
+_MOST_HELPS = 3
+_SHORT = {
+    "half the sample time": "half T",
+    "twice the damping of the device": "twice the damping",
+    "twice the mass of the device": "twice the mass",
+}
+
+
+def recommendation_page(
+    document: dict[str, Any], problem: Problem, page: Page, shown: str = "P", written: str | None = None
+) -> str:
+    """Return the `recommend` document as a headline and about ten rows.
+
+    Args:
+        document: of `avc recommend --json`.
+        problem: what it was asked for.
+        page: where it is printed.
+        shown: the problem as the user names it.
+        written: file that holds the coupling, if one was written.
+    """
+    rows = recommendation_rows(document, problem)
+    if written is not None:
+        rows.append(Row("Written", written))
+    if document["coupling"] is None:
+        onwards = f"avc check {shown}"
+    elif written is None:
+        onwards = f"avc recommend {shown} --out coupling.json"
+    else:
+        onwards = f"avc export {written} --c DIR"
+    return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"])
+
+
+def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: bool = False) -> list[Row]:
+    """Return the rows of the `recommend` document.
+
+    Args:
+        document: of `avc recommend --json`.
+        problem: what it was asked for.
+        briefly: what is recommended and what holds alone, without what limits it.
+    """
+    if document["coupling"] is None:
+        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
+        return [none] if briefly else [none, *_limit(document, problem)]
+    rows = [
+        _coupling(document, problem),
+        *_rendered(document, problem),
+        _stability(document, problem),
+        *_simulated(document),
+    ]
+    if briefly:
+        return rows
+    return [
+        *rows,
+        *_outside(document),
+        *_force(document, problem),
+        *_onset(document, problem),
+        *_friction(document, problem),
+        *_limit(document, problem),
+    ]
+
+
+def _coupling(document: dict[str, Any], problem: Problem) -> Row:
+    coupling, unit = document["coupling"], problem.units.unit
+    table, runtime = coupling["table"], coupling["runtime"]
+    parts = [gains_text(table, problem)]
+    if runtime["state_feedback"] is not None:
+        parts.insert(0, f"observer ({len(runtime['state_feedback']['innovation'])} states) with state feedback")
+    if runtime["observer_mass_kg"] is not None:
+        parts.append(f"observer of {quantity(runtime['observer_mass_kg'], unit('kg'))}")
+    if not coupling["constant"]:
+        parts.append(f"{len(table['frequency_hz'])} rows")
+    verdict = "deployable" if document["deployable"] else "NOT deployable"
+    mark = Mark.PASS if document["deployable"] else Mark.FAIL
+    return Row("Coupling", f"{', '.join(parts)}: {verdict}", mark)
+
+
+def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
+    felt, trial, unit = document["felt"], document["trial"], problem.units.unit
+    errors = ", ".join(f"{percent(error)} at {hz} Hz" for hz, error in felt["complex_error"].items())
+    if problem.environment.stiffness_n_per_m == 0:
+        return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}")]
+    if felt["stiffness_n_per_m"] is None:
+        what = (
+            f"nothing but the {problem.units.key('force')} limit"
+            if trial["at_force_limit"]
+            else "nothing: no press ends in contact"
+        )
+        return [Row("Rendered", f"{what} · impedance error {errors}", Mark.FAIL)]
+    sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
+    at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m'))} at the handle"
+    low, high = trial["stiffness_n_per_m"]["nine_in_ten"]
+    spread = ""
+    if not 0.9 * sensed <= low <= high <= 1.1 * sensed:
+        spread = f", {quantity(low, unit('N/m'))} to {quantity(high, unit('N/m'))} over 90 % of hands"
+    softer = felt["complex_error"]["1"] > max(_SOFTER, 1 - felt["share_of_wall"])
+    static = f"{quantity(sensed, unit('N/m'))} static ({percent(felt['share_of_wall'])} of the wall)"
+    return [
+        Row("Rendered", f"{static}{at_handle}{spread}"),
+        Row("Impedance error", errors, Mark.CAUTION if softer else Mark.NONE),
+    ]
+
+
+def _stability(document: dict[str, Any], problem: Problem) -> Row:
+    claims, rest = document["certificate"]["deployable"]["claims"], document["rest"]["word"]
+    failed = [claim["sentence"] for claim in claims if not claim["pass"]]
+    if failed:
+        return Row("Stability", problem.units.text(failed[0]), Mark.FAIL)
+    if rest == "proved":
+        return Row("Stability", "every hand and released, from any state: proved (L7)", Mark.PASS)
+    told = {
+        "refuted": "limit cycle without friction (L7)",
+        "open": "limit cycles open (L7)",
+        "simulated": "limit cycles not proved",
+    }[rest]
+    mark = Mark.CAUTION if rest == "refuted" else Mark.PASS
+    return Row("Stability", f"linearly stable with every hand and released; {told}", mark)
+
+
+def _simulated(document: dict[str, Any]) -> list[Row]:
+    asked = [document["trial"], *([document["confirmed"]] if document["confirmed"] else [])]
+    hands, settled, free, quiet = (
+        sum(one[key] for one in asked) for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")
+    )
+    rows = [
+        Row(
+            "Simulated",
+            f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold",
+            _all(settled, free, hands),
+        )
+    ]
+    off = document["off_file"]
+    if off is not None:
+        unstable = f"; linearly unstable on {off['linearly_unstable']}" if off["linearly_unstable"] else ""
+        rows.append(
+            Row(
+                "Mismatch",
+                f"{off['at_rest']} of {off['hands']} settle on {off['devices']} devices {100 * off['share']:g} % off, "
+                f"{off['at_rest_without_friction']} without friction{unstable}",
+                _all(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
+            )
+        )
+    return rows
+
+
+def _all(settled: int, free: int, hands: int) -> Mark:
+    return Mark.FAIL if settled < hands else Mark.CAUTION if free < hands else Mark.PASS
+
+
+def _outside(document: dict[str, Any]) -> list[Row]:
+    tried = document["other_hands"]
+    if not tried:
+        return []
+    told = ", ".join(f"{holding} {of['at_rest']} of {of['hands']}" for holding, of in tried.items())
+    mark = Mark.PASS if all(of["at_rest"] == of["hands"] for of in tried.values()) else Mark.CAUTION
+    return [Row("Outside hands", f"not of the design set: {told} settle", mark)]
+
+
+def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
+    trial, limit, unit = document["trial"], document["coupling"]["max_force_n"], problem.units.unit
+    label = problem.units.key("force").capitalize()
+    reached, depth = quantity(trial["tap_force_n"], unit("N")), quantity(trial["tap_depth_m"], unit("m"))
+    if limit is None or trial["tap_force_n"] < _AT_LIMIT * limit:
+        return [Row(label, f"a tap reaches {reached}, {depth} deep")]
+    presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
+    told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}"
+    return [Row(label, told, Mark.CAUTION)]
+
+
+def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
+    felt, unit = document["felt"], problem.units.unit
+    at = {speed: depth for speed, depth in felt["edge_m"].items() if depth is not None}
+    elsewhere = _ELSEWHERE_M / problem.device.metres_per_unit
+    give = felt["edge_force_n"] / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
+    if all(-elsewhere < depth < elsewhere + give for depth in at.values()):
+        return []
+    told = ", ".join(
+        f"{quantity(abs(depth), unit('m'))} {'before' if depth < 0 else 'behind'} the face at {speed} {unit('m/s')}"
+        for speed, depth in at.items()
+    )
+    return [Row("Contact onset", told, Mark.CAUTION)]
+
+
+def _friction(document: dict[str, Any], problem: Problem) -> list[Row]:
+    leaning, sensed = document["with_friction_n_per_m"], document["felt"]["stiffness_n_per_m"]
+    if leaning is None or sensed is None or leaning <= _STIFFER * sensed:
+        return []
+    told = quantity(leaning, problem.units.unit("N/m"))
+    return [Row("With friction", f"at least {told} if its help is enough: --lean-on-friction")]
+
+
+def _limit(document: dict[str, Any], problem: Problem) -> list[Row]:
+    if not document["what_would_help"]:
+        return []
+    unit = problem.units.unit("N/m")
+    helps = [
+        f"{_change(one, problem)} {quantity(one['stiffest_wall_n_per_m'], unit)}"
+        for one in document["what_would_help"][:_MOST_HELPS]
+    ]
+    plain = quantity(document["plain_wall_n_per_m"], unit)
+    return [Row("Linear limit", f"plain coupling {plain}; {'; '.join(helps)}")]
+
+
+def _change(one: dict[str, Any], problem: Problem) -> str:
+    return problem.units.text(_SHORT.get(one["change"], one["change"]))
+
+
+def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `recommend --stiffest` document as a headline and rows, a change of the device each.
+
+    Args:
+        document: of `avc recommend --stiffest --json`.
+        problem: what it was asked for.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    told, plain, others = quantities(problem.units), document["plain_wall_n_per_m"], document["confirmed"]
+    rows = [_stiffest("Stiffest wall", document, told, document["by"] or "")]
+    if others is not None:
+        settled, free, hands = (others[key] for key in ("at_rest", "at_rest_without_friction", "hands"))
+        quiet = f"{others['quiet']} below the vibrotactile threshold"
+        what = f"{settled} of {hands} other draws of hands settle, {free} without friction; {quiet}"
+        rows.append(Row("Confirmed", what, _all(settled, free, hands)))
+    helps = document["what_would_help"]
+    rows += [_stiffest(_change(one, problem).capitalize(), one, told) for one in helps]
+    if plain:
+        low, high = (told(one, "N.s/m") for one in document["damping_ns_per_m"])
+        rows.append(Row("Linear limit", f"plain coupling {told(plain, 'N/m')}, with {low} to {high} of damping"))
+    else:
+        rows.append(Row("Linear limit", "a plain coupling is stable at no wall", Mark.CAUTION))
+    onwards = [f"avc recommend {shown} --out coupling.json", f"avc recommend {shown} --stiffest -v"]
+    return page.rendered(headline(problem, shown), rows, onwards)
+
+
+def _stiffest(label: str, found: dict[str, Any], told: Quantities, by: str | None = None) -> Row:
+    if found["stiffest_wall_n_per_m"] is None:
+        return Row(label, "none was found", Mark.NONE if by is None else Mark.FAIL)
+    wall = told(found["stiffest_wall_n_per_m"], "N/m") + (f" ({by})" if by else "")
+    settled, free = found["at_rest"], found["at_rest_without_friction"]
+    if settled is None:
+        return Row(label, wall)
+    mark = _all(settled, free, found["hands"]) if by else Mark.NONE
+    return Row(label, f"{wall}: {settled} of {found['hands']} hands settle, {free} without friction", mark)

@@ -1,0 +1,260 @@
+"""What is claimed of a coupling to a simulation, and which couplings are stable, at a glance."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.text import Table, sample_rows
+from avc_casadi.present.pages.virtual_tool import headline
+from avc_casadi.present.terminal import Mark, Page, Row, quantity
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# A gain margin below which a row warns.
+_SAFE = 1.5
+# Travel below this is round-off.
+_ROUND_OFF = 1e-12
+# Dampers of a region that are printed.
+_DAMPERS_SHOWN = 9
+_EXCHANGES = {
+    "on-time": "the device is given the state that the engine's step began with",
+    "late": "the device is given the state of the step before",
+    "ahead": "the device is given the state that the step has just made",
+    "held-force": "the engine makes the force, and the device holds it for a step",
+}
+
+
+def certificate_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `certify` document of a coupling to a simulation: stability, and passivity apart.
+
+    Args:
+        document: of `avc certify --json`.
+        problem: what is judged against.
+        page: where it is printed.
+        shown: the coupling as the user names it.
+    """
+    rows = [Row("Coupling", coupling_text(document, problem)), *stability_rows(document, problem)]
+    # Where the engine moves nothing it is no port.
+    if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
+        rows += passivity_rows(document["passivity"], problem)
+    return page.rendered(headline(problem, shown), rows)
+
+
+def coupling_text(gains: dict[str, Any], problem: Problem) -> str:
+    """Return spring and dampers in words.
+
+    Args:
+        gains: by name.
+        problem: for its units.
+    """
+    unit = problem.units.unit
+    text = f"spring K {quantity(gains['stiffness_n_per_m'], unit('N/m'))}"
+    text += f", damper B {quantity(gains['damping_ns_per_m'], unit('N.s/m'))}"
+    if gains["local_damping_ns_per_m"] > 0:
+        text += f", damper in the device's loop {quantity(gains['local_damping_ns_per_m'], unit('N.s/m'))}"
+    return text
+
+
+def stability_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
+    """Return whether all loops are stable, with which margin, and the worst of them.
+
+    Args:
+        found: certificate.
+        problem: for its units.
+    """
+    loops, margin = found["loops"], found["gain_margin"]
+    case = case_text(found["worst"], problem)
+    worst = Row("Worst loop", f"{case}; spectral radius {found['spectral_radius']:.6g} a step")
+    if not found["stable"]:
+        return [Row("Stability", f"not all of {loops} loops are stable", Mark.FAIL), worst]
+    mode, told = found["least_damped"], f"every hand and released, {loops} loops; gain margin {margin:.2g}"
+    if mode["damping_ratio"] < 1:
+        told += f"; least damped {mode['damping_ratio']:.2g} at {quantity(mode['frequency_hz'], 'Hz')}"
+    return [Row("Stability", told, Mark.PASS if margin >= _SAFE else Mark.CAUTION), worst]
+
+
+def passivity_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
+    """Return whether the engine's port is passive, and for which engines that says something.
+
+    Args:
+        found: of the certificate.
+        problem: for its units.
+    """
+    if found["refused"]:
+        return [Row("Engine's port", f"not judged: {found['refused']}", Mark.CAUTION)]
+    unit = problem.units.unit
+    margin = quantity(found["margin_ns_per_m"], unit("N.s/m"))
+    if found["passive"]:
+        told = f"passive, {margin} to spare: stable with any passive engine, whatever its tool weighs or touches"
+    elif found["margin_ns_per_m"] is None:
+        told = "not passive: with the tool held in place the device is unstable"
+    else:
+        who = hand_text(found["hand"], problem)
+        told = f"not passive: lacks {margin.lstrip('-')} at {quantity(found['frequency_hz'], 'Hz')}, {who}"
+    if found["any_hand"] is not None:
+        told += "; with any passive hand too (Llewellyn)" if found["any_hand"] else "; not with any hand (Llewellyn)"
+    rows = [Row("Engine's port", told, Mark.PASS if found["passive"] else Mark.NONE)]
+    if not found["engine_is_implicit"]:
+        integrator = "this one" if problem.simulation is None else f"{problem.simulation.integrator}"
+        rows.append(
+            Row(
+                "Passive engine?",
+                f"{integrator} is none: its mass is explicit; what holds for it is Stability, for the declared tools",
+                Mark.CAUTION if found["passive"] else Mark.NONE,
+            )
+        )
+    return rows
+
+
+def case_text(case: dict[str, Any], problem: Problem) -> str:
+    """Return a loop in words: who holds the device, what the tool is and touches, how the engine steps.
+
+    Args:
+        case: of a certificate.
+        problem: for its units.
+    """
+    tool, unit = case["tool"], problem.units.unit
+    contact = tool["contact_stiffness_n_per_m"]
+    touches = "free"
+    if contact is None or tool["mass_kg"] is None:
+        touches = "held rigidly"
+    elif contact > 0:
+        touches = f"on {quantity(contact, unit('N/m'))}"
+    what = (
+        "a fixed place" if tool["mass_kg"] is None else f"a tool of {quantity(tool['mass_kg'], unit('kg'))}, {touches}"
+    )
+    return f"{hand_text(case['hand'], problem)}; {what}; step {quantity(case['step_s'], 's')}"
+
+
+def hand_text(hand: dict[str, float], problem: Problem) -> str:
+    """Return a hand in words.
+
+    Args:
+        hand: its numbers; all 0 for the device released.
+        problem: for its units.
+    """
+    if not any(hand.values()):
+        return "the device released"
+    unit = problem.units.unit
+    keys = (("mass_kg", "kg"), ("damping_ns_per_m", "N.s/m"), ("stiffness_n_per_m", "N/m"))
+    return "a hand of " + ", ".join(quantity(hand[key], unit(of)) for key, of in keys)
+
+
+def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `zwidth` document of a problem with [simulation]: a column for each engine rate.
+
+    Args:
+        document: of `avc zwidth --json`.
+        problem: what it was asked for.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    unit, curves, damping = problem.units.unit, document["curves"], document["damping_ns_per_m"]
+    rows = []
+    for one in curves:
+        told = "no coupling is stable"
+        if one["stiffest_n_per_m"] is not None:
+            k, b = (
+                quantity(one["stiffest_n_per_m"], unit("N/m")),
+                quantity(one["stiffest_with_ns_per_m"], unit("N.s/m")),
+            )
+            told = f"stiffest K {k} with B {b}"
+        told += ", as declared" if one["declared"] else ""
+        mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
+        rows.append(Row(quantity(one["rate_hz"], "Hz"), told, mark))
+    table = Table(
+        ("B", *(quantity(one["rate_hz"], "Hz") for one in curves)),
+        tuple(
+            (
+                quantity(damping[row], unit("N.s/m")),
+                *(
+                    quantity(one["stiffness_n_per_m"][row], unit("N/m")) if one["stiffness_n_per_m"][row] else "none"
+                    for one in curves
+                ),
+            )
+            for row in sample_rows(len(damping), _DAMPERS_SHOWN)
+        ),
+        title="largest stable K, by damper and engine rate",
+    )
+    beside = "; a critical damper in the device's loop" if document["local_damping_ratio"] else ""
+    claim = f"Stable with every hand of [hands] and released, every tool and contact, below each K{beside}."
+    return "\n".join([page.rendered(headline(problem, shown), rows), "", table.text(), claim])
+
+
+def simulated_page(document: dict[str, Any], problem: Problem, page: Page, shown: str, plot: str | None = None) -> str:
+    """Return the `simulate` document of a problem with [simulation]: what came of one hand on its stiffest contact.
+
+    Args:
+        document: of `avc simulate --json`.
+        problem: what was simulated.
+        page: where it is printed.
+        shown: the problem or coupling as the user names it.
+        plot: where the figure was drawn; None for none.
+    """
+    unit, metre, travel = problem.units.unit, problem.units.unit("m"), document["position_peak_to_peak_m"]
+    outcomes = {
+        "asymptotic": "comes to rest, and does not need dry friction for it",
+        "held-by-friction": "is held by dry friction only",
+        "unstable": "does not come to rest",
+    }
+    rest = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}[document["outcome"]]
+    buzz = "; it buzzes" if document["buzzing"] else ""
+    rows = [
+        Row("Coupling", f"{coupling_text(document, problem)}, {document['coupling']}"),
+        Row("Simulated", f"with this hand the device {outcomes[document['outcome']]}{buzz}", rest),
+        Row(
+            "At the end",
+            f"{quantity(travel if travel > _ROUND_OFF else 0.0, metre)} peak to peak, "
+            f"{quantity(document['mean_force_n'], unit('N'))}",
+        ),
+        Row("Stiffness", f"{quantity(document['apparent_stiffness_n_per_m'], unit('N/m'))} at the handle"),
+        Row("Effects", ", ".join(document["effects"])),
+    ]
+    lines = [page.rendered(headline(problem, shown), rows)]
+    if document["trace"] is not None:
+        lines.append(f"written: {document['trace']}, its manifest beside it (.json)")
+    return "\n".join(lines if plot is None else [*lines, f"drawn: {plot}"])
+
+
+def check_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `check` document of a problem with [simulation]: tool, engine, exchange.
+
+    Args:
+        document: of `avc check --json`.
+        problem: what was checked.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    unit, tool = problem.units.unit, problem.simulation
+    assert tool is not None  # noqa: S101 - asked of problems with one
+    t = problem.device.sample_time_s
+    what = "none: the spring leads to a place that the engine sets"
+    if tool.tool_mass_kg is not None:
+        low, high = tool.contact_stiffness_n_per_m
+        end = "rigid" if tool.rigid else quantity(high, unit("N/m"))
+        what = f"{_span(tool.tool_mass_kg, unit('kg'))}, damping {_span(tool.tool_damping_ns_per_m, unit('N.s/m'))}; "
+        what += "touches nothing, rigid things" + ("" if tool.rigid else f", springs up to {end}")
+        what += f", springs from {quantity(low, unit('N/m'))}" if tool.rigid and low > 0 else ""
+    late = f", {tool.steps_late} steps late" if tool.steps_late > 1 else ", a step late" if tool.steps_late else ""
+    steps = _span(tool.step_s, "s")
+    engine = f"a step every {steps}, {max(tool.step_s) / t:.4g} samples of the device; {tool.integrator}"
+    rows = [
+        Row("File", "valid", Mark.PASS),
+        Row("Tool", what),
+        Row("Engine", engine),
+        Row("Exchange", f"{tool.exchange}{late}: {_EXCHANGES[tool.exchange]}"),
+        *(
+            [Row("Scene", f"{tool.position_scale:g} m a metre, {tool.force_scale:g} N a newton")]
+            if tool.scale != 1
+            else []
+        ),
+        *(Row("Unusual", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]),
+    ]
+    next_ = [f"avc recommend {shown} --out c.json", f"avc zwidth {shown}"]
+    return page.rendered(headline(problem, shown), rows, next_)
+
+
+def _span(values: tuple[float, ...], unit: str) -> str:
+    low, high = min(values), max(values)
+    return quantity(low, unit) if low == high else f"{quantity(low, unit)} to {quantity(high, unit)}"

@@ -1,0 +1,249 @@
+"""Recommend the coupling between a leader and a follower: spring, dampers, what they feel like, what limits them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.arrays import Comparable
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.text import short
+from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
+from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower
+from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
+from avc_casadi.recommendation.preconditions import assumed, not_used
+from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
+from avc_casadi.simulation.population.operators import people_of
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.stability.bilateral import BilateralCase
+    from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.model.hands import Hand
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class BilateralOptions:
+    """Numbers of the recommendation.
+
+    Attributes:
+        gain_margin: K and B may be this many times as large before a loop is unstable; see `ToolOptions`.
+        share_of_limit: where no stiffness is wanted, the first tried is this share of the stiffest.
+        softer: each next one is so many times the one before, where hands do not settle.
+        tries: how many are tried.
+    """
+
+    gain_margin: float = 1.5
+    share_of_limit: float = 0.6
+    softer: float = 0.85
+    tries: int = 5
+
+
+OPTIONS = BilateralOptions()
+# Long delays make large matrices: fewer dampers are tried.
+_SEARCH = ToolSearchOptions(dampers=7, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BilateralRecommendation(Comparable):
+    """The coupling of a teleoperator that may be deployed, and what is known of it.
+
+    Attributes:
+        problem: as stated.
+        gains: K, B and the damper of each loop, at the leader; None where none is deployable.
+        deployable: whether it may go into both devices.
+        reason: one sentence: why this one, or why none.
+        stiffest: the stiffest K that is linearly stable with every hand, environment, delay and clock, with its B.
+        gain_margin: how many times as large K and B may be together; None without gains.
+        mode: the least damped oscillation of all loops; None without gains.
+        worst: the loop that grows fastest beyond the limit.
+        trial: how simulated hands fared; None without gains.
+        passivity_margin_ns_per_m: of the two-port for any operator and environment, 0 or more is passive; None where
+            the condition is not known: two sample times, or position-force.
+        passive_damping_ns_per_m: damping that passivity asks of each device with the same gains; None likewise.
+        loops: how many loops were judged.
+        assumed: what is assumed.
+        not_used: what the problem declares and nothing here uses.
+    """
+
+    problem: Problem
+    gains: ToolGains | None
+    deployable: bool
+    reason: str
+    stiffest: ToolGains
+    gain_margin: float | None
+    mode: Mode | None
+    worst: BilateralCase
+    trial: BilateralTrial | None
+    passivity_margin_ns_per_m: float | None
+    passive_damping_ns_per_m: float | None
+    loops: int
+    assumed: tuple[str, ...]
+    not_used: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        if self.gains is None:
+            return f"BilateralRecommendation({self.problem.name!r}: none; {self.reason})"
+        k, b = self.gains.stiffness_n_per_m, self.gains.damping_ns_per_m
+        return f"BilateralRecommendation({self.problem.name!r}: K {short(k, 'N/m')}, B {short(b, 'N.s/m')})"
+
+    def document(self) -> dict[str, Any]:
+        """Return the `recommend` document: JSON values only; what asks for a wall is null."""
+        follower, tried = required_follower(self.problem), None if self.trial is None else self.trial.document()
+        rendered = None if tried is None else tried["rendered_stiffness_n_per_m"]
+        gains = None if self.gains is None else vars(self.gains)
+        at_follower = None
+        if self.gains is not None:
+            at_follower = vars(replace(self.gains.times(1 / follower.scale)))
+        found: dict[str, Any] = plain(
+            {
+                "schema": "avc-recommend/1",
+                "problem": self.problem.name,
+                "deployable": self.deployable,
+                "rest": None,
+                "reason": self.reason,
+                "coupling": None,
+                "teleoperation": {
+                    **(gains or dict.fromkeys(vars(self.stiffest))),
+                    "at_follower": at_follower,
+                    "stiffest_n_per_m": self.stiffest.stiffness_n_per_m,
+                    "stiffest_with": vars(self.stiffest),
+                    "rendered_stiffness_n_per_m": rendered,
+                    "gain_margin": self.gain_margin,
+                    "least_damped": None if self.mode is None else asdict(self.mode),
+                    "passivity_margin_ns_per_m": self.passivity_margin_ns_per_m,
+                    "passive_damping_ns_per_m": self.passive_damping_ns_per_m,
+                    "loops": self.loops,
+                    "limited_by": asdict(self.worst),
+                },
+                "felt": {"stiffness_n_per_m": rendered, "share_of_wall": None},
+                "trial": tried,
+                "considered": 1,
+                "assumed": list(self.assumed),
+                "not_used": list(self.not_used),
+            }
+        )
+        return found
+
+
+def recommend_bilateral(
+    problem: Problem,
+    hands: int = 50,
+    seed: int = 0,
+    *,
+    versions: Mapping[str, str] | None = None,
+    progress: Progress = SILENT,
+    options: BilateralOptions = OPTIONS,
+) -> BilateralRecommendation:
+    """Choose spring and dampers between a leader and its follower.
+
+    Args:
+        problem: with [follower].
+        hands: number of simulated hands, corners of [hands] among them.
+        seed: of their draw and of the messages.
+        versions: not used here.
+        progress: told of the couplings that are tried.
+        options: numbers of the recommendation.
+
+    Raises:
+        InputError: the problem has no [follower].
+    """
+    del versions
+    follower, loops = required_follower(problem), BilateralLoops(problem)
+    slow_s = max(sum(one) for one in follower.delays_s)
+    search = CouplingSearch(loops, Scale.of(problem, slow_s), _SEARCH)
+    wanted = follower.stiffness_n_per_m
+    stiffest = search.stiffest()
+    local = wanted is not None and wanted > options.share_of_limit * stiffest.stiffness_n_per_m
+    gains, trial = None, None
+    if stiffest.stiffness_n_per_m > 0 or local:
+        first = options.share_of_limit * stiffest.stiffness_n_per_m if wanted is None else wanted
+        people = people_of(problem.hands, hands, seed)
+        gains, trial = _tried(problem, search, first, people, seed, progress, options, local=local)
+    margin, needed = _passivity(problem, gains or stiffest)
+    return BilateralRecommendation(
+        problem=problem,
+        gains=gains,
+        deployable=gains is not None,
+        reason=_reason(problem, gains, stiffest, trial),
+        stiffest=stiffest,
+        gain_margin=None if gains is None else search.gain_margin(gains),
+        mode=None if gains is None else loops.slowest(gains),
+        worst=loops.radius(stiffest.times(1.05) if stiffest.stiffness_n_per_m else search.softest)[1],
+        trial=trial if gains is not None else None,
+        passivity_margin_ns_per_m=margin,
+        passive_damping_ns_per_m=needed,
+        loops=len(loops),
+        assumed=(*assumed(problem), *_assumed(problem)),
+        not_used=not_used(problem),
+    )
+
+
+def _tried(
+    problem: Problem,
+    search: CouplingSearch,
+    first_n_per_m: float,
+    people: Hand,
+    seed: int,
+    progress: Progress,
+    options: BilateralOptions,
+    *,
+    local: bool,
+) -> tuple[ToolGains | None, BilateralTrial | None]:
+    """Return the stiffest of some couplings with which all hands settle, or none; of a wanted one, that alone."""
+    count = options.tries if required_follower(problem).stiffness_n_per_m is None else 1
+    trial, stiffness = None, first_n_per_m
+    for number in range(count):
+        progress.advance(number, count, f"K of {short(stiffness, problem.units.unit('N/m'))}")
+        for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
+            trial = try_bilateral(problem, gains, people, seed)
+            if trial.settled:
+                return gains, trial
+        stiffness *= options.softer
+    return None, trial
+
+
+def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float | None]:
+    follower, leader = required_follower(problem), problem.device
+    other, t = follower.at_leader(), leader.sample_time_s
+    if follower.architecture != "position-position" or not math.isclose(t, other.sample_time_s, rel_tol=1e-9):
+        return None, None
+    there, back = (delay_s / t for delay_s in follower.delays_s[-1])
+    # Clocks that are out of step let messages wait, at both ends together for so many samples at most.
+    wait = 1 + (-(there + back)) % 1
+    pair = Teleoperator(
+        leader.damping_ns_per_m,
+        other.damping_ns_per_m,
+        t,
+        there + wait / 2,
+        back + wait / 2,
+        leader.delay_samples,
+        other.delay_samples,
+    )
+    return passivity_margin(pair, gains)[0], damping_needed_ns_per_m(pair, gains)
+
+
+def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: BilateralTrial | None) -> str:
+    wanted, unit = required_follower(problem).stiffness_n_per_m, problem.units.unit("N/m")
+    limit = short(stiffest.stiffness_n_per_m, unit)
+    if gains is not None:
+        what = "the stiffness that is wanted" if wanted is not None else "the stiffest that keeps its margin"
+        return f"{what}, all hands settled"
+    if trial is None:
+        asked = "" if wanted is None else f"{short(wanted, unit)} is wanted; "
+        return f"{asked}the stiffest coupling that is stable is {limit}"
+    return f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the softest coupling that was tried"
+
+
+def _assumed(problem: Problem) -> list[str]:
+    follower = required_follower(problem)
+    found = ["the trial has no dry friction, at neither end"]
+    if follower.contact_damping_ns_per_m is None:
+        found.append("what the follower touches is damped by a tenth of the critical damping")
+    if follower.jitter == 0 and follower.lost_share == 0:
+        found.append("the link is even: no jitter and no lost messages are declared")
+    return found

@@ -1,0 +1,465 @@
+"""Export of a coupling to a simulation: the device's end and the engine's end of spring and damper, as C."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from avc_casadi import InputError, NotDeployableError
+from avc_casadi.claims.stability.tool_loop import ToolLoops
+from avc_hardware.codegen.c_text import checked_name, comment, comment_lines
+from avc_hardware.codegen.coupling_program import FARTHEST_M, FASTEST_M_PER_S
+from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH, renamed
+from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, Precision
+
+if TYPE_CHECKING:
+    from avc_casadi.model.virtual_tool import Exchange, VirtualTool
+    from avc_casadi.tool_coupling import ToolCoupling
+
+# An engine that has missed so many of its longest steps hangs.
+_STEPS = 5
+# In which a force fades away, and comes back: long for a sample, short for a hand.
+_FADE_S = 0.05
+_EXCHANGES: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
+
+_HEADER = """\
+/* The coupling between a haptic device and the tool of a simulation, made by avc-casadi; do not edit.
+ *
+ * Coupling {id} for {problem}{title}
+ * at the device: spring {stiffness:.9g} N/m, damper {damping:.9g} N.s/m{local}
+ * in the scene: spring {scene_stiffness:.9g}, damper {scene_damping:.9g}; {scales}
+ * engine: {engine}
+ * force: {force}
+ * {verdict}
+ * sample time of the device: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
+ *
+ * EXCHANGE, for which this is certified: {exchange}.
+ * In every sample, in this order:
+{order}
+ * {otherwise}
+ *
+ * The tool's numbers are the engine's own, in SI units of the scene, with the device's origin and direction. Put the
+ * tool where the device is before the first sample: the spring pulls from then on.
+ *
+ * What goes wrong ends in less force, never in a kick:
+ * - The first sample has no velocity.
+ * - {bad}
+ *   The last good ones are held, the dampers are left out, and the force fades to 0 over {fade_s:.3g} s as
+ *   long as it lasts. Once nothing is left of it, whatever comes is believed, and the force comes back as slowly.
+ * - No step of the engine in more than {watchdog} samples, {steps} of its steps: it hangs, and the force fades to 0
+ *   over {fade_s:.3g} s; it comes back as slowly. avc_coupling_tool_force says that the engine lives; where it
+ *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
+ *
+ * One thread at a time: an engine in a thread of its own takes the lock of the device's loop for each call. An engine
+ * on another computer has an avc_coupling_t of its own, writes position and velocity of the device's newest sample into
+ * it, and calls avc_coupling_tool_force.
+ *
+ * C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is refused.
+ */
+#ifndef AVC_COUPLING_H
+#define AVC_COUPLING_H
+
+#define AVC_COUPLING_ID "{id}"
+#define AVC_COUPLING_EXCHANGE "{name}"
+#define AVC_COUPLING_SAMPLE_TIME_S {sample_time_literal}
+#define AVC_COUPLING_SAMPLE_TIME_NS {sample_time_ns}L
+{max_force}
+/* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
+#ifdef AVC_LOOP_SAMPLE_TIME_NS
+#if AVC_LOOP_SAMPLE_TIME_NS != AVC_COUPLING_SAMPLE_TIME_NS
+#error "this coupling is made for another sample time than the loop that runs it"
+#endif
+#endif
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+typedef {real} avc_coupling_real_t;
+
+/* What the coupling remembers between two samples. */
+typedef struct {{
+    /* Of the device's newest sample; the velocity is its backward difference. */
+    {real} position_m, velocity_m_per_s;
+    /* {held_is} */
+    {real} {held};
+    /* Samples since the last good position, since the last good number of the engine, and since its last step. */
+    unsigned long missed, lost, silent;
+    /* How far the force has faded; 0 is all of it. */
+    unsigned long faded;
+    unsigned char started, given;
+}} avc_coupling_t;
+
+/* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
+void avc_coupling_init(avc_coupling_t *coupling);
+
+/* One sample of the device; returns the force on it, N{limited}; never NaN.
+ * position_m: as measured. {given_is} */
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given});
+
+/* The two halves of avc_coupling_step, for an engine that steps between them. */
+void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m);
+{real} avc_coupling_force(avc_coupling_t *coupling, {given});
+
+/* The force on the tool, in units of the scene, from the device's newest sample: once in each step of the engine, with
+ * position and velocity that the step begins with. 0 where one of them is no number. */
+{real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
+
+/* The engine lives: where avc_coupling_tool_force is not called on this coupling. */
+void avc_coupling_alive(avc_coupling_t *coupling);
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+_SOURCE = """\
+/* Coupling {id}: spring and damper to the tool of a simulation; do not edit. */
+#include "avc_coupling.h"
+
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: a position that is not a number must be seen"
+#endif
+{check}
+/* In samples: until an engine that does not step hangs, and in which the force fades. */
+#define WATCHDOG {watchdog}ul
+#define FADE {fade}ul
+
+static int within({real} value, {real} most)
+{{
+    return value >= -most && value <= most;
+}}
+
+/* What is left of a force that fades; 0 where it is no number. */
+static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
+{{
+    if (!within(force_n, {largest})) {{
+        return {zero};
+    }}
+    if (coupling->faded == 0ul) {{
+        return force_n;
+    }}
+    return force_n * (({real})(FADE - coupling->faded) / ({real})FADE);
+}}
+
+void avc_coupling_init(avc_coupling_t *coupling)
+{{
+    coupling->position_m = {zero};
+    coupling->velocity_m_per_s = {zero};
+{clear}
+    coupling->missed = 0ul;
+    coupling->lost = 0ul;
+    coupling->silent = 0ul;
+    coupling->faded = 0ul;
+    coupling->started = 0u;
+    coupling->given = 0u;
+}}
+
+void avc_coupling_alive(avc_coupling_t *coupling)
+{{
+    coupling->silent = 0ul;
+}}
+
+void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
+{{
+    if (coupling->missed >= FADE) {{
+        coupling->started = 0u;
+    }}
+    if (coupling->silent <= WATCHDOG) {{
+        coupling->silent++;
+    }}
+    if (!within(position_m, {farthest}) ||
+        (coupling->started != 0u && !within(position_m - coupling->position_m, {jump}))) {{
+        coupling->velocity_m_per_s = {zero};
+        if (coupling->missed < FADE) {{
+            coupling->missed++;
+        }}
+        return;
+    }}
+    coupling->velocity_m_per_s = {zero};
+    if (coupling->started != 0u) {{
+        coupling->velocity_m_per_s =
+            (position_m - coupling->position_m) / (({real})(coupling->missed + 1ul) * AVC_COUPLING_SAMPLE_TIME_S);
+    }}
+    coupling->position_m = position_m;
+    coupling->missed = 0ul;
+    coupling->started = 1u;
+}}
+
+{real} avc_coupling_force(avc_coupling_t *coupling, {given})
+{{
+    {real} force_n;
+    if (coupling->lost >= FADE) {{
+        coupling->given = 0u;
+    }}
+    if ({good}) {{
+{keep}
+        coupling->lost = 0ul;
+        coupling->given = 1u;
+    }} else if (coupling->lost < FADE) {{
+        coupling->lost++;
+    }}
+    if (coupling->missed == 0ul && coupling->lost == 0ul && coupling->silent <= WATCHDOG) {{
+        coupling->faded -= coupling->faded > 0ul ? 1ul : 0ul;
+    }} else {{
+        coupling->faded += coupling->faded < FADE ? 1ul : 0ul;
+    }}
+    if (coupling->started == 0u || coupling->given == 0u) {{
+        return {zero};
+    }}
+    force_n = {spring};
+    if (coupling->missed == 0ul && coupling->lost == 0ul) {{
+        force_n -= {dampers};
+    }}
+{clip}    return left_of(coupling, force_n);
+}}
+
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given})
+{{
+    avc_coupling_sample(coupling, position_m);
+    return avc_coupling_force(coupling, {passed});
+}}
+
+{real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s)
+{{
+    {real} force_n;
+    avc_coupling_alive(coupling);
+    if (!within(tool_position_m, {scene_farthest}) || !within(tool_velocity_m_per_s, {scene_farthest})) {{
+        return {zero};
+    }}
+    force_n = {scene_spring} * ({position_scale} * coupling->position_m - tool_position_m);
+    if (coupling->missed == 0ul) {{
+        force_n += {scene_damper} * ({position_scale} * coupling->velocity_m_per_s - tool_velocity_m_per_s);
+    }}
+    return left_of(coupling, force_n);
+}}
+"""
+
+
+def export_tool_c(
+    coupling: ToolCoupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
+) -> dict[str, str]:
+    """Return a coupling to a simulation as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
+
+    The device's end in each of its samples (spring, damper, damper of its own loop, force limit, scales, watchdog of
+    the engine) and the engine's end in each of its steps. Names and comments are those of the device.
+
+    Args:
+        coupling: of a problem with [simulation].
+        precision: ``single`` (float) or ``double``.
+        name: what the files, functions, types and macros (in capitals) begin with.
+        unsafe: whether a coupling that is not stable is written too.
+
+    Raises:
+        NotDeployableError: a loop of the problem is not stable with it.
+        InputError: another precision, or a name that is none in C.
+    """
+    if precision not in PRECISIONS:
+        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
+    checked_name(name)
+    chosen = PRECISIONS[precision]
+    verdict = _verdict(coupling, unsafe=unsafe)
+    words, numbers = _words(coupling.tool, chosen), _numbers(coupling, chosen)
+    files = {
+        HEADER: _HEADER.format(**words, **numbers, **_told(coupling, verdict)),
+        SOURCE: _SOURCE.format(**words, **numbers),
+    }
+    units = coupling.problem.units
+    made = {file: units.code(text) for file, text in files.items()}
+    return made if name == NAME else {renamed(file, name): renamed(text, name) for file, text in made.items()}
+
+
+def _verdict(coupling: ToolCoupling, *, unsafe: bool) -> str:
+    """Judge a coupling on the loops of its own problem; its certificate is not relied on."""
+    loops = ToolLoops(coupling.problem)
+    if loops.stable(coupling.gains):
+        return f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released"
+    radius, case = loops.radius(coupling.gains)
+    who = "with a hand" if any(case.hand.values()) else "released"
+    why = f"not deployable: linearly unstable {who}, spectral radius {radius:.6g}"
+    if not unsafe:
+        raise NotDeployableError(f"{coupling.problem.name}: {why}. Make it again: avc recommend P --out FILE")
+    return f"UNSAFE, written by request: {why}"
+
+
+def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
+    """Return what both files need of a coupling as literals."""
+    device, tool, literal = coupling.problem.device, coupling.tool, precision.literal
+    fastest = FASTEST_M_PER_S / device.metres_per_unit
+    samples = math.ceil(max(tool.step_s) / device.sample_time_s - 1e-9)
+    scene, force = coupling.in_scene, device.max_force_n
+    return {
+        "id": coupling.id,
+        "precision": precision.name,
+        "check": WIDE_ENOUGH if precision is DOUBLE else "",
+        "real": precision.c_type,
+        "zero": literal(0.0),
+        "sample_time_literal": literal(device.sample_time_s),
+        "sample_time_ns": str(round(device.sample_time_s * 1e9)),
+        "watchdog": str(_STEPS * samples),
+        "fade": str(max(1, round(_FADE_S / device.sample_time_s))),
+        "largest": literal(precision.largest),
+        "farthest": literal(FARTHEST_M),
+        "scene_farthest": literal(FARTHEST_M * tool.position_scale),
+        "jump": literal(fastest * device.sample_time_s + 2 * (device.encoder_resolution_m or 0.0)),
+        "position_scale": literal(tool.position_scale),
+        "scene_spring": literal(scene.stiffness_n_per_m),
+        "scene_damper": literal(scene.damping_ns_per_m),
+        "clip": "" if force is None else _clip("AVC_COUPLING_MAX_FORCE_N"),
+        "max_force": "" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {literal(force)}\n",
+        **_law(coupling, precision, fastest),
+    }
+
+
+def _clip(limit: str) -> str:
+    return (
+        f"    if (force_n > {limit}) {{\n        force_n = {limit};\n    }}\n"
+        f"    if (force_n < -{limit}) {{\n        force_n = -{limit};\n    }}\n"
+    )
+
+
+def _law(coupling: ToolCoupling, precision: Precision, fastest: float) -> dict[str, str]:
+    """Return the force on the device as expressions: spring, what the dampers take off, which numbers are good."""
+    gains, tool, literal = coupling.gains, coupling.tool, precision.literal
+    local = f"{literal(gains.local_damping_ns_per_m)} * coupling->velocity_m_per_s"
+    if tool.exchange == "held-force":
+        return {
+            "good": f"within(tool_force_n, {literal(FARTHEST_M / tool.force_scale)})",
+            "keep": _lines(["coupling->tool_force_n = tool_force_n;"], 8),
+            "clear": _lines([f"coupling->tool_force_n = {literal(0.0)};"], 4),
+            "spring": f"-({literal(tool.force_scale)} * coupling->tool_force_n)",
+            "dampers": local,
+        }
+    scale = literal(tool.position_scale)
+    # A tool may go as far in a step of the engine as in a sample.
+    farthest = fastest * tool.position_scale * max(*tool.step_s, coupling.problem.device.sample_time_s)
+    kept = ("tool_position_m", "tool_velocity_m_per_s")
+    spring = f"coupling->position_m - coupling->tool_position_m / {scale}"
+    damper = f"coupling->velocity_m_per_s - coupling->tool_velocity_m_per_s / {scale}"
+    dampers = f"{literal(gains.damping_ns_per_m)} * ({damper})"
+    return {
+        "good": f"within(tool_position_m, {literal(FARTHEST_M * tool.position_scale)}) &&\n"
+        f"        within(tool_velocity_m_per_s, {literal(fastest * tool.position_scale)}) &&\n"
+        f"        (coupling->given == 0u || within(tool_position_m - coupling->tool_position_m, {literal(farthest)}))",
+        "keep": _lines([f"coupling->{one} = {one};" for one in kept], 8),
+        "clear": _lines([f"coupling->{one} = {literal(0.0)};" for one in kept], 4),
+        "spring": f"-({literal(gains.stiffness_n_per_m)} * ({spring}))",
+        "dampers": f"{dampers} +\n                   {local}" if gains.local_damping_ns_per_m else dampers,
+    }
+
+
+def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
+    """Return names of what the device's loop is given: the tool's state, or the force on it."""
+    real = precision.c_type
+    if tool.exchange == "held-force":
+        return {
+            "given": f"{real} tool_force_n",
+            "passed": "tool_force_n",
+            "held": "tool_force_n",
+            "held_is": "The last good force on the tool, in units of the scene.",
+            "given_is": (
+                "tool_force_n: the newest force on the tool, from avc_coupling_tool_force\n"
+                " * or of the engine itself, the same until its next step; 0 before the first one."
+            ),
+        }
+    return {
+        "given": f"{real} tool_position_m, {real} tool_velocity_m_per_s",
+        "passed": "tool_position_m, tool_velocity_m_per_s",
+        "held": "tool_position_m, tool_velocity_m_per_s",
+        "held_is": "The last good state of the tool, in units of the scene.",
+        "given_is": (
+            "tool_position_m, tool_velocity_m_per_s: of the tool in the scene,\n"
+            " * the same until the engine's next step."
+        ),
+    }
+
+
+def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
+    """Return what the header alone tells; every text passes the allow-list of comments."""
+    problem, tool, gains, scene = coupling.problem, coupling.tool, coupling.gains, coupling.in_scene
+    device = problem.device
+    fastest = FASTEST_M_PER_S / device.metres_per_unit
+    whose = "the device" if tool.exchange == "held-force" else "the device, or of the tool as the device counts it,"
+    return {
+        "problem": comment(problem.name or "a problem"),
+        "title": comment(f": {problem.title}") if problem.title else "",
+        "stiffness": gains.stiffness_n_per_m,
+        "damping": gains.damping_ns_per_m,
+        "local": f", damper of the device's own loop {own:.9g} N.s/m" if (own := gains.local_damping_ns_per_m) else "",
+        "scene_stiffness": scene.stiffness_n_per_m,
+        "scene_damping": scene.damping_ns_per_m,
+        "scales": comment(f"position scale {tool.position_scale:.9g}, force scale {tool.force_scale:.9g}"),
+        "engine": comment(_engine(tool)),
+        "force": (
+            "the problem knows no limit; limit it yourself"
+            if device.max_force_n is None
+            else f"limited at {device.max_force_n:.9g} N"
+        ),
+        "verdict": comment_lines(verdict),
+        "sample_time": device.sample_time_s,
+        "exchange": comment(tool.exchange + (f", {tool.steps_late} steps later" if tool.steps_late else "")),
+        "order": "\n".join(f" *   {number}. {one}" for number, one in enumerate(_order(tool), 1)),
+        "otherwise": comment_lines(_otherwise(coupling)),
+        "bad": comment_lines(
+            f"A number that is none (NaN, infinite), and a position of {whose} that moves faster than "
+            f"{fastest:.4g} m/s, as no hand does."
+        ).replace(" * ", " *   "),
+        "fade_s": max(1, round(_FADE_S / device.sample_time_s)) * device.sample_time_s,
+        "steps": _STEPS,
+        "name": tool.exchange,
+        "limited": "" if device.max_force_n is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
+    }
+
+
+def _engine(tool: VirtualTool) -> str:
+    """Return the engine that was judged, in a line."""
+    steps = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.step_s))
+    what = "the spring leads to a place that the engine sets"
+    if tool.tool_mass_kg is not None:
+        masses = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.tool_mass_kg))
+        what = f"a tool of {masses} kg (in the scene), {tool.integrator}"
+    return f"a step every {steps} s, {what}"
+
+
+def _order(tool: VirtualTool) -> list[str]:
+    """Return what is done in a sample of the exchange, one after the other."""
+    engine = "where the engine steps: force = avc_coupling_tool_force(its state), then the step"
+    late = tool.queued
+    age = "" if not late else f" {late} step{'s' if late > 1 else ''} before"
+    if tool.exchange == "held-force":
+        return [
+            "avc_coupling_sample(position)",
+            engine,
+            f"avc_coupling_force(that force{f', of the step{age}' if late else ''}), the same until the next step",
+        ]
+    if tool.exchange == "ahead":
+        return [
+            "avc_coupling_sample(position)",
+            engine,
+            f"avc_coupling_force(the state that the step{age} has made), the same until the next step",
+        ]
+    given = f"the state that the step{age} began with" if late else "the state that a step now due begins with"
+    return [f"avc_coupling_step(position, {given}), the same until the next step", engine]
+
+
+def _otherwise(coupling: ToolCoupling) -> str:
+    """Say which other exchanges these gains hold with, and what each of them is."""
+    used = coupling.tool.exchange
+    held = {
+        one: ToolLoops(coupling.problem.changed(simulation={"exchange": one})).stable(coupling.gains)
+        for one in _EXCHANGES
+        if one != used
+    }
+    told = "; ".join(f"{one}, {'still stable' if stable else 'unstable'}" for one, stable in held.items())
+    return (
+        f"With these gains another exchange is another loop: {told}. On-time hands out the state that the engine's "
+        "step begins with, late that of the step before, ahead the state that the step has just made: it lies in the "
+        "future of the force that made it, and costs a factor of 10 to 60 of the stiffness. Held-force hands out the "
+        "force."
+    )
+
+
+def _lines(lines: list[str], indent: int) -> str:
+    return "\n".join(f"{'':{indent}}{line}" for line in lines)

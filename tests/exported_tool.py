@@ -1,0 +1,119 @@
+"""The exported C of a coupling to a simulation, compiled and called; and a device and an engine that run it."""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from engine_simulator import EngineSimulator
+from exported import C99, WARNINGS
+from hardware_bench import require, run, scratch
+
+import avc_casadi as avc
+from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.tool_coupling import ToolCoupling
+from avc_hardware import export_tool_c
+
+DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
+# More than any coupling remembers.
+_ROOM = 256
+
+
+def tool_coupling(simulation: str, stiffness: float, damping: float, local: float = 0.0, device: str = DEVICE):
+    """A coupling with gains of one's own to the [simulation]."""
+    return ToolCoupling(avc.parse_problem(f"{device}[simulation]\n{simulation}"), ToolGains(stiffness, damping, local))
+
+
+class ExportedTool:
+    """One device with the exported coupling to a simulation."""
+
+    def __init__(self, coupling, *, compiler=C99, precision="double"):
+        require(compiler[0])
+        folder = Path(tempfile.mkdtemp(dir=scratch()))
+        for name, text in export_tool_c(coupling, precision=precision, unsafe=True).items():
+            (folder / name).write_text(text, encoding="ascii")
+        library = folder / "coupling.so"
+        tool, *options = compiler
+        source = str(folder / "avc_coupling.c")
+        run(tool, *options, "-O2", *WARNINGS, "-fPIC", "-shared", "-nostdlib", source, "-o", str(library))
+        self._c = ctypes.CDLL(str(library))
+        number = {"single": ctypes.c_float, "double": ctypes.c_double}[precision]
+        given = 1 if coupling.tool.exchange == "held-force" else 2
+        for name, count in {"step": 1 + given, "force": given, "tool_force": 2, "sample": 1, "alive": 0}.items():
+            function = getattr(self._c, f"avc_coupling_{name}")
+            function.argtypes = [ctypes.c_void_p, *[number] * count]
+            function.restype = number if name.endswith(("step", "force")) else None
+        self._memory = ctypes.create_string_buffer(b"\xff" * _ROOM, _ROOM)
+        self.init()
+
+    def init(self):
+        self._c.avc_coupling_init(self._memory)
+
+    def __getattr__(self, name):
+        function = getattr(self._c, f"avc_coupling_{name}")
+        return lambda *numbers: function(self._memory, *numbers)
+
+
+def _sound(_k, x):
+    return x
+
+
+class ExportedLoop(EngineSimulator):
+    """The same device and engine with the exported C between them; the tool moves in units of the scene."""
+
+    def run_exported(self, c, tool, samples, *, target, kick, start=0.0, silent=(), glitch=_sound):
+        """Return positions of device and tool at each sample, before the engine's steps since the last, and forces.
+
+        Args:
+            c: the exported coupling.
+            tool: the [simulation].
+            samples: how many.
+            target: position of the hand's target at each sample.
+            kick: speed of the device at the beginning.
+            start: where device and tool begin.
+            silent: steps of the engine that do not happen.
+            glitch: what the device's loop reads for a position at a sample.
+        """
+        x, v, held = start, kick, [0.0] * self.delay
+        place, speed = start * tool.position_scale, 0.0
+        queue = [0.0 if self.exchange == "held-force" else (place, speed)] * (1 + self.late)
+        due = (np.arange(samples * self.T / self.step_s + 1) * self.step_s + self.phase * self.T) / self.T
+        found, count = [], 0
+
+        def step():
+            nonlocal place, speed, queue, count
+            if count not in silent:
+                before = (place, speed)
+                asked = c.tool_force(place, speed)
+                mass, (k_c, b_c) = self.tool_mass, self.contact or (0.0, 0.0)
+                after = speed + self.step_s / mass * (asked - (self.tool_damping + b_c) * speed - k_c * place)
+                place += self.step_s * (speed if self.integrator == "explicit" else after)
+                speed = after
+                queue = [*queue[1:], {"held-force": asked, "ahead": (place, speed)}.get(self.exchange, before)]
+            count += 1
+
+        for k in range(samples):
+            seen = place
+            while due[count] < k - 1e-6:  # since the last sample, which it saw
+                step()
+            fresh = due[count] <= k + 1e-6
+            if self.exchange in ("on-time", "late"):
+                # The state that a step now due begins with is known before it.
+                known = [*queue[1:], (place, speed)] if fresh and count not in silent else queue
+                force = c.step(glitch(k, x), *known[0])
+                if fresh:
+                    step()
+            else:
+                c.sample(glitch(k, x))
+                if fresh:
+                    step()
+                given = queue[0]
+                force = c.force(*(given if isinstance(given, tuple) else (given,)))
+            found.append((x, seen, force))
+            held.append(-force)
+            now = held.pop(0)
+            aim = target[k], (target[min(k + 1, samples - 1)] - target[k]) / self.T
+            x, v = self.step @ np.array([x, v, now, *aim])
+        return np.array(found).T

@@ -1,0 +1,45 @@
+"""Examples with real engines: what is recommended settles there, 1.3 times the limit does not; both are drawn."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "problems" / "examples"
+ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet"}
+
+
+def run(module, tmp_path, **environment):
+    picture = tmp_path / "box.png"
+    command = [sys.executable, str(EXAMPLES / f"{module}_box.py"), "--out", str(picture)]
+    environment = {**os.environ, **environment}
+    done = subprocess.run(  # noqa: S603
+        command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path
+    )
+    return picture, done
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("module", ENGINES)
+def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, tmp_path):
+    if importlib.util.find_spec(module) is None:
+        pytest.skip(f"{module} is not installed (the extra engines)")
+    picture, done = run(module, tmp_path)
+    assert done.returncode == 0, done.stderr
+    counts = re.findall(rf"{ENGINES[module]}, .*: (\d) of 8 hands settle", done.stdout)
+    assert counts == ["8", "0"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("module", ENGINES)
+def test_missing_engine_is_told_with_what_installs_it(module, tmp_path):
+    (tmp_path / f"{module}.py").write_text(f"raise ImportError('no {module}')\n")
+    picture, done = run(module, tmp_path, PYTHONPATH=str(tmp_path))
+    assert done.returncode == 1
+    assert done.stderr.strip() == f'{module}_box.py needs {ENGINES[module]}: pip install "avc-casadi[engines]"'
+    assert not picture.exists()
