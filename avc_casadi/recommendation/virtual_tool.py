@@ -414,6 +414,29 @@ def _helps(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, ...]:
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
 
 
+def unusual(problem: Problem) -> dict[str, str]:
+    """Return what is unusual of a [simulation], by key: what costs most stiffness, and what no coupling mends.
+
+    Args:
+        problem: with [simulation].
+    """
+    tool, t, found = required_tool(problem), problem.device.sample_time_s, {}
+    if not ToolLoops(problem).engine_alone_stable():
+        found["contact_stiffness_n_per_m"] = (
+            "makes the engine's own contact unstable at this step, whatever the coupling"
+        )
+    if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
+        found["exchange"] = (
+            "is ahead: the device is given a place and a velocity that lie in the future of the force that made them, "
+            "which leaves a tenth of the stiffness or less; hand out the state that the step began with (on-time)"
+        )
+    if tool.integrator == "explicit":
+        found["integrator"] = "is explicit: it gives energy to whatever swings; no engine of note has it by default"
+    if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):
+        found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
+    return found
+
+
 def _search(problem: Problem, **simulation: Any) -> ToolSearch:
     return ToolSearch(problem.changed(simulation=simulation))
 
