@@ -31,7 +31,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     frequency = problem.frequencies_hz()
     device, measured = problem.device, problem.boundaries.measured
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)]
-    why_none = hopeless(problem)
+    # What says that a wall is hopeless knows of no other end.
+    walled = problem.simulation is None and problem.follower is None
+    why_none = hopeless(problem) if walled else ""
     if why_none:
         warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why_none}"})
     document = {

@@ -156,11 +156,12 @@ class CouplingSearch:
         place = int(np.argmax(limits))
         if limits[place] == 0:
             return gains(0.0, 0.0)
-        found = [(limits[place], dampers[place])]
+        fine = 1 + self.options.precision
+        found = [(self._limit(partial(_with, gains, dampers[place]), limits[place], fine), dampers[place])]
 
         def softness(logarithm: float) -> float:
             damping = math.exp(logarithm)
-            limit = self._limit(partial(_with, gains, damping), max(found)[0], 1 + self.options.precision)
+            limit = self._limit(partial(_with, gains, damping), max(found)[0], fine)
             found.append((limit, damping))
             return -limit
 

@@ -133,17 +133,17 @@ def hand_text(hand: dict[str, float], problem: Problem) -> str:
     return "a hand of " + ", ".join(quantity(hand[key], unit(of)) for key, of in keys)
 
 
-def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
-    """Return the `zwidth` document of a problem with [simulation]: a column for each engine rate.
+def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: str, drawn: str | None) -> str:
+    """Return the `zwidth` document of a problem with [simulation]: a row for each engine rate.
 
     Args:
         document: of `avc zwidth --json`.
         problem: what it was asked for.
         page: where it is printed.
         shown: the problem as the user names it.
+        drawn: file of the picture, if one was drawn.
     """
-    unit, curves, damping = problem.units.unit, document["curves"], document["damping_ns_per_m"]
-    rows = []
+    unit, curves, rows = problem.units.unit, document["curves"], []
     for one in curves:
         told = "no coupling is stable"
         if one["stiffest_n_per_m"] is not None:
@@ -155,6 +155,19 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
         told += ", as declared" if one["declared"] else ""
         mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
         rows.append(Row(quantity(one["rate_hz"], "Hz"), told, mark))
+    if drawn is not None:
+        rows.append(Row("Drawn", drawn))
+    return page.rendered(headline(problem, shown), rows, [f"avc zwidth {shown} -v"])
+
+
+def region_lines(document: dict[str, Any], problem: Problem) -> list[str]:
+    """Return the largest stable stiffness by damper, a column for each engine rate.
+
+    Args:
+        document: of `avc zwidth --json`.
+        problem: what it was asked for.
+    """
+    unit, curves, damping = problem.units.unit, document["curves"], document["damping_ns_per_m"]
     table = Table(
         ("B", *(quantity(one["rate_hz"], "Hz") for one in curves)),
         tuple(
@@ -171,4 +184,4 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
     )
     beside = "; a critical damper in the device's loop" if document["local_damping_ratio"] else ""
     claim = f"Stable with every hand of [hands] and released, every tool and contact, below each K{beside}."
-    return "\n".join([page.rendered(headline(problem, shown), rows), "", table.text(), claim])
+    return [table.title, table.text(), claim]

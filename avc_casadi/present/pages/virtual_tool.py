@@ -38,7 +38,7 @@ def tool_page(
         commands = [f"avc check {shown}"]
     text = page.rendered(headline(problem, shown), tool_rows(document, problem), commands)
     if verbose:
-        text = "\n".join([text, "", *_all(document, problem)])
+        text = "\n".join([text, "", problem.units.text("\n".join(_all(document, problem)))])
     return text
 
 
@@ -69,7 +69,7 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     """
     found = document["simulation"]
     if document["coupling"] is None:
-        none = Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL)
+        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
         return [none, *_needed(found, problem), _limit(document, problem)]
     return [
         _coupling(found, problem),
@@ -144,9 +144,10 @@ def _simulated(document: dict[str, Any]) -> Row:
 
 def _force(document: dict[str, Any], problem: Problem) -> Row:
     tap, limit, unit = document["trial"]["tap_force_n"], problem.device.max_force_n, problem.units.unit("N")
+    label = problem.units.key("force").capitalize()
     if limit is not None and tap >= 0.97 * limit:
-        return Row("Force", f"a tap reaches the limit of {quantity(limit, unit)}", Mark.CAUTION)
-    return Row("Force", f"a tap reaches {quantity(tap, unit)}")
+        return Row(label, f"a tap reaches the limit of {quantity(limit, unit)}", Mark.CAUTION)
+    return Row(label, f"a tap reaches {quantity(tap, unit)}")
 
 
 def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
