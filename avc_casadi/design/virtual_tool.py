@@ -180,7 +180,7 @@ class CouplingSearch:
         return best
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
-        """Return K with the dampers to be tried: that damp best, and lighter ones that damp a half and a quarter as well.
+        """Return K with dampers to be tried: what damps best, and lighter ones that damp half and a quarter as well.
 
         Of dampers nearly as good as the best the one with the widest margin counts. A light one passes on less of the
         encoder's steps.

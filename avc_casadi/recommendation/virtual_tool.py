@@ -290,7 +290,8 @@ def _hopeless(problem: Problem, search: ToolSearch, limit_n_per_m: float) -> str
         step, mass = quantity(max(tool.step_s), "s"), quantity(lightest, unit("kg"))
         return (
             f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of {step} with {mass} "
-            "(dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier tool, an implicit integrator"
+            "(dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier tool, an "
+            "implicit integrator"
         )
     return "no spring and damper is stable with every hand, released, tool and contact: see what would help"
 
