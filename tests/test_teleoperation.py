@@ -165,6 +165,13 @@ def test_scaled_follower_is_the_same_coupling():
     )
 
 
+def test_scaled_follower_keeps_its_force_limit_and_encoder():
+    """A follower of a fifth of the way and twice the force: what it reads and can push is counted at the leader."""
+    keys = "mass_kg = 3.0\ndamping_ns_per_m = 10.0\nposition_scale = 0.2\nforce_scale = 0.5\n"
+    follower = problem(f"{keys}max_force_n = 10.0\nencoder_resolution_m = 1e-5\n").follower.at_leader()
+    assert (follower.max_force_n, follower.encoder_resolution_m) == (5.0, pytest.approx(5e-5))
+
+
 def test_command_answers_in_a_page_and_as_json(tmp_path, capsys):
     file = tmp_path / "arm.toml"
     file.write_text(f"{LEADER}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n")

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from avc_casadi import InputError, NotDeployableError
 from avc_casadi.claims.stability.tool_loop import ToolLoops
-from avc_hardware.codegen.packages import checked_name, comment, comment_lines
 from avc_hardware.codegen.coupling_program import FARTHEST_M, FASTEST_M_PER_S
 from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH, renamed
 from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, Precision
+from avc_hardware.codegen.packages import checked_name, comment, comment_lines
 
 if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
