@@ -216,7 +216,7 @@ def main() -> int:
     args = parser.parse_args()
     out, slower = args.out, args.slower
     answer = avc.recommend(avc.parse_problem(PROBLEM), hands=20)
-    if answer.coupling is None:
+    if not isinstance(answer.coupling, TeleoperatorCoupling):
         print(answer.reason)
         return 1
     with tempfile.TemporaryDirectory() as name:
