@@ -23,6 +23,7 @@ from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.bilateral import BilateralCase
     from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
@@ -219,19 +220,29 @@ def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float 
     other, t = follower.at_leader(), leader.sample_time_s
     if follower.architecture != "position-position" or not math.isclose(t, other.sample_time_s, rel_tol=1e-9):
         return None, None
-    there, back = (delay_s / t for delay_s in follower.delays_s[-1])
-    # Clocks that are out of step let messages wait, at both ends together for so many samples at most.
-    wait = 1 + (-(there + back)) % 1
-    pair = Teleoperator(
-        leader.damping_ns_per_m,
-        other.damping_ns_per_m,
-        t,
-        there + wait / 2,
-        back + wait / 2,
-        leader.delay_samples,
-        other.delay_samples,
+    pairs = []
+    for delays_s in follower.delays_s:
+        there, back = (delay_s / t for delay_s in delays_s)
+        # Clocks that are out of step let messages wait, at both ends together for so many samples at most.
+        wait = 1 + (-(there + back)) % 1
+        late = there + wait / 2, back + wait / 2
+        pairs.append(
+            Teleoperator(*map(_least_damping, (leader, other)), t, *late, *map(_longest_delay, (leader, other)))
+        )
+    return (
+        min(passivity_margin(pair, gains)[0] for pair in pairs),
+        max(damping_needed_ns_per_m(pair, gains) for pair in pairs),
     )
-    return passivity_margin(pair, gains)[0], damping_needed_ns_per_m(pair, gains)
+
+
+def _least_damping(device: Device) -> float:
+    known = device.range.damping_ns_per_m
+    return device.damping_ns_per_m if known is None else known[0]
+
+
+def _longest_delay(device: Device) -> float:
+    known = device.range.delay_samples
+    return device.delay_samples if known is None else known[1]
 
 
 def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: BilateralTrial | None) -> str:
