@@ -225,9 +225,16 @@ def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float 
         there, back = (delay_s / t for delay_s in delays_s)
         # Clocks that are out of step let messages wait, at both ends together for so many samples at most.
         wait = 1 + (-(there + back)) % 1
-        late = there + wait / 2, back + wait / 2
         pairs.append(
-            Teleoperator(*map(_least_damping, (leader, other)), t, *late, *map(_longest_delay, (leader, other)))
+            Teleoperator(
+                _least_damping(leader),
+                _least_damping(other),
+                t,
+                there + wait / 2,
+                back + wait / 2,
+                _longest_delay(leader),
+                _longest_delay(other),
+            )
         )
     return (
         min(passivity_margin(pair, gains)[0] for pair in pairs),
