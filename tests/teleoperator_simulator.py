@@ -42,6 +42,7 @@ def run(  # noqa: PLR0912 - one loop over events
     force=None,
     limit=math.inf,
     seed=0,
+    ends=None,
 ):
     """Return positions of leader and follower at the leader's samples.
 
@@ -59,6 +60,8 @@ def run(  # noqa: PLR0912 - one loop over events
         jitter, lost: of the messages.
         force: None for position-position, else "commanded" or "measured".
         limit: largest force of each.
+        ends: None, or what takes the place of springs and dampers, a pair: each has sample(position), message(),
+            receive(message) and force().
     """
     k, b, local = gains
     rng = np.random.default_rng(seed)
@@ -83,7 +86,9 @@ def run(  # noqa: PLR0912 - one loop over events
         acting.clear()
         while queue and queue[0][0] <= now + 1e-9:
             _, _, _, kind, side, content = heapq.heappop(queue)
-            if kind == "position" and content[0] > newest[side][0]:
+            if ends is not None and kind != "sample":
+                ends[side].receive(content)
+            elif kind == "position" and content[0] > newest[side][0]:
                 newest[side] = content
             elif kind == "force" and content[0] > reflected[0]:
                 reflected = content
@@ -92,10 +97,17 @@ def run(  # noqa: PLR0912 - one loop over events
                 body = bodies[side]
                 speed = (body.x - body.last) / times[side]
                 message = (count[side], body.x, speed)
+                if ends is not None:
+                    ends[side].sample(body.x)
+                    message = ends[side].message()
                 late = delays[side] * (1 + jitter * rng.uniform(-1, 1))
-                if rng.random() >= lost:
+                # An end that sends forces has one message for both, after its force.
+                apart = ends is None or force is None or side == 0
+                if rng.random() >= lost and apart:
                     if late < 1e-12:
-                        if message[0] > newest[1 - side][0]:
+                        if ends is not None:
+                            ends[1 - side].receive(message)
+                        elif message[0] > newest[1 - side][0]:
                             newest[1 - side] = message
                     else:
                         heapq.heappush(queue, (now + late, 0, next(number), "position", 1 - side, message))
@@ -103,6 +115,7 @@ def run(  # noqa: PLR0912 - one loop over events
             body = bodies[side]
             speed = (body.x - body.last) / times[side]
             pull = k * (newest[side][1] - body.x) + b * (newest[side][2] - speed)
+            own = None if ends is None else ends[side].force()
             if side == 0:
                 found.append((bodies[0].x, bodies[1].x))
                 if force is not None:
@@ -110,8 +123,11 @@ def run(  # noqa: PLR0912 - one loop over events
             elif force is not None:
                 touch = k_c * body.x + b_c * body.v
                 felt = touch if force == "measured" and contact != "fixed" else pull
-                heapq.heappush(queue, (now + max(back, 1e-7), 0, next(number), "force", 0, (count[1], felt)))
-            asked = float(np.clip(pull - local * speed, -limit, limit))
+                sent = (count[1], felt)
+                if ends is not None:
+                    sent = ends[1].message(felt if force == "measured" and contact != "fixed" else None)
+                heapq.heappush(queue, (now + max(back, 1e-7), 0, next(number), "force", 0, sent))
+            asked = float(np.clip(pull - local * speed, -limit, limit)) if own is None else own
             held[side].append(asked)
             body.last = body.x
             aim = [0.0, 0.0]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from exported import C99, WARNINGS
+from exported_teleoperator import teleoperator_coupling
 from exported_tool import tool_coupling
 from hardware_bench import bench_problem, export_c, require, run, scratch, with_gains
 from hypothesis import example, given
@@ -19,7 +20,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
-from avc_hardware import arm_gains_c, export_tool_c
+from avc_hardware import arm_gains_c, export_teleoperator_c, export_tool_c
 from avc_hardware.codegen.packages import PACKAGES
 
 PLAIN = with_gains(bench_problem((5.0, 5e3), max_force_n=8.0), 5.0, 4e3, 3.0)
@@ -90,6 +91,19 @@ def test_no_title_or_file_of_a_simulation_becomes_code(title: str, file: str) ->
     named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
     for place, text in export_tool_c(plain).items():
         found = export_tool_c(named)[place]
+        assert found.isascii()
+        assert code(found).replace(named.id, plain.id) == code(text)
+
+
+@pytest.mark.thorough
+@given(title=TEXTS, file=TEXTS)
+@example(title="*\\ int planted; /*", file="*/")
+@example(title="*\\/ int planted; /\\*", file="??/\n*/")
+def test_no_title_or_file_of_a_teleoperator_becomes_code(title: str, file: str) -> None:
+    plain = teleoperator_coupling("mass_kg = 0.3\ndamping_ns_per_m = 1.0", 500.0, 5.0)
+    named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
+    for place, text in export_teleoperator_c(plain, unsafe=True).items():
+        found = export_teleoperator_c(named, unsafe=True)[place]
         assert found.isascii()
         assert code(found).replace(named.id, plain.id) == code(text)
 

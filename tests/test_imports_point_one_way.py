@@ -19,6 +19,7 @@ ROOMS = (
     "paper",
     "coupling",
     "tool_coupling",
+    "teleoperator_coupling",
     "files",
     "claims.passivity",
     "claims.stability",

@@ -166,6 +166,31 @@ def test_scaled_follower_is_the_same_coupling():
     )
 
 
+def test_scaled_follower_keeps_its_force_limit_and_encoder():
+    """A follower of a fifth of the way and twice the force: what it reads and can push is counted at the leader."""
+    keys = "mass_kg = 3.0\ndamping_ns_per_m = 10.0\nposition_scale = 0.2\nforce_scale = 0.5\n"
+    follower = problem(f"{keys}max_force_n = 10.0\nencoder_resolution_m = 1e-5\n").follower.at_leader()
+    assert (follower.max_force_n, follower.encoder_resolution_m) == (5.0, pytest.approx(5e-5))
+
+
+def test_soft_coupling_is_damped_beside_a_contact_that_rings_by_itself():
+    """The contact's own ratio, 0.1, is the least of all, whatever damps the two devices against each other."""
+    soft = recommend_bilateral(
+        problem("mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\nstiffness_n_per_m = 50"), 4
+    )
+    assert soft.deployable, soft.reason
+
+
+def test_passivity_counts_the_least_damping_that_is_known():
+    def margin(keys):
+        text = f"{LEADER}{keys}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n"
+        return recommend_bilateral(avc.parse_problem(f"{text}stiffness_n_per_m = 500.0\n"), 4)
+
+    sure, unsure = margin(""), margin("[device.range]\ndamping_ns_per_m = [0.2, 1.4]\n")
+    assert unsure.gains == sure.gains
+    assert unsure.passivity_margin_ns_per_m < sure.passivity_margin_ns_per_m - 0.05
+
+
 def test_command_answers_in_a_page_and_as_json(tmp_path, capsys):
     file = tmp_path / "arm.toml"
     file.write_text(f"{LEADER}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n")

@@ -65,12 +65,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Write both files, or tell the parameters."""
     from avc_casadi.claims.deployable import require_deployable
+    from avc_casadi.files.teleoperator_coupling_file import is_teleoperator_coupling
     from avc_casadi.files.tool_coupling_file import is_tool_coupling
     from avc_casadi.present.pages.bench import export_page
     from avc_hardware import export_c
 
     if is_tool_coupling(args.gains):
         return _to_simulation(args, console)
+    if is_teleoperator_coupling(args.gains):
+        return _to_follower(args, console)
     if args.parameters is not None:
         raise avc.InputError.of(
             "is of a coupling to a [simulation], and this file holds none; for C: --c DIR",
@@ -136,3 +139,36 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
         "unsafe": "" if stable else "UNSAFE, went on by request: a loop is linearly unstable",
     }
     return Answer(document, told.tool_export_page(document, coupling, console.page, args.gains))
+
+
+def _to_follower(args: argparse.Namespace, console: Console) -> Answer:
+    """Write both ends of a teleoperator's coupling."""
+    from avc_casadi import InputError
+    from avc_casadi._util.units import speak
+    from avc_casadi.files.teleoperator_coupling_file import read_teleoperator_coupling
+    from avc_casadi.present.pages.bilateral import bilateral_export_page
+    from avc_hardware import export_teleoperator_c
+
+    for option in ("package", "problem"):
+        if getattr(args, option):
+            message = "is for couplings to a wall, and this one leads to a [follower]; leave it out"
+            raise InputError.of(message, key=f"--{option}")
+    coupling = read_teleoperator_coupling(args.gains)
+    speak(coupling.problem.units)
+    with faults_of(args.gains, args), console.step("C"):
+        files = export_teleoperator_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
+    with output_folder(args.c, "--c") as folder:
+        for name, text in files.items():
+            write_text(folder / name, text, "--c")
+    written = [str(Path(args.c) / name) for name in files]
+    document: dict[str, Any] = {
+        "schema": "avc-export/2",
+        "coupling": coupling.id,
+        "files": written,
+        "packages": [],
+        "sample_time_s": coupling.problem.device.sample_time_s,
+        "follower_sample_time_s": coupling.follower.sample_time_s,
+        "precision": args.precision,
+    }
+    text = bilateral_export_page(document, coupling, console.page, args.gains)
+    return Answer(document, text, more="\n".join(written))

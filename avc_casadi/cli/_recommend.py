@@ -128,17 +128,18 @@ def _to_other_end(
 def _to_follower(
     args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
 ) -> Answer:
-    """Recommend the coupling of a teleoperator and show it; 1 if none can be deployed."""
+    """Recommend the coupling of a teleoperator, write and show it; 1 if none can be deployed."""
+    from avc_casadi.files.teleoperator_coupling_file import write_teleoperator_coupling
     from avc_casadi.present.pages.bilateral import bilateral_page
     from avc_casadi.recommendation.bilateral import recommend_bilateral
 
-    if out is not None:
-        message = "has no file for a teleoperator yet; leave it out: --json has K, B and all that is known"
-        raise avc.InputError.of(message, key="--out")
     with console.step(f"couplings with {hands} hands"):
-        found = recommend_bilateral(problem, hands, progress=console)
+        found = recommend_bilateral(problem, hands, versions=package_versions(), progress=console)
+    if out is not None and found.coupling is not None:
+        write_teleoperator_coupling(found.coupling, out)
     document = found.document()
-    text = bilateral_page(document, problem, console.page, args.problem, verbose=args.verbose)
+    written = None if found.coupling is None else args.out
+    text = bilateral_page(document, problem, console.page, args.problem, written, verbose=args.verbose)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint)
 

@@ -180,10 +180,11 @@ class CouplingSearch:
         return best
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
-        """Return K with dampers to be tried: what damps best, and lighter ones that damp half and a quarter as well.
+        """Return K with dampers to try: what damps best, lighter ones that damp half as well or less, the heaviest.
 
         Of dampers nearly as good as the best the one with the widest margin counts. A light one passes on less of the
-        encoder's steps.
+        encoder's steps. Where the least damped of all oscillations is one that no damper of the coupling reaches, as of
+        a contact that rings by itself, all are equally good: there the heaviest damps what it does reach.
 
         Args:
             stiffness_n_per_m: K.
@@ -203,14 +204,9 @@ class CouplingSearch:
         ratios = [self._judge.slowest(one).damping_ratio for one in safe]
         share = self.options.near_best
         best = max(_with_share(safe, ratios, share), key=self.gain_margin)
-        lighter = [
-            min(
-                _with_share(safe, ratios, share * part),
-                key=lambda one: one.damping_ns_per_m + one.local_damping_ns_per_m,
-            )
-            for part in self.options.lighter
-        ]
-        return list(dict.fromkeys((best, *lighter)))
+        lighter = [min(_with_share(safe, ratios, share * part), key=_dampers) for part in self.options.lighter]
+        heaviest = max(_with_share(safe, ratios, share), key=_dampers)
+        return list(dict.fromkeys((best, *lighter, heaviest)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
         """Whether some damper makes every loop stable with this K."""
@@ -274,6 +270,10 @@ class ToolSearch(CouplingSearch):
     def __init__(self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
         self.loops = ToolLoops(problem)
         super().__init__(self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options)
+
+
+def _dampers(gains: ToolGains) -> float:
+    return gains.damping_ns_per_m + gains.local_damping_ns_per_m
 
 
 def _with_share(gains: list[ToolGains], ratios: list[float], share: float) -> list[ToolGains]:

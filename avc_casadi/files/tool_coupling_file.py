@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.json_values import json_text, plain
@@ -13,6 +13,7 @@ from avc_casadi._util.units import speaking, told_in
 from avc_casadi.files.gain_file import read_document, units_of_document
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
 from avc_casadi.tool_coupling import ToolCoupling
 
 SCHEMA = "avc-tool-coupling/1"
@@ -43,13 +44,13 @@ def write_tool_coupling(coupling: ToolCoupling, path: str | Path) -> None:
         Path(path).write_text(json_text(tool_coupling_document(coupling)), encoding="utf-8")
 
 
-def is_tool_coupling(path: str | Path) -> bool:
-    """Whether a file holds a coupling to a simulation; what cannot be read is none."""
+def is_tool_coupling(path: str | Path, schema: str = SCHEMA) -> bool:
+    """Whether a file holds a coupling to a simulation, or one of another schema; what cannot be read is none."""
     try:
         document = json.loads(Path(path).read_text(encoding="utf-8")) if str(path).lower().endswith(".json") else None
     except (OSError, ValueError, RecursionError):
         return False
-    return isinstance(document, Mapping) and document.get("schema") == SCHEMA
+    return isinstance(document, Mapping) and document.get("schema") == schema
 
 
 def read_tool_coupling(path: str | Path) -> ToolCoupling:
@@ -58,17 +59,35 @@ def read_tool_coupling(path: str | Path) -> ToolCoupling:
     Raises:
         InputError: with every fault of the file.
     """
+    return read_gains_to(path, SCHEMA, "simulation", ToolCoupling)
+
+
+_Kind = TypeVar("_Kind", ToolCoupling, TeleoperatorCoupling)
+
+
+def read_gains_to(path: str | Path, schema: str, table: str, kind: type[_Kind]) -> _Kind:
+    """Read the file of a coupling to another end.
+
+    Args:
+        path: of the file.
+        schema: that it must have.
+        table: of the other end, which its problem must have.
+        kind: what it holds.
+
+    Raises:
+        InputError: with every fault of the file.
+    """
     path = Path(path)
     document = read_document(path)
     units = units_of_document(document)
     with told_in(units):
-        return _read(units.read(document), str(path))
+        return _read(units.read(document), str(path), schema, table, kind)
 
 
-def _read(document: Mapping[str, Any], file: str) -> ToolCoupling:
+def _read(document: Mapping[str, Any], file: str, schema: str, table: str, kind: type[_Kind]) -> _Kind:
     faults = []
-    if document.get("schema") != SCHEMA:
-        faults.append(Fault(file, None, "schema", f"is {document.get('schema')!r}; allowed: {SCHEMA!r}"))
+    if document.get("schema") != schema:
+        faults.append(Fault(file, None, "schema", f"is {document.get('schema')!r}; allowed: {schema!r}"))
     for key in _GAINS:
         value = document.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e12:
@@ -79,8 +98,8 @@ def _read(document: Mapping[str, Any], file: str) -> ToolCoupling:
         if not isinstance(document.get(key), Mapping | None)
     ]
     tables, problem = document.get("problem_file"), None
-    if not isinstance(tables, Mapping) or not isinstance(tables.get("simulation"), Mapping):
-        message = "is missing; allowed: the tables of a problem file, [simulation] among them"
+    if not isinstance(tables, Mapping) or not isinstance(tables.get(table), Mapping):
+        message = f"is missing; allowed: the tables of a problem file, [{table}] among them"
         faults.append(Fault(file, None, "problem_file", message))
     else:
         try:
@@ -89,7 +108,7 @@ def _read(document: Mapping[str, Any], file: str) -> ToolCoupling:
             faults += error.faults
     if faults or problem is None:
         raise InputError(faults)
-    found = ToolCoupling(
+    found = kind(
         problem,
         ToolGains(*(float(document[key]) for key in _GAINS)),
         document.get("certificate"),

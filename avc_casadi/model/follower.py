@@ -74,11 +74,18 @@ class Follower(Device):
         """Return the follower as the leader counts its position and force."""
         keys = {key: getattr(self, key) for key in Device.model_fields if key in self.model_fields_set}
         ranges = self.range
-        for key in ("mass_kg", "damping_ns_per_m"):
-            keys[key] = self.scale * getattr(self, key)
+        forces, lengths = self.force_scale, 1 / self.position_scale
+        scales = {
+            **dict.fromkeys(("mass_kg", "damping_ns_per_m"), self.scale),
+            **dict.fromkeys(("coulomb_friction_n", "max_force_n"), forces),
+            **dict.fromkeys(("encoder_resolution_m", "position_noise_rms_m", "backlash_m"), lengths),
+        }
+        for key, factor in scales.items():
+            if (value := getattr(self, key)) is not None:
+                keys[key] = factor * value
         known = {
-            key: tuple(self.scale * end for end in ends)
-            for key in ("mass_kg", "damping_ns_per_m")
+            key: tuple(factor * end for end in ends)
+            for key, factor in scales.items()
             if (ends := getattr(ranges, key)) is not None
         }
         keys["range"] = ranges.model_copy(update=known)

@@ -48,6 +48,10 @@ class ToolGains:
             damping_ns_per_m=factor * self.damping_ns_per_m,
         )
 
+    def at_scale(self, factor: float) -> ToolGains:
+        """Return K, B and the local damper that many times as large, as another end counts positions and forces."""
+        return replace(self.times(factor), local_damping_ns_per_m=factor * self.local_damping_ns_per_m)
+
 
 @dataclass(frozen=True)
 class Clock:

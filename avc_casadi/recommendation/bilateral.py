@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.arrays import Comparable
@@ -14,13 +14,16 @@ from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
+from avc_casadi.files.teleoperator_coupling_file import teleoperator_coupling_document
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
 from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.bilateral import BilateralCase
     from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
@@ -55,6 +58,7 @@ class BilateralRecommendation(Comparable):
     Attributes:
         problem: as stated.
         gains: K, B and the damper of each loop, at the leader; None where none is deployable.
+        coupling: that of these gains, with what is known of it, for a file and for C; None likewise.
         deployable: whether it may go into both devices.
         reason: one sentence: why this one, or why none.
         stiffest: the stiffest K that is linearly stable with every hand, environment, delay and clock, with its B.
@@ -72,6 +76,7 @@ class BilateralRecommendation(Comparable):
 
     problem: Problem
     gains: ToolGains | None
+    coupling: TeleoperatorCoupling | None
     deployable: bool
     reason: str
     stiffest: ToolGains
@@ -93,12 +98,10 @@ class BilateralRecommendation(Comparable):
 
     def document(self) -> dict[str, Any]:
         """Return the `recommend` document: JSON values only; what asks for a wall is null."""
-        follower, tried = required_follower(self.problem), None if self.trial is None else self.trial.document()
+        tried = None if self.trial is None else self.trial.document()
         rendered = None if tried is None else tried["rendered_stiffness_n_per_m"]
         gains = None if self.gains is None else vars(self.gains)
-        at_follower = None
-        if self.gains is not None:
-            at_follower = vars(replace(self.gains.times(1 / follower.scale)))
+        at_follower = None if self.coupling is None else vars(self.coupling.at_follower)
         found: dict[str, Any] = plain(
             {
                 "schema": "avc-recommend/1",
@@ -106,7 +109,7 @@ class BilateralRecommendation(Comparable):
                 "deployable": self.deployable,
                 "rest": None,
                 "reason": self.reason,
-                "coupling": None,
+                "coupling": None if self.coupling is None else teleoperator_coupling_document(self.coupling),
                 "teleoperation": {
                     **(gains or dict.fromkeys(vars(self.stiffest))),
                     "at_follower": at_follower,
@@ -145,14 +148,13 @@ def recommend_bilateral(
         problem: with [follower].
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw and of the messages.
-        versions: not used here.
+        versions: of what answers, for the coupling's file.
         progress: told of the couplings that are tried.
         options: numbers of the recommendation.
 
     Raises:
         InputError: the problem has no [follower].
     """
-    del versions
     follower, loops = required_follower(problem), BilateralLoops(problem)
     slow_s = max(sum(one) for one in follower.delays_s)
     search = CouplingSearch(loops, Scale.of(problem, slow_s), _SEARCH)
@@ -165,13 +167,19 @@ def recommend_bilateral(
         people = people_of(problem.hands, hands, seed)
         gains, trial = _tried(problem, search, first, people, seed, progress, options, local=local)
     margin, needed = _passivity(problem, gains or stiffest)
+    gain_margin = None if gains is None else search.gain_margin(gains)
+    coupling = None
+    if gains is not None and trial is not None:
+        certificate = {"loops": len(loops), "gain_margin": gain_margin, "passivity_margin_ns_per_m": margin}
+        coupling = TeleoperatorCoupling(problem, gains, certificate, trial.document(), versions or {})
     return BilateralRecommendation(
         problem=problem,
         gains=gains,
+        coupling=coupling,
         deployable=gains is not None,
         reason=_reason(problem, gains, stiffest, trial),
         stiffest=stiffest,
-        gain_margin=None if gains is None else search.gain_margin(gains),
+        gain_margin=gain_margin,
         mode=None if gains is None else loops.slowest(gains),
         worst=loops.radius(stiffest.times(1.05) if stiffest.stiffness_n_per_m else search.softest)[1],
         trial=trial if gains is not None else None,
@@ -212,19 +220,36 @@ def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float 
     other, t = follower.at_leader(), leader.sample_time_s
     if follower.architecture != "position-position" or not math.isclose(t, other.sample_time_s, rel_tol=1e-9):
         return None, None
-    there, back = (delay_s / t for delay_s in follower.delays_s[-1])
-    # Clocks that are out of step let messages wait, at both ends together for so many samples at most.
-    wait = 1 + (-(there + back)) % 1
-    pair = Teleoperator(
-        leader.damping_ns_per_m,
-        other.damping_ns_per_m,
-        t,
-        there + wait / 2,
-        back + wait / 2,
-        leader.delay_samples,
-        other.delay_samples,
+    pairs = []
+    for delays_s in follower.delays_s:
+        there, back = (delay_s / t for delay_s in delays_s)
+        # Clocks that are out of step let messages wait, at both ends together for so many samples at most.
+        wait = 1 + (-(there + back)) % 1
+        pairs.append(
+            Teleoperator(
+                _least_damping(leader),
+                _least_damping(other),
+                t,
+                there + wait / 2,
+                back + wait / 2,
+                _longest_delay(leader),
+                _longest_delay(other),
+            )
+        )
+    return (
+        min(passivity_margin(pair, gains)[0] for pair in pairs),
+        max(damping_needed_ns_per_m(pair, gains) for pair in pairs),
     )
-    return passivity_margin(pair, gains)[0], damping_needed_ns_per_m(pair, gains)
+
+
+def _least_damping(device: Device) -> float:
+    known = device.range.damping_ns_per_m
+    return device.damping_ns_per_m if known is None else known[0]
+
+
+def _longest_delay(device: Device) -> float:
+    known = device.range.delay_samples
+    return device.delay_samples if known is None else known[1]
 
 
 def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: BilateralTrial | None) -> str:

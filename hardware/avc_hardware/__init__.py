@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.firmware_fit import FirmwareLacksError as FirmwareLacksError
     from avc_hardware.codegen.firmware_fit import check_runs_on as check_runs_on
     from avc_hardware.codegen.packages import arm_gains_c as arm_gains_c
+    from avc_hardware.codegen.teleoperator_export import export_teleoperator_c as export_teleoperator_c
     from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
     from avc_hardware.emulator.bench import BenchDevice as BenchDevice
     from avc_hardware.emulator.bench import Wiring as Wiring
@@ -74,6 +75,7 @@ else:
         "codegen.figures": ("BoardLimits", "RuntimeFigures"),
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
         "codegen.packages": ("arm_gains_c",),
+        "codegen.teleoperator_export": ("export_teleoperator_c",),
         "codegen.tool_export": ("export_tool_c",),
         "emulator.bench": ("BenchDevice", "Wiring"),
         "emulator.board": ("EmulatedBoard",),

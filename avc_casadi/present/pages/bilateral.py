@@ -9,13 +9,20 @@ from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
+    from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
 
 # A gain margin below which a row warns.
 _SAFE = 1.5
 
 
 def bilateral_page(
-    document: dict[str, Any], problem: Problem, page: Page, shown: str = "P", *, verbose: bool = False
+    document: dict[str, Any],
+    problem: Problem,
+    page: Page,
+    shown: str = "P",
+    written: str | None = None,
+    *,
+    verbose: bool = False,
 ) -> str:
     """Return the `recommend` document of a problem with [follower] as a headline and some rows.
 
@@ -24,6 +31,7 @@ def bilateral_page(
         problem: what it was asked for.
         page: where it is printed.
         shown: the problem as the user names it.
+        written: file of the coupling; None if none was written.
         verbose: with all that is known below.
     """
     follower, device, unit = problem.follower, problem.device, problem.units.unit
@@ -34,12 +42,36 @@ def bilateral_page(
         f"{there} away, {follower.architecture} · leader {quantity(device.mass_kg, unit('kg'))}, "
         f"{quantity(1 / device.sample_time_s, 'Hz')}"
     )
-    text = page.rendered(headline, bilateral_rows(document, problem), [f"avc recommend {shown} -v"])
+    following = f"avc recommend {shown} -v" if written is None else f"avc export {written} --c DIR"
+    text = page.rendered(headline, bilateral_rows(document, problem), [following])
     if verbose:
         lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]
         lines += [f"not used: {what}" for what in document["not_used"]]
         text = "\n".join([text, "", problem.units.text("\n".join(lines))])
     return text
+
+
+def bilateral_export_page(document: dict[str, Any], coupling: TeleoperatorCoupling, page: Page, shown: str) -> str:
+    """Return the `export` document of a teleoperator as a headline and rows.
+
+    Args:
+        document: of `avc export --json`.
+        coupling: what was exported.
+        page: where it is printed.
+        shown: the coupling as the user names it.
+    """
+    unit, rates = coupling.problem.units.unit, (document["sample_time_s"], document["follower_sample_time_s"])
+    springs = [
+        f"{who} K {quantity(gains.stiffness_n_per_m, unit('N/m'))}, B {quantity(gains.damping_ns_per_m, unit('N.s/m'))}"
+        for who, gains in (("leader", coupling.gains), ("follower", coupling.at_follower))
+    ]
+    told = " and ".join(quantity(1 / one, "Hz") for one in dict.fromkeys(rates))
+    rows = [
+        Row("Coupling", f"{coupling.id}: {'; '.join(springs)}"),
+        Row("C", f"{document['precision']} precision, {told}; one source for both ends"),
+        *(Row("File" if place == 0 else "", one) for place, one in enumerate(document["files"])),
+    ]
+    return page.rendered(f"{shown}   leader and follower, {coupling.follower.architecture}", rows)
 
 
 def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:

@@ -1,0 +1,207 @@
+"""The exported coupling of a teleoperator is the loop that was judged, on any compiler; faults end in less force."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from exported import C99, CLANG, CPP11
+from exported_teleoperator import ExportedPair, teleoperator_coupling
+from teleoperator_simulator import run
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.files.teleoperator_coupling_file import read_teleoperator_coupling, write_teleoperator_coupling
+from avc_hardware import export_teleoperator_c
+
+# In which a force fades, and after how many a link is silent, in samples.
+FADE, SILENT = 50, 5
+FOLLOWER = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\n"
+
+
+def target(time):
+    """At rest until the force has come in."""
+    return 0.02 * math.sin(2 * math.pi * 1.5 * (time - 0.2)) if time > 0.2 else 0.0
+
+
+@pytest.mark.parametrize(
+    ("gains", "period", "there", "back", "scales", "force", "contact", "uneven", "limit"),
+    [
+        ((2000.0, 10.0, 0.0), 1e-3, 0.0, 0.0, (1.0, 1.0), None, None, (0.0, 0.0), math.inf),
+        ((800.0, 6.0, 2.0), 1e-3, 5e-3, 3.5e-3, (1.0, 1.0), None, (2000.0, 4.0), (0.1, 0.05), math.inf),
+        ((300.0, 6.0, 1.0), 2e-3, 20e-3, 20e-3, (0.2, 0.5), None, None, (0.1, 0.01), math.inf),
+        ((800.0, 6.0, 2.0), 0.5e-3, 2e-3, 2e-3, (5.0, 3.0), None, "fixed", (0.3, 0.0), 2.0),
+        ((400.0, 6.0, 4.0), 1e-3, 1e-3, 1e-3, (1.0, 1.0), "commanded", (500.0, 4.0), (0.0, 0.0), math.inf),
+        ((400.0, 6.0, 4.0), 1e-3, 0.0, 0.0, (0.5, 4.0), "measured", (500.0, 4.0), (0.0, 0.0), math.inf),
+    ],
+)
+def test_exported_loop_is_the_plain_simulation(gains, period, there, back, scales, force, contact, uneven, limit):
+    scale = scales[0] * scales[1]
+    text = (
+        f"mass_kg = {0.3 / scale!r}\ndamping_ns_per_m = {1 / scale!r}\nsample_time_s = {period!r}\ndelay_samples = 1\n"
+        f"delay_s = {there!r}\nreturn_delay_s = {back!r}\nposition_scale = {scales[0]}\nforce_scale = {scales[1]}\n"
+        f"jitter = {uneven[0]}\nlost_share = {uneven[1]}\n"
+        f"architecture = '{'position-position' if force is None else 'position-force'}'\n"
+        f"force = '{force or 'commanded'}'\n"
+    )
+    device = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
+    if math.isfinite(limit):
+        text, device = f"{text}max_force_n = {limit / scales[1]!r}\n", f"{device}max_force_n = {limit}\n"
+    pair = ExportedPair(teleoperator_coupling(text, *gains, device=device))
+    for end in (pair.leader, pair.follower):
+        # Where the other one is, is known at the beginning.
+        assert end.receive(pair.Message(0, 0.0, 0.0, 0.0))
+    given = {
+        "hand": (0.1, 5.0, 400.0),
+        "contact": contact,
+        "target": target,
+        "force": force,
+        "limit": limit,
+        "jitter": uneven[0],
+        "lost": uneven[1],
+    }
+    devices = (0.12, 0.8, 1e-3, 1), (0.3, 1.0, period, 1)
+    wanted = run(*devices, gains, 1.5, there, back, **given)
+    found = run(*devices, gains, 1.5, there, back, **given, ends=(pair.leader, pair.follower))
+    assert np.abs(wanted[0]).max() > 5e-3
+    assert np.abs(wanted).max() < 1
+    assert np.abs(found - wanted).max() < 1e-9
+
+
+def pulled(compiler=C99, precision="double", follower=FOLLOWER):
+    """Both ends after a while, the follower 1 mm behind a leader at rest, and what the follower has sent last."""
+    pair = ExportedPair(teleoperator_coupling(follower, 1000.0, 5.0, 2.0), compiler=compiler, precision=precision)
+    for _ in range(2 * FADE):
+        message = pair.follower.message()
+        pair.follower.step(0.001, pair.leader.message())
+        force = pair.leader.step(0.0, message)
+    assert force == pytest.approx(1.0)
+    return pair
+
+
+@pytest.mark.parametrize("compiler", [C99, CPP11, CLANG], ids=lambda one: one[0])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_every_compiler_and_precision_gives_the_same_forces(compiler, precision):
+    pair, reference = pulled(compiler, precision), pulled()
+    for k in range(300):
+        x, y = 0.01 * math.sin(0.03 * k), 0.001 + 0.008 * math.sin(0.03 * k)
+        forces = []
+        for one in (pair, reference):
+            one.follower.step(y, one.leader.message())
+            forces.append(one.leader.step(x, one.follower.message()))
+        assert forces[0] == pytest.approx(forces[1], abs=1e-2 if precision == "single" else 1e-9)
+
+
+def test_force_comes_in_slowly_wherever_both_ends_are():
+    pair = ExportedPair(teleoperator_coupling(FOLLOWER, 1000.0, 5.0))
+    assert pair.leader.step(0.0) == 0.0
+    forces = []
+    for _ in range(FADE):
+        pair.follower.sample(0.02)
+        forces.append(pair.leader.step(0.0, pair.follower.message()))
+    assert forces == pytest.approx([20.0 * (k + 1) / FADE for k in range(FADE)])
+
+
+def test_old_and_duplicate_messages_are_ignored():
+    pair = pulled()
+    old = pair.follower.message()
+    pair.follower.step(0.002)
+    new = pair.follower.message()
+    assert pair.leader.receive(new)
+    assert not pair.leader.receive(new)
+    assert not pair.leader.receive(old)
+    assert pair.leader.step(0.0, old) == pytest.approx(1000 * 0.002 + 5.0 * 1.0)
+
+
+def test_numbers_may_run_over():
+    pair = pulled()
+    last = pair.follower.message().number
+    pair.leader.init()
+    assert pair.leader.receive(pair.Message(2**32 - 1, 0.0, 0.0, 0.0))
+    assert pair.leader.receive(pair.Message(1, 0.001, 0.0, 0.0))
+    assert not pair.leader.receive(pair.Message(2**32 - 1, 0.0, 0.0, 0.0))
+    assert last < 2**31
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5])
+@pytest.mark.parametrize("place", ["position", "velocity", "force"])
+def test_bad_numbers_of_a_message_are_refused(bad, place):
+    pair = pulled()
+    message = pair.follower.message()
+    message.number += 1
+    value = bad if place == "position" or not math.isfinite(bad) else 1e9
+    setattr(message, place, value)
+    assert not pair.leader.receive(message)
+    assert pair.leader.step(0.0, message) == pytest.approx(1.0)
+
+
+def test_silent_link_lets_the_force_fade_and_an_end_that_starts_anew_is_believed():
+    pair = pulled()
+    forces = [pair.leader.step(0.0) for _ in range(SILENT + FADE + 5)]
+    assert forces[: SILENT - 1] == pytest.approx([1.0] * (SILENT - 1))
+    assert np.all(np.diff(forces) <= 1e-12)
+    assert np.abs(np.diff(forces)).max() <= 1.01 / FADE
+    assert forces[-1] == 0.0
+    pair.follower.init()
+    pair.follower.sample(0.3)
+    back = [pair.leader.step(0.0, pair.follower.message())]
+    for _ in range(FADE):
+        pair.follower.sample(0.3)
+        back.append(pair.leader.step(0.0, pair.follower.message()))
+    assert back[:2] == pytest.approx([300 / FADE, 600 / FADE])
+    assert back[-1] == pytest.approx(300.0)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5])
+def test_own_position_that_is_none_fades_both_ends(bad):
+    pair = pulled()
+    number = pair.leader.message().number
+    assert pair.leader.step(bad) == pytest.approx(1.0 - 1 / FADE)
+    assert pair.leader.message().number == number
+    for _ in range(SILENT + FADE + 1):
+        pair.leader.step(math.nan)
+        force = pair.follower.step(0.001, pair.leader.message())
+        assert math.isfinite(force)
+    assert force == 0.0
+    assert pair.leader.step(math.nan) == 0.0
+
+
+def test_unstable_coupling_is_written_by_request_only():
+    coupling = teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0)
+    with pytest.raises(avc.NotDeployableError, match="linearly unstable"):
+        export_teleoperator_c(coupling)
+    assert "UNSAFE, written by request" in export_teleoperator_c(coupling, unsafe=True)["avc_coupling.h"]
+
+
+def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):
+    coupling = teleoperator_coupling(f"{FOLLOWER}position_scale = 0.5\nforce_scale = 4.0\n", 900.0, 6.0, 2.0)
+    path = tmp_path / "c.json"
+    write_teleoperator_coupling(coupling, path)
+    assert read_teleoperator_coupling(path) == coupling
+    document = json.loads(path.read_text())
+    assert document["at_follower"] == {
+        "stiffness_n_per_m": 450.0,
+        "damping_ns_per_m": 3.0,
+        "local_damping_ns_per_m": 1.0,
+    }
+    path.write_text(json.dumps({**document, "stiffness_n_per_m": 901.0}))
+    with pytest.raises(avc.InputError, match="changed since"):
+        read_teleoperator_coupling(path)
+    path.write_text(json.dumps({**document, "problem_file": {}, "damping_ns_per_m": -1.0}))
+    with pytest.raises(avc.InputError, match=r"\[follower\] among them"):
+        read_teleoperator_coupling(path)
+
+
+def test_command_writes_a_coupling_and_its_c(tmp_path, capsys):
+    file, out = tmp_path / "arm.toml", tmp_path / "c.json"
+    file.write_text(
+        "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\n"
+    )
+    assert main(["recommend", str(file), "--hands", "8", "--out", str(out)]) == 0
+    assert f"avc export {out}" in capsys.readouterr().out
+    assert main(["export", str(out), "--c", str(tmp_path / "c"), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["coupling"] == read_teleoperator_coupling(out).id
+    assert {path.name for path in (tmp_path / "c").iterdir()} == {"avc_coupling.h", "avc_coupling.c"}
+    assert main(["export", str(out), "--c", str(tmp_path / "d")]) == 0
+    assert "follower" in capsys.readouterr().out
