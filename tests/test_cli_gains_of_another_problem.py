@@ -5,8 +5,8 @@ import json
 import pytest
 
 from avc_casadi import dump_problem, load_problem
+from avc_casadi._util.quantity import quantity
 from avc_casadi.cli import main
-from avc_casadi.present.terminal import quantity
 
 VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]
 

@@ -6,11 +6,12 @@ import re
 import pytest
 
 import avc_casadi as avc
+from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import ROWS_SHOWN, sample_rows
 from avc_casadi.cli import main
 from avc_casadi.paper.errata import PAPER_ERRORS
 from avc_casadi.present.pages.scene import scene_page
-from avc_casadi.present.terminal import Page, quantity
+from avc_casadi.present.terminal import Page
 from avc_casadi.recommendation import stiffest as _stiffest
 
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}

@@ -61,6 +61,10 @@ ASKED = [
             "certify soft.json --prove",
             "zwidth figure5",
             "zwidth knob",
+            "recommend tool/unity-60hz --hands 3 --out tool.json",
+            "certify tool.json",
+            "zwidth tool/unity-60hz",
+            "check tool/unity-60hz",
             "simulate scenes/stiff-wall-pressed --against none,direct",
             "simulate scenes/teaching-plant --screen",
             "certify knob.json",
@@ -96,6 +100,7 @@ def needed(asked, there):
     made = {
         "direct.json": ["solve", "figure5", "--out", "direct.json"],
         "knob.json": ["solve", "knob", "--method", "static", "--out", "knob.json"],
+        "tool.json": ["recommend", "tool/unity-60hz", "--hands", "3", "--out", "tool.json"],
         "log.csv": ["excite", "reference-r1", "--seconds", "3", "--out", "log.csv"],
     }
     for name, arguments in made.items():

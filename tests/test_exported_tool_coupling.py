@@ -100,6 +100,15 @@ def test_first_sample_has_no_velocity(exchange):
     assert c.step(0.03, *given) == (-8.0 if exchange == "held-force" else 0.0)
 
 
+def test_engine_that_steps_before_the_device_pulls_at_nothing():
+    c = ExportedTool(tool_coupling(TOOL, 1000.0, 5.0))
+    assert c.tool_force(0.3, 0.0) == 0.0
+    c.sample(0.3)
+    assert c.tool_force(0.299, 0.0) == pytest.approx(1.0)
+    c.init()
+    assert c.tool_force(0.299, 0.0) == 0.0
+
+
 @pytest.mark.parametrize("exchange", ["on-time", "held-force"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5, -0.5])
 def test_single_bad_sample_changes_the_force_by_a_fiftieth(exchange, bad):
@@ -240,3 +249,49 @@ def test_device_that_turns_is_told_in_its_own_words():
 def test_options_that_are_none_are_refused(options, said):
     with pytest.raises(avc.InputError, match=said):
         export_tool_c(tool_coupling(TOOL, 500.0, 5.0), **options)
+
+
+SCENE = """<mujoco><option gravity="0 0 0" timestep="0.002"/><worldbody>
+<geom type="plane" size="1 1 .1" zaxis="-1 0 0" pos="0.02 0 0"/>
+<body name="tool"><joint type="slide" axis="1 0 0"/><geom type="sphere" size="0.02" mass="0.2"/></body></worldbody>
+</mujoco>"""
+
+
+def in_mujoco(exchange, hand, aim, kick, samples=3000):
+    """Positions of a simulated device and of a tool in MuJoCo with the exported C between them; a box begins at 0."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    c = ExportedTool(tool_coupling(f'{TOOL}exchange = "{exchange}"', 9786.0, 25.85))
+    model = mujoco.MjModel.from_xml_string(SCENE)
+    data = mujoco.MjData(model)
+    data.qpos[0] = x = -0.01
+    v, held, found, handed = kick, [0.0], [], (-0.01, 0.0)
+    plant = EngineSimulator((0.12, 0.8, T, 1), hand, (0.2, 0.0), 2 * T).step
+    for k in range(samples):
+        c.sample(x)
+        if k % 2 == 0:
+            before = float(data.qpos[0]), float(data.qvel[0])
+            data.qfrc_applied[0] = c.tool_force(*before)
+            mujoco.mj_step(model, data)
+            handed = (float(data.qpos[0]), float(data.qvel[0])) if exchange == "ahead" else before
+        held.append(-c.force(*handed))
+        now = held.pop(0)
+        place = min(-0.01 + 0.07 * T * k, aim)
+        x, v = plant @ np.array([x, v, now, place, 0.0])
+        found.append((x, handed[0]))
+    return np.array(found).T
+
+
+def test_recommended_coupling_rests_on_a_box_in_mujoco():
+    device, tool = in_mujoco("on-time", HAND, 0.01, 0.0)
+    assert np.abs(np.diff(device[-500:])).max() < 1e-9
+    assert tool[-1] > 1e-4
+    # Pressed with less than the limit, spring of the coupling between device and tool.
+    assert device[-1] - tool[-1] == pytest.approx(300.0 * (0.01 - device[-1]) / 9786.0, rel=1e-3)
+
+
+def test_state_read_after_the_step_shakes_a_released_device_in_mujoco():
+    on_time = in_mujoco("on-time", (0.0, 0.0, 0.0), 0.0, -0.02)
+    ahead = in_mujoco("ahead", (0.0, 0.0, 0.0), 0.0, -0.02)
+    stretched = [np.ptp((device - tool)[-500:]) for device, tool in (on_time, ahead)]
+    assert stretched[0] < 1e-7
+    assert stretched[1] > 1e-4

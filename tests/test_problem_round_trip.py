@@ -28,6 +28,7 @@ EFFECTS = {
     "stylus-hand": {},
     "wall": {"stiffness_n_per_m": 1e7},
     "environment": {},
+    "simulation": {"stiffness_n_per_m": 900.0, "dropped_share": 0.1},
     "coulomb-friction": {"force_n": 0.3},
     "detent": {},
     "viscous-friction": {},

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi._util.quantity import percent, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 FACTORS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
 ROWS = [Row("Coupling", "a spring", Mark.PASS), Row("Limit", "none " * 40, Mark.FAIL), Row("Force", "8 N")]

@@ -36,7 +36,7 @@ def growth(simulator, gains, steps):
     return (last / first) ** (1 / (steps / 2))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     mass=st.floats(0.02, 2.0),
     ratio=st.sampled_from([1, 2, 3, 5, 16, 2.5, 4 / 3]),
@@ -79,6 +79,7 @@ def test_spectral_radius_is_the_growth_of_a_plain_simulation(
     assert max(grown) == pytest.approx(radius, rel=0.03), worst
 
 
+SOME = {(0.05, 5), (0.2, 2)}
 LIMITS = {
     (0.05, 2): (17250, 9028, 532),
     (0.05, 5): (4378, 3147, 265),
@@ -92,7 +93,10 @@ LIMITS = {
 RIGID = 17694
 
 
-@pytest.mark.parametrize(("mass", "ratio"), LIMITS)
+@pytest.mark.parametrize(
+    ("mass", "ratio"),
+    [case if case in SOME else pytest.param(*case, marks=pytest.mark.thorough) for case in LIMITS],
+)
 def test_stiffest_coupling_is_that_of_an_earlier_prototype(mass, ratio):
     """Limits of a prototype of its own, free tool, bounded by the rigidly held one; its grid of B was coarse."""
     for exchange, limit in zip(("on-time", "late", "ahead"), LIMITS[mass, ratio], strict=True):

@@ -6,8 +6,10 @@ import argparse
 
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._check_device import check_device, is_device
+from avc_casadi.cli._check_tool import check_tool
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_problem
+from avc_casadi.cli._to_simulation import couples_to_simulation
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Load the problem; its faults are raised."""
+    if couples_to_simulation(args.problem):
+        return check_tool(args, console)
     from avc_casadi._util.json_values import plain
     from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
     from avc_casadi.files.plausibility import plausibility
@@ -31,7 +35,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     frequency = problem.frequencies_hz()
     device, measured = problem.device, problem.boundaries.measured
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)]
-    why_none = hopeless(problem)
+    # What says that a wall is hopeless knows of no other end.
+    walled = problem.simulation is None and problem.follower is None
+    why_none = hopeless(problem) if walled else ""
     if why_none:
         warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why_none}"})
     document = {

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._subject import load_problem
+from avc_casadi.cli._subject import TOOL_VERBS, load_problem
 from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
 
@@ -35,6 +35,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.explore.server import ExploreServer
 
     problem = load_problem(args.problem)
+    if problem.simulation is not None:
+        raise avc.InputError.of(f"has a [simulation], and the page has a wall alone; {TOOL_VERBS}", file=args.problem)
     explorer = Explorer(problem, args.problem, package_versions())
     try:
         server = ExploreServer(explorer, args.port)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
@@ -14,6 +15,8 @@ from avc_casadi.cli._text import holes_text
 
 # As `avc_hardware.export_c` knows them.
 PACKAGES = ("arduino", "platformio", "cmake", "chai3d", "openhaptics", "haply")
+# As `avc_casadi.present.pages.engines` knows them.
+ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,11 +24,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard\n"
         "and force limit, in C99 that is also C++11 and later. A coupling that is not deployable is refused with exit\n"
-        "code 1; --unsafe overrides."
+        "code 1; --unsafe overrides. Of a coupling to a [simulation] both ends, the device's and the engine's; or its\n"
+        "numbers in the words of an engine (--parameters)."
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
-    parser.add_argument(
-        "--c", required=True, metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c, or for the packages"
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("--c", metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c, or for the packages")
+    what.add_argument(
+        "--parameters",
+        choices=ENGINES,
+        metavar="ENGINE",
+        help=f"numbers of a coupling to a [simulation] in the words and units of an engine: {', '.join(ENGINES)}",
     )
     parser.add_argument(
         "--precision",
@@ -54,23 +63,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Write both files."""
+    """Write both files, or tell the parameters."""
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.files.teleoperator_coupling_file import is_teleoperator_coupling
+    from avc_casadi.files.tool_coupling_file import is_tool_coupling
     from avc_casadi.present.pages.bench import export_page
     from avc_hardware import export_c
 
+    if is_tool_coupling(args.gains):
+        return _to_simulation(args, console)
     if is_teleoperator_coupling(args.gains):
         return _to_follower(args, console)
+    if args.parameters is not None:
+        raise avc.InputError.of(
+            "is of a coupling to a [simulation], and this file holds none; for C: --c DIR",
+            file=args.gains,
+            key="--parameters",
+        )
     coupling = read_subject("export", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     with faults_of(args.gains, args), console.step("C"):
         files = export_c(coupling, precision=args.precision, packages=args.package, name=args.name, unsafe=args.unsafe)
-    with output_folder(args.c, "--c") as folder:
-        for name, text in files.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            write_text(folder / name, text, "--c")
-    written = [str(Path(args.c) / name) for name in files]
+    written = _written(args.c, files)
     document: dict[str, Any] = {
         "schema": "avc-export/2",
         "coupling": coupling.id,
@@ -85,6 +99,46 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     }
     document["holes"] = holes_text(coupling) or None
     return Answer(document, export_page(document, coupling, console.page, args.gains), more="\n".join(written))
+
+
+def _written(to: str, files: dict[str, str]) -> list[str]:
+    """Write files into a folder; returns their paths."""
+    with output_folder(to, "--c") as folder:
+        for name, text in files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            write_text(folder / name, text, "--c")
+    return [str(Path(to) / name) for name in files]
+
+
+def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
+    """Write both ends of a coupling to a [simulation], or tell its numbers in the words of an engine."""
+    from avc_casadi.claims.stability.tool_loop import ToolLoops
+    from avc_casadi.cli._to_simulation import read_tool
+    from avc_casadi.present.pages import tool_parameters as told
+    from avc_hardware import export_tool_c
+
+    alien = [option for option in ("package", "problem") if getattr(args, option)]
+    if alien:
+        raise avc.InputError.of("is of couplings to a wall; leave it out", file=args.gains, key=f"--{alien[0]}")
+    coupling = read_tool(args.gains)
+    if args.parameters is not None:
+        said = told.tool_parameters(coupling, args.parameters)
+        page = told.parameters_page(said, coupling, args.parameters, console.page, args.gains)
+        return Answer(told.parameters_document(said, coupling, args.parameters), page)
+    with faults_of(args.gains, args), console.step("C"):
+        files = export_tool_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
+    written, stable = _written(args.c, files), ToolLoops(coupling.problem).stable(coupling.gains)
+    document = {
+        "schema": "avc-export-tool/1",
+        "coupling": coupling.id,
+        "files": written,
+        "sample_time_s": coupling.problem.device.sample_time_s,
+        "step_s": list(coupling.tool.step_s),
+        "exchange": coupling.tool.exchange,
+        "precision": args.precision,
+        "unsafe": "" if stable else "UNSAFE, went on by request: a loop is linearly unstable",
+    }
+    return Answer(document, told.tool_export_page(document, coupling, console.page, args.gains))
 
 
 def _to_follower(args: argparse.Namespace, console: Console) -> Answer:

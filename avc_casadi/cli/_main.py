@@ -76,7 +76,9 @@ def build_parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"avc-casadi {__version__}")
-    verbs = parser.add_subparsers(metavar=_VERB, required=True, parser_class=_Parser, help=argparse.SUPPRESS)
+    verbs = parser.add_subparsers(
+        metavar=_VERB, prog="avc", required=True, parser_class=_Parser, help=argparse.SUPPRESS
+    )
     listed = []
     for question, names in QUESTIONS.items():
         listed.append(f"{question}:")

@@ -12,7 +12,9 @@ from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._screen import screened
+from avc_casadi.cli._simulate_tool import simulate_tool
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
+from avc_casadi.cli._to_simulation import couples_to_simulation
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -71,6 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate, measure the cost of each effect, write and show; 1 if the device does not settle."""
+    if couples_to_simulation(args.problem):
+        return simulate_tool(args, console)
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.declared import left_out
     from avc_casadi.model.gains import NO_COUPLING, without_start

@@ -41,10 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push the table as the safety net, then stream; 1 if the device does not end on this coupling's table."""
     from avc_casadi._util.json_values import plain
+    from avc_casadi._util.quantity import quantity
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.present.pages.bench import stream_page
     from avc_casadi.present.pages.subject import quantities
-    from avc_casadi.present.terminal import quantity
     from avc_hardware import stream
 
     coupling = _coupling(args, console)

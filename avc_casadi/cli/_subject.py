@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from avc_casadi.files.device_file import DeviceFile
 
 _FILES = (".json", ".csv")
+TOOL_VERBS = "avc recommend, certify, zwidth, simulate, check and export know a [simulation]"
 
 
 def load_problem(source: str) -> avc.Problem:
@@ -94,7 +95,11 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
     from avc_casadi._util.units import speak
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.coupling_file import GAINS_ALONE, read_file
+    from avc_casadi.files.tool_coupling_file import is_tool_coupling
 
+    if is_tool_coupling(file):
+        why = f"is a coupling to a simulation; {verb} takes one to a wall in the device's own loop: {TOOL_VERBS}"
+        raise avc.InputError.of(why, file=file)
     if not is_coupling(file) and _is_problem(file):
         make = f"avc recommend {file} --out c.json"
         raise avc.InputError.of(f"is a problem; {verb} takes a coupling: {make}", file=file)

@@ -12,7 +12,7 @@ from avc_casadi.cli._to_simulation import problem_and_gains
 def zwidth_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Compute the region, draw and show."""
     from avc_casadi.claims.stability.tool_region import tool_region
-    from avc_casadi.present.pages.tool_claims import region_page
+    from avc_casadi.present.pages.tool_claims import region_lines, region_page
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem, _ = problem_and_gains(args.problem, None)
@@ -25,5 +25,5 @@ def zwidth_tool(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("figure"):
             save_figure(draw_tool_region(region), plot)
     document = region.document()
-    text = region_page(document, problem, console.page, args.problem)
-    return Answer(document, text if plot is None else f"{text}\ndrawn: {args.plot}")
+    text = region_page(document, problem, console.page, args.problem, args.plot)
+    return Answer(document, text, more="\n".join(region_lines(document, problem)))

@@ -34,6 +34,7 @@ class ToolSearchOptions:
         precision: relative precision of a limit.
         near_best: dampers with this share of the best damping ratio are good; the one with the widest gain margin wins.
         widest_margin: gain margins are sought up to this.
+        lighter: shares of a good damping ratio with which a lighter damper is tried, too.
         local_ratios: dampers of the device's own loop that are tried beside a held force, as damping ratios of the
             released device on the spring K: above 1 it would only creep back.
     """
@@ -46,6 +47,7 @@ class ToolSearchOptions:
     precision: float = 5e-3
     near_best: float = 0.9
     widest_margin: float = 4.0
+    lighter: tuple[float, ...] = (0.5, 0.25)
     local_ratios: tuple[float, ...] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
 
@@ -156,11 +158,12 @@ class CouplingSearch:
         place = int(np.argmax(limits))
         if limits[place] == 0:
             return gains(0.0, 0.0)
-        found = [(limits[place], dampers[place])]
+        fine = 1 + self.options.precision
+        found = [(self._limit(partial(_with, gains, dampers[place]), limits[place], fine), dampers[place])]
 
         def softness(logarithm: float) -> float:
             damping = math.exp(logarithm)
-            limit = self._limit(partial(_with, gains, damping), max(found)[0], 1 + self.options.precision)
+            limit = self._limit(partial(_with, gains, damping), max(found)[0], fine)
             found.append((limit, damping))
             return -limit
 
@@ -177,7 +180,7 @@ class CouplingSearch:
         return best
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
-        """Return K with the dampers to be tried: the best damped, the lightest that damps half as well, the heaviest.
+        """Return K with dampers to try: what damps best, lighter ones that damp half as well or less, the heaviest.
 
         Of dampers nearly as good as the best the one with the widest margin counts. A light one passes on less of the
         encoder's steps. Where the least damped of all oscillations is one that no damper of the coupling reaches, as of
@@ -201,9 +204,9 @@ class CouplingSearch:
         ratios = [self._judge.slowest(one).damping_ratio for one in safe]
         share = self.options.near_best
         best = max(_with_share(safe, ratios, share), key=self.gain_margin)
-        lightest = min(_with_share(safe, ratios, share / 2), key=_dampers)
+        lighter = [min(_with_share(safe, ratios, share * part), key=_dampers) for part in self.options.lighter]
         heaviest = max(_with_share(safe, ratios, share), key=_dampers)
-        return list(dict.fromkeys((best, lightest, heaviest)))
+        return list(dict.fromkeys((best, *lighter, heaviest)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
         """Whether some damper makes every loop stable with this K."""

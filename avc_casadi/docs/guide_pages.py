@@ -12,6 +12,7 @@ PAGES = {
     "README.md": "readme",
     "avc_casadi/README.md": "equations-and-layout",
     "problems/README.md": "problems",
+    "problems/OTHER_ENDS.md": "simulations-and-second-devices",
     "hardware/README.md": "hardware",
     "hardware/PORTING.md": "porting",
     "hardware/COMPARED.md": "compared",

@@ -16,6 +16,8 @@ from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Ru
 
 _M = TypeVar("_M", bound=BaseModel)
 
+# What stands at the other end of few files, with keys that others have too.
+_SELDOM = {"simulation", "follower"}
 # More would help nobody, and a file of a million wrong numbers must be answered at once too.
 _MOST = 1000
 
@@ -141,7 +143,10 @@ def _hint(whole: type[BaseModel], own: list[type[BaseModel]], path: Path) -> str
         inside = [f"[{table}.{name}]" for model in own for name in _tables_with(model, key)]
         # A key of which a word was left out is of its own table, whoever else has one of that name.
         left_out = near and key in near[0]
-        others = inside or ([] if left_out else [f"[{name}]" for name in _tables_with(whole, key)])
+        having = [] if left_out else _tables_with(whole, key)
+        # What few files have is named where no other table has the key.
+        usual = [name for name in having if name not in _SELDOM] or having
+        others = inside or [f"[{name}]" for name in usual]
         if others:
             return f"{BELONGS_IN}{' or '.join(others)}"
     return f"; did you mean {near[0]}?" if near else ""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import short
+from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
@@ -94,7 +94,7 @@ class BilateralRecommendation(Comparable):
         if self.gains is None:
             return f"BilateralRecommendation({self.problem.name!r}: none; {self.reason})"
         k, b = self.gains.stiffness_n_per_m, self.gains.damping_ns_per_m
-        return f"BilateralRecommendation({self.problem.name!r}: K {short(k, 'N/m')}, B {short(b, 'N.s/m')})"
+        return f"BilateralRecommendation({self.problem.name!r}: K {quantity(k, 'N/m')}, B {quantity(b, 'N.s/m')})"
 
     def document(self) -> dict[str, Any]:
         """Return the `recommend` document: JSON values only; what asks for a wall is null."""
@@ -206,7 +206,7 @@ def _tried(
     count = options.tries if required_follower(problem).stiffness_n_per_m is None else 1
     trial, stiffness = None, first_n_per_m
     for number in range(count):
-        progress.advance(number, count, f"K of {short(stiffness, problem.units.unit('N/m'))}")
+        progress.advance(number, count, f"K of {quantity(stiffness, problem.units.unit('N/m'))}")
         for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
             trial = try_bilateral(problem, gains, people, seed)
             if trial.settled:
@@ -254,12 +254,12 @@ def _longest_delay(device: Device) -> float:
 
 def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: BilateralTrial | None) -> str:
     wanted, unit = required_follower(problem).stiffness_n_per_m, problem.units.unit("N/m")
-    limit = short(stiffest.stiffness_n_per_m, unit)
+    limit = quantity(stiffest.stiffness_n_per_m, unit)
     if gains is not None:
         what = "the stiffness that is wanted" if wanted is not None else "the stiffest that keeps its margin"
         return f"{what}, all hands settled"
     if trial is None:
-        asked = "" if wanted is None else f"{short(wanted, unit)} is wanted; "
+        asked = "" if wanted is None else f"{quantity(wanted, unit)} is wanted; "
         return f"{asked}the stiffest coupling that is stable is {limit}"
     return f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the softest coupling that was tried"
 

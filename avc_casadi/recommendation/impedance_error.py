@@ -70,8 +70,36 @@ def error_curve(
         frequency_hz: where; a table is read at its end beyond it.
         wall: the wall that should be felt; None is the one that is rendered.
     """
+    wall, device, s = wall or problem.environment, problem.device, 2j * np.pi * frequency_hz
+    felt, goal = _at_handle(problem, gains, frequency_hz, wall)
+    physical = device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, physical))
+
+
+def rendered_stiffness_n_per_m(
+    problem: Problem, gains: Gains | GainTable | GainSchedule | Coupling, frequency_hz: FloatArray
+) -> FloatArray:
+    """Return |Z_h - Z_d| omega of what is rendered at the handle, shape (n,): of a wall without damper its stiffness.
+
+    Args:
+        problem: device and the wall that is rendered.
+        gains: as for `error_curve`.
+        frequency_hz: where.
+    """
+    device, s = problem.device, 2j * np.pi * frequency_hz
+    felt, _ = _at_handle(problem, gains, frequency_hz, problem.environment)
+    return np.abs((felt - device.mass_kg * s - device.damping_ns_per_m) * s)
+
+
+def _at_handle(
+    problem: Problem,
+    gains: Gains | GainTable | GainSchedule | Coupling,
+    frequency_hz: FloatArray,
+    wall: Impedance,
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return the impedance that is felt, and that of the sampled wall itself."""
     stated = problem.changed(stability={"model": "sampled-data"})
-    loop, wall, device = loop_at(stated, frequency_hz), wall or problem.environment, problem.device
+    loop, device = loop_at(stated, frequency_hz), problem.device
     law = gains.runtime.state_feedback if isinstance(gains, Coupling) else None
     rows = _rows(gains.table if isinstance(gains, Coupling) else gains, frequency_hz)
     angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
@@ -80,14 +108,12 @@ def error_curve(
         loop.hold,
         environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m),
     )
-    s = 2j * np.pi * frequency_hz
-    on_time = np.exp(s * device.delay_samples * device.sample_time_s)
+    on_time = np.exp(2j * np.pi * frequency_hz * device.delay_samples * device.sample_time_s)
     felt, goal = (
         impedance_at_handle(device, (np.asarray(each) - loop.device) * on_time, frequency_hz)
         for each in (felt_impedance(stated, frequency_hz, rows, law), sampled)
     )
-    physical = device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, physical))
+    return felt, goal
 
 
 def _rows(

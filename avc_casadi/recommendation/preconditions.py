@@ -130,6 +130,11 @@ def _not_simulated(problem: Problem) -> set[str]:
     return {"device.backlash_m", "device.range.backlash_m"} if at_handle else set()
 
 
+def _far_end(problem: Problem) -> str:
+    """Return the table of what stands at the other end in place of a wall; empty where there is none."""
+    return "simulation" if problem.simulation is not None else "follower" if problem.follower is not None else ""
+
+
 def not_used(problem: Problem) -> tuple[str, ...]:
     """Name what the problem declares and no candidate, certificate or trial uses."""
     unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem)]
@@ -140,4 +145,7 @@ def not_used(problem: Problem) -> tuple[str, ...]:
         for effect in problem.scene.effects
         if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated
     ]
+    wall = problem.environment
+    if _far_end(problem) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
+        unused.append(f"environment (a wall in the device's own loop: leave [{_far_end(problem)}] out for it)")
     return (*unused, *(f"scene.effects: {kind} (simulated by avc simulate alone)" for kind in listed))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import short
+from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
@@ -40,6 +40,7 @@ class ToolOptions:
             with room to choose the damper.
         softer: each next one is so many times the one before, where hands do not settle.
         tries: how many are tried.
+        for_friction: so many softer ones are tried for one that needs no dry friction, where one that does is found.
         mismatch: share by which mass and damping of the device may be off.
         later_samples: by which its delay may be longer.
         heaviest: a tool so many times heavier is looked at, at most.
@@ -48,8 +49,9 @@ class ToolOptions:
 
     gain_margin: float = 1.5
     share_of_limit: float = 0.6
-    softer: float = 0.85
-    tries: int = 8
+    softer: float = 0.8
+    tries: int = 12
+    for_friction: int = 2
     mismatch: float = 0.1
     later_samples: float = 0.25
     heaviest: float = 100.0
@@ -57,6 +59,8 @@ class ToolOptions:
 
 
 OPTIONS = ToolOptions()
+# Who tries a coupling first, corners of the hands, and in which motions: what they refuse nobody else tries.
+_FIRST, _HARDEST = 16, ("touch", "free")
 
 
 @dataclass(frozen=True)
@@ -119,7 +123,8 @@ class ToolRecommendation(Comparable):
         if self.coupling is None:
             return f"ToolRecommendation({self.problem.name!r}: none; {self.reason})"
         k, b = self.coupling.gains.stiffness_n_per_m, self.coupling.gains.damping_ns_per_m
-        return f"ToolRecommendation({self.problem.name!r}: K {short(k, 'N/m')}, B {short(b, 'N.s/m')}; {self.reason})"
+        told = f"K {quantity(k, 'N/m')}, B {quantity(b, 'N.s/m')}"
+        return f"ToolRecommendation({self.problem.name!r}: {told}; {self.reason})"
 
     def document(self) -> dict[str, Any]:
         """Return the `recommend` document: JSON values only; what asks for a wall is null."""
@@ -253,15 +258,21 @@ def _tried(
     people = people_of(problem.hands, hands, seed)
     count = options.tries if tool.stiffness_n_per_m is None else 1
     trial, stiffness = None, first_n_per_m
+    first = people.pick(slice(0, _FIRST))
     leaning: tuple[ToolGains, ToolTrial] | None = None
     for number in range(count):
-        progress.advance(number, count, f"K of {short(stiffness, problem.units.unit('N/m'))}")
+        progress.advance(number, count, f"K of {quantity(stiffness, problem.units.unit('N/m'))}")
         for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
+            trial = try_tool(problem, gains, first, seed, _HARDEST)
+            if not trial.settled_with_friction:
+                continue
             trial = try_tool(problem, gains, people, seed)
             if trial.settled:
                 return gains, trial
             if leaning is None and trial.settled_with_friction:
                 leaning = gains, trial
+        if leaning is not None and number >= options.for_friction:
+            break
         stiffness *= options.softer
     return leaning or (None, trial)
 
@@ -275,22 +286,33 @@ def _hopeless(problem: Problem, search: ToolSearch, limit_n_per_m: float) -> str
         return ""
     if not search.loops.engine_alone_stable():
         unit, lightest = problem.units.unit, min(tool.tool_mass_kg or (math.inf,))
-        stiffest = short(tool.contact_stiffness_n_per_m[1], unit("N/m"))
+        stiffest = quantity(tool.contact_stiffness_n_per_m[1], unit("N/m"))
+        step, mass = quantity(max(tool.step_s), "s"), quantity(lightest, unit("kg"))
         return (
-            f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of "
-            f"{short(max(tool.step_s), 's')} with {short(lightest, unit('kg'))} (dt sqrt(k/m) must stay well below 2); "
-            "a shorter step, a softer or a rigid contact, a heavier tool, an implicit integrator"
+            f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of {step} with {mass} "
+            "(dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier tool, an "
+            "implicit integrator"
         )
     return "no spring and damper is stable with every hand, released, tool and contact: see what would help"
 
 
 def _why_none(problem: Problem, wanted: float | None, limit: float, trial: ToolTrial | None) -> str:
     if wanted is not None and trial is None:
-        unit = problem.units.unit("N/m")
-        return f"{short(wanted, unit)} is wanted, and the stiffest coupling that is stable is {short(limit, unit)}"
-    settled = 0 if trial is None else int(trial.stable.sum())
-    asked = 0 if trial is None else trial.hands
-    return f"of {asked} simulated hands {settled} settle with the softest coupling that was tried"
+        asked, most = (quantity(one, problem.units.unit("N/m")) for one in (wanted, limit))
+        return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
+    if trial is None:
+        return "no damper keeps every loop stable"
+    name, fewest = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
+    found = f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the last coupling that was tried"
+    if fewest.all():
+        return f"{found}, {int(trial.stable_with_dropped_steps.sum())} where the engine misses steps"
+    coarse = problem.device.encoder_resolution_m > 0 and name == "touch"
+    why = (
+        "; the encoder is too coarse for the damper that this engine needs: a finer one, a faster engine"
+        if coarse
+        else ""
+    )
+    return f"{found}; hardest for them: {name}, {int(fewest.sum())} settle{why}"
 
 
 def _reason(tool: VirtualTool, wanted: float | None, margin: float, options: ToolOptions) -> str:
@@ -391,6 +413,29 @@ def _helps(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, ...]:
     ]
     better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
+
+
+def unusual(problem: Problem) -> dict[str, str]:
+    """Return what is unusual of a [simulation], by key: what costs most stiffness, and what no coupling mends.
+
+    Args:
+        problem: with [simulation].
+    """
+    tool, t, found = required_tool(problem), problem.device.sample_time_s, {}
+    if not ToolLoops(problem).engine_alone_stable():
+        found["contact_stiffness_n_per_m"] = (
+            "makes the engine's own contact unstable at this step, whatever the coupling"
+        )
+    if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
+        found["exchange"] = (
+            "is ahead: the device is given a place and a velocity that lie in the future of the force that made them, "
+            "which leaves a tenth of the stiffness or less; hand out the state that the step began with (on-time)"
+        )
+    if tool.integrator == "explicit":
+        found["integrator"] = "is explicit: it gives energy to whatever swings; no engine of note has it by default"
+    if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):
+        found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
+    return found
 
 
 def _search(problem: Problem, **simulation: Any) -> ToolSearch:

@@ -13,6 +13,9 @@ class Llewellyn(PassivityClaim):
     name: ClassVar[str] = "L4"
     title: ClassVar[str] = "Llewellyn, any passive environment"
     rank: ClassVar[float] = 40
-    claims: ClassVar[str] = "Llewellyn's (6): passive for any passive wall"
-    leaves: ClassVar[str] = "as L2 or L3, in the problem's model"
+    claims: ClassVar[str] = "Llewellyn's (6): passive for any passive wall that the device's own loop computes, every T"
+    leaves: ClassVar[str] = (
+        "as L2 or L3, in the problem's model; an engine's tool: a mass that is moved explicitly is no passive wall, "
+        "nor is one at another rate a wall of this loop (`[simulation]`, the engine's port)"
+    )
     any_environment: ClassVar[bool] = True

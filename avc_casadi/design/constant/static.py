@@ -4,19 +4,214 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import product
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
-from avc_casadi.design.constant.static_search import StaticCondition, StaticSearch
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.paper.loop import loop_at
+from avc_casadi.paper.realism import relative_errors
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.paper.rows import row_status
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from avc_casadi.model.problem import Model, Problem
+
+
+StaticCondition = Literal["llewellyn", "all"]
+# Gains are searched on a logarithmic scale down to this share of their largest value, and at their lower bound itself.
+_DECADES = 6
+_COARSE = {2: 49, 3: 21}
+_FINE = {2: 9, 3: 5}
+# From so many of the best points, which lie apart, the search goes on to steps of this size; from the best of them on.
+_STARTS, _APART = 3, 1.5
+_NEAR = 2e-3
+_SHRINK = 0.4
+_MOST_MOVES = 200
+_SMALLEST_STEP = 1e-10
+# Costs that differ by less are equal; a gain at its bound is then preferred.
+_FLAT = 1e-9
+# Points nearer than this to an end stand on it.
+_AT_END = 1e-9
+_EDGE_STEPS = 24
+# Slack, as a share of the damping of the device, below which a stiffness counts as the largest allowed.
+_ON_EDGE = 1e-13
+
+
+class StaticSearch:
+    """Search over (b, k[, b_p]), logarithmic shares of their ranges; points have shape (m, d).
+
+    On a grid over the box a stiffness beyond the condition is taken back to the largest one allowed with the same
+    damping; from the best points, which lie apart, smaller and smaller grids go on.
+    """
+
+    def __init__(self, problem: Problem, condition: StaticCondition, loop: SampledLoop) -> None:
+        self.problem, self.condition, self.loop = problem, condition, loop
+        box = problem.coupling
+        ends = [box.damping_ns_per_m, box.stiffness_n_per_m]
+        if box.structure == "damped":
+            ends.append(box.contact_damping_ns_per_m)
+        # While searching, margins are left unrefined; the result is judged exactly.
+        self.exact = False
+        self.low, self.high = np.array(ends, dtype=np.float64).T
+        if condition == "llewellyn":
+            # (6) allows b up to 8 and kT up to 9.4 times the damping of the device.
+            most = problem.device.damping_ns_per_m + box.contact_damping_ns_per_m[1]
+            self.high[:2] = np.clip([9 * most, 10 * most / loop.sample_time_s], self.low[:2], self.high[:2])
+        self.design = loop_at(problem, problem.frequencies_hz())
+
+    def gains(self, points: FloatArray) -> FloatArray:
+        """b, k and b_p of points, shape (3, m)."""
+        scale = self.high * 10.0**-_DECADES
+        ratio = (self.high + scale) / np.where(self.high > 0, self.low + scale, 1.0)
+        values = (self.low + scale) * np.where(self.high > 0, ratio, 1.0) ** points - scale
+        values = np.where(points <= 0, self.low, np.where(points >= 1, self.high, values))
+        values = np.clip(values, self.low, self.high)
+        if values.shape[1] == 2:
+            values = np.column_stack([values, np.zeros(len(values))])
+        return np.asarray(values.T)
+
+    def slack(self, points: FloatArray) -> FloatArray:
+        """What the condition leaves to spare beyond the margin, N.s/m, shape (m,)."""
+        b, k, contact = self.gains(points)
+        if self.condition == "llewellyn":
+            margin = llewellyn_margin(self.loop, b, k, contact, refine=self.exact)[0]
+        else:
+            margin = worst_margin(self.loop, b, k, contact, refine=self.exact).margin_ns_per_m
+        return np.asarray(margin - margin_over_range(self.problem))
+
+    def allowed(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Take stiffnesses back into the condition; return the points and whether they meet it."""
+        points = points.copy()
+        met = self.slack(points) >= 0
+        others, group = np.unique(np.delete(points[~met], 1, axis=1), axis=0, return_inverse=True)
+        if len(others) == 0:
+            return points, met
+        inside, reachable = self._edge(others)
+        group = group.ravel()
+        # The edge of another stretch may lie above the point: stiffness is only ever taken back.
+        back = inside[group, 1] <= points[~met, 1]
+        points[~met] = np.where(back[:, None], inside[group], points[~met])
+        met[~met] = reachable[group] & back
+        return points, met
+
+    def _edge(self, others: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Largest allowed stiffness at each of the other gains, by false position with halved ends (Illinois)."""
+        inside, outside = (np.insert(others, 1, end, axis=1) for end in (0.0, 1.0))
+        slack_in, slack_out = self.slack(inside), self.slack(outside)
+        reachable, spare = slack_in >= 0, slack_in
+        last = np.zeros(len(inside), dtype=int)
+        close = _ON_EDGE * self.problem.device.damping_ns_per_m
+        for step in range(_EDGE_STEPS):
+            # Close enough to judge by, or narrower than any later step.
+            open_rows = reachable & (spare > close) & (outside[:, 1] - inside[:, 1] > _SMALLEST_STEP)
+            if not open_rows.any():
+                break
+            fall = np.where(reachable & np.isfinite(slack_out), slack_in - slack_out, np.inf)
+            share = np.where(np.isfinite(fall) & (fall > 0), slack_in / np.where(fall > 0, fall, 1.0), 0.5)
+            # Every fourth step halves the bracket, whatever the shape of the margin.
+            share = np.full(len(share), 0.5) if step % 4 == 0 else share
+            middle = inside + share[:, None] * (outside - inside)
+            slack = self.slack(middle)
+            fits = slack >= 0
+            spare = np.where(fits, slack, spare)
+            side = np.where(fits, 1, -1)
+            stale = np.where(side == last, 0.5, 1.0)
+            slack_in, slack_out = np.where(fits, slack, slack_in * stale), np.where(fits, slack_out * stale, slack)
+            inside, outside = np.where(fits[:, None], middle, inside), np.where(fits[:, None], outside, middle)
+            last = side
+        return inside, reachable
+
+    def cost(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean squared relative error (m,), infinite where the condition cannot be met, and the points judged."""
+        points, met = self.allowed(points)
+        cost = np.full(len(points), np.inf)
+        if met.any():
+            cost[met] = self.errors(points[met])
+        return cost, points
+
+    def errors(self, points: FloatArray) -> FloatArray:
+        """Mean squared relative error, (m,)."""
+        b, k, contact = (gain[:, None] for gain in self.gains(points))
+        realism = self.problem.realism
+        perceived = self.design.perceived(b, k, contact)
+        errors = relative_errors(perceived, self.design.target[None], realism.objective, realism.jnd)
+        return np.asarray(np.mean(errors**2, axis=1))
+
+    def run(self) -> tuple[FloatArray, float]:
+        """Return the best point and its cost; with an infinite cost, the point that comes nearest to the condition."""
+        size = len(self.low)
+        grid = _grid(np.linspace(0, 1, _COARSE[size]), size)
+        step = 1.0 / (_COARSE[size] - 1)
+        cost, points = self.cost(grid)
+        if not np.isfinite(cost).any():
+            start = grid[np.argmax(self.slack(grid))]
+            nearest, _ = _descend(start, lambda some: (-self.slack(some), some), step)
+            cost, points = self.cost(nearest[None])
+            if not np.isfinite(cost).any():
+                return nearest, np.inf
+        starts = _apart(points[np.argsort(cost, kind="stable")][: np.count_nonzero(np.isfinite(cost))], _APART * step)
+        near, _ = min((_descend(start, self.cost, step, _NEAR) for start in starts), key=lambda end: end[1])
+        best, _ = _descend(near, self.cost, 10 * _NEAR)
+        best = np.where(best < _AT_END, 0.0, np.where(best > 1 - _AT_END, 1.0, best))
+        # The error may be so flat that the search stops short of a bound.
+        rounded = np.repeat(best[None], 2 * size - 1, axis=0)
+        for row, (gain, end) in enumerate(product([0, *range(2, size)], (0.0, 1.0)), start=1):
+            rounded[row, gain] = end
+            rounded[row, 1] = 1.0
+        self.exact = True
+        costs, judged = self.cost(rounded)
+        as_good = np.flatnonzero(costs <= costs.min() * (1 + _FLAT))
+        lowest = int(as_good[as_good > 0][0] if (as_good > 0).any() else 0)
+        return judged[lowest], float(costs[lowest])
+
+
+def _grid(axis: FloatArray, size: int) -> FloatArray:
+    return np.stack(np.meshgrid(*[axis] * size, indexing="ij"), axis=-1).reshape(-1, size)
+
+
+def _apart(points: FloatArray, distance: float) -> FloatArray:
+    """The first of the points, (m, d), and the next ones that lie apart from those taken before."""
+    taken = points[:1]
+    for point in points:
+        if len(taken) == _STARTS:
+            break
+        if np.abs(taken - point).max(axis=1).min() > distance:
+            taken = np.concatenate((taken, point[None]))
+    return taken
+
+
+def _descend(
+    start: FloatArray,
+    value: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    step: float,
+    smallest: float = _SMALLEST_STEP,
+) -> tuple[FloatArray, float]:
+    """Move to the best point of a small grid about the present one; shrink the grid when the best is not at its rim."""
+    offsets = _grid(np.linspace(-1, 1, _FINE[len(start)]), len(start))
+    best = float(value(start[None])[0][0])
+    for _ in range(_MOST_MOVES):
+        if step < smallest:
+            break
+        values, points = value(np.clip(start + step * offsets, 0.0, 1.0))
+        lowest = int(np.argmin(values))
+        gained = best - values[lowest]
+        if gained > 0:
+            best, start = float(values[lowest]), points[lowest]
+        # On the rim the same step goes on, unless next to nothing is gained.
+        if not gained > _FLAT * abs(best) or np.max(np.abs(offsets[lowest])) < 1:
+            step *= _SHRINK
+    return start, best
+
 
 _CONDITIONS = {
     "llewellyn": "Llewellyn (6), any passive environment",

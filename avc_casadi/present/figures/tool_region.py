@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib import colormaps
 
+from avc_casadi._util.quantity import quantity
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
-from avc_casadi.present.terminal import quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

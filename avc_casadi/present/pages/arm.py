@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import number, text_table
-from avc_casadi.present.terminal import Mark, Page, Row, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 # A device written from a workspace of which more is out of reach is warned of.
 _MUCH_OUT_OF_REACH = 0.1

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.present.terminal import Mark, Page, Row, quantity
+from avc_casadi._util.quantity import quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -45,7 +46,8 @@ def bilateral_page(
     text = page.rendered(headline, bilateral_rows(document, problem), [following])
     if verbose:
         lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]
-        text = "\n".join([text, "", *lines, *(f"not used: {what}" for what in document["not_used"])])
+        lines += [f"not used: {what}" for what in document["not_used"]]
+        text = "\n".join([text, "", problem.units.text("\n".join(lines))])
     return text
 
 
@@ -82,7 +84,7 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     found, unit = document["teleoperation"], problem.units.unit
     limit = Row("Linear limit", f"K {quantity(found['stiffest_n_per_m'], unit('N/m'))}")
     if not document["deployable"]:
-        return [Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL), limit]
+        return [Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL), limit]
     told = f"spring K {quantity(found['stiffness_n_per_m'], unit('N/m'))}"
     told += f", damper B {quantity(found['damping_ns_per_m'], unit('N.s/m'))}"
     if found["local_damping_ns_per_m"] > 0:

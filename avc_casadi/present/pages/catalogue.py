@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import quantity
 from avc_casadi.present.pages.subject import headline, passive_limit, quantities
-from avc_casadi.present.terminal import Mark, Page, Row, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi.design.comparison.document import comparison_tables
 from avc_casadi.present.pages.subject import counts, headline, passive_limit, quantities
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

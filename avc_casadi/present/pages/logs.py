@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.told import cure_text
-from avc_casadi.present.pages.subject import plural
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi.present.pages.subject import plural, quantities
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
-    from avc_casadi.identification.diagnosis.model import Diagnosis
+    from avc_casadi.identification.diagnosis.model import Cure, Diagnosis
     from avc_casadi.identification.model import Estimate, Identification
 
-# Rows of a diagnosis: a few of what is known, best first.
-_MOST_REMEDIES, _MOST_EVIDENCE, _MOST_LOGS = 3, 4, 10
+# Rows of a diagnosis: remedies, best first, and logs.
+_MOST_REMEDIES, _MOST_LOGS = 3, 10
+# Share of a swing from which the force limit bounds it; a misfit that no log tells from none.
+_CUT, _LEAST_MISFIT = 0.02, 1e-3
 # Values of a device that have a row of their own, and letters that fit beside the longest of their names.
 _MOST_VALUES, _LINE = 7, 76
 # What stands for itself, without a prefix.
@@ -93,11 +97,11 @@ def diagnosis_page(found: Sequence[Diagnosis], units: Units, page: Page, command
     """
     beside = [Row("Written", ", ".join(written))] if written else []
     if len(found) > 1:
-        rows = [Row(one.source, units.text(one.conclusion), _verdict(one)) for one in found[:_MOST_LOGS]]
+        rows = [Row(one.source, _conclusion(one, units), _verdict(one)) for one in found[:_MOST_LOGS]]
         rows += [Row("Others", plural(len(found) - _MOST_LOGS, "log"))] if len(found) > _MOST_LOGS else []
         return page.rendered(f"{len(found)} logs", rows + beside, [command])
     (one,) = found
-    rows = [Row("Verdict", units.text(one.conclusion), _verdict(one))]
+    rows = [Row("Verdict", _conclusion(one, units), _verdict(one))]
     if len(one.shares) > 1:
         told = (
             f"{CAUSES.get(cause, 'none of them')} {percent(share)}"
@@ -105,12 +109,82 @@ def diagnosis_page(found: Sequence[Diagnosis], units: Units, page: Page, command
             if share > 0.005
         )
         rows.append(Row("Borne out", ", ".join(told)))
-    rows += [
-        Row("Remedy", units.text(cure_text(cure.change, cure.growth_per_s))) for cure in one.cures[:_MOST_REMEDIES]
-    ]
+    rows += [Row("Remedy", _remedy(cure, one, units)) for cure in one.cures[:_MOST_REMEDIES]]
     rows += [Row("Would decide", units.text(one.decides))] if one.decides else []
-    rows += [Row("Evidence", units.text(line)) for line in one.evidence[:_MOST_EVIDENCE]]
+    rows += [*_swings(one, units), *_ticks(one), *_law(one, units), *_measured(one, units)]
     return page.rendered(f"{one.source}   {quantity(one.seconds, 's')}", rows + beside, [command])
+
+
+def _conclusion(one: Diagnosis, units: Units) -> str:
+    """Tell the cause with its number in the units of the motion; what has none as it is concluded."""
+    told, law, measured = quantities(units), one.law, one.measured
+    if one.cause == "delay" and measured is not None:
+        late, meant = number(measured.delay_samples, 3), number(measured.declared_delay_samples, 3)
+        return f"{CAUSES['delay']}: {late} samples in place of {meant}, with which the loop settles"
+    if one.cause == "stiffness" and law is not None:
+        return f"{CAUSES['stiffness']}: k {told(law.stiffness_n_per_m, 'N/m')}; less of it is the smallest remedy"
+    if one.cause == "damping" and law is not None:
+        return f"{CAUSES['damping']}: b {told(law.damping_ns_per_m, 'N.s/m')}; less of it is the smallest remedy"
+    return units.text(one.conclusion)
+
+
+def _remedy(cure: Cure, one: Diagnosis, units: Units) -> str:
+    """Tell a change with its number in the units of the motion, and what it does to the loop."""
+    told, law, measured = quantities(units), one.law, one.measured
+    change = units.text(cure.change)
+    if cure.key == "stiffness_n_per_m" and law is not None:
+        change = f"k {told(cure.value, 'N/m')} in place of {told(law.stiffness_n_per_m, 'N/m')}"
+    elif cure.key == "damping_ns_per_m" and law is not None:
+        change = f"b {told(cure.value, 'N.s/m')} in place of {told(law.damping_ns_per_m, 'N.s/m')}"
+    elif cure.key == "delay_samples" and measured is not None:
+        change = f"a delay of {number(cure.value, 2)} samples in place of {number(measured.delay_samples, 3)}"
+    return cure_text(change, cure.growth_per_s)
+
+
+def _swings(one: Diagnosis, units: Units) -> list[Row]:
+    told, found = quantities(units), one.oscillation
+    if not math.isfinite(found.frequency_hz):
+        return [Row("Oscillation", f"none; above 4 Hz the position moves by {told(found.at_rest_m, 'm')} rms")]
+    size = f"{told(found.peak_to_peak_m, 'm')}, {told(found.force_peak_to_peak_n, 'N')} peak to peak"
+    where = f"in contact {percent(found.contact_share)} of the time"
+    cut = f", at the {units.key('force')} limit {percent(found.at_force_limit_share)}"
+    return [
+        Row(
+            "Oscillation",
+            f"{found.kind} at {quantity(found.frequency_hz, 'Hz')}: {size}, {where}"
+            f"{cut if found.at_force_limit_share > _CUT else ''}",
+        )
+    ]
+
+
+def _ticks(one: Diagnosis) -> list[Row]:
+    """Tell what is wrong with the ticks."""
+    ticks = one.ticks
+    parts = [f"{percent(ticks.missed_share)} missing, at most {ticks.longest_gap} in a row"] * (ticks.missed_share > 0)
+    parts += [f"a new value every {ticks.held} samples only"] * (ticks.held > 1)
+    return [Row("Ticks", "; ".join(parts), Mark.CAUTION)] if parts else []
+
+
+def _law(one: Diagnosis, units: Units) -> list[Row]:
+    law, told = one.law, quantities(units)
+    if law is None:
+        return []
+    if not law.told:
+        return [Row("Law", f"no spring and damper: {percent(law.misfit)} of the {units.key('force')} is left")]
+    k, b = told(law.stiffness_n_per_m, "N/m"), told(law.damping_ns_per_m, "N.s/m")
+    return [Row("Law", f"k {k}, b {b}: the {units.key('force')} to {percent(max(law.misfit, _LEAST_MISFIT))}")]
+
+
+def _measured(one: Diagnosis, units: Units) -> list[Row]:
+    found, told = one.measured, quantities(units)
+    if found is None:
+        return []
+    late = f"{number(found.delay_samples, 3)} ± {number(found.delay_error_samples, 1)} samples"
+    rows = [Row("Delay", f"{late}; declared or assumed {number(found.declared_delay_samples, 3)}")]
+    if found.hand is None:
+        return [*rows, Row("Hand", "none: the device is released")]
+    parts = zip(found.hand.values(), ("kg", "N.s/m", "N/m"), strict=True)
+    return [*rows, Row("Hand", ", ".join(told(value, unit) for value, unit in parts))]
 
 
 def _verdict(one: Diagnosis) -> Mark:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number, text_table
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.present.pages.subject import RIGID, headline, quantities
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units

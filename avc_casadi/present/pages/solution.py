@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number, sample_rows, text_table
 from avc_casadi.claims.certificate import levels_table
 from avc_casadi.present.pages.subject import (
@@ -14,7 +15,7 @@ from avc_casadi.present.pages.subject import (
     passive_limit,
     quantities,
 )
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import Table, sample_rows
 from avc_casadi.present.pages.virtual_tool import headline
-from avc_casadi.present.terminal import Mark, Page, Row, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 # A gain margin below which a row warns.
 _SAFE = 1.5
+# Travel below this is round-off.
+_ROUND_OFF = 1e-12
 # Dampers of a region that are printed.
 _DAMPERS_SHOWN = 9
+_EXCHANGES = {
+    "on-time": "the device is given the state that the engine's step began with",
+    "late": "the device is given the state of the step before",
+    "ahead": "the device is given the state that the step has just made",
+    "held-force": "the engine makes the force, and the device holds it for a step",
+}
 
 
 def certificate_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
@@ -133,17 +142,17 @@ def hand_text(hand: dict[str, float], problem: Problem) -> str:
     return "a hand of " + ", ".join(quantity(hand[key], unit(of)) for key, of in keys)
 
 
-def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
-    """Return the `zwidth` document of a problem with [simulation]: a column for each engine rate.
+def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: str, drawn: str | None) -> str:
+    """Return the `zwidth` document of a problem with [simulation]: a row for each engine rate.
 
     Args:
         document: of `avc zwidth --json`.
         problem: what it was asked for.
         page: where it is printed.
         shown: the problem as the user names it.
+        drawn: file of the picture, if one was drawn.
     """
-    unit, curves, damping = problem.units.unit, document["curves"], document["damping_ns_per_m"]
-    rows = []
+    unit, curves, rows = problem.units.unit, document["curves"], []
     for one in curves:
         told = "no coupling is stable"
         if one["stiffest_n_per_m"] is not None:
@@ -155,6 +164,19 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
         told += ", as declared" if one["declared"] else ""
         mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
         rows.append(Row(quantity(one["rate_hz"], "Hz"), told, mark))
+    if drawn is not None:
+        rows.append(Row("Drawn", drawn))
+    return page.rendered(headline(problem, shown), rows, [f"avc zwidth {shown} -v"])
+
+
+def region_lines(document: dict[str, Any], problem: Problem) -> list[str]:
+    """Return the largest stable stiffness by damper, a column for each engine rate.
+
+    Args:
+        document: of `avc zwidth --json`.
+        problem: what it was asked for.
+    """
+    unit, curves, damping = problem.units.unit, document["curves"], document["damping_ns_per_m"]
     table = Table(
         ("B", *(quantity(one["rate_hz"], "Hz") for one in curves)),
         tuple(
@@ -171,4 +193,82 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
     )
     beside = "; a critical damper in the device's loop" if document["local_damping_ratio"] else ""
     claim = f"Stable with every hand of [hands] and released, every tool and contact, below each K{beside}."
-    return "\n".join([page.rendered(headline(problem, shown), rows), "", table.text(), claim])
+    return [table.title, table.text(), claim]
+
+
+def simulated_page(document: dict[str, Any], problem: Problem, page: Page, shown: str, plot: str | None = None) -> str:
+    """Return the `simulate` document of a problem with [simulation]: what came of one hand on its stiffest contact.
+
+    Args:
+        document: of `avc simulate --json`.
+        problem: what was simulated.
+        page: where it is printed.
+        shown: the problem or coupling as the user names it.
+        plot: where the figure was drawn; None for none.
+    """
+    unit, metre, travel = problem.units.unit, problem.units.unit("m"), document["position_peak_to_peak_m"]
+    outcomes = {
+        "asymptotic": "comes to rest, and does not need dry friction for it",
+        "held-by-friction": "is held by dry friction only",
+        "unstable": "does not come to rest",
+    }
+    rest = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}[document["outcome"]]
+    buzz = "; it buzzes" if document["buzzing"] else ""
+    rows = [
+        Row("Coupling", f"{coupling_text(document, problem)}, {document['coupling']}"),
+        Row("Simulated", f"with this hand the device {outcomes[document['outcome']]}{buzz}", rest),
+        Row(
+            "At the end",
+            f"{quantity(travel if travel > _ROUND_OFF else 0.0, metre)} peak to peak, "
+            f"{quantity(document['mean_force_n'], unit('N'))}",
+        ),
+        Row("Stiffness", f"{quantity(document['apparent_stiffness_n_per_m'], unit('N/m'))} at the handle"),
+        Row("Effects", ", ".join(document["effects"])),
+    ]
+    lines = [page.rendered(headline(problem, shown), rows)]
+    if document["trace"] is not None:
+        lines.append(f"written: {document['trace']}, its manifest beside it (.json)")
+    return "\n".join(lines if plot is None else [*lines, f"drawn: {plot}"])
+
+
+def check_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `check` document of a problem with [simulation]: tool, engine, exchange.
+
+    Args:
+        document: of `avc check --json`.
+        problem: what was checked.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    unit, tool = problem.units.unit, problem.simulation
+    assert tool is not None  # noqa: S101 - asked of problems with one
+    t = problem.device.sample_time_s
+    what = "none: the spring leads to a place that the engine sets"
+    if tool.tool_mass_kg is not None:
+        low, high = tool.contact_stiffness_n_per_m
+        end = "rigid" if tool.rigid else quantity(high, unit("N/m"))
+        what = f"{_span(tool.tool_mass_kg, unit('kg'))}, damping {_span(tool.tool_damping_ns_per_m, unit('N.s/m'))}; "
+        what += "touches nothing, rigid things" + ("" if tool.rigid else f", springs up to {end}")
+        what += f", springs from {quantity(low, unit('N/m'))}" if tool.rigid and low > 0 else ""
+    late = f", {tool.steps_late} steps late" if tool.steps_late > 1 else ", a step late" if tool.steps_late else ""
+    steps = _span(tool.step_s, "s")
+    engine = f"a step every {steps}, {max(tool.step_s) / t:.4g} samples of the device; {tool.integrator}"
+    rows = [
+        Row("File", "valid", Mark.PASS),
+        Row("Tool", what),
+        Row("Engine", engine),
+        Row("Exchange", f"{tool.exchange}{late}: {_EXCHANGES[tool.exchange]}"),
+        *(
+            [Row("Scene", f"{tool.position_scale:g} m a metre, {tool.force_scale:g} N a newton")]
+            if tool.scale != 1
+            else []
+        ),
+        *(Row("Unusual", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]),
+    ]
+    next_ = [f"avc recommend {shown} --out c.json", f"avc zwidth {shown}"]
+    return page.rendered(headline(problem, shown), rows, next_)
+
+
+def _span(values: tuple[float, ...], unit: str) -> str:
+    low, high = min(values), max(values)
+    return quantity(low, unit) if low == high else f"{quantity(low, unit)} to {quantity(high, unit)}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.present.terminal import Mark, Page, Row, percent, quantity
+from avc_casadi._util.quantity import percent, quantity
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
 # A gain margin below which a row warns.
 _SAFE = 1.5
 _MOST_HELPS = 3
+# An impedance error in free motion from which the tool feels like something else than itself.
+_DRAGS = 1.0
 
 
 def tool_page(
@@ -38,7 +41,7 @@ def tool_page(
         commands = [f"avc check {shown}"]
     text = page.rendered(headline(problem, shown), tool_rows(document, problem), commands)
     if verbose:
-        text = "\n".join([text, "", *_all(document, problem)])
+        text = "\n".join([text, "", problem.units.text("\n".join(_all(document, problem)))])
     return text
 
 
@@ -69,7 +72,7 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     """
     found = document["simulation"]
     if document["coupling"] is None:
-        none = Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL)
+        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
         return [none, *_needed(found, problem), _limit(document, problem)]
     return [
         _coupling(found, problem),
@@ -93,6 +96,9 @@ def _coupling(found: dict[str, Any], problem: Problem) -> Row:
     if scene["stiffness_n_per_m"] != found["stiffness_n_per_m"]:
         k, b = quantity(scene["stiffness_n_per_m"], unit("N/m")), quantity(scene["damping_ns_per_m"], unit("N.s/m"))
         text += f"; in the scene {k}, {b}"
+    wanted = problem.simulation is not None and problem.simulation.stiffness_n_per_m is not None
+    if not wanted and found["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]:
+        return Row("Coupling", f"{text}: softer than the softest hand", Mark.CAUTION)
     return Row("Coupling", text, Mark.PASS)
 
 
@@ -113,7 +119,7 @@ def _felt(found: dict[str, Any], problem: Problem) -> list[Row]:
             f"feels like {quantity(moved['mass_kg'], unit('kg'))} with a drag of "
             f"{quantity(moved['drag_ns_per_m'], unit('N.s/m'))}; impedance error {errors}"
         )
-        rows.append(Row("Free motion", told))
+        rows.append(Row("Free motion", told, Mark.CAUTION if moved["free_error"] > _DRAGS else Mark.NONE))
     return rows
 
 
@@ -144,9 +150,10 @@ def _simulated(document: dict[str, Any]) -> Row:
 
 def _force(document: dict[str, Any], problem: Problem) -> Row:
     tap, limit, unit = document["trial"]["tap_force_n"], problem.device.max_force_n, problem.units.unit("N")
+    label = problem.units.key("force").capitalize()
     if limit is not None and tap >= 0.97 * limit:
-        return Row("Force", f"a tap reaches the limit of {quantity(limit, unit)}", Mark.CAUTION)
-    return Row("Force", f"a tap reaches {quantity(tap, unit)}")
+        return Row(label, f"a tap reaches the limit of {quantity(limit, unit)}", Mark.CAUTION)
+    return Row(label, f"a tap reaches {quantity(tap, unit)}")
 
 
 def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
@@ -158,7 +165,7 @@ def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
         parts.append(f"a step up to {quantity(found['slowest_step_s'], 's')}")
     if found["exchanges"]:
         held = [name for name, holds in found["exchanges"].items() if holds]
-        parts.append(f"exchange {', '.join(held) or 'none'}")
+        parts.append(f"exchange {', '.join(held)}" if held else "no exchange")
     return [Row("The same K holds", ", ".join(parts))] if parts else []
 
 

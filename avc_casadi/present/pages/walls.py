@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import percent
 from avc_casadi._util.text import number, sample_rows, text_table
 from avc_casadi.present.pages.subject import headline, passive_limit, quantities
-from avc_casadi.present.terminal import Mark, Page, Row, percent
+from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

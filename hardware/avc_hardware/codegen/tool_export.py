@@ -51,8 +51,8 @@ _HEADER = """\
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
  *
  * One thread at a time: an engine in a thread of its own takes the lock of the device's loop for each call. An engine
- * on another computer has an avc_coupling_t of its own, writes position and velocity of the device's newest sample into
- * it, and calls avc_coupling_tool_force.
+ * on another computer has its own avc_coupling_t, writes position_m and velocity_m_per_s of the device's newest sample
+ * into it and 1 into started, and calls avc_coupling_tool_force.
  *
  * C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is refused.
  */
@@ -102,7 +102,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m);
 {real} avc_coupling_force(avc_coupling_t *coupling, {given});
 
 /* The force on the tool, in units of the scene, from the device's newest sample: once in each step of the engine, with
- * position and velocity that the step begins with. 0 where one of them is no number. */
+ * position and velocity that the step begins with. 0 before the first sample, and where one of them is no number. */
 {real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
 
 /* The engine lives: where avc_coupling_tool_force is not called on this coupling. */
@@ -226,7 +226,8 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
 {{
     {real} force_n;
     avc_coupling_alive(coupling);
-    if (!within(tool_position_m, {scene_farthest}) || !within(tool_velocity_m_per_s, {scene_farthest})) {{
+    if (coupling->started == 0u || !within(tool_position_m, {scene_farthest}) ||
+        !within(tool_velocity_m_per_s, {scene_farthest})) {{
         return {zero};
     }}
     force_n = {scene_spring} * ({position_scale} * coupling->position_m - tool_position_m);
@@ -399,7 +400,7 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
         ),
         "verdict": comment_lines(verdict),
         "sample_time": device.sample_time_s,
-        "exchange": comment(tool.exchange + (f", {tool.steps_late} steps later" if tool.steps_late else "")),
+        "exchange": comment(tool.exchange + (f", and {_steps(tool.steps_late)} later" if tool.steps_late else "")),
         "order": "\n".join(f" *   {number}. {one}" for number, one in enumerate(_order(tool), 1)),
         "otherwise": comment_lines(_otherwise(coupling)),
         "bad": comment_lines(
@@ -427,20 +428,20 @@ def _order(tool: VirtualTool) -> list[str]:
     """Return what is done in a sample of the exchange, one after the other."""
     engine = "where the engine steps: force = avc_coupling_tool_force(its state), then the step"
     late = tool.queued
-    age = "" if not late else f" {late} step{'s' if late > 1 else ''} before"
+    age = f" {_steps(late)} before this one" if late else ""
     if tool.exchange == "held-force":
         return [
             "avc_coupling_sample(position)",
             engine,
-            f"avc_coupling_force(that force{f', of the step{age}' if late else ''}), the same until the next step",
+            f"avc_coupling_force({f'the force of{age}' if late else 'that force'}), the same until the next step",
         ]
     if tool.exchange == "ahead":
         return [
             "avc_coupling_sample(position)",
             engine,
-            f"avc_coupling_force(the state that the step{age} has made), the same until the next step",
+            f"avc_coupling_force(the state that {age.strip() or 'this step'} has made), the same until the next step",
         ]
-    given = f"the state that the step{age} began with" if late else "the state that a step now due begins with"
+    given = f"the state that{age} began with" if late else "the state that a step now due begins with"
     return [f"avc_coupling_step(position, {given}), the same until the next step", engine]
 
 
@@ -459,6 +460,10 @@ def _otherwise(coupling: ToolCoupling) -> str:
         "future of the force that made it, and costs a factor of 10 to 60 of the stiffness. Held-force hands out the "
         "force."
     )
+
+
+def _steps(count: int) -> str:
+    return "one step" if count == 1 else f"{count} steps"
 
 
 def _lines(lines: list[str], indent: int) -> str:

@@ -1,0 +1,41 @@
+"""A quantity with its unit as people write it: three digits and an SI prefix."""
+
+from __future__ import annotations
+
+import math
+
+# Less than that in SI units is told as such.
+_LEAST = 1e-12
+_PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+def quantity(value: float | None, unit: str, digits: int = 3) -> str:
+    """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none.
+
+    Args:
+        value: in the unit, which may have a prefix of its own only where it is the kilogram.
+        unit: such as ``N/m``; a mass is told in grams.
+        digits: significant ones.
+    """
+    if value is None or math.isnan(value):
+        return "-"
+    if unit.startswith("kg"):
+        value, unit = 1e3 * value, unit[1:]
+    if math.isinf(value):
+        return f"{'-' if value < 0 else ''}unbounded"
+    if value == 0:
+        return f"0 {unit}"
+    if abs(value) < _LEAST:
+        return f"below 0.001 n{unit}"
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
+    group = min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
+    decimals = max(0, digits - 1 - (exponent - group))
+    return f"{value / 10.0**group:.{decimals}f} {_PREFIXES[group]}{unit}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share as a percentage to two significant digits, or three above 99 %."""
+    if share is None or math.isnan(share):
+        return "-"
+    value = 100 * share
+    return f"{value:.1f} %" if 99 <= value < 99.95 else f"{value:.2g} %" if value < 99 else f"{value:.0f} %"

@@ -1,0 +1,386 @@
+"""What is said of a coupling to a simulation in each engine: its numbers, and what spoils them there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from avc_casadi.model.mujoco_constraint import SOFT_IMPEDANCE, MujocoConstraint
+
+if TYPE_CHECKING:
+    from avc_casadi.model.virtual_tool import ToolIntegrator
+    from avc_casadi.tool_coupling import ToolCoupling
+
+# Loads at which a contact is told in N/m: a light touch and a press.
+_LOADS_N = (0.2, 2.0)
+_OWN_VELOCITY = "take the difference of two positions, as avc_coupling_step does"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an engine.
+
+    Attributes:
+        name: as the engine has it.
+        value: a number, or the words that stand there.
+        unit: of the engine; empty for none.
+        where: it goes.
+    """
+
+    name: str
+    value: float | str
+    unit: str
+    where: str
+
+
+@dataclass(frozen=True)
+class Said:
+    """A coupling in the words of an engine.
+
+    Attributes:
+        parameters: its numbers there.
+        lines: what is done in each step, as code.
+        instead: what to do where the engine has no knob for something.
+        traps: what spoils the coupling there.
+    """
+
+    parameters: tuple[Parameter, ...]
+    lines: tuple[str, ...]
+    instead: tuple[str, ...]
+    traps: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Engine:
+    """An engine that tools live in.
+
+    Attributes:
+        title: as it calls itself.
+        step: the call that makes its step.
+        integrators: what it calls each integrator that it has; empty where that is not known.
+        say: says a coupling in its words.
+        turns: whether it has words for a device that turns.
+    """
+
+    title: str
+    step: str
+    integrators: dict[ToolIntegrator, str]
+    say: Callable[[ToolCoupling], Said]
+    turns: bool = True
+
+
+def number_text(value: float | str) -> str:
+    """Return a number to six digits, never with an exponent, which a settings page may not take; words as they are."""
+    if isinstance(value, str) or value == 0:
+        return str(value) if isinstance(value, str) else "0"
+    text = f"{value:.{max(0, 5 - math.floor(math.log10(abs(value))))}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _span(low: float, high: float) -> float | str:
+    return low if low == high else f"{number_text(low)} to {number_text(high)}"
+
+
+def _mass(coupling: ToolCoupling, name: str, where: str) -> tuple[Parameter, ...]:
+    mass = coupling.tool.tool_mass_kg
+    return () if mass is None else (Parameter(name, _span(*mass), "kg", where),)
+
+
+def _step(coupling: ToolCoupling, name: str, where: str) -> Parameter:
+    return Parameter(name, _span(*coupling.tool.step_s), "s", where)
+
+
+def _gains(coupling: ToolCoupling) -> tuple[float, float]:
+    """Return K and B as the engine counts."""
+    return coupling.in_scene.stiffness_n_per_m, coupling.in_scene.damping_ns_per_m
+
+
+def _device(coupling: ToolCoupling, loop: str) -> str:
+    """Return the call that makes the force on the device."""
+    what = "force on the tool" if coupling.tool.exchange == "held-force" else "tool_x, tool_v"
+    every = number_text(1e3 * coupling.problem.device.sample_time_s)
+    return f"F = avc_coupling_step(&c, x, {what}) in {loop}, every {every} ms"
+
+
+def _seen(coupling: ToolCoupling) -> tuple[str, str]:
+    """Return position and velocity of the device in the scene, as code."""
+    scale = coupling.tool.position_scale
+    return ("x", "v") if scale == 1 else (f"{number_text(scale)}*x", f"{number_text(scale)}*v")
+
+
+def _mujoco(coupling: ToolCoupling) -> Said:
+    (k, b), tool, (x, v) = _gains(coupling), coupling.tool, _seen(coupling)
+    parameters: tuple[Parameter, ...] = (
+        _step(coupling, "timestep", "<option timestep=.../>"),
+        Parameter("integrator", ENGINES["mujoco"].integrators.get(tool.integrator, "Euler"), "", "<option .../>"),
+        *_mass(coupling, "mass", "of the tool, in its geoms or <inertial .../>"),
+    )
+    damper = f"{number_text(b)}*({v} - data.qvel[dof])"
+    if tool.integrator == "implicit-damping":
+        # The integrator knows the damper of a joint alone.
+        parameters += (Parameter("damping", b, "N.s/m", "<joint damping=.../> of the tool: B, seen by implicitfast"),)
+        damper = f"{number_text(b)}*{v}"
+    law = f"data.qfrc_applied[dof] = {number_text(k)}*({x} - data.qpos[dof]) + {damper}"
+    traps: tuple[str, ...] = ("x and v are the newest sample of the device and its backward difference, not filtered",)
+    if tool.tool_mass_kg is not None and coupling.problem.units.linear:
+        parameters += _mujoco_constraints(k, b, tool.tool_mass_kg)
+        lag = number_text(1e3 * b / k) if k else "0"
+        traps += (
+            (
+                "a weld grows with the tool: solref is -K (1 - d)/m, -B (1 - d)/m, d of solimp, m 1/body_invweight0; "
+                "d as MuJoCo has it, 0.9 to 0.95, makes the tool 10 to 20 times heavier towards other forces"
+            ),
+            (
+                "a mocap body has no velocity for MuJoCo: the weld's damper brakes the tool towards the ground, by "
+                f"{lag} mm for each m/s; qfrc_applied does not"
+            ),
+            "a contact grows with the mass of the tool too: give it solref and solimp of its own",
+        )
+    return Said(parameters, (_device(coupling, "the device's loop"), law, "mj_step(model, data)"), (), traps)
+
+
+def _mujoco_constraints(k: float, b: float, masses: tuple[float, float]) -> tuple[Parameter, ...]:
+    """Return the weld that is the coupling, and MuJoCo's own contact in N/m."""
+    weld, contact = MujocoConstraint.of(k, b, masses[0]), MujocoConstraint()
+    which = "<weld> or <connect> of the tool to a mocap body"
+    if masses[0] != masses[1]:
+        which += f", for {number_text(masses[0])} kg"
+    solref = " ".join(map(number_text, weld.solref))
+    contacts = tuple(
+        Parameter(
+            "default contact",
+            _span(*(contact.stiffness_n_per_m(mass, load) for mass in masses)),
+            "N/m",
+            f"what the tool meets under {number_text(load)} N, with MuJoCo's own solref and solimp",
+        )
+        for load in _LOADS_N
+    )
+    return (
+        Parameter("solref", solref, "", which),
+        Parameter("solimp", f"{SOFT_IMPEDANCE:g} {SOFT_IMPEDANCE:g} 0.001", "", "the same"),
+        *contacts,
+    )
+
+
+def _chai3d(coupling: ToolCoupling) -> Said:
+    tool = coupling.tool
+    surface = coupling.gains.stiffness_n_per_m / tool.position_scale
+    return Said(
+        (
+            Parameter("setStiffness", surface, "N/m", "m_material of what is touched, for each metre of the scene"),
+            Parameter("workspace scale", tool.position_scale, "", "tool->getWorkspaceScaleFactor() must be this"),
+            *_mass(coupling, "mass", "of a dynamic tool (Bullet, ODE); that of the examples weighs 0.01 kg"),
+            _step(coupling, "time step", "updateDynamics(...)"),
+        ),
+        (_device(coupling, "the haptic thread"), "device->setForce(F), times the direction"),
+        (
+            "cToolCursor's proxy is a bare spring without a place for B: leave its force out, and set F",
+            "in the Bullet example K is linStiffness times linGain times the workspace scale, and there is no damper",
+        ),
+        (
+            f"getLinearVelocity looks back over 15 ms, half of that late: {_OWN_VELOCITY}",
+            "the haptic thread runs as fast as it can: pace it to the sample time",
+        ),
+    )
+
+
+def _unity(coupling: ToolCoupling) -> Said:
+    k, b = _gains(coupling)
+    linear = coupling.problem.units.linear
+    drive = "xDrive, yDrive, zDrive" if linear else "angularXDrive"
+    add = "AddForce" if linear else "AddTorque"
+    others = (
+        "the spring of the OpenHaptics plugin, 0 to 1, is a share of what the device is rated for, no N/m",
+        "that of Haply's tutorial is in N/m, 0 to 800, with a damper of 0 to 3 N.s/m",
+    )
+    body = "Rigidbody.mass of the tool, its drag 0" if linear else "Rigidbody.inertiaTensor of the tool, its drag 0"
+    return Said(
+        (
+            _step(coupling, "Fixed Timestep", "Project Settings > Time, or Time.fixedDeltaTime"),
+            *_mass(coupling, "mass" if linear else "inertia", body),
+            Parameter("positionSpring", k, "N/m", f"JointDrive of a ConfigurableJoint: {drive}"),
+            Parameter("positionDamper", b, "N.s/m", "the same"),
+            Parameter("useAcceleration", "false", "", "the same: with true both would be of a unit of mass"),
+        ),
+        (
+            _device(coupling, "a thread of its own"),
+            f"body.{add}(avc_coupling_tool_force(&c, place, velocity) times the direction) in FixedUpdate",
+        ),
+        (),
+        (
+            (
+                f"what is certified is {add} in FixedUpdate: a drive is solved with the contacts, and its damper "
+                "brakes towards targetVelocity, which is 0 unless you set it to that of the device"
+            ),
+            "after a slow frame several FixedUpdate come at once: say the longest gap as the upper end of step_s",
+            "an interpolated transform is for the eye: read Rigidbody.position in FixedUpdate",
+            *(others if linear else ()),
+        ),
+    )
+
+
+def _sofa(coupling: ToolCoupling) -> Said:
+    k, b = _gains(coupling)
+    return Said(
+        (
+            _step(coupling, "dt", "of the root node"),
+            *_mass(coupling, "totalMass", "UniformMass of the tool"),
+            Parameter("stiffness", k, "N/m", "RestShapeSpringsForceField from the tool to the device's state"),
+            Parameter("forceCoef", coupling.tool.force_scale, "", "of the ForceFeedback component; 0.03 by default"),
+        ),
+        (
+            _device(coupling, "the haptic thread"),
+            "tool_x, tool_v: MechanicalObject of the tool at AnimateBeginEvent",
+        ),
+        (
+            (
+                "RestShapeSpringsForceField has no damper: add the force of "
+                f"{number_text(b)} N.s/m times (v of the device - v of the tool) with a ConstantForceField in each step"
+            ),
+        ),
+        (
+            "forceCoef scales the force alone: with 0.03 the device feels 0.03 of K",
+            (
+                "SOFA has no units: in centimetres, kilograms and seconds a force of 1 is 0.01 N; say "
+                "position_scale = 100 and force_scale = 0.01 in [simulation]"
+            ),
+            "LCPForceFeedback solves the contacts again in the haptic thread: another loop than this one",
+        ),
+    )
+
+
+def _openhaptics(coupling: ToolCoupling) -> Said:
+    gains, device = coupling.gains, coupling.problem.device
+    return Said(
+        (
+            Parameter("K", gains.stiffness_n_per_m / 1e3, "N/mm", "at most hdGetDoublev(HD_NOMINAL_MAX_STIFFNESS)"),
+            Parameter("B", gains.damping_ns_per_m / 1e3, "N.s/mm", "at most hdGetDoublev(HD_NOMINAL_MAX_DAMPING)"),
+            Parameter("rate", 1 / device.sample_time_s, "Hz", "hdSetSchedulerRate(...)"),
+        ),
+        (_device(coupling, "the servo callback"), "hdSetDoublev(HD_CURRENT_FORCE, ...): F times the direction, in N"),
+        (
+            "HDAPI has no coupling: call avc_coupling_step in the callback of hdScheduleAsynchronous",
+            (
+                "HLAPI takes HL_STIFFNESS and HL_DAMPING from 0 to 1, shares of what the device is rated for; its "
+                "proxy is not this tool, and nothing is certified of it"
+            ),
+        ),
+        (
+            "HD_CURRENT_POSITION is in mm: x is a thousandth of it",
+            f"HD_CURRENT_VELOCITY is smoothed, and in mm/s: {_OWN_VELOCITY}",
+            "a stiffness that the device is rated for is no proof that K up to it is stable",
+        ),
+    )
+
+
+def _imstk(coupling: ToolCoupling) -> Said:
+    (k, b), tool = _gains(coupling), coupling.tool
+    linear = coupling.problem.units.linear
+    critical = ""
+    if tool.tool_mass_kg is not None:
+        critical = f", here {number_text(2 * math.sqrt(k * min(tool.tool_mass_kg)))} N.s/m"
+    traps: tuple[str, ...] = (
+        f"setUseCritDamping(true) takes 2 sqrt(Ks m) for Kd{critical}",
+        "setUseForceSmoothening(true) hands out the mean of setSmoothingKernelSize forces, usually 10 to 30: a delay",
+    )
+    if tool.exchange != "held-force":
+        traps += (
+            (
+                "the controller hands out a force, and the device holds it: say exchange = held-force in [simulation] "
+                "and make it again, or do without the controller"
+            ),
+        )
+    return Said(
+        (
+            *_mass(coupling, "mass", "of the tool's body"),
+            _step(coupling, "dt", "of the scene"),
+            Parameter("setLinearKs" if linear else "setAngularKs", k, "N/m", "of the tool's object controller"),
+            Parameter("setLinearKd" if linear else "setAngularKd", b, "N.s/m", "the same"),
+            Parameter("setUseCritDamping", "false", "", "the same"),
+            Parameter("setTranslationScaling", tool.position_scale, "", "the same"),
+            Parameter("setForceScaling", tool.force_scale, "", "the same"),
+            Parameter("setUseForceSmoothening", "false", "", "the same"),
+        ),
+        (_device(coupling, "the device's own thread"),),
+        (
+            (
+                "Kd brakes the tool's own velocity, and leaves the device's out: another loop than this one. Put "
+                "avc_coupling_tool_force on the body before each step in place of the controller"
+            ),
+        ),
+        traps,
+    )
+
+
+def _ros2(coupling: ToolCoupling) -> Said:
+    (k, b), masses = _gains(coupling), coupling.tool.tool_mass_kg
+    instead: tuple[str, ...] = (
+        (
+            "admittance_controller takes a force and gives a position: the robot is the tool, the device its "
+            "reference, and avc_coupling_step is the device's own end"
+        ),
+    )
+    ratio: tuple[Parameter, ...] = ()
+    if masses is None or k == 0:
+        instead += ("damping_ratio is told of mass and stiffness, and this coupling has not both: choose them for B",)
+    else:
+        value = b / (2 * math.sqrt(k * min(masses)))
+        ratio = (Parameter("damping_ratio", value, "", "admittance.damping_ratio of the axis: B/(2 sqrt(m K))"),)
+    return Said(
+        (
+            *_mass(coupling, "mass", "admittance.mass of the axis"),
+            Parameter("stiffness", k, "N/m", "admittance.stiffness of the axis"),
+            *ratio,
+            Parameter("selected_axes", "true", "", "admittance.selected_axes of the axis"),
+            _step(coupling, "period", "1/update_rate of the controller_manager"),
+            Parameter("filter_coefficient", 1.0, "", "ft_sensor.filter_coefficient: 1 is no filter"),
+        ),
+        (_device(coupling, "the device's loop"),),
+        instead,
+        (
+            "B is damping_ratio 2 sqrt(mass stiffness): it changes with both of them",
+            "ft_sensor.filter_coefficient is 0.05 by default: a low-pass over some 20 periods, which no one declared",
+        ),
+    )
+
+
+def _pybullet(coupling: ToolCoupling) -> Said:
+    (k, b), (x, v) = _gains(coupling), _seen(coupling)
+    add = "applyExternalForce(tool, -1, f, place, p.WORLD_FRAME)"
+    if not coupling.problem.units.linear:
+        add = "applyExternalTorque(tool, -1, f, p.WORLD_FRAME)"
+    return Said(
+        (
+            _step(coupling, "setTimeStep", "p.setTimeStep(...), numSubSteps 0"),
+            *_mass(coupling, "baseMass", "p.createMultiBody(baseMass=...)"),
+            Parameter("linearDamping", 0.0, "", "p.changeDynamics(tool, -1, linearDamping=0); 0.04 by default"),
+            Parameter("K", k, "N/m", "in the line below"),
+            Parameter("B", b, "N.s/m", "in the line below"),
+        ),
+        (
+            _device(coupling, "the device's loop"),
+            f"f = {number_text(k)}*({x} - tool_x) + {number_text(b)}*({v} - tool_v), times the direction",
+            f"p.{add}; p.stepSimulation()",
+        ),
+        ("createConstraint takes maxForce, and its softness is no N/m: leave it out, and apply the force",),
+        (
+            "an applied force is forgotten after each stepSimulation, and setRealTimeSimulation(1) takes none",
+            "stepSimulation does not wait: pace it to the step by a clock",
+        ),
+    )
+
+
+_SEMI_IMPLICIT: dict[ToolIntegrator, str] = {"semi-implicit": "semi-implicit"}
+ENGINES: dict[str, Engine] = {
+    "mujoco": Engine("MuJoCo", "mj_step", {"semi-implicit": "Euler", "implicit-damping": "implicitfast"}, _mujoco),
+    "chai3d": Engine("CHAI3D", "updateDynamics", _SEMI_IMPLICIT, _chai3d, turns=False),
+    "unity": Engine("Unity (PhysX)", "the physics step", _SEMI_IMPLICIT, _unity),
+    "sofa": Engine("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, _sofa, turns=False),
+    "openhaptics": Engine("OpenHaptics", "your engine's step", {}, _openhaptics, turns=False),
+    "imstk": Engine("iMSTK", "the scene's step", {}, _imstk),
+    "ros2": Engine("ROS 2", "the admittance_controller's update", _SEMI_IMPLICIT, _ros2),
+    "pybullet": Engine("PyBullet", "stepSimulation", _SEMI_IMPLICIT, _pybullet),
+}
+"""Engines in whose words a coupling can be told."""

@@ -1,0 +1,235 @@
+"""`avc export --parameters`: the numbers are those of the coupling in each engine's units, and MuJoCo takes them."""
+
+import json
+import math
+
+import pytest
+from exported_tool import DEVICE, tool_coupling
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.files.tool_coupling_file import write_tool_coupling
+from avc_casadi.present.pages.engines import ENGINES, number_text
+from avc_casadi.present.pages.tool_parameters import parameters_document, parameters_page, tool_parameters
+from avc_casadi.present.terminal import Page
+
+TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"
+SCALED = f"{TOOL}position_scale = 10.0\nforce_scale = 0.5\n"
+WHEEL = (
+    '[device]\nmotion = "rotary"\nhandle_radius_m = 0.15\ninertia_kgm2 = 0.05\ndamping_nms_per_rad = 0.3\n'
+    "delay_samples = 1\nmax_torque_nm = 8.0\n"
+)
+K, B = 2000.0, 15.0
+
+
+def numbers(keys, engine, local=0.0, device=DEVICE):
+    """Each parameter by its name, the first of that name."""
+    document = parameters_document(*_said(tool_coupling(keys, K, B, local, device), engine))
+    found = {}
+    for one in document["parameters"]:
+        found.setdefault(one["name"], one["value"])
+    return found
+
+
+def _said(coupling, engine):
+    return tool_parameters(coupling, engine), coupling, engine
+
+
+def test_numbers_stand_in_the_units_of_each_engine():
+    # K and B of the scene are those of the device over 10 times 0.5.
+    unity = numbers(SCALED, "unity")
+    assert (unity["positionSpring"], unity["positionDamper"], unity["mass"]) == (400.0, 3.0, 0.2)
+    assert unity["Fixed Timestep"] == 0.002
+    # Newtons at the device for a metre of the scene: CHAI3D scales lengths alone.
+    assert numbers(SCALED, "chai3d")["setStiffness"] == 200.0
+    sofa = numbers(SCALED, "sofa")
+    assert (sofa["stiffness"], sofa["forceCoef"]) == (400.0, 0.5)
+    haptics = numbers(SCALED, "openhaptics")
+    assert (haptics["K"], haptics["B"], haptics["rate"]) == (2.0, 0.015, 1000.0)
+    imstk = numbers(SCALED, "imstk")
+    assert [imstk[key] for key in ("setLinearKs", "setLinearKd", "setTranslationScaling", "setForceScaling")] == [
+        400.0,
+        3.0,
+        10.0,
+        0.5,
+    ]
+    bullet = numbers(SCALED, "pybullet")
+    assert (bullet["K"], bullet["B"], bullet["setTimeStep"]) == (400.0, 3.0, 0.002)
+
+
+def test_damping_ratio_of_ros_gives_the_damper_back():
+    ros = numbers(SCALED, "ros2")
+    assert ros["damping_ratio"] * 2 * math.sqrt(ros["mass"] * ros["stiffness"]) == pytest.approx(3.0)
+
+
+WELD = """<mujoco><option gravity="0 0 0" timestep="0.002"/><worldbody><body name="hand" mocap="true"/>
+<body name="tool"><freejoint/><geom type="sphere" size="0.02" mass="0.2" contype="0" conaffinity="0"/></body>
+</worldbody><equality><weld body1="tool" body2="hand" solref="{solref}" solimp="{solimp}"/></equality></mujoco>"""
+SLIDE = """<mujoco><option gravity="0 0 0" timestep="0.002" integrator="{integrator}"/><worldbody><body name="tool">
+<joint type="slide" axis="1 0 0" damping="{damping}"/><geom type="sphere" size="0.02" mass="0.2"/></body></worldbody>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("keys", [TOOL, SCALED])
+def test_weld_of_the_page_has_the_stiffness_of_the_coupling_in_mujoco(keys):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    told = numbers(keys, "mujoco")
+    model = mujoco.MjModel.from_xml_string(WELD.format(solref=told["solref"], solimp=told["solimp"]))
+    data = mujoco.MjData(model)
+    for _ in range(5000):
+        data.xfrc_applied[model.body("tool").id, 0] = 1.0
+        mujoco.mj_step(model, data)
+    wanted = K if keys is TOOL else K / 5
+    assert 1.0 / data.qpos[0] == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.parametrize("integrator", ["semi-implicit", "implicit-damping"])
+@pytest.mark.parametrize("keys", [TOOL, SCALED])
+def test_line_of_the_page_is_spring_and_damper_in_mujoco(keys, integrator):
+    """The line is run as it stands: the tool of a device at rest swings as a mass on the spring and the damper."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    stated = f'{keys}integrator = "{integrator}"\n'
+    told = numbers(stated, "mujoco")
+    law = tool_parameters(tool_coupling(stated, K, B), "mujoco").lines[1]
+    text = SLIDE.format(integrator=told["integrator"], damping=told.get("damping", 0.0))
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    scale = 1.0 if keys is TOOL else 10.0
+    k, b = (K, B) if keys is TOOL else (K / 5, B / 5)
+    place, speed, t, m = 0.0, 0.0, 0.002, 0.2
+    for x, v in [(1e-3, 0.0)] * 50 + [(1e-3 + 1e-5 * j, 0.005) for j in range(50)]:
+        exec(law, {"data": data, "dof": 0, "x": x, "v": v})  # noqa: S102 - the line of our own page
+        mujoco.mj_step(model, data)
+        pull = k * (scale * x - place) + b * scale * v
+        if integrator == "semi-implicit":
+            speed += t / m * (pull - b * speed)
+        else:
+            speed = (m * speed + t * pull) / (m + t * b)
+        place += t * speed
+        assert data.qpos[0] == pytest.approx(place, abs=1e-7)
+    assert abs(place) > 5e-4
+
+
+def test_default_contact_of_mujoco_is_told_for_the_tool():
+    said = tool_parameters(tool_coupling("tool_mass_kg = [0.05, 1.0]\nstep_s = 0.002", K, B), "mujoco")
+    contacts = [one.value for one in said.parameters if one.name == "default contact"]
+    assert contacts[0] == "1163.64 to 22439.9"
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("exchange", ["on-time", "late", "ahead", "held-force"])
+def test_page_says_what_to_hand_out_and_can_be_typed_off(engine, exchange):
+    coupling = tool_coupling(f'{SCALED}exchange = "{exchange}"\n', 123456.789, 0.00123, 2.0)
+    said = tool_parameters(coupling, engine)
+    page = parameters_page(said, coupling, engine, Page(), "c.json")
+    lines = page.splitlines()
+    assert "e+0" not in page
+    assert "e-0" not in page
+    assert max(map(len, lines)) <= 110
+    assert f"exchange {exchange}" in lines[0]
+    plain = " ".join(page.split())
+    assert "position scale 10" in plain
+    assert "damper of 2 N.s/m acts in the device's own loop" in plain
+    assert ("hand out the force" if exchange == "held-force" else "10 to 60") in plain
+    document = parameters_document(said, coupling, engine)
+    json.dumps(document, allow_nan=False)
+    assert document["traps"]
+    assert document["engine"] == engine
+
+
+def test_engine_with_another_integrator_is_told():
+    sofa = tool_parameters(tool_coupling(TOOL, K, B), "sofa").traps[0]
+    assert "certified with integrator semi-implicit, and SOFA has implicit" in sofa
+    fits = tool_parameters(tool_coupling(f'{TOOL}integrator = "implicit"\n', K, B), "sofa").traps[0]
+    assert "integrator" not in fits
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_fixed_place_and_device_that_turns_have_pages_too(engine, tmp_path, capsys):
+    file = tmp_path / "c.json"
+    for keys, device in (("step_s = 0.016", DEVICE), ("step_s = 0.002\ntool_inertia_kgm2 = 0.05", WHEEL)):
+        write_tool_coupling(tool_coupling(keys, 20.0, 0.3, device=device), file)
+        if device is WHEEL and engine in ("chai3d", "sofa", "openhaptics"):
+            assert main(["export", str(file), "--parameters", engine]) == 2
+            assert "no words for a device that turns; allowed: mujoco, unity" in capsys.readouterr().err
+            continue
+        assert main(["export", str(file), "--parameters", engine]) == 0
+        page = capsys.readouterr().out
+        assert f"in the words of {ENGINES[engine].title}" in page
+        if device is WHEEL:
+            assert "20.0 N.m/rad" in page
+            assert "N/m" not in page
+            assert "N.s/m" not in page
+
+
+def test_command_writes_c_and_one_document(tmp_path, capsys):
+    file = tmp_path / "c.json"
+    write_tool_coupling(tool_coupling(TOOL, 500.0, 5.0), file)
+    folder = tmp_path / "c"
+    assert main(["export", str(file), "--c", str(folder), "--name", "knob", "--precision", "double", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["files"] == [str(folder / "knob.h"), str(folder / "knob.c")]
+    assert "knob_step" in (folder / "knob.h").read_text()
+    assert main(["export", str(file), "--parameters", "mujoco", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["schema"] == "avc-tool-parameters/1"
+
+
+def test_unstable_coupling_is_written_on_request_alone(tmp_path, capsys):
+    file = tmp_path / "c.json"
+    write_tool_coupling(tool_coupling(f'{TOOL}exchange = "ahead"', 20000.0, 20.0), file)
+    assert main(["export", str(file), "--c", str(tmp_path / "c")]) == 1
+    assert "linearly unstable" in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+    assert main(["export", str(file), "--c", str(tmp_path / "c"), "--unsafe"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("verb", "said"),
+    [
+        (("push", "c.json", "--port", "emulator"), "avc export, avc certify and avc simulate take it"),
+        (("stream", "c.json", "--port", "emulator"), "avc export, avc certify and avc simulate take it"),
+        (("trial", "c.json"), "avc export, avc certify and avc simulate take it"),
+        (("firmware", "c.json", "--board", "stm32f405", "--out", "o", "--built-in"), "avc simulate take it"),
+        (("export", "c.json", "--c", "o", "--package", "cmake"), "--package: is of couplings to a wall"),
+        (("export", "c.json", "--c", "o", "--problem", "soft"), "--problem: is of couplings to a wall"),
+        (("export", "w.json", "--parameters", "unity"), "--parameters: is of a coupling to a [simulation]"),
+    ],
+)
+def test_verbs_that_cannot_take_it_say_what_does(verb, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_tool_coupling(tool_coupling(TOOL, 500.0, 5.0), "c.json")
+    problem = avc.load_problem("soft")
+    avc.write_coupling(avc.Coupling.of(problem, avc.solve(problem, "static")), "w.json")
+    assert main(list(verb)) == 2
+    assert said in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "o").exists()
+
+
+def test_reading_it_as_a_coupling_says_what_takes_it(tmp_path):
+    file = tmp_path / "c.json"
+    write_tool_coupling(tool_coupling(TOOL, 500.0, 5.0), file)
+    with pytest.raises(avc.InputError, match=r"couples a device to a \[simulation\].*avc export"):
+        avc.read_coupling(file)
+
+
+def test_command_knows_the_engines():
+    import avc_casadi.cli._export  # noqa: PLC0415 - what the help is made of
+
+    assert tuple(ENGINES) == avc_casadi.cli._export.ENGINES
+    with pytest.raises(avc.InputError, match="allowed: mujoco"):
+        tool_parameters(tool_coupling(TOOL, K, B), "havok")
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0"),
+        (9786.2345, "9786.23"),
+        (1234567.8, "1234568"),
+        (0.000012345678, "0.0000123457"),
+        (-0.5, "-0.5"),
+        (10, "10"),
+    ],
+)
+def test_numbers_have_no_exponent(value, text):
+    assert number_text(value) == text

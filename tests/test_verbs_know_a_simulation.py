@@ -1,0 +1,158 @@
+"""certify, zwidth, simulate and check of a problem with [simulation], and of the file of its coupling."""
+
+import json
+
+import numpy as np
+import pytest
+from engine_simulator import EngineSimulator
+
+import avc_casadi as avc
+from avc_casadi.claims.stability.tool_loop import ToolLoops
+from avc_casadi.claims.stability.tool_region import tool_region
+from avc_casadi.cli import main
+from avc_casadi.files.tool_coupling_file import write_tool_coupling
+from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.tool_coupling import ToolCoupling
+
+NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
+
+
+def answer(capsys, *words):
+    code = main([*words, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def coupling_file(folder, name, gains):
+    path = folder / "c.json"
+    write_tool_coupling(ToolCoupling(avc.load_problem(name), gains), path)
+    return str(path)
+
+
+def test_certificate_tells_stability_and_passivity_apart(tmp_path, capsys):
+    """A soft pair is passive at the port; an explicit mass of 200 g grows with it, an implicit one rests."""
+    pair = ToolGains(615.7, 0.2317)
+    code, found = answer(capsys, "certify", coupling_file(tmp_path, "tool/mujoco-500hz", pair))
+    assert code == 1
+    assert not found["stable"]
+    assert found["passivity"]["passive"]
+    assert not found["passivity"]["engine_is_implicit"]
+    assert found["worst"]["tool"]["mass_kg"] == 0.2
+    changed = tmp_path / "implicit.toml"
+    text = avc.catalogue_path("tool/mujoco-500hz").read_text()
+    text = text.replace('"semi-implicit"', '"implicit"').replace('"on-time"', '"ahead"')
+    changed.write_text(text)
+    code, found = answer(capsys, "certify", str(changed), str(tmp_path / "c.json"))
+    assert code == 0
+    assert found["stable"]
+    assert found["passivity"]["passive"]
+    assert found["passivity"]["engine_is_implicit"]
+
+
+def test_certificate_is_that_of_the_loops(tmp_path, capsys):
+    gains = ToolGains(5000.0, 20.0)
+    file = coupling_file(tmp_path, "tool/mujoco-500hz", gains)
+    code, found = answer(capsys, "certify", file)
+    loops = ToolLoops(avc.load_problem("tool/mujoco-500hz"))
+    assert code == 0
+    assert found["loops"] == len(loops)
+    assert found["spectral_radius"] == loops.radius(gains)[0]
+    assert loops.stable(gains.times(found["gain_margin"]))
+    assert not loops.stable(gains.times(1.05 * found["gain_margin"]))
+    assert main(["certify", file]) == 0
+    assert "gain margin" in capsys.readouterr().out
+    assert main(["certify", file, "--prove"]) == 2
+    assert "--prove" in capsys.readouterr().err
+    assert main(["certify", "tool/mujoco-500hz"]) == 2
+    assert "avc recommend tool/mujoco-500hz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_region_is_stable_below_each_curve_and_not_above(name):
+    """Its own points against the loops of another object, at 0.98 and 1.05 of each curve."""
+    problem = avc.load_problem(name)
+    region = tool_region(problem)
+    assert sum(curve.declared for curve in region.curves) == 1
+    assert len(region.curves) >= 4
+    local = problem.simulation.exchange == "held-force"
+    mass, drag = problem.device.mass_kg, problem.device.damping_ns_per_m
+    for curve in region.curves:
+        changed = {} if curve.declared else {"simulation": {"step_s": curve.step_s}}
+        loops = ToolLoops(problem.changed(**changed))
+        for row in range(0, len(region.damping_ns_per_m), 6):
+            limit, b = curve.stiffness_n_per_m[row], region.damping_ns_per_m[row]
+            if limit == 0:
+                continue
+            beside = max(0.0, 2 * (limit * mass) ** 0.5 - drag) if local else 0.0
+            assert loops.stable(ToolGains(0.98 * limit, b, beside))
+            assert not loops.stable(ToolGains(1.05 * limit, b, beside))
+
+
+def test_faster_engines_allow_stiffer_couplings(capsys):
+    code, found = answer(capsys, "zwidth", "tool/mujoco-500hz")
+    assert code == 0
+    stiffest = [one["stiffest_n_per_m"] for one in found["curves"]]
+    rates = [one["rate_hz"] for one in found["curves"]]
+    assert rates == sorted(rates, reverse=True)
+    assert stiffest == sorted(stiffest, reverse=True)
+
+
+def test_region_has_page_and_picture(tmp_path, capsys):
+    picture = tmp_path / "z.svg"
+    assert main(["zwidth", "tool/wheel-game-62hz", "--plot", str(picture)]) == 0
+    page = capsys.readouterr().out
+    assert "62.5 Hz" in page
+    assert "N.m/rad" in page
+    assert "62.5 Hz (declared)" in picture.read_text(encoding="utf-8") or picture.stat().st_size > 10000
+
+
+def test_scene_with_the_gains_of_a_file_is_that_of_a_plain_simulation(tmp_path, capsys):
+    """Where the hand ends, pressed on the rigid wall, against sample by sample in plain Python."""
+    gains = ToolGains(5000.0, 20.0)
+    file = coupling_file(tmp_path, "tool/mujoco-500hz", gains)
+    trace = tmp_path / "t.npz"
+    code, found = answer(capsys, "simulate", file, "--trace", str(trace))
+    assert code == 0
+    assert found["stiffness_n_per_m"] == 5000.0
+    assert found["coupling"] == "given"
+    traces = np.load(trace)
+    problem, hand = avc.load_problem("tool/mujoco-500hz"), (0.2, 3.0, 500.0)
+    effect = problem.changed(scene={"effects": [{"kind": "hand"}]}).scene.effects[0]
+    hand = tuple(
+        getattr(effect, key) or value
+        for key, value in zip(("mass_kg", "damping_ns_per_m", "stiffness_n_per_m"), hand, strict=True)
+    )
+    simulator = EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (0.2, 0.0), 0.002, contact="wall")
+    device, _ = simulator.run(5000.0, 20.0, len(traces["position_m"]), target=traces["target_m"], start=-0.01)
+    assert traces["position_m"][-1] == pytest.approx(device[-1], rel=0.02)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_check_shows_tool_engine_and_exchange(name, capsys):
+    code, found = answer(capsys, "check", name)
+    assert code == 0
+    assert found["simulation"]["exchange"] in {"on-time", "held-force"}
+    assert main(["check", name]) == 0
+    page = capsys.readouterr().out
+    assert "Engine" in page
+    assert found["simulation"]["integrator"] in page
+
+
+def test_check_warns_of_what_costs_most(tmp_path, capsys):
+    text = avc.catalogue_path("tool/mujoco-500hz").read_text().replace('"on-time"', '"ahead"')
+    stiff = "contact_stiffness_n_per_m = [0.0, 1e6]\ncontact_damping_ns_per_m = 0.0\n"
+    file = tmp_path / "p.toml"
+    file.write_text(text + stiff)
+    _, found = answer(capsys, "check", str(file))
+    keys = [one["key"] for one in found["warnings"]]
+    assert "simulation.exchange" in keys
+    assert "simulation.contact_stiffness_n_per_m" in keys
+
+
+def test_verbs_of_walls_say_which_verbs_answer(tmp_path, capsys):
+    file = coupling_file(tmp_path, "tool/mujoco-500hz", ToolGains(5000.0, 20.0))
+    for words in (["trial", file], ["push", file, "--port", "emulator"], ["explore", "tool/mujoco-500hz"]):
+        assert main(words) == 2
+        assert "avc recommend, certify" in capsys.readouterr().err
+    for words in (["solve", "tool/mujoco-500hz"], ["compare", "tool/mujoco-500hz"]):
+        assert main(words) == 2
+        assert "[simulation]" in capsys.readouterr().err
