@@ -13,8 +13,10 @@ import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.claims.stability.bilateral import BilateralLoops
 from avc_casadi.cli import main
-from avc_casadi.model.hands import hand_corners
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.bilateral_loop import BilateralLoop
+from avc_casadi.model.hands import Hand, hand_corners
+from avc_casadi.model.lifted_loop import ToolGains, driven_plant
+from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.recommendation.bilateral import recommend_bilateral
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
@@ -144,6 +146,37 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay):
                 seed=row,
             )
             assert np.abs(np.diff(moved[:, -500:], axis=-1)).max() < 5e-6, (row, name)
+
+
+def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
+    """A leader moved by 1 mm with a free follower: force at its frequency, in a plain recursion of both clocks in step."""
+    k, b, t, n, delay = 1500.0, 10.0, 1e-3, 20000, 5
+    text = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.005"
+    stated = problem(text).changed(device={"delay_samples": 0})
+    loops = BilateralLoops(stated)
+    in_step = next(place for place, one in enumerate(loops.patterns) if one.clock.events == ((True, True),))
+    clock = loops.patterns[in_step].clock
+    empty = np.zeros(1)
+    follower = sampled_plant(stated.follower.at_leader(), Hand(empty, empty, empty))
+    loop = BilateralLoop(driven_plant(t), follower, empty, empty, clock, "position-position", "commanded")
+    decay = math.exp(-t / 0.3)
+    for hz in (1.0, 10.0):
+        omega = 2 * math.pi * hz
+        x = 1e-3 * np.exp(1j * omega * t * np.arange(n))
+        y, force, v = np.zeros(n, dtype=complex), np.zeros(n, dtype=complex), 0j
+        for j in range(n - 1):
+            own = (y[j] - y[j - 1]) / t if j else 0j
+            far, far_speed = (x[j - delay], (x[j - delay] - x[j - delay - 1]) / t) if j > delay else (0j, 0j)
+            pull = k * (far - y[j]) + b * (far_speed - own)
+            # m dv/dt = pull - 1.0 v, held for a sample.
+            y[j + 1] = y[j] + pull * t + (v - pull) * 0.3 * (1 - decay)
+            v = pull + (v - pull) * decay
+            if j > delay:
+                back, back_speed = y[j - delay], (y[j - delay] - y[j - delay - 1]) / t
+                force[j] = k * (x[j] - back) + b * ((x[j] - x[j - 1]) / t - back_speed)
+        last = slice(10000, n - 1)
+        seen = np.mean((force * np.exp(-1j * omega * t * np.arange(n)))[last]) / 1e-3
+        assert loop.force_per_metre(ToolGains(k, b), 0, hz) == pytest.approx(seen, rel=1e-3)
 
 
 @pytest.mark.thorough

@@ -141,13 +141,42 @@ class BilateralLoop:
         for event in self.clock.events:
             step = self._samples(event)
             whole = step @ whole
-            ages = [
-                sees[seen[side] % len(sees)]
-                for side, sees in enumerate((self.clock.leader_sees, self.clock.follower_sees))
-            ]
+            ages = self._ages(seen)
             whole = self._forward(gains, event, ages) @ whole
             seen = [count + here for count, here in zip(seen, event, strict=True)]
         return np.asarray(whole)
+
+    def force_per_metre(self, gains: ToolGains, environment: int, frequency_hz: float) -> complex:
+        """Return the force that the leader's loop asks for, per metre that a driven leader oscillates, N/m.
+
+        Args:
+            gains: as for `monodromy`.
+            environment: number of what the follower touches.
+            frequency_hz: of the leader, whose plant is a `driven_plant`.
+        """
+        turn = np.exp(2j * np.pi * frequency_hz * self._plants[0].sample_time_s)
+        whole, offset = np.eye(self.size, dtype=complex), np.zeros(self.size, dtype=complex)
+        rows, past, count, seen = np.zeros(self.size, dtype=complex), 0.0 + 0.0j, 0, [0, 0]
+        for event in self.clock.events:
+            sent, ages = self._samples(event), self._ages(seen)
+            whole, offset = sent @ whole, sent @ offset
+            if event[0]:
+                pull = self._asked(gains, ages)
+                force = pull[0] + pull[2]
+                rows, past = rows + turn**-count * (force @ whole), past + turn**-count * (force @ offset)
+                count += 1
+            moved = self._forward(gains, event, ages)[0, environment]
+            whole, offset = moved @ whole, moved @ offset
+            if event[0]:
+                offset[0] = turn**count
+            seen = [number + here for number, here in zip(seen, event, strict=True)]
+        state = np.linalg.solve(turn**count * np.eye(self.size) - whole, offset)
+        return complex((rows @ state + past) / count)
+
+    def _ages(self, seen: list[int]) -> list[int]:
+        """Return how old what each side has received is, after so many samples of each."""
+        both = self.clock.leader_sees, self.clock.follower_sees
+        return [sees[count % len(sees)] for count, sees in zip(seen, both, strict=True)]
 
     def _samples(self, event: tuple[bool, bool]) -> FloatArray:
         """Return the map that has each device that takes a sample send its position, shape (size, size)."""

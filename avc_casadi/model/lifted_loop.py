@@ -101,6 +101,12 @@ def _clock(period: Fraction, phase: Fraction, step_s: float) -> Clock:
     )
 
 
+def driven_plant(sample_time_s: float) -> SampledPlant:
+    """Return a device that is moved from outside: its one state is its position, which it forgets at each sample."""
+    none, one = np.zeros((1, 1, 1)), np.ones(1)
+    return SampledPlant(("device_position_m",), none[..., None], none, none, np.array([0]), one, one, sample_time_s)
+
+
 class LiftedLoop:
     """Device, hands and virtual tools, ready for the monodromy matrices of any gains.
 
@@ -140,18 +146,8 @@ class LiftedLoop:
         if held == 2:
             self.shift[self._known :: 2] = 1.0
 
-    @classmethod
-    def driven(cls, sample_time_s: float, clock: Clock, engine: VirtualTool) -> LiftedLoop:
-        """Return the loop whose device is moved from outside: its first state is the position, which forgets itself."""
-        none = np.zeros((1, 1, 1))
-        one = np.ones(1)
-        plant = SampledPlant(
-            ("device_position_m",), none[..., None], none, none, np.array([0]), one, one, sample_time_s
-        )
-        return cls(plant, clock, engine)
-
     def force_per_metre(self, gains: ToolGains, tool: ToolState, frequency_hz: float) -> complex:
-        """Return the force that the device's loop asks for, per metre that a driven device oscillates, N/m.
+        """Return the force that the device's loop asks for, per metre that a `driven_plant` oscillates, N/m.
 
         Of a periodic loop this is the part at the frequency itself; with ZOH and delay it is what the actuator gives.
 

@@ -16,6 +16,7 @@ from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follo
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
 from avc_casadi.files.teleoperator_coupling_file import teleoperator_coupling_document
 from avc_casadi.recommendation.preconditions import assumed, not_used
+from avc_casadi.recommendation.tool_impedance import Felt, felt_follower
 from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
@@ -65,6 +66,7 @@ class BilateralRecommendation(Comparable):
         gain_margin: how many times as large K and B may be together; None without gains.
         mode: the least damped oscillation of all loops; None without gains.
         worst: the loop that grows fastest beyond the limit.
+        felt: what it feels like at the leader; empty without gains.
         trial: how simulated hands fared; None without gains.
         passivity_margin_ns_per_m: of the two-port for any operator and environment, 0 or more is passive; None where
             the condition is not known: two sample times, or position-force.
@@ -83,6 +85,7 @@ class BilateralRecommendation(Comparable):
     gain_margin: float | None
     mode: Mode | None
     worst: BilateralCase
+    felt: tuple[Felt, ...]
     trial: BilateralTrial | None
     passivity_margin_ns_per_m: float | None
     passive_damping_ns_per_m: float | None
@@ -118,6 +121,7 @@ class BilateralRecommendation(Comparable):
                     "rendered_stiffness_n_per_m": rendered,
                     "gain_margin": self.gain_margin,
                     "least_damped": None if self.mode is None else asdict(self.mode),
+                    "felt": [asdict(one) for one in self.felt],
                     "passivity_margin_ns_per_m": self.passivity_margin_ns_per_m,
                     "passive_damping_ns_per_m": self.passive_damping_ns_per_m,
                     "loops": self.loops,
@@ -182,6 +186,7 @@ def recommend_bilateral(
         gain_margin=gain_margin,
         mode=None if gains is None else loops.slowest(gains),
         worst=loops.radius(stiffest.times(1.05) if stiffest.stiffness_n_per_m else search.softest)[1],
+        felt=() if gains is None else tuple(felt_follower(problem, gains)),
         trial=trial if gains is not None else None,
         passivity_margin_ns_per_m=margin,
         passive_damping_ns_per_m=needed,
@@ -256,7 +261,11 @@ def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, tria
     wanted, unit = required_follower(problem).stiffness_n_per_m, problem.units.unit("N/m")
     limit = quantity(stiffest.stiffness_n_per_m, unit)
     if gains is not None:
-        what = "the stiffness that is wanted" if wanted is not None else "the stiffest that keeps its margin"
+        what = (
+            "the stiffness that is wanted"
+            if wanted is not None
+            else "the stiffest that keeps its margin without local dampers"
+        )
         return f"{what}, all hands settled"
     if trial is None:
         asked = "" if wanted is None else f"{quantity(wanted, unit)} is wanted; "

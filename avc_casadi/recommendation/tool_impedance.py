@@ -1,4 +1,4 @@
-"""What a hand feels of a virtual tool: mass and drag in free motion, stiffness against a rigid object."""
+"""What a hand feels of a virtual tool or of a follower: mass and drag in free motion, stiffness on a rigid object."""
 
 from __future__ import annotations
 
@@ -7,13 +7,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.claims.stability.bilateral import required_follower
 from avc_casadi.claims.stability.tool_loop import required_tool
-from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks
+from avc_casadi.model.bilateral_loop import BilateralLoop, link_clocks
+from avc_casadi.model.device import DeviceRange
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks, driven_plant
+from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, tool_states
 
 if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import ToolState
 
 FELT_HZ = (1.0, 10.0)
 """Frequencies at which it is told, in the band in which hands move."""
@@ -41,43 +46,76 @@ class Felt:
 
 
 def felt_tool(problem: Problem, gains: ToolGains) -> list[Felt]:
-    """Return what is felt at `FELT_HZ`, of the nominal device as a rigid body and the heaviest tool.
+    """Return what is felt at `FELT_HZ` of the heaviest tool, with the nominal device as a rigid body.
 
     Args:
         problem: with [simulation].
         gains: of the coupling.
     """
-    below = [hz for hz in FELT_HZ if hz * problem.device.sample_time_s < 0.25]
-    return [_felt(problem, gains, hz) for hz in below]
-
-
-def _felt(problem: Problem, gains: ToolGains, frequency_hz: float) -> Felt:
-    device, tool = problem.device, required_tool(problem)
-    s = 2j * np.pi * frequency_hz
-    alone = device.mass_kg * s + device.damping_ns_per_m
-    free, rigid = tool_states(tool, 0.0)[-1], tool_states(tool, RIGID_N_PER_M)[-1]
-    contact = alone + _coupling(problem, gains, rigid, frequency_hz)
-    wanted = alone + gains.stiffness_n_per_m / s
-    stiffness, error = float(abs(contact - alone) * abs(s)), float(abs(contact - wanted) / abs(wanted))
-    if free.fixed:
-        return Felt(frequency_hz, None, None, None, stiffness, error)
-    moved = alone + _coupling(problem, gains, free, frequency_hz)
-    body = alone + free.mass_kg * s + free.damping_ns_per_m
-    return Felt(
-        frequency_hz,
-        float(moved.imag / abs(s)),
-        float(moved.real),
-        float(abs(moved - body) / abs(body)),
-        stiffness,
-        error,
-    )
-
-
-def _coupling(problem: Problem, gains: ToolGains, tool: ToolState, frequency_hz: float) -> complex:
-    """Return the impedance that actuator and engine add, held and delayed."""
     device, engine = problem.device, required_tool(problem)
+    free, rigid = tool_states(engine, 0.0)[-1], tool_states(engine, RIGID_N_PER_M)[-1]
+    t = device.sample_time_s
+    loop = LiftedLoop(driven_plant(t), clocks(max(engine.step_s), t)[-1], engine)
+
+    def at(frequency_hz: float) -> Felt:
+        moved = None if free.fixed else loop.force_per_metre(gains, free, frequency_hz)
+        stopped = loop.force_per_metre(gains, rigid, frequency_hz)
+        return _felt(device, gains, frequency_hz, (free.mass_kg, free.damping_ns_per_m), moved, stopped)
+
+    return [at(hz) for hz in _heard(device)]
+
+
+def felt_follower(problem: Problem, gains: ToolGains) -> list[Felt]:
+    """Return what is felt at `FELT_HZ` of the follower, with both nominal devices as rigid bodies.
+
+    Args:
+        problem: with [follower].
+        gains: of the coupling.
+    """
+    leader, follower = problem.device, required_follower(problem)
+    other = follower.at_leader()
+    ends, none = np.array([0.0, np.inf]), np.zeros(2)
+    touched = sampled_plant(other.model_copy(update={"range": DeviceRange()}), Hand(none, none, none))
+    clock = link_clocks(leader.sample_time_s, other.sample_time_s, *follower.delays_s[-1])[-1]
+    driven = driven_plant(leader.sample_time_s)
+    loop = BilateralLoop(driven, touched, ends, none, clock, follower.architecture, follower.force)
+
+    def at(frequency_hz: float) -> Felt:
+        free, rigid = (loop.force_per_metre(gains, place, frequency_hz) for place in (0, 1))
+        return _felt(leader, gains, frequency_hz, (other.mass_kg, other.damping_ns_per_m), free, rigid)
+
+    return [at(hz) for hz in _heard(leader)]
+
+
+def _heard(device: Device) -> list[float]:
+    return [hz for hz in FELT_HZ if hz * device.sample_time_s < 0.25]
+
+
+def _felt(
+    device: Device,
+    gains: ToolGains,
+    frequency_hz: float,
+    far: tuple[float, float],
+    free: complex | None,
+    rigid: complex,
+) -> Felt:
+    """Return what is felt of the forces that the device's loop asks for in free motion and against a rigid object.
+
+    Args:
+        device: held and late as its forces are.
+        gains: of the coupling.
+        frequency_hz: of the motion.
+        far: mass and damping of what moves at the other end.
+        free: force per metre; None where nothing moves.
+        rigid: force per metre.
+    """
     t, s = device.sample_time_s, 2j * np.pi * frequency_hz
-    clock = clocks(max(engine.step_s), t)[-1]
-    asked = LiftedLoop.driven(t, clock, engine).force_per_metre(gains, tool, frequency_hz)
-    hold = (1 - np.exp(-s * t)) / (s * t) * np.exp(-s * t * device.delay_samples)
-    return complex(asked * hold / s)
+    hold = (1 - np.exp(-s * t)) / (s * t) * np.exp(-s * t * device.delay_samples) / s
+    alone = device.mass_kg * s + device.damping_ns_per_m
+    contact, wanted = alone + rigid * hold, alone + gains.stiffness_n_per_m / s
+    stiffness, error = float(abs((contact - alone) * s)), float(abs(contact - wanted) / abs(wanted))
+    if free is None:
+        return Felt(frequency_hz, None, None, None, stiffness, error)
+    moved, body = alone + free * hold, alone + far[0] * s + far[1]
+    mass, drag = float(moved.imag / abs(s)), float(moved.real)
+    return Felt(frequency_hz, mass, drag, float(abs(moved - body) / abs(body)), stiffness, error)

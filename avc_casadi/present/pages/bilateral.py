@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 # A gain margin below which a row warns.
 _SAFE = 1.5
+# An impedance error in free motion from which both devices feel like something else than themselves.
+_DRAGS = 1.0
 
 
 def bilateral_page(
@@ -93,6 +95,13 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         Row("Coupling", told, Mark.PASS),
         Row("Rigid contact", f"{quantity(found['rendered_stiffness_n_per_m'], unit('N/m'))} pressed"),
     ]
+    if found["felt"]:
+        slow = found["felt"][0]
+        told = (
+            f"feels like {quantity(slow['mass_kg'], unit('kg'))} with a drag of "
+            f"{quantity(slow['drag_ns_per_m'], unit('N.s/m'))} at {slow['frequency_hz']:g} Hz"
+        )
+        rows.append(Row("Free motion", told, Mark.CAUTION if slow["free_error"] > _DRAGS else Mark.NONE))
     mode, margin = found["least_damped"], found["gain_margin"]
     stable = f"all hands and released, free to rigid, {found['loops']} loops; gain margin {margin:.2g}"
     if mode["damping_ratio"] < 1:
