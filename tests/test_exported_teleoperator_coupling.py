@@ -192,6 +192,27 @@ def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):
         read_teleoperator_coupling(path)
 
 
+def test_command_writes_what_is_unstable_by_request_and_refuses_what_is_of_others(tmp_path, capsys):
+    path = tmp_path / "c.json"
+    write_teleoperator_coupling(teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0), path)
+    command = ["export", str(path), "--c", str(tmp_path / "c")]
+    assert main(command) == 1
+    assert main([*command, "--unsafe", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["unsafe"].startswith("UNSAFE")
+    assert main([*command, "--package", "arduino"]) == 2
+    assert "--package" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("verb", ["certify", "simulate", "trial"])
+def test_verbs_that_know_walls_say_who_takes_the_file(verb, tmp_path, capsys):
+    path = tmp_path / "c.json"
+    write_teleoperator_coupling(teleoperator_coupling(FOLLOWER, 900.0, 6.0), path)
+    assert main([verb, str(path)]) == 2
+    said = capsys.readouterr().err
+    assert "couples a leader to a [follower]" in said
+    assert "avc export" in said
+
+
 def test_command_writes_a_coupling_and_its_c(tmp_path, capsys):
     file, out = tmp_path / "arm.toml", tmp_path / "c.json"
     file.write_text(

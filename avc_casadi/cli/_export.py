@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard\n"
         "and force limit, in C99 that is also C++11 and later. A coupling that is not deployable is refused with exit\n"
         "code 1; --unsafe overrides. Of a coupling to a [simulation] both ends, the device's and the engine's; or its\n"
-        "numbers in the words of an engine (--parameters)."
+        "numbers in the words of an engine (--parameters). Of a coupling to a [follower] one source for both ends."
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     what = parser.add_mutually_exclusive_group(required=True)
@@ -143,32 +143,28 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
 
 def _to_follower(args: argparse.Namespace, console: Console) -> Answer:
     """Write both ends of a teleoperator's coupling."""
-    from avc_casadi import InputError
     from avc_casadi._util.units import speak
+    from avc_casadi.claims.stability.bilateral import BilateralLoops
     from avc_casadi.files.teleoperator_coupling_file import read_teleoperator_coupling
     from avc_casadi.present.pages.bilateral import bilateral_export_page
     from avc_hardware import export_teleoperator_c
 
-    for option in ("package", "problem"):
-        if getattr(args, option):
-            message = "is for couplings to a wall, and this one leads to a [follower]; leave it out"
-            raise InputError.of(message, key=f"--{option}")
+    alien = [option for option in ("package", "problem", "parameters") if getattr(args, option)]
+    if alien:
+        message = "is of couplings to something else than a [follower]; for C: --c DIR alone"
+        raise avc.InputError.of(message, file=args.gains, key=f"--{alien[0]}")
     coupling = read_teleoperator_coupling(args.gains)
     speak(coupling.problem.units)
     with faults_of(args.gains, args), console.step("C"):
         files = export_teleoperator_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
-    with output_folder(args.c, "--c") as folder:
-        for name, text in files.items():
-            write_text(folder / name, text, "--c")
-    written = [str(Path(args.c) / name) for name in files]
-    document: dict[str, Any] = {
-        "schema": "avc-export/2",
+    written, stable = _written(args.c, files), BilateralLoops(coupling.problem).stable(coupling.gains)
+    document = {
+        "schema": "avc-export-teleoperator/1",
         "coupling": coupling.id,
         "files": written,
-        "packages": [],
         "sample_time_s": coupling.problem.device.sample_time_s,
         "follower_sample_time_s": coupling.follower.sample_time_s,
         "precision": args.precision,
+        "unsafe": "" if stable else "UNSAFE, went on by request: a loop is linearly unstable",
     }
-    text = bilateral_export_page(document, coupling, console.page, args.gains)
-    return Answer(document, text, more="\n".join(written))
+    return Answer(document, bilateral_export_page(document, coupling, console.page, args.gains))

@@ -19,6 +19,7 @@ from avc_casadi.files.gain_document import COUPLING_SCHEMA, GainCheck, state_fee
 from avc_casadi.files.gain_file import gain_document, read_csv, read_document, units_of_document
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.teleoperator_coupling_file import SCHEMA as TELEOPERATOR_SCHEMA
 from avc_casadi.files.tool_coupling_file import SCHEMA as TOOL_SCHEMA
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
@@ -38,6 +39,10 @@ GAINS_ALONE = (
 _TO_SIMULATION = (
     "couples a device to a [simulation]: it has no wall and no gain table, and its tool moves in an engine; "
     "avc export, avc certify and avc simulate take it"
+)
+_TO_FOLLOWER = (
+    "couples a leader to a [follower]: it has no wall and no gain table; avc export takes it, and avc recommend judges "
+    "its problem"
 )
 _WRITTEN = (
     "schema id problem title problem_file method solver structure model contact constant sample_time_s max_force_n "
@@ -115,6 +120,8 @@ def read_file(path: str | Path) -> Coupling | GainSchedule:
     document = read_document(path)
     if document.get("schema") == TOOL_SCHEMA:
         raise InputError.of(_TO_SIMULATION, file=str(path))
+    if document.get("schema") == TELEOPERATOR_SCHEMA:
+        raise InputError.of(_TO_FOLLOWER, file=str(path))
     units = units_of_document(document)
     with told_in(units):
         return _read(units.read(document), path)

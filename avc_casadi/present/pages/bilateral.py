@@ -69,6 +69,7 @@ def bilateral_export_page(document: dict[str, Any], coupling: TeleoperatorCoupli
     ]
     told = " and ".join(quantity(1 / one, "Hz") for one in dict.fromkeys(rates))
     rows = [
+        *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
         Row("Coupling", f"{coupling.id}: {'; '.join(springs)}"),
         Row("C", f"{document['precision']} precision, {told}; one source for both ends"),
         *(Row("File" if place == 0 else "", one) for place, one in enumerate(document["files"])),
