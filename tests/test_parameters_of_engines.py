@@ -186,10 +186,13 @@ def test_unstable_coupling_is_written_on_request_alone(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("verb", "said"),
     [
-        (("push", "c.json", "--port", "emulator"), "avc export, avc certify and avc simulate take it"),
-        (("stream", "c.json", "--port", "emulator"), "avc export, avc certify and avc simulate take it"),
-        (("trial", "c.json"), "avc export, avc certify and avc simulate take it"),
-        (("firmware", "c.json", "--board", "stm32f405", "--out", "o", "--built-in"), "avc simulate take it"),
+        (("push", "c.json", "--port", "emulator"), "simulate, check and export know a [simulation]"),
+        (("stream", "c.json", "--port", "emulator"), "simulate, check and export know a [simulation]"),
+        (("trial", "c.json"), "simulate, check and export know a [simulation]"),
+        (
+            ("firmware", "c.json", "--board", "stm32f405", "--out", "o", "--built-in"),
+            "simulate, check and export know a [simulation]",
+        ),
         (("export", "c.json", "--c", "o", "--package", "cmake"), "--package: is of couplings to a wall"),
         (("export", "c.json", "--c", "o", "--problem", "soft"), "--problem: is of couplings to a wall"),
         (("export", "w.json", "--parameters", "unity"), "--parameters: is of a coupling to a [simulation]"),

@@ -149,7 +149,7 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay):
 
 
 def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
-    """A leader moved by 1 mm with a free follower: force at its frequency, in a plain recursion of both clocks in step."""
+    """A leader moved by 1 mm with a free follower: force at that frequency, by a recursion with both clocks in step."""
     k, b, t, n, delay = 1500.0, 10.0, 1e-3, 20000, 5
     text = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.005"
     stated = problem(text).changed(device={"delay_samples": 0})
