@@ -157,6 +157,8 @@ def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
         )
         return simulator.run(8.0, 0.0, 6000, local=local, start=0.5)[0]
 
+    least, most = found.local_dampers_ns_per_m
+    assert least <= gains.local_damping_ns_per_m <= most
     assert np.abs(swings(0.0)[-500:]).max() > 0.4
     assert np.abs(swings(gains.local_damping_ns_per_m)[-500:]).max() < 1e-3
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Protocol
 
@@ -232,6 +232,26 @@ class CouplingSearch:
         if not self._judge.stable(gains):
             return 0.0
         return _edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, 1.02)
+
+    def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
+        """Return the least and the largest damper of the device's own loop with which K and B stay stable.
+
+        Args:
+            gains: stable ones; the least is 0 where none is needed.
+        """
+        top, here = float(self.dampers_ns_per_m[-1]), gains.local_damping_ns_per_m
+
+        def stable(damping: float) -> bool:
+            return self._judge.stable(replace(gains, local_damping_ns_per_m=damping))
+
+        start = here if here > 0 else float(self.dampers_ns_per_m[0])
+        if not stable(start):
+            return here, here
+        most = _edge(stable, start, top, 1 + self.options.precision)
+        if stable(0.0):
+            return 0.0, most
+        least = start / _edge(lambda part: stable(start / part), 1.0, start / (1e-6 * top), 1 + self.options.precision)
+        return least, most
 
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
         """Return the largest stable K about one that is near, 0 where there is none."""

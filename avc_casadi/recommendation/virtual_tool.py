@@ -92,6 +92,8 @@ class ToolRecommendation(Comparable):
         felt: what it feels like at the handle.
         trial: how simulated hands fared; None without a coupling.
         mismatch: whether devices a tenth off and a quarter of a sample late are linearly stable too.
+        local_dampers_ns_per_m: least and largest damper of the device's own loop that keeps K and B stable; of a held
+            force alone.
         least_tool_mass_kg: the lightest tool with which the same K is stable with some B; None where none is, or where
             nothing moves.
         slowest_step_s: the longest step of the engine with which it is.
@@ -112,6 +114,7 @@ class ToolRecommendation(Comparable):
     felt: tuple[Felt, ...]
     trial: ToolTrial | None
     mismatch: bool | None
+    local_dampers_ns_per_m: tuple[float, float] | None
     least_tool_mass_kg: float | None
     slowest_step_s: float | None
     exchanges: Mapping[str, bool]
@@ -154,6 +157,7 @@ class ToolRecommendation(Comparable):
                     "least_damped": None if self.mode is None else asdict(self.mode),
                     "felt": [asdict(one) for one in self.felt],
                     "mismatch_stable": self.mismatch,
+                    "local_dampers_ns_per_m": self.local_dampers_ns_per_m,
                     "limited_by": asdict(self.worst),
                 },
                 "felt": {"stiffness_n_per_m": rendered, "share_of_wall": None},
@@ -229,6 +233,7 @@ def recommend_tool(
         felt=() if gains is None else tuple(felt_tool(problem, gains)),
         trial=trial if deployable else None,
         mismatch=None if gains is None else _holds_off(problem, gains, options),
+        local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
         least_tool_mass_kg=None if same is None or tool.tool_mass_kg is None else _least_mass(problem, same, options),
         slowest_step_s=None if same is None else _slowest_step(problem, same, options),
         exchanges={} if same is None else _exchanges(problem, same),

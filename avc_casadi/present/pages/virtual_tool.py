@@ -159,6 +159,8 @@ def _force(document: dict[str, Any], problem: Problem) -> Row:
 def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
     """Tell how light the tool, how slow the engine and which exchange may be for the same K."""
     unit, parts = problem.units.unit, []
+    if found["local_dampers_ns_per_m"] is not None:
+        parts.append(f"a damper of its own of {_span(found['local_dampers_ns_per_m'], unit('N.s/m'))}")
     if found["least_tool_mass_kg"] is not None:
         parts.append(f"a tool of {quantity(found['least_tool_mass_kg'], unit('kg'))} or more")
     if found["slowest_step_s"] is not None:
