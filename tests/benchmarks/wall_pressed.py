@@ -2,7 +2,7 @@
 
 python tests/benchmarks/wall_pressed.py
 
-Draws figures/wall_pressed.png beside this file and prints what each renders.
+Overwrites figures/wall_pressed.png beside this file, and prints what each renders.
 """
 
 from __future__ import annotations
