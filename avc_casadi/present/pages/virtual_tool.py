@@ -116,7 +116,7 @@ def _felt(found: dict[str, Any], problem: Problem) -> list[Row]:
     if moved["mass_kg"] is not None:
         errors = ", ".join(f"{percent(one['free_error'])} at {one['frequency_hz']:g} Hz" for one in felt)
         told = (
-            f"feels like {quantity(moved['mass_kg'], unit('kg'))} with a drag of "
+            f"{quantity(moved['mass_kg'], unit('kg'))} with a drag of "
             f"{quantity(moved['drag_ns_per_m'], unit('N.s/m'))}; impedance error {errors}"
         )
         rows.append(Row("Free motion", told, Mark.CAUTION if moved["free_error"] > _DRAGS else Mark.NONE))
