@@ -1,6 +1,7 @@
 """The K-B region of the device as declared: its edges stand at the worst corner, and what it leaves out is named."""
 
 import json
+import re
 from functools import cache
 
 import numpy as np
@@ -172,12 +173,12 @@ def test_the_command_tells_what_it_used_and_refused(tmp_path, capsys):
         "passive with the paper's hold",
         "constant couplings, for any passive wall and for this one",
     ]
-    assert main(["zwidth", str(file)]) == 0
+    assert main(["zwidth", str(file), "-v"]) == 0
     text = capsys.readouterr().out
     assert "declared and not used: device.max_force_n" in text
     assert "declared and used: device.delay_samples, device.amplifier_bandwidth_hz" in text
-    assert "refused: passive with the paper's hold" in text
-    assert "the wall wanted, 3000 N/m and 1 N.s/m, without coupling: meets none of these claims" in text
+    assert re.search(r"Not judged +passive with the paper's hold", text)
+    assert re.search(r"Without coupling +this wall is neither passive nor stable", text)
 
 
 def test_the_figure_marks_the_wall_that_is_wanted():
