@@ -231,7 +231,9 @@ def test_command_answers_in_a_page_and_as_json(tmp_path, capsys):
     found = json.loads(capsys.readouterr().out)["teleoperation"]
     assert found["stiffness_n_per_m"] < found["stiffest_n_per_m"]
     assert main(["recommend", str(file), "--hands", "8"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) <= 15
+    page = capsys.readouterr().out
+    assert len(page.splitlines()) <= 15
+    assert "set by the leader released" in page
 
 
 def test_follower_is_a_device_of_the_catalogue_by_name():
@@ -249,6 +251,8 @@ def test_follower_is_a_device_of_the_catalogue_by_name():
         ('from = "no-such-device"', "no-such-device"),
         ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\narchitecture = 'force-force'", "architecture"),
         ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\nstep_s = 0.1", "step_s"),
+        ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\ndelay_s = 0.1", "delay_s.*at most 64 samples"),
+        ('from = "direct-drive-wheel"', "moves as its leader"),
     ],
 )
 def test_faults_of_the_table_are_told_with_their_keys(text, said):

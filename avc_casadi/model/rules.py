@@ -87,6 +87,8 @@ class Values:
 Finding = tuple[Path, str]
 Rule = Callable[[Values], Iterator[Finding]]
 
+MOST_LINK_SAMPLES = 64
+"""Samples of delay that a link between two devices has at most, each way."""
 # Closer frequencies would coincide after rounding.
 _SMALLEST_STEP = 1e-12
 
@@ -316,6 +318,39 @@ def _one_other_end(values: Values) -> Iterator[Finding]:
         yield ("follower",), "stands beside [simulation]; allowed: one of them"
 
 
+def _follower_moves_alike(values: Values) -> Iterator[Finding]:
+    """Positions of one device are coupled to those of the other: both turn, or none does."""
+    follower = values["follower"]
+    if follower is None:
+        return
+    motion, leader = _inside(follower, "motion") or "linear", values["device.motion"]
+    if motion != leader:
+        message = (
+            f"is {shown(motion)}, and device.motion is {shown(leader)}; allowed: a follower that moves as its leader"
+        )
+        yield ("follower", "motion"), message
+
+
+def _link_is_short(values: Values) -> Iterator[Finding]:
+    """Every sample under way is a state of the loop: the matrices of a long delay take minutes, then memory."""
+    follower, period = values["follower"], values["device.sample_time_s"]
+    if follower is None:
+        return
+    shorter = min(period, _inside(follower, "sample_time_s") or period)
+    for key in ("delay_s", "return_delay_s"):
+        delay = _inside(follower, key)
+        if delay is None:
+            continue
+        longest = delay if isinstance(delay, int | float) else max(delay)
+        if longest > MOST_LINK_SAMPLES * shorter * (1 + 1e-9):
+            most = plain(MOST_LINK_SAMPLES * shorter)
+            message = (
+                f"is {shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples ({most} s): "
+                "a longer link makes a loop too large to be judged here"
+            )
+            yield ("follower", key), message
+
+
 DEVICE_RULES: tuple[Rule, ...] = (
     *(_known_range(key) for key in DeviceRange.model_fields if key != "resonance"),
     *(_known_range("resonance", key) for key in ResonanceRange.model_fields),
@@ -339,4 +374,6 @@ RULES: tuple[Rule, ...] = (
     _saturation,
     _engine_no_faster,
     _one_other_end,
+    _follower_moves_alike,
+    _link_is_short,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
@@ -77,6 +78,19 @@ def bilateral_export_page(document: dict[str, Any], coupling: TeleoperatorCoupli
     return page.rendered(f"{shown}   leader and follower, {coupling.follower.architecture}", rows)
 
 
+def _set_by(found: dict[str, Any], unit: Callable[[str], str]) -> str:
+    """Tell which loop is the first to grow beyond the limit."""
+    case = found["limited_by"]
+    hand, touched = case["hand"], case["environment_n_per_m"]
+    who = "the leader released"
+    if any(hand.values()):
+        parts = zip(hand.values(), ("kg", "N.s/m", "N/m"), strict=True)
+        who = f"a hand of {', '.join(quantity(value, unit(of)) for value, of in parts)}"
+    stiff = f"on a spring of {quantity(touched, unit('N/m'))}" if touched else "free"
+    there, back = (quantity(one, "s") for one in case["delays_s"])
+    return f"{who}, the follower {'on a rigid object' if touched is None else stiff}, {there} there and {back} back"
+
+
 def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     """Return the rows of the `recommend` document.
 
@@ -85,7 +99,7 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         problem: what it was asked for.
     """
     found, unit = document["teleoperation"], problem.units.unit
-    limit = Row("Linear limit", f"K {quantity(found['stiffest_n_per_m'], unit('N/m'))}")
+    limit = Row("Linear limit", f"K {quantity(found['stiffest_n_per_m'], unit('N/m'))}, set by {_set_by(found, unit)}")
     if not document["deployable"]:
         return [Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL), limit]
     told = f"spring K {quantity(found['stiffness_n_per_m'], unit('N/m'))}"
