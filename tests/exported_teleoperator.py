@@ -11,7 +11,7 @@ from hardware_bench import require, run, scratch
 
 import avc_casadi as avc
 from avc_casadi.model.lifted_loop import ToolGains
-from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
+from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_hardware import export_teleoperator_c
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"

@@ -13,7 +13,7 @@ from hardware_bench import require, run, scratch
 
 import avc_casadi as avc
 from avc_casadi.model.lifted_loop import ToolGains
-from avc_casadi.tool_coupling import ToolCoupling
+from avc_casadi.other_end_coupling import ToolCoupling
 from avc_hardware import export_tool_c
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"

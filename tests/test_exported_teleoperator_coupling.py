@@ -11,7 +11,7 @@ from teleoperator_simulator import run
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.files.teleoperator_coupling_file import read_teleoperator_coupling, write_teleoperator_coupling
+from avc_casadi.files.other_end_coupling_file import read_teleoperator_coupling, write_other_end
 from avc_hardware import export_teleoperator_c
 
 # In which a force fades, and after how many a link is silent, in samples.
@@ -176,7 +176,7 @@ def test_unstable_coupling_is_written_by_request_only():
 def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):
     coupling = teleoperator_coupling(f"{FOLLOWER}position_scale = 0.5\nforce_scale = 4.0\n", 900.0, 6.0, 2.0)
     path = tmp_path / "c.json"
-    write_teleoperator_coupling(coupling, path)
+    write_other_end(coupling, path)
     assert read_teleoperator_coupling(path) == coupling
     document = json.loads(path.read_text())
     assert document["at_follower"] == {
@@ -194,7 +194,7 @@ def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):
 
 def test_command_writes_what_is_unstable_by_request_and_refuses_what_is_of_others(tmp_path, capsys):
     path = tmp_path / "c.json"
-    write_teleoperator_coupling(teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0), path)
+    write_other_end(teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0), path)
     command = ["export", str(path), "--c", str(tmp_path / "c")]
     assert main(command) == 1
     assert main([*command, "--unsafe", "--json"]) == 0
@@ -206,7 +206,7 @@ def test_command_writes_what_is_unstable_by_request_and_refuses_what_is_of_other
 @pytest.mark.parametrize("verb", ["certify", "simulate", "trial"])
 def test_verbs_that_know_walls_say_who_takes_the_file(verb, tmp_path, capsys):
     path = tmp_path / "c.json"
-    write_teleoperator_coupling(teleoperator_coupling(FOLLOWER, 900.0, 6.0), path)
+    write_other_end(teleoperator_coupling(FOLLOWER, 900.0, 6.0), path)
     assert main([verb, str(path)]) == 2
     said = capsys.readouterr().err
     assert "couples a leader to a [follower]" in said

@@ -10,7 +10,7 @@ from engine_simulator import EngineSimulator
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.files.tool_coupling_file import read_tool_coupling, write_tool_coupling
+from avc_casadi.files.other_end_coupling_file import read_tool_coupling, write_other_end
 from avc_casadi.model.hands import hand_corners
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
@@ -166,7 +166,7 @@ def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
 def test_file_of_a_coupling_to_a_simulation_reads_back(tmp_path):
     found = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002\nposition_scale = 10.0"), hands=HANDS)
     path = tmp_path / "c.json"
-    write_tool_coupling(found.coupling, path)
+    write_other_end(found.coupling, path)
     again = read_tool_coupling(path)
     assert again == found.coupling
     assert again.problem == found.problem

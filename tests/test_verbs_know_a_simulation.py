@@ -10,9 +10,9 @@ import avc_casadi as avc
 from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_casadi.claims.stability.tool_region import tool_region
 from avc_casadi.cli import main
-from avc_casadi.files.tool_coupling_file import write_tool_coupling
+from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
-from avc_casadi.tool_coupling import ToolCoupling
+from avc_casadi.other_end_coupling import ToolCoupling
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
 
@@ -24,7 +24,7 @@ def answer(capsys, *words):
 
 def coupling_file(folder, name, gains):
     path = folder / "c.json"
-    write_tool_coupling(ToolCoupling(avc.load_problem(name), gains), path)
+    write_other_end(ToolCoupling(avc.load_problem(name), gains), path)
     return str(path)
 
 

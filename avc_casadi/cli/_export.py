@@ -65,8 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Write both files, or tell the parameters."""
     from avc_casadi.claims.deployable import require_deployable
-    from avc_casadi.files.teleoperator_coupling_file import is_teleoperator_coupling
-    from avc_casadi.files.tool_coupling_file import is_tool_coupling
+    from avc_casadi.files.other_end_coupling_file import is_teleoperator_coupling, is_tool_coupling
     from avc_casadi.present.pages.bench import export_page
     from avc_hardware import export_c
 
@@ -145,7 +144,7 @@ def _to_follower(args: argparse.Namespace, console: Console) -> Answer:
     """Write both ends of a teleoperator's coupling."""
     from avc_casadi._util.units import speak
     from avc_casadi.claims.stability.bilateral import BilateralLoops
-    from avc_casadi.files.teleoperator_coupling_file import read_teleoperator_coupling
+    from avc_casadi.files.other_end_coupling_file import read_teleoperator_coupling
     from avc_casadi.present.pages.bilateral import bilateral_export_page
     from avc_hardware import export_teleoperator_c
 

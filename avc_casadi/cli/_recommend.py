@@ -105,7 +105,7 @@ def _to_other_end(
     args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
 ) -> Answer:
     """Recommend a coupling to a [simulation] or a [follower], write and show it; 1 if none can be deployed."""
-    from avc_casadi.files.tool_coupling_file import write_tool_coupling
+    from avc_casadi.files.other_end_coupling_file import write_other_end
     from avc_casadi.present.pages.virtual_tool import tool_page
     from avc_casadi.recommendation.virtual_tool import recommend_tool
 
@@ -118,7 +118,7 @@ def _to_other_end(
     with console.step(f"couplings with {hands} hands"):
         found = recommend_tool(problem, hands, versions=package_versions(), progress=console)
     if out is not None and found.coupling is not None:
-        write_tool_coupling(found.coupling, out)
+        write_other_end(found.coupling, out)
     document = found.document()
     text = tool_page(document, problem, console.page, args.problem, args.out, verbose=args.verbose)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
@@ -129,14 +129,14 @@ def _to_follower(
     args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
 ) -> Answer:
     """Recommend the coupling of a teleoperator, write and show it; 1 if none can be deployed."""
-    from avc_casadi.files.teleoperator_coupling_file import write_teleoperator_coupling
+    from avc_casadi.files.other_end_coupling_file import write_other_end
     from avc_casadi.present.pages.bilateral import bilateral_page
     from avc_casadi.recommendation.bilateral import recommend_bilateral
 
     with console.step(f"couplings with {hands} hands"):
         found = recommend_bilateral(problem, hands, versions=package_versions(), progress=console)
     if out is not None and found.coupling is not None:
-        write_teleoperator_coupling(found.coupling, out)
+        write_other_end(found.coupling, out)
     document = found.document()
     written = None if found.coupling is None else args.out
     text = bilateral_page(document, problem, console.page, args.problem, written, verbose=args.verbose)

@@ -95,7 +95,7 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
     from avc_casadi._util.units import speak
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.coupling_file import GAINS_ALONE, read_file
-    from avc_casadi.files.tool_coupling_file import is_tool_coupling
+    from avc_casadi.files.other_end_coupling_file import is_tool_coupling
 
     if is_tool_coupling(file):
         why = f"is a coupling to a simulation; {verb} takes one to a wall in the device's own loop: {TOOL_VERBS}"

@@ -11,7 +11,7 @@ from avc_casadi.cli._subject import is_coupling, load_problem
 
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
-    from avc_casadi.tool_coupling import ToolCoupling
+    from avc_casadi.other_end_coupling import ToolCoupling
 
 
 def couples_to_simulation(source: str) -> bool:
@@ -20,7 +20,7 @@ def couples_to_simulation(source: str) -> bool:
     Args:
         source: as the user typed it.
     """
-    from avc_casadi.files.tool_coupling_file import is_tool_coupling
+    from avc_casadi.files.other_end_coupling_file import is_tool_coupling
 
     if is_coupling(source):
         return is_tool_coupling(source)
@@ -33,7 +33,7 @@ def couples_to_simulation(source: str) -> bool:
 def read_tool(file: str) -> ToolCoupling:
     """Read a coupling to a simulation; from here on the command answers in the words of its device."""
     from avc_casadi._util.units import speak
-    from avc_casadi.files.tool_coupling_file import read_tool_coupling
+    from avc_casadi.files.other_end_coupling_file import read_tool_coupling
 
     found = read_tool_coupling(file)
     speak(found.problem.units)
@@ -53,7 +53,7 @@ def problem_and_gains(
     Raises:
         InputError: gains beside a coupling, of another kind, or none can be designed.
     """
-    from avc_casadi.files.tool_coupling_file import is_tool_coupling
+    from avc_casadi.files.other_end_coupling_file import is_tool_coupling
 
     if is_coupling(source):
         if gains is not None:

@@ -17,10 +17,9 @@ from avc_casadi._util.units import speaking, told_in
 from avc_casadi.coupling import FIRST_CONTACT, Coupling, check_sample_time, require_coupling
 from avc_casadi.files.gain_document import COUPLING_SCHEMA, GainCheck, state_feedback_of
 from avc_casadi.files.gain_file import gain_document, read_csv, read_document, units_of_document
+from avc_casadi.files.other_end_coupling_file import TELEOPERATOR_SCHEMA, TOOL_SCHEMA
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.files.problem_file import as_problem
-from avc_casadi.files.teleoperator_coupling_file import SCHEMA as TELEOPERATOR_SCHEMA
-from avc_casadi.files.tool_coupling_file import SCHEMA as TOOL_SCHEMA
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime

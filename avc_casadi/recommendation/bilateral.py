@@ -14,12 +14,12 @@ from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
-from avc_casadi.files.teleoperator_coupling_file import teleoperator_coupling_document
+from avc_casadi.files.other_end_coupling_file import other_end_document
+from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.tool_impedance import Felt, felt_follower
 from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.bilateral import BilateralCase
@@ -112,7 +112,7 @@ class BilateralRecommendation(Comparable):
                 "deployable": self.deployable,
                 "rest": None,
                 "reason": self.reason,
-                "coupling": None if self.coupling is None else teleoperator_coupling_document(self.coupling),
+                "coupling": None if self.coupling is None else other_end_document(self.coupling),
                 "teleoperation": {
                     **(gains or dict.fromkeys(vars(self.stiffest))),
                     "at_follower": at_follower,

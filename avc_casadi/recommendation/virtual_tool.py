@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,19 +14,27 @@ from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.files.tool_coupling_file import tool_coupling_document
+from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.tool_impedance import Felt, felt_tool
+from avc_casadi.recommendation.tool_sensitivity import (
+    ToolHelp,
+    exchanges_that_hold,
+    least_tool_mass_kg,
+    slowest_step_s,
+    stable_on_other_devices,
+    what_would_help,
+)
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
-from avc_casadi.tool_coupling import ToolCoupling
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.periodic import Mode
     from avc_casadi.claims.stability.tool_loop import ToolCase
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import Exchange, VirtualTool
+    from avc_casadi.model.virtual_tool import VirtualTool
 
 
 @dataclass(frozen=True)
@@ -41,10 +49,6 @@ class ToolOptions:
         softer: each next one is so many times the one before, where hands do not settle.
         tries: how many are tried.
         for_friction: so many softer ones are tried for one that needs no dry friction, where one that does is found.
-        mismatch: share by which mass and damping of the device may be off.
-        later_samples: by which its delay may be longer.
-        heaviest: a tool so many times heavier is looked at, at most.
-        slowest: as is a step so many times longer.
     """
 
     gain_margin: float = 1.5
@@ -52,28 +56,11 @@ class ToolOptions:
     softer: float = 0.8
     tries: int = 12
     for_friction: int = 2
-    mismatch: float = 0.1
-    later_samples: float = 0.25
-    heaviest: float = 100.0
-    slowest: float = 64.0
 
 
 OPTIONS = ToolOptions()
 # Who tries a coupling first, corners of the hands, and in which motions: what they refuse nobody else tries.
 _FIRST, _HARDEST = 16, ("touch", "free")
-
-
-@dataclass(frozen=True)
-class ToolHelp:
-    """A change and the stiffest coupling that it allows.
-
-    Attributes:
-        change: what, in words.
-        stiffest_n_per_m: K with the best B, linear stability alone.
-    """
-
-    change: str
-    stiffest_n_per_m: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,7 +128,7 @@ class ToolRecommendation(Comparable):
                 "deployable": self.deployable,
                 "rest": None,
                 "reason": self.reason,
-                "coupling": None if self.coupling is None else tool_coupling_document(self.coupling),
+                "coupling": None if self.coupling is None else other_end_document(self.coupling),
                 "simulation": {
                     "stiffness_n_per_m": None if gains is None else gains.stiffness_n_per_m,
                     "damping_ns_per_m": None if gains is None else gains.damping_ns_per_m,
@@ -232,12 +219,12 @@ def recommend_tool(
         worst=search.loops.radius(stiffest.times(1.02) if limit else search.softest)[1],
         felt=() if gains is None else tuple(felt_tool(problem, gains)),
         trial=trial if deployable else None,
-        mismatch=None if gains is None else _holds_off(problem, gains, options),
+        mismatch=None if gains is None else stable_on_other_devices(problem, gains),
         local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
-        least_tool_mass_kg=None if same is None or tool.tool_mass_kg is None else _least_mass(problem, same, options),
-        slowest_step_s=None if same is None else _slowest_step(problem, same, options),
-        exchanges={} if same is None else _exchanges(problem, same),
-        helps=_helps(problem, limit),
+        least_tool_mass_kg=None if same is None or tool.tool_mass_kg is None else least_tool_mass_kg(problem, same),
+        slowest_step_s=None if same is None else slowest_step_s(problem, same),
+        exchanges={} if same is None else exchanges_that_hold(problem, same),
+        helps=what_would_help(problem, limit),
         assumed=(*assumed(problem), *_assumed(tool)),
         not_used=not_used(problem),
     )
@@ -329,97 +316,6 @@ def _reason(tool: VirtualTool, wanted: float | None, margin: float, options: Too
     return f"{what}, exchange {tool.exchange}"
 
 
-def _holds_off(problem: Problem, gains: ToolGains, options: ToolOptions) -> bool:
-    """Whether the gains are stable on devices about the nominal one, or all over the ranges that are declared."""
-    device, known, off = problem.device, problem.device.range, options.mismatch
-    about = {
-        key: getattr(known, key) or (getattr(device, key) * (1 - off), getattr(device, key) * (1 + off))
-        for key in ("mass_kg", "damping_ns_per_m")
-    }
-    about["delay_samples"] = known.delay_samples or (device.delay_samples, device.delay_samples + options.later_samples)
-    return ToolLoops(problem.changed(device={"range": about})).stable(gains)
-
-
-def _least_mass(problem: Problem, stiffness_n_per_m: float, options: ToolOptions) -> float | None:
-    """Return the lightest tool with which a stiffness is stable: down from the declared one, or up to where it is."""
-    tool = required_tool(problem)
-    declared = min(tool.tool_mass_kg or (1.0,))
-
-    def holds(mass_kg: float) -> bool:
-        return _search(problem, tool_mass_kg=mass_kg).holds(stiffness_n_per_m, local=tool.exchange == "held-force")
-
-    if holds(declared):
-        return _between(holds, declared / options.heaviest, declared)
-    mass = declared
-    while mass < options.heaviest * declared:
-        mass *= 2
-        if holds(mass):
-            return _between(holds, mass / 2, mass)
-    return None
-
-
-def _between(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the smallest value, down to `low`, from which on all up to `high` hold, within 2 %."""
-    while high > low:
-        lower = max(high / 2, low)
-        if not holds(lower):
-            low = lower
-            break
-        high = lower
-    else:
-        return high
-    while high > 1.02 * low:
-        middle = math.sqrt(low * high)
-        low, high = (low, middle) if holds(middle) else (middle, high)
-    return high
-
-
-def _slowest_step(problem: Problem, stiffness_n_per_m: float, options: ToolOptions) -> float | None:
-    """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is."""
-    tool, t = required_tool(problem), problem.device.sample_time_s
-
-    def holds(samples: int) -> bool:
-        search = _search(problem, step_s=samples * t)
-        return search.holds(stiffness_n_per_m, local=tool.exchange == "held-force")
-
-    most = math.ceil(options.slowest * max(tool.step_s) / t)
-    good, bad = 0, 1
-    while bad <= most and holds(bad):
-        good, bad = bad, 2 * bad
-    while bad - good > 1:
-        middle = (good + bad) // 2
-        good, bad = (middle, bad) if middle <= most and holds(middle) else (good, middle)
-    return good * t if good else None
-
-
-def _exchanges(problem: Problem, stiffness_n_per_m: float) -> dict[str, bool]:
-    """Return with which exchanges a stiffness is stable with some damper."""
-    names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
-    return {
-        name: _search(problem, exchange=name).holds(stiffness_n_per_m, local=name == "held-force") for name in names
-    }
-
-
-def _helps(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, ...]:
-    """Return what would allow a stiffer coupling, the most first."""
-    tool, t = required_tool(problem), problem.device.sample_time_s
-    step_s = max(tool.step_s)
-    changes: dict[str, dict[str, Any]] = {}
-    if step_s >= 2 * t:
-        changes["an engine twice as fast"] = {"step_s": step_s / 2}
-    if tool.exchange != "on-time" or tool.steps_late:
-        changes["the tool's state on time"] = {"exchange": "on-time", "steps_late": 0}
-    if tool.tool_mass_kg is not None:
-        changes["a tool twice as heavy"] = {"tool_mass_kg": [2 * mass for mass in tool.tool_mass_kg]}
-    if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
-        changes["an implicit integrator"] = {"integrator": "implicit"}
-    found = [
-        ToolHelp(change, _search(problem, **keys).stiffest().stiffness_n_per_m) for change, keys in changes.items()
-    ]
-    better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
-    return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
-
-
 def unusual(problem: Problem) -> dict[str, str]:
     """Return what is unusual of a [simulation], by key: what costs most stiffness, and what no coupling mends.
 
@@ -441,10 +337,6 @@ def unusual(problem: Problem) -> dict[str, str]:
     if any(abs(one / t - round(one / t)) > 1e-6 for one in tool.step_s):
         found["step_s"] = f"is no whole multiple of T = {t:g} s: every phase of the two clocks is judged"
     return found
-
-
-def _search(problem: Problem, **simulation: Any) -> ToolSearch:
-    return ToolSearch(problem.changed(simulation=simulation))
 
 
 def _assumed(tool: VirtualTool) -> list[str]:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
+from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_hardware import export_teleoperator_c
 
 Array = NDArray[np.float64]

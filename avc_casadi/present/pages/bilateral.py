@@ -10,7 +10,7 @@ from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
-    from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
+    from avc_casadi.other_end_coupling import TeleoperatorCoupling
 
 # A gain margin below which a row warns.
 _SAFE = 1.5

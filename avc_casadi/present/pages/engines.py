@@ -11,7 +11,7 @@ from avc_casadi.model.mujoco_constraint import SOFT_IMPEDANCE, MujocoConstraint
 
 if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import ToolIntegrator
-    from avc_casadi.tool_coupling import ToolCoupling
+    from avc_casadi.other_end_coupling import ToolCoupling
 
 # Loads at which a contact is told in N/m: a light touch and a press.
 _LOADS_N = (0.2, 2.0)

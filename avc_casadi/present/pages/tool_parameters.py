@@ -14,7 +14,7 @@ from avc_casadi.present.pages.virtual_tool import headline as tool_headline
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
-    from avc_casadi.tool_coupling import ToolCoupling
+    from avc_casadi.other_end_coupling import ToolCoupling
 
 _KEY = "--parameters"
 _AHEAD = "its position and velocity lie in the future of the force that made them: that costs a factor of 10 to 60 of K"

@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from avc_casadi import InputError, NotDeployableError
 from avc_casadi.claims.stability.bilateral import BilateralLoops
 from avc_hardware.codegen.coupling_program import FARTHEST_M, FASTEST_M_PER_S
-from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH, renamed
-from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, Precision
-from avc_hardware.codegen.packages import checked_name, comment, comment_lines
+from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
+from avc_hardware.codegen.operations import DOUBLE, Precision
+from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
+from avc_hardware.codegen.packages import comment, comment_lines
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.lifted_loop import ToolGains
-    from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
+    from avc_casadi.other_end_coupling import TeleoperatorCoupling
 
 # A link that has missed so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.
 _MESSAGES = 5
-# In which a force fades away, and comes back: long for a sample, short for a hand.
-_FADE_S = 0.05
 
 _HEADER = """\
 /* The coupling between a leader and its follower, made by avc-casadi; do not edit. One source for both ends.
@@ -298,35 +296,20 @@ def export_teleoperator_c(
         NotDeployableError: a loop of the problem is not stable with it.
         InputError: another precision, or a name that is none in C.
     """
-    if precision not in PRECISIONS:
-        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
-    checked_name(name)
-    chosen = PRECISIONS[precision]
-    verdict = _verdict(coupling, unsafe=unsafe)
+    chosen = checked(precision, name)
+    judged = verdict(
+        coupling.problem,
+        BilateralLoops(coupling.problem),
+        coupling.gains,
+        unsafe=unsafe,
+        also=", the follower free and in contact",
+    )
     numbers = _numbers(coupling, chosen)
     files = {
-        HEADER: _HEADER.format(**numbers, **_told(coupling, verdict)),
+        HEADER: _HEADER.format(**numbers, **_told(coupling, judged)),
         SOURCE: _SOURCE.format(**numbers, ends=_ends(coupling, chosen)),
     }
-    units = coupling.problem.units
-    made = {file: units.code(text) for file, text in files.items()}
-    return made if name == NAME else {renamed(file, name): renamed(text, name) for file, text in made.items()}
-
-
-def _verdict(coupling: TeleoperatorCoupling, *, unsafe: bool) -> str:
-    """Judge a coupling on the loops of its own problem; its certificate is not relied on."""
-    loops = BilateralLoops(coupling.problem)
-    if loops.stable(coupling.gains):
-        return (
-            f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released, the "
-            "follower free and in contact"
-        )
-    radius, case = loops.radius(coupling.gains)
-    who = "with a hand" if any(case.hand.values()) else "released"
-    why = f"not deployable: linearly unstable {who}, spectral radius {radius:.6g}"
-    if not unsafe:
-        raise NotDeployableError(f"{coupling.problem.name}: {why}. Make it again: avc recommend P --out FILE")
-    return f"UNSAFE, written by request: {why}"
+    return named(coupling.problem, files, name)
 
 
 def _numbers(coupling: TeleoperatorCoupling, precision: Precision) -> dict[str, str]:
@@ -356,7 +339,7 @@ def _silence_samples(coupling: TeleoperatorCoupling, own: Device, far: Device, d
 
 
 def _fade_samples(own: Device) -> int:
-    return max(1, round(_FADE_S / own.sample_time_s))
+    return max(1, round(FADE_S / own.sample_time_s))
 
 
 def _delays(coupling: TeleoperatorCoupling) -> tuple[float, float]:
@@ -444,7 +427,7 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
             if measured
             else ""
         ),
-        "fade_s": _FADE_S,
+        "fade_s": FADE_S,
         "fastest": _fastest(device),
         "leader_silence": _silence_samples(coupling, device, follower, to_leader) * device.sample_time_s,
         "follower_silence": _silence_samples(coupling, follower, device, to_follower) * follower.sample_time_s,

@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from avc_casadi import InputError, NotDeployableError
 from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_hardware.codegen.coupling_program import FARTHEST_M, FASTEST_M_PER_S
-from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH, renamed
-from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, Precision
-from avc_hardware.codegen.packages import checked_name, comment, comment_lines
+from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
+from avc_hardware.codegen.operations import DOUBLE, Precision
+from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
+from avc_hardware.codegen.packages import comment, comment_lines
 
 if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
-    from avc_casadi.tool_coupling import ToolCoupling
+    from avc_casadi.other_end_coupling import ToolCoupling
 
 # An engine that has missed so many of its longest steps hangs.
 _STEPS = 5
-# In which a force fades away, and comes back: long for a sample, short for a hand.
-_FADE_S = 0.05
 _EXCHANGES: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
 
 _HEADER = """\
@@ -257,32 +255,14 @@ def export_tool_c(
         NotDeployableError: a loop of the problem is not stable with it.
         InputError: another precision, or a name that is none in C.
     """
-    if precision not in PRECISIONS:
-        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
-    checked_name(name)
-    chosen = PRECISIONS[precision]
-    verdict = _verdict(coupling, unsafe=unsafe)
+    chosen = checked(precision, name)
+    judged = verdict(coupling.problem, ToolLoops(coupling.problem), coupling.gains, unsafe=unsafe)
     words, numbers = _words(coupling.tool, chosen), _numbers(coupling, chosen)
     files = {
-        HEADER: _HEADER.format(**words, **numbers, **_told(coupling, verdict)),
+        HEADER: _HEADER.format(**words, **numbers, **_told(coupling, judged)),
         SOURCE: _SOURCE.format(**words, **numbers),
     }
-    units = coupling.problem.units
-    made = {file: units.code(text) for file, text in files.items()}
-    return made if name == NAME else {renamed(file, name): renamed(text, name) for file, text in made.items()}
-
-
-def _verdict(coupling: ToolCoupling, *, unsafe: bool) -> str:
-    """Judge a coupling on the loops of its own problem; its certificate is not relied on."""
-    loops = ToolLoops(coupling.problem)
-    if loops.stable(coupling.gains):
-        return f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released"
-    radius, case = loops.radius(coupling.gains)
-    who = "with a hand" if any(case.hand.values()) else "released"
-    why = f"not deployable: linearly unstable {who}, spectral radius {radius:.6g}"
-    if not unsafe:
-        raise NotDeployableError(f"{coupling.problem.name}: {why}. Make it again: avc recommend P --out FILE")
-    return f"UNSAFE, written by request: {why}"
+    return named(coupling.problem, files, name)
 
 
 def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
@@ -300,7 +280,7 @@ def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
         "sample_time_literal": literal(device.sample_time_s),
         "sample_time_ns": str(round(device.sample_time_s * 1e9)),
         "watchdog": str(_STEPS * samples),
-        "fade": str(max(1, round(_FADE_S / device.sample_time_s))),
+        "fade": str(max(1, round(FADE_S / device.sample_time_s))),
         "largest": literal(precision.largest),
         "farthest": literal(FARTHEST_M),
         "scene_farthest": literal(FARTHEST_M * tool.position_scale),
@@ -407,7 +387,7 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
             f"A number that is none (NaN, infinite), and a position of {whose} that moves faster than "
             f"{fastest:.4g} m/s, as no hand does."
         ).replace(" * ", " *   "),
-        "fade_s": max(1, round(_FADE_S / device.sample_time_s)) * device.sample_time_s,
+        "fade_s": max(1, round(FADE_S / device.sample_time_s)) * device.sample_time_s,
         "steps": _STEPS,
         "name": tool.exchange,
         "limited": "" if device.max_force_n is None else ", limited at AVC_COUPLING_MAX_FORCE_N",

@@ -1,4 +1,4 @@
-"""The file of a coupling to a simulation: its gains with problem, certificate and trial."""
+"""The file of a coupling to another end, a simulation or a second device: gains, problem, certificate and trial."""
 
 from __future__ import annotations
 
@@ -13,22 +13,29 @@ from avc_casadi._util.units import speaking, told_in
 from avc_casadi.files.gain_file import read_document, units_of_document
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.model.lifted_loop import ToolGains
-from avc_casadi.teleoperator_coupling import TeleoperatorCoupling
-from avc_casadi.tool_coupling import ToolCoupling
+from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
 
-SCHEMA = "avc-tool-coupling/1"
+TOOL_SCHEMA, TELEOPERATOR_SCHEMA = "avc-tool-coupling/1", "avc-teleoperator-coupling/1"
 _GAINS = ("stiffness_n_per_m", "damping_ns_per_m", "local_damping_ns_per_m")
 _TABLES = ("certificate", "trial", "versions")
 
 
-def tool_coupling_document(coupling: ToolCoupling) -> dict[str, Any]:
-    """Return JSON values: schema, id, gains at the device and in the scene, problem, certificate, trial, versions."""
+def other_end_document(coupling: ToolCoupling | TeleoperatorCoupling) -> dict[str, Any]:
+    """Return JSON values: schema, id, gains at both ends, problem, certificate, trial, versions.
+
+    Gains are those of the device, N/m and N.s/m; beside them ``in_scene`` or ``at_follower``.
+    """
+    if isinstance(coupling, ToolCoupling):
+        schema, key = TOOL_SCHEMA, "in_scene"
+        there = {name: getattr(coupling.in_scene, name) for name in _GAINS[:2]}
+    else:
+        schema, key, there = TELEOPERATOR_SCHEMA, "at_follower", vars(coupling.at_follower)
     found: dict[str, Any] = plain(
         {
-            "schema": SCHEMA,
+            "schema": schema,
             "id": coupling.id,
             **vars(coupling.gains),
-            "in_scene": {name: getattr(coupling.in_scene, name) for name in _GAINS[:2]},
+            key: there,
             "problem_file": problem_document(coupling.problem),
             "certificate": None if coupling.certificate is None else dict(coupling.certificate),
             "trial": None if coupling.trial is None else dict(coupling.trial),
@@ -38,46 +45,52 @@ def tool_coupling_document(coupling: ToolCoupling) -> dict[str, Any]:
     return found
 
 
-def write_tool_coupling(coupling: ToolCoupling, path: str | Path) -> None:
+def write_other_end(coupling: ToolCoupling | TeleoperatorCoupling, path: str | Path) -> None:
     """Write the file."""
     with speaking(coupling.problem.units):
-        Path(path).write_text(json_text(tool_coupling_document(coupling)), encoding="utf-8")
+        Path(path).write_text(json_text(other_end_document(coupling)), encoding="utf-8")
 
 
-def is_tool_coupling(path: str | Path, schema: str = SCHEMA) -> bool:
-    """Whether a file holds a coupling to a simulation, or one of another schema; what cannot be read is none."""
-    try:
-        document = json.loads(Path(path).read_text(encoding="utf-8")) if str(path).lower().endswith(".json") else None
-    except (OSError, ValueError, RecursionError):
-        return False
-    return isinstance(document, Mapping) and document.get("schema") == schema
+def is_tool_coupling(path: str | Path) -> bool:
+    """Whether a file holds a coupling to a simulation; what cannot be read is none."""
+    return _schema_of(path) == TOOL_SCHEMA
+
+
+def is_teleoperator_coupling(path: str | Path) -> bool:
+    """Whether a file holds a coupling between two devices; what cannot be read is none."""
+    return _schema_of(path) == TELEOPERATOR_SCHEMA
 
 
 def read_tool_coupling(path: str | Path) -> ToolCoupling:
-    """Read the file.
+    """Read the file of a coupling to a simulation.
 
     Raises:
         InputError: with every fault of the file.
     """
-    return read_gains_to(path, SCHEMA, "simulation", ToolCoupling)
+    return _read_file(Path(path), TOOL_SCHEMA, "simulation", ToolCoupling)
+
+
+def read_teleoperator_coupling(path: str | Path) -> TeleoperatorCoupling:
+    """Read the file of a coupling between two devices.
+
+    Raises:
+        InputError: with every fault of the file.
+    """
+    return _read_file(Path(path), TELEOPERATOR_SCHEMA, "follower", TeleoperatorCoupling)
+
+
+def _schema_of(path: str | Path) -> object:
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8")) if str(path).lower().endswith(".json") else None
+    except (OSError, ValueError, RecursionError):
+        return None
+    return document.get("schema") if isinstance(document, Mapping) else None
 
 
 _Kind = TypeVar("_Kind", ToolCoupling, TeleoperatorCoupling)
 
 
-def read_gains_to(path: str | Path, schema: str, table: str, kind: type[_Kind]) -> _Kind:
-    """Read the file of a coupling to another end.
-
-    Args:
-        path: of the file.
-        schema: that it must have.
-        table: of the other end, which its problem must have.
-        kind: what it holds.
-
-    Raises:
-        InputError: with every fault of the file.
-    """
-    path = Path(path)
+def _read_file(path: Path, schema: str, table: str, kind: type[_Kind]) -> _Kind:
     document = read_document(path)
     units = units_of_document(document)
     with told_in(units):

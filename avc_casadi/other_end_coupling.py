@@ -1,0 +1,98 @@
+"""Couplings to another end than a wall: the tool of a simulation, or a second device, with the problem they are for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.model.lifted_loop import ToolGains
+
+if TYPE_CHECKING:
+    from avc_casadi.model.follower import Follower
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import VirtualTool
+
+
+@dataclass(frozen=True, eq=False)
+class OtherEndCoupling(ABC):
+    """Spring and damper between a device and another end that moves.
+
+    Attributes:
+        problem: the problem as stated: device, hands, other end.
+        gains: K, B and the damper that a loop adds to its own device, at the device.
+        certificate: which claims it meets, a JSON document; None before it was judged.
+        trial: how simulated hands fared with it, a JSON document; None before it was tried.
+        versions: of what made it, by package.
+    """
+
+    problem: Problem
+    gains: ToolGains
+    certificate: Mapping[str, Any] | None = field(default=None, repr=False)
+    trial: Mapping[str, Any] | None = field(default=None, repr=False)
+    versions: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and isinstance(other, OtherEndCoupling) and self.id == other.id
+
+    def __hash__(self) -> int:
+        return hash(self.id)
+
+    @abstractmethod
+    def _end(self) -> tuple[str, VirtualTool | Follower]:
+        """Return the table of the other end, and its name in a problem file."""
+
+    @property
+    def id(self) -> str:
+        """Name of what runs, from its content: 8 hexadecimal digits."""
+        name, end = self._end()
+        runs = {
+            "gains": vars(self.gains),
+            "device": self.problem.device.model_dump(mode="json"),
+            name: end.model_dump(mode="json"),
+        }
+        return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
+
+
+@dataclass(frozen=True, eq=False)
+class ToolCoupling(OtherEndCoupling):
+    """What couples a device to the tool of a simulation."""
+
+    @property
+    def tool(self) -> VirtualTool:
+        """The [simulation] of its problem."""
+        found = self.problem.simulation
+        assert found is not None  # noqa: S101 - made by `recommend` and read from files that have one
+        return found
+
+    @property
+    def in_scene(self) -> ToolGains:
+        """K and B as the engine counts positions and forces; the local damper stays at the device."""
+        k, b = self.gains.stiffness_n_per_m / self.tool.scale, self.gains.damping_ns_per_m / self.tool.scale
+        return replace(self.gains, stiffness_n_per_m=k, damping_ns_per_m=b)
+
+    def _end(self) -> tuple[str, VirtualTool]:
+        return "simulation", self.tool
+
+
+@dataclass(frozen=True, eq=False)
+class TeleoperatorCoupling(OtherEndCoupling):
+    """What couples two devices over a link; each loop adds the damper of its gains to its own device."""
+
+    @property
+    def follower(self) -> Follower:
+        """The [follower] of its problem."""
+        found = self.problem.follower
+        assert found is not None  # noqa: S101 - made by `recommend` and read from files that have one
+        return found
+
+    @property
+    def at_follower(self) -> ToolGains:
+        """All gains as the follower counts its positions and forces."""
+        return self.gains.at_scale(1 / self.follower.scale)
+
+    def _end(self) -> tuple[str, Follower]:
+        return "follower", self.follower

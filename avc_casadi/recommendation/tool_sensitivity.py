@@ -1,0 +1,174 @@
+"""How far the same stiffness reaches: lighter tools, slower engines, other exchanges and devices; what allows more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
+from avc_casadi.design.virtual_tool import ToolSearch
+
+if TYPE_CHECKING:
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import Exchange
+
+
+@dataclass(frozen=True)
+class SensitivityOptions:
+    """Numbers of the sensitivities.
+
+    Attributes:
+        mismatch: share by which mass and damping of the device may be off.
+        later_samples: by which its delay may be longer.
+        heaviest: a tool so many times heavier is looked at, at most.
+        slowest: as is a step so many times longer.
+    """
+
+    mismatch: float = 0.1
+    later_samples: float = 0.25
+    heaviest: float = 100.0
+    slowest: float = 64.0
+
+
+_OPTIONS = SensitivityOptions()
+
+
+@dataclass(frozen=True)
+class ToolHelp:
+    """A change and the stiffest coupling that it allows.
+
+    Attributes:
+        change: what, in words.
+        stiffest_n_per_m: K with the best B, linear stability alone.
+    """
+
+    change: str
+    stiffest_n_per_m: float
+
+
+def stable_on_other_devices(problem: Problem, gains: ToolGains, options: SensitivityOptions = _OPTIONS) -> bool:
+    """Whether the gains are stable on devices about the nominal one, or all over the ranges that are declared.
+
+    Args:
+        problem: with [simulation].
+        gains: of the coupling.
+        options: how far other devices are off.
+    """
+    device, known, off = problem.device, problem.device.range, options.mismatch
+    about = {
+        key: getattr(known, key) or (getattr(device, key) * (1 - off), getattr(device, key) * (1 + off))
+        for key in ("mass_kg", "damping_ns_per_m")
+    }
+    about["delay_samples"] = known.delay_samples or (device.delay_samples, device.delay_samples + options.later_samples)
+    return ToolLoops(problem.changed(device={"range": about})).stable(gains)
+
+
+def least_tool_mass_kg(
+    problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS
+) -> float | None:
+    """Return the lightest tool with which a stiffness is stable: down from the declared one, or up to where it is.
+
+    Args:
+        problem: with [simulation].
+        stiffness_n_per_m: K, at the device.
+        options: how heavy a tool is looked at.
+    """
+    tool = required_tool(problem)
+    declared = min(tool.tool_mass_kg or (1.0,))
+
+    def holds(mass_kg: float) -> bool:
+        return _search(problem, tool_mass_kg=mass_kg).holds(stiffness_n_per_m, local=tool.exchange == "held-force")
+
+    if holds(declared):
+        return _between(holds, declared / options.heaviest, declared)
+    mass = declared
+    while mass < options.heaviest * declared:
+        mass *= 2
+        if holds(mass):
+            return _between(holds, mass / 2, mass)
+    return None
+
+
+def slowest_step_s(problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS) -> float | None:
+    """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is.
+
+    Args:
+        problem: with [simulation].
+        stiffness_n_per_m: K, at the device.
+        options: how long a step is looked at.
+    """
+    tool, t = required_tool(problem), problem.device.sample_time_s
+
+    def holds(samples: int) -> bool:
+        search = _search(problem, step_s=samples * t)
+        return search.holds(stiffness_n_per_m, local=tool.exchange == "held-force")
+
+    most = math.ceil(options.slowest * max(tool.step_s) / t)
+    good, bad = 0, 1
+    while bad <= most and holds(bad):
+        good, bad = bad, 2 * bad
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        good, bad = (middle, bad) if middle <= most and holds(middle) else (good, middle)
+    return good * t if good else None
+
+
+def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float) -> dict[str, bool]:
+    """Return with which exchanges a stiffness is stable with some damper.
+
+    Args:
+        problem: with [simulation].
+        stiffness_n_per_m: K, at the device.
+    """
+    names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
+    return {
+        name: _search(problem, exchange=name).holds(stiffness_n_per_m, local=name == "held-force") for name in names
+    }
+
+
+def what_would_help(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, ...]:
+    """Return what would allow a stiffer coupling, the most first.
+
+    Args:
+        problem: with [simulation].
+        limit_n_per_m: the stiffest K as it is.
+    """
+    tool, t = required_tool(problem), problem.device.sample_time_s
+    step_s = max(tool.step_s)
+    changes: dict[str, dict[str, Any]] = {}
+    if step_s >= 2 * t:
+        changes["an engine twice as fast"] = {"step_s": step_s / 2}
+    if tool.exchange != "on-time" or tool.steps_late:
+        changes["the tool's state on time"] = {"exchange": "on-time", "steps_late": 0}
+    if tool.tool_mass_kg is not None:
+        changes["a tool twice as heavy"] = {"tool_mass_kg": [2 * mass for mass in tool.tool_mass_kg]}
+    if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
+        changes["an implicit integrator"] = {"integrator": "implicit"}
+    found = [
+        ToolHelp(change, _search(problem, **keys).stiffest().stiffness_n_per_m) for change, keys in changes.items()
+    ]
+    better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
+    return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
+
+
+def _between(holds: Callable[[float], bool], low: float, high: float) -> float:
+    """Return the smallest value, down to `low`, from which on all up to `high` hold, within 2 %."""
+    while high > low:
+        lower = max(high / 2, low)
+        if not holds(lower):
+            low = lower
+            break
+        high = lower
+    else:
+        return high
+    while high > 1.02 * low:
+        middle = math.sqrt(low * high)
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return high
+
+
+def _search(problem: Problem, **simulation: Any) -> ToolSearch:
+    return ToolSearch(problem.changed(simulation=simulation))
