@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
-from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.design.virtual_tool import ToolSearch, ToolSearchOptions
 
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
@@ -34,6 +34,8 @@ class SensitivityOptions:
 
 
 _OPTIONS = SensitivityOptions()
+# What would help is told beside a limit: one part in a hundred is enough.
+_ROUGHLY = ToolSearchOptions(precision=0.01)
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,8 @@ def what_would_help(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, .
     if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
         changes["an implicit integrator"] = {"integrator": "implicit"}
     found = [
-        ToolHelp(change, _search(problem, **keys).stiffest().stiffness_n_per_m) for change, keys in changes.items()
+        ToolHelp(change, ToolSearch(problem.changed(simulation=keys), _ROUGHLY).stiffest().stiffness_n_per_m)
+        for change, keys in changes.items()
     ]
     better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))

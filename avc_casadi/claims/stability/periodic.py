@@ -56,6 +56,8 @@ class PeriodicLoops(ABC):
 
     def __init__(self) -> None:
         self._few: list[list[int]] = [[] for _ in self.patterns]
+        # The gains asked about last are asked about again: first of some loops, then of all.
+        self._last: dict[int, tuple[ToolGains, FloatArray]] = {}
 
     @abstractmethod
     def matrices(self, place: int, gains: ToolGains) -> FloatArray:
@@ -113,8 +115,11 @@ class PeriodicLoops(ABC):
         return eigenvalues(self._held(place, gains, rows))
 
     def _held(self, place: int, gains: ToolGains, rows: Sequence[int] | None = None) -> FloatArray:
-        matrices = self.matrices(place, gains)
-        return _held(matrices if rows is None else matrices[rows], self.patterns[place].shift)
+        last = self._last.get(place)
+        if last is None or last[0] != gains:
+            last = (gains, _held(self.matrices(place, gains), self.patterns[place].shift))
+            self._last[place] = last
+        return last[1] if rows is None else last[1][rows]
 
 
 def _contracts(values: ComplexArray) -> BoolArray:
