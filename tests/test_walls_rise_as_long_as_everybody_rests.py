@@ -215,9 +215,9 @@ def test_a_refined_law_gives_way_less_and_all_who_are_asked_still_settle(step):
     """Nobody is asked, then hands who settle only with laws of less feedback than the first."""
     nearer = refined(PROBLEM, step)
     assert nearer.stiffness_n_per_m == step.stiffness_n_per_m
-    softness = [one.cost.softness for one in nearer.candidates]
-    assert softness == sorted(softness)
-    assert softness[0] < 0.9 * step.best.cost.softness
+    distances = [one.cost.distance for one in nearer.candidates]
+    assert distances == sorted(distances)
+    assert distances[0] < 0.9 * step.best.cost.distance
     before = step.best.law.feedback[0]
     hand = OneHand(lambda _, law: law.feedback[0] / before / 1.001)
     asked = refined(PROBLEM, dataclasses.replace(step, candidates=(step.best,)), hand.at)
@@ -225,6 +225,6 @@ def test_a_refined_law_gives_way_less_and_all_who_are_asked_still_settle(step):
     rendering = frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m)
     for one in (*nearer.candidates, *asked.candidates):
         assert cost_of(one.law, rendering, loops).holds
-        assert one.cost.softness <= step.best.cost.softness
+        assert one.cost.distance <= step.best.cost.distance
         assert largest_radius(state_feedback_loop(HELD, one.law, rendering)).max() < 1
     assert all(one.law.feedback[0] / before <= 1.001 for one in asked.candidates)

@@ -130,8 +130,19 @@ class Evaluator:
 
     def stiffest(self) -> Judged | None:
         """Return the stiffest of what is safe and quiet, if anything is."""
-        enough = [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
-        return max(enough, key=lambda one: one.felt_n_per_m, default=None)
+        return max(self._enough(), key=lambda one: one.felt_n_per_m, default=None)
+
+    def nearest(self) -> Judged | None:
+        """Return what is nearest to the wall of what is safe and quiet, if anything is."""
+        return min(self._enough(), key=lambda one: one.distance, default=None)
+
+    def may_win(self, alternatives: Alternatives) -> bool:
+        """Whether couplings that nobody tried yet are as stiff as what is safe and quiet, or nearer to the wall."""
+        enough = self._enough()
+        return not enough or _may_win(Judged(alternatives[0], enough[0].trial, 0), enough)
+
+    def _enough(self) -> list[Judged]:
+        return [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
 
     def holds(self, stiffness_n_per_m: float) -> bool:
         """Whether something so stiff is safe and quiet, also with people who had no part in the choice."""
@@ -194,7 +205,7 @@ def tried(
     executor: Executor | None = None,
     search: str = "",
 ) -> list[Judged]:
-    """Try those that are deployable, the stiffest first, until nothing that is left could win.
+    """Try those that are deployable, the stiffest first, but for those that could not win.
 
     Args:
         candidates: the simpler ones first; some may have been judged already.
@@ -213,10 +224,8 @@ def tried(
     judged = list(before)
     for done, (order, alternatives) in enumerate(ranked, start=1):
         enough = [found for found in judged if found.complete(lean_on_friction=lean_on_friction)]
-        if enough and felt_at_rest_n_per_m(alternatives[0]) < (1 - 2 * AS_STIFF) * max(
-            found.felt_n_per_m for found in enough
-        ):
-            break
+        if enough and not _may_win(Judged(alternatives[0], enough[0].trial, order), enough):
+            continue
         for one in alternatives:
             known = next((found for found in judged if found.coupling is one), None)
             if known is not None and known.complete(lean_on_friction=lean_on_friction):
@@ -232,6 +241,13 @@ def tried(
         # Those that were tried before stand among the new ones.
         progress.advance(max(done, min(len(judged), len(ranked))), len(ranked), f"candidates tried, {search}")
     return judged
+
+
+def _may_win(one: Judged, enough: list[Judged]) -> bool:
+    """Whether what nobody tried yet is as stiff as what is safe and quiet, or nearer to the wall."""
+    if felt_at_rest_n_per_m(one.coupling) >= (1 - 2 * AS_STIFF) * max(found.felt_n_per_m for found in enough):
+        return True
+    return one.distance < min(found.distance for found in enough)
 
 
 def likeliest(

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 _RESERVES = (1.0, 3.0)
 # Where in the interval of stable dampings the contact damper stands.
 _SHARES = (0.5, 0.25, 0.1, 0.03, 0.01)
-# Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody.
-_OF_STIFFEST = (0.9, 0.82, 0.75)
+OF_STIFFEST = (0.9, 0.82, 0.75)
+"""Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody."""
 SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
 """The same where nothing stiffer brings everybody to rest: of the wall, if that is softer."""
 SOFTENED = "softened wall"
@@ -77,7 +77,7 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
     people = with_let_go(subjects)
     for gains, name in _rigid(problem, people):
         yield [Coupling.constant(problem, gains, name)]
-    for share in _OF_STIFFEST:
+    for share in OF_STIFFEST:
         yield from _softened(problem, people, share * stiffest.stiffness_n_per_m)
 
 
@@ -90,7 +90,7 @@ def stiffer_n_per_m(problem: Problem, stiffest: DampingRange, felt_n_per_m: floa
         felt_n_per_m: what is felt so far.
     """
     wall, limit = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m
-    looked = [share * limit for share in (*_OF_STIFFEST, 1.0)] + [share * min(limit, wall) for share in SAFER]
+    looked = [share * limit for share in (*OF_STIFFEST, 1.0)] + [share * min(limit, wall) for share in SAFER]
     above = [one for one in (*looked, wall) if _BARELY * felt_n_per_m < one <= wall]
     return min(above, default=None)
 

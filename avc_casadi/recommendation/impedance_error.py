@@ -1,15 +1,15 @@
-"""How far a coupling feels like the wall, against frequency: the complex error, by two references."""
+"""How far gains feel like the wall, against frequency: the complex error, by two references."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.worst_port import impedance_at_handle
-from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.paper.equations import SampleAngle, environment_impedance, perceived_impedance
 from avc_casadi.paper.loop import loop_at
@@ -17,6 +17,7 @@ from avc_casadi.paper.numbers import NUMPY
 from avc_casadi.paper.rendered import felt_impedance
 
 if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Impedance, Problem
     from avc_casadi.model.schedule import GainSchedule
 
@@ -25,6 +26,8 @@ TOLERANCE = 0.10
 GRID_HZ = np.geomspace(0.5, 200.0, 241)
 # A rigid coupling as numbers: no spring or damper of a wall comes near it.
 _RIGID = 1e15
+# A smaller share of the wall is none of it.
+_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ class ErrorCurve:
 
 def error_curve(
     problem: Problem,
-    gains: Gains | GainTable | GainSchedule | Coupling,
+    gains: Gains | GainTable | GainSchedule,
     frequency_hz: FloatArray = GRID_HZ,
     wall: Impedance | None = None,
 ) -> ErrorCurve:
@@ -66,54 +69,72 @@ def error_curve(
 
     Args:
         problem: device and the wall that is rendered; its bounds do not matter.
-        gains: constant gains, or a table, which is read at each frequency; or a coupling, with its state feedback.
+        gains: constant gains, or a table, which is read at each frequency.
         frequency_hz: where; a table is read at its end beyond it.
         wall: the wall that should be felt; None is the one that is rendered.
     """
     wall, device, s = wall or problem.environment, problem.device, 2j * np.pi * frequency_hz
-    felt, goal = _at_handle(problem, gains, frequency_hz, wall)
-    physical = device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, physical))
+    stated = _stated(problem)
+    loop, angle = loop_at(stated, frequency_hz), SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
+    behind = environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m)
+    felt = _at_handle(stated, felt_impedance(stated, frequency_hz, _rows(gains, frequency_hz)), frequency_hz)
+    goal = _at_handle(stated, perceived_impedance(loop.device, loop.hold, behind), frequency_hz)
+    return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, _physical(device, wall, s)))
 
 
-def rendered_stiffness_n_per_m(
-    problem: Problem, gains: Gains | GainTable | GainSchedule | Coupling, frequency_hz: FloatArray
-) -> FloatArray:
-    """Return |Z_h - Z_d| omega of what is rendered at the handle, shape (n,): of a wall without damper its stiffness.
+@dataclass(frozen=True)
+class Rendered:
+    """What is felt at the handle at some frequencies, each of shape (n,).
+
+    Attributes:
+        stiffness_n_per_m: |Z_h - Z_d| omega.
+        error: as `ErrorCurve.physical`.
+        mismatch: |ln((Z_h - Z_d)/Z_e)| with the wall's own impedance Z_e = b_e + k_e/s: alike for too soft and stiff,
+            and where device and wall swing together, so that next to nothing of |Z| is left.
+    """
+
+    stiffness_n_per_m: FloatArray
+    error: FloatArray
+    mismatch: FloatArray
+
+
+def of_force(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> Rendered:
+    """Evaluate what a force over the measured position renders at the handle of the device as declared.
 
     Args:
-        problem: device and the wall that is rendered.
-        gains: as for `error_curve`.
-        frequency_hz: where.
+        problem: device and wall.
+        force_n_per_m: asked for, before delay and amplifier, shape (n,).
+        frequency_hz: where, shape (n,).
     """
-    device, s = problem.device, 2j * np.pi * frequency_hz
-    felt, _ = _at_handle(problem, gains, frequency_hz, problem.environment)
-    return np.abs((felt - device.mass_kg * s - device.damping_ns_per_m) * s)
+    stated, device, s = _stated(problem), problem.device, 2j * np.pi * frequency_hz
+    loop, angle = loop_at(stated, frequency_hz), SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
+    # The impedance of a spring of 1 N/m turns force over position into one over velocity.
+    unit = environment_impedance(angle, "sampled-data", 0.0, 1.0)
+    felt = _at_handle(stated, perceived_impedance(loop.device, loop.hold, force_n_per_m * unit), frequency_hz)
+    wanted, wall = _physical(device, problem.environment, s), problem.environment
+    alone = device.mass_kg * s + device.damping_ns_per_m
+    rendered, behind = felt - alone, wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    return Rendered(np.abs(rendered * s), _relative(felt, wanted), _log_ratio(rendered, behind))
 
 
-def _at_handle(
-    problem: Problem,
-    gains: Gains | GainTable | GainSchedule | Coupling,
-    frequency_hz: FloatArray,
-    wall: Impedance,
-) -> tuple[ComplexArray, ComplexArray]:
-    """Return the impedance that is felt, and that of the sampled wall itself."""
-    stated = problem.changed(stability={"model": "sampled-data"})
-    loop, device = loop_at(stated, frequency_hz), problem.device
-    law = gains.runtime.state_feedback if isinstance(gains, Coupling) else None
-    rows = _rows(gains.table if isinstance(gains, Coupling) else gains, frequency_hz)
-    angle = SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
-    sampled = perceived_impedance(
-        loop.device,
-        loop.hold,
-        environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m),
-    )
+def _log_ratio(rendered: ComplexArray, wanted: NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
+    ratio = rendered / wanted
+    return np.asarray(np.abs(np.log(np.where(np.abs(ratio) > _NOTHING, ratio, _NOTHING))))
+
+
+def _stated(problem: Problem) -> Problem:
+    return problem.changed(stability={"model": "sampled-data"})
+
+
+def _physical(device: Device, wall: Impedance, s: NDArray[np.complexfloating[Any, Any]]) -> ComplexArray:
+    return np.asarray(device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s)
+
+
+def _at_handle(stated: Problem, perceived: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
+    """Turn the impedance of the model into that at the handle: delay as the port has it, amplifier and structure."""
+    loop, device = loop_at(stated, frequency_hz), stated.device
     on_time = np.exp(2j * np.pi * frequency_hz * device.delay_samples * device.sample_time_s)
-    felt, goal = (
-        impedance_at_handle(device, (np.asarray(each) - loop.device) * on_time, frequency_hz)
-        for each in (felt_impedance(stated, frequency_hz, rows, law), sampled)
-    )
-    return felt, goal
+    return impedance_at_handle(device, (perceived - loop.device) * on_time, frequency_hz)
 
 
 def _rows(

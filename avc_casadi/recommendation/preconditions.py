@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
+    from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 
 _RANGE = "device.range."
 _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
@@ -41,6 +42,25 @@ def hopeless(problem: Problem) -> str:
         if not passed:
             return f"whatever the coupling, {sentence}; {advice}"
     return ""
+
+
+def nothing_rendered(problem: Problem, trial: CouplingTrial) -> str:
+    """Return why nothing of a wall reaches a hand, whatever is stable; empty where something does.
+
+    Args:
+        problem: device and wall.
+        trial: how hands fared with a coupling.
+    """
+    device = problem.device
+    if problem.environment.stiffness_n_per_m == 0 or np.isfinite(trial.stiffness):
+        return ""
+    if trial.at_force_limit.any():
+        what = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g} N)"
+    else:
+        step = device.encoder_resolution_m
+        what = f"no press ends in contact (a step of the encoder, device.encoder_resolution_m, is {step:g} m)"
+    slips = "".join(f"; {doubt.key} {doubt.message}" for doubt in plausibility(problem))
+    return f"nothing of the wall is rendered: {what}; check the units of these values{slips}"
 
 
 def assumed(

@@ -1,4 +1,4 @@
-"""Which of the candidates to deploy: the safest, of these the quiet, of these the stiffest and nearest."""
+"""Which of the candidates to deploy: the safest, of these the quiet, of these the nearest to the wall in motion."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.claims.stability.transient import transients
+from avc_casadi.design.robust.goal import BAND_HZ, distance
 from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
-from avc_casadi.recommendation.impedance_error import error_curve
 from avc_casadi.recommendation.limit_cycle_freedom import proved_first
+from avc_casadi.recommendation.shaken import Shaken, shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 from avc_casadi.simulation.population.settled import exact_interval
 
@@ -19,13 +21,14 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
 
-# Stiffnesses closer than this share are equal: the coupling nearer to the wall in motion wins.
 AS_STIFF = 0.01
+"""Stiffnesses closer than this share are equal."""
+# Couplings are as near to the wall whose distances differ by no more.
+_AS_NEAR = 0.01
 # What a press feels of the stiffness at rest, below which it is what counts.
 _SLOW = 0.95
 # Share of the hands for whom a quiet coupling is quiet: a stiff wall is not given up for the last of the light ones.
 QUIET_SHARE = 0.9
-ERROR_HZ = (1.0, 10.0, 50.0)
 
 
 @dataclass(frozen=True)
@@ -77,13 +80,28 @@ class Judged:
         at_rest, pressed = felt_at_rest_n_per_m(self.coupling), self.trial.stiffness
         return pressed if pressed < _SLOW * at_rest else at_rest
 
+    @cached_property
+    def shaken(self) -> Shaken:
+        """What a shaken handle measures over the band in which hands move."""
+        return shaken(self.coupling, felt_at_rest_n_per_m(self.coupling), BAND_HZ)
+
+    @property
+    def mismatch(self) -> float:
+        """Root of the mean squared mismatch over that band."""
+        return float(np.sqrt(np.mean(self.shaken.mismatch**2)))
+
+    @cached_property
+    def distance(self) -> float:
+        """How far it is from the wall, in motion and in how long it swings when released."""
+        return distance(self.mismatch, transients(self.coupling)[0].settling_s)
+
     def complete(self, *, lean_on_friction: bool) -> bool:
         """Whether it is as safe as is asked for, and quiet."""
         return self.safety <= int(lean_on_friction) and self.quiet
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
-    """Take the safest, of these the quiet, of these the stiffest, then the quietest, the provable and the nearest.
+    """Take the safest, of these the quiet, of these the nearest to the wall, then the quietest, provable and stiffest.
 
     Args:
         judged: at least one.
@@ -99,13 +117,11 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
         most = max(one.at_rest for one in left)
         left = [one for one in left if one.at_rest == most]
     left = [one for one in left if one.quiet] or left
-    if judged[0].coupling.wall.stiffness_n_per_m == 0:  # nothing is stiff: what is felt is noise
-        return min(left, key=lambda one: (round(_error(one.coupling), 3), one.order))
-    stiffness = [one.felt_n_per_m for one in left]
-    as_stiff = [one for one, felt in zip(left, stiffness, strict=True) if felt >= (1 - AS_STIFF) * max(stiffness)]
-    quiet = max(int(one.trial.quiet.sum()) for one in as_stiff)
-    quietest = [one for one in as_stiff if int(one.trial.quiet.sum()) == quiet]
-    return min(proved_first(quietest), key=lambda one: (round(_error(one.coupling), 3), one.order))
+    nearest = min(one.distance for one in left)
+    as_near = [one for one in left if one.distance <= nearest + _AS_NEAR]
+    quiet = max(int(one.trial.quiet.sum()) for one in as_near)
+    quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
+    return max(proved_first(quietest), key=lambda one: (one.felt_n_per_m, -one.order))
 
 
 def devices_of(best: Judged | None) -> int:
@@ -133,10 +149,4 @@ def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str
         who += f", so at least {100 * exact_interval(fewest, len(rest))[0]:.3g} % of all such hands, to 95 %"
     if len(judged) == 1:
         return f"the only deployable candidate that was tried, nothing stiffer being asked for: {who}"
-    return f"the stiffest of {len(judged)} deployable candidates that are as safe: {who}"
-
-
-def _error(coupling: Coupling) -> float:
-    """Root of the mean squared complex error against the physical wall at the frequencies that are told."""
-    curve = error_curve(coupling.problem, coupling)
-    return float(np.sqrt(np.mean([curve.at(curve.physical, hz) ** 2 for hz in ERROR_HZ])))
+    return f"the nearest to the wall, in motion and when released, of {len(judged)} deployable candidates: {who}"

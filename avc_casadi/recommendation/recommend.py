@@ -17,6 +17,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
 from avc_casadi.claims.deployable import certified, deployable
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import with_wall
@@ -24,13 +25,13 @@ from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
-from avc_casadi.recommendation.impedance_error import error_curve
 from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom, with_rest
 from avc_casadi.recommendation.perturbed_devices import PerturbedDevices, off_file
-from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used
-from avc_casadi.recommendation.rank import ERROR_HZ, Judged, best_of, devices_of, reason_of
+from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used, nothing_rendered
+from avc_casadi.recommendation.rank import Judged, best_of, devices_of, reason_of
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import Help, what_would_help
+from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
 from avc_casadi.simulation.population.operators import Population, draw_subjects, people_of
 
@@ -101,18 +102,33 @@ class Recommendation(Comparable):
         tried = self.trial.document()
         springy = self.problem.environment.stiffness_n_per_m > 0
         sensed = tried["stiffness_n_per_m"]["median"] if springy else None
-        curve = error_curve(self.problem, self.coupling)
+        motion = shaken(self.coupling, felt_at_rest_n_per_m(self.coupling))
         return {
             "stiffness_n_per_m": sensed,
             "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(self.problem.device, sensed),
             "share_of_wall": tried["share_of_wall"] if springy else None,
-            "complex_error": {f"{hz:g}": curve.at(curve.physical, hz) for hz in ERROR_HZ},
+            "complex_error": motion.errors(),
+            "stiffness_in_motion_n_per_m": motion.stiffnesses(),
+            "shaken": {"depth_m": motion.depth_m, "amplitude_m": motion.amplitude_m},
             "tap_force_n": tried["tap_force_n"],
             "tap_depth_m": tried["tap_depth_m"],
             "edge_m": contact_onset_m(self.coupling) if springy else {},
             "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
             "vibration": tried["felt_vibration"],
             "friction_n": self.problem.device.coulomb_friction_n,
+        }
+
+    def transient(self) -> dict[str, Any]:
+        """Return how the linear loop in contact settles: released, and with the worst hand; nothing without a coupling.
+
+        A time to settle is None where an oscillation does not die away.
+        """
+        if self.coupling is None:
+            return {}
+        found = zip(("released", "worst_hand"), transients(self.coupling), strict=True)
+        return {
+            who: vars(one) | {"settling_s": one.settling_s if math.isfinite(one.settling_s) else None}
+            for who, one in found
         }
 
     def document(self) -> dict[str, Any]:
@@ -126,6 +142,7 @@ class Recommendation(Comparable):
                 "reason": self.reason,
                 "coupling": None if self.coupling is None else coupling_document(self.coupling),
                 "felt": self.felt(),
+                "transient": self.transient(),
                 "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
                 "plain_wall_n_per_m": self.plain_wall_n_per_m,
                 "with_friction_n_per_m": self.with_friction_n_per_m,
@@ -214,8 +231,9 @@ def recommend(
 
     Only couplings are considered that are linearly stable with every hand of [hands] and let go. Of these the safest
     win: everybody at rest without dry friction, then with the declared one, then as many as possible; among equally
-    safe ones those whose rest nine hands in ten do not feel, then the stiffest, then the quietest and nearest to the
-    wall in motion. Twice as many hands that had no part in the choice confirm it, on devices all over [device.range].
+    safe ones those whose rest nine hands in ten do not feel, then the nearest to the wall from 1 to 30 Hz, with a
+    price on a long time to settle when released, then the quietest, provable and stiffest. Twice as many hands that
+    had no part in the choice confirm it, on devices all over [device.range].
 
     Args:
         problem: device with what is known of it, wall and hands; or a problem file, or a name of the catalogue.
@@ -262,6 +280,7 @@ def recommend(
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             beside, off = _beside(best.coupling, hands, seed, executor), told_off()
         held = [felt_at_rest_n_per_m(one.coupling) for one in judged]
+        nothing = "" if best is None else nothing_rendered(problem, best.trial)
         return Recommendation(
             problem=problem,
             coupling=coupling,
@@ -269,14 +288,14 @@ def recommend(
             confirmed=None if best is None else best.others,
             beside=beside,
             off_file=off,
-            deployable=best is not None,
+            deployable=best is not None and not nothing,
             rest=rest,
             stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *held]),
             plain_wall_n_per_m=limit.stiffness_n_per_m,
             with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
             helps=() if why_none else helps(),
             considered=considered,
-            reason=why_none or reason_of(best, judged, considered),
+            reason=why_none or nothing or reason_of(best, judged, considered),
             assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
             not_used=not_used(problem),
         )

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.parallel import ALONE, Crew
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
+from avc_casadi.design.robust.goal import distance
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.recommendation.evaluate import Evaluator
 from avc_casadi.recommendation.generate import (
+    OF_STIFFEST,
     SAFER,
     Alternatives,
     RobustCandidates,
@@ -20,6 +22,7 @@ from avc_casadi.recommendation.generate import (
     stiffer_n_per_m,
     tuned_candidates,
 )
+from avc_casadi.recommendation.rank import AS_STIFF
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
 
     from avc_casadi._util.progress import Progress
     from avc_casadi.claims.stability.stiffest_wall import DampingRange
+    from avc_casadi.coupling import Coupling
     from avc_casadi.design.robust.cma_continuation import Step
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
@@ -87,9 +91,14 @@ def judged_candidates(
     if held_plainly:
         _plainly(evaluator, plain, wall)
     if not evaluator.holds(wall):
-        _behind_laws(evaluator, robust, wall, climbs, onwards)
-    if not (held_plainly or evaluator.holds(limit.stiffness_n_per_m)):
-        _plainly(evaluator, plain, limit.stiffness_n_per_m)
+        plainly_near = distance(math.log(max(wall / (OF_STIFFEST[0] * limit.stiffness_n_per_m), 1.0)), 0.0)
+        _behind_laws(evaluator, robust, wall, plainly_near, climbs, onwards)
+    if not held_plainly:
+        if evaluator.holds(limit.stiffness_n_per_m):
+            # Softer at rest, but a law may give way more in motion.
+            evaluator.ask(filter(evaluator.may_win, plain), _PLAIN)
+        else:
+            _plainly(evaluator, plain, limit.stiffness_n_per_m)
     for share in SAFER:
         if not evaluator.holds(share * plainly):
             evaluator.ask(softened_to(problem, corners, share * plainly), "softer springs")
@@ -128,7 +137,12 @@ def _plainly(evaluator: Evaluator, plain: list[Alternatives], stiffness_n_per_m:
 
 
 def _behind_laws(
-    evaluator: Evaluator, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range
+    evaluator: Evaluator,
+    robust: RobustCandidates,
+    wall_n_per_m: float,
+    plainly_near: float,
+    climbs: range,
+    onwards: range,
 ) -> None:
     """Continue to the wanted wall, then on from what is held, with those who moved among the first to try."""
     held = _held(evaluator, robust, robust.continuations(evaluator.screening(), climbs), wall_n_per_m)
@@ -137,11 +151,24 @@ def _behind_laws(
         more = robust.onwards(best.coupling, best.felt_n_per_m, evaluator.screening(), onwards)
         _held(evaluator, robust, more, wall_n_per_m)
         best = evaluator.stiffest()
-    if best is not None:
-        for steps in robust.refinements(best.coupling, evaluator.screening()):
-            evaluator.ask(
-                [robust.alternatives(steps[-1])], f"the same wall, nearer in motion, {best.felt_n_per_m:.4g} N/m"
-            )
+    if best is None:
+        return
+    _refine(evaluator, robust, best.coupling)
+    for number in climbs[1:]:
+        nearest = evaluator.nearest()
+        if nearest is None or nearest.distance <= plainly_near:
+            return
+        # No nearer than a spring alone: the search ended in a poor valley.
+        for steps in robust.continuations(evaluator.screening(), range(number, number + 1)):
+            if steps and steps[-1].stiffness_n_per_m >= (1 - AS_STIFF) * best.felt_n_per_m:
+                _refine(evaluator, robust, robust.alternatives(steps[-1])[0])
+
+
+def _refine(evaluator: Evaluator, robust: RobustCandidates, coupling: Coupling) -> None:
+    """Ask for laws like that of a coupling for the same wall that are nearer to it."""
+    for steps in robust.refinements(coupling, evaluator.screening()):
+        told = f"the same wall, nearer in motion, {steps[-1].stiffness_n_per_m:.4g} N/m"
+        evaluator.ask([robust.alternatives(steps[-1])], told)
 
 
 def _held(evaluator: Evaluator, robust: RobustCandidates, climbs: Iterable[list[Step]], wall_n_per_m: float) -> bool:

@@ -116,7 +116,7 @@ def _spread(over_hands: dict[str, Any]) -> str:
 
 def _in_motion(felt: dict[str, Any]) -> list[str]:
     """Say that a wall behind an observer that is stiff at rest is softer in motion, where its error says so."""
-    error = felt["complex_error"]["1"]
+    error = felt["complex_error"].get("1", 0.0)
     if felt["stiffness_n_per_m"] is None or felt["share_of_wall"] < 1 - _OTHERWISE or error < _OTHERWISE:
         return []
     line = (

@@ -62,7 +62,7 @@ _NEVER = 1e4
 _UNASKED = 5e3
 _MOST_LAWS = 3
 # Generations of a refinement, and how far its first laws lie around the start.
-_REFINED, _NEAR = 20, 0.15
+_REFINED, _NEAR = 20, 0.3
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def continuation(
 
 
 def refined(problem: Problem, step: Step, residual_speed_at: ResidualSpeedAt | None = None, *, seed: int = 0) -> Step:
-    """Return a step with the laws that give way least in motion, of those of some more generations and its own.
+    """Return a step with the laws that are nearest to the wall, of those of some more generations and its own.
 
     Args:
         problem: device with what is known of it, hands and wall.
@@ -235,7 +235,7 @@ class _Search:
         return None, _PATIENCE
 
     def nearer(self, step: Step) -> Step:
-        """Continue at a wall that is held; return it with the laws that give way least in motion."""
+        """Continue at a wall that is held; return it with the laws that are nearest to the wall."""
         space, loops, search = self._space, self._loops, self._evolution
         gains, rendering = softened(self._problem, step.stiffness_n_per_m)
         stiffness, law = stiffness_at_rest(rendering), step.best.law
@@ -247,7 +247,7 @@ class _Search:
             laws = space.laws(np.array(points), stiffness)
             costs = costs_of(laws, rendering, hardest)
             # Whatever hands say of a law that gives way more, it is none to be returned.
-            value, settled = _weighed(space, laws, costs, residual_speed, softness=best[0].cost.softness)
+            value, settled = _weighed(space, laws, costs, residual_speed, distance=best[0].cost.distance)
             search.tell(points, value.tolist())
             likely = [np.asarray(points[row]) for row in settled]
             for one in _weighed_by_all(space, loops, rendering, likely):
@@ -255,7 +255,7 @@ class _Search:
                     best.append(one)
                 else:
                     hardest = hardest.and_of(loops.hardest(one.law, rendering))
-            best.sort(key=lambda one: one.cost.softness)
+            best.sort(key=lambda one: one.cost.distance)
         return Step(step.gains, step.stiffness_n_per_m, tuple(best[:_MOST_LAWS]))
 
 
@@ -264,29 +264,29 @@ def _weighed(
     laws: Laws,
     costs: list[Cost],
     residual_speed: ResidualSpeed | None,
-    softness: float = math.inf,
+    distance: float = math.inf,
 ) -> tuple[FloatArray, list[int]]:
     """Return what laws are worth, the less the better, and with which of them all hands settle.
 
-    Where a softness is given, laws that give way as much are not simulated, and softness counts.
+    Where a distance is given, laws that are as far from the wall are not simulated, and distance counts.
     """
     total = np.array([cost.total for cost in costs])
     lacks = np.nan_to_num([cost.lacks_per_s for cost in costs], posinf=0.0)
     value: FloatArray = _NEVER + np.minimum(total + _PER_DECAY * lacks, _NEVER)
     damped = np.flatnonzero([cost.holds for cost in costs])
-    soft = np.zeros(len(costs))
-    if softness < math.inf:
-        soft[damped] = [costs[row].softness for row in damped]
-        value[damped] = _UNASKED + PER_SOFTNESS * soft[damped]
-        damped = damped[soft[damped] < softness]
+    far = np.zeros(len(costs))
+    if distance < math.inf:
+        far[damped] = [costs[row].distance for row in damped]
+        value[damped] = _UNASKED + PER_SOFTNESS * far[damped]
+        damped = damped[far[damped] < distance]
     if len(damped) == 0:
         return value, []
     if residual_speed is None:
-        value[damped] = total[damped] + PER_SOFTNESS * soft[damped]
+        value[damped] = total[damped] + PER_SOFTNESS * far[damped]
         return value, damped.tolist()
     ends = residual_speed([space.one_of(laws, row) for row in damped.tolist()])
     paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST), _AIM, _AIM * _FASTEST) / _AIM).sum(axis=1)
-    value[damped] = _PER_UNREST * paid + _PER_COST * total[damped] + PER_SOFTNESS * soft[damped]
+    value[damped] = _PER_UNREST * paid + _PER_COST * total[damped] + PER_SOFTNESS * far[damped]
     return value, damped[(ends < 1).all(axis=1)].tolist()
 
 

@@ -17,6 +17,7 @@ from avc_casadi.claims.stability.state_feedback import (
     state_feedback_loops,
     stiffness_at_rest,
 )
+from avc_casadi.claims.stability.transient import settling_s
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
@@ -24,6 +25,13 @@ if TYPE_CHECKING:
     from avc_casadi.design.robust.uncertainty_set import Loops
     from avc_casadi.model.runtime import StateFeedback
 
+BAND_HZ = np.array([1.0, 3.0, 10.0, 30.0])
+"""The band in which hands move and feel; what lies above half the sample rate counts as it does there."""
+JUST_FELT = 0.05
+"""Difference in stiffness, relative, that no hand tells: Weber fractions are 0.08 and more (Jones and Hunter 1990)."""
+AT_ONCE_S = 0.25
+"""Time to settle that a hand which lets go does not wait for."""
+_PER_SETTLING = 0.3
 DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
 """Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have."""
 _SLOW_HZ = 2.0
@@ -52,6 +60,18 @@ PER_SOFTNESS, PER_SENSITIVITY, PER_GAIN = 40.0, 2.0, 2.0
 USUAL_SENSITIVITY = 3.0
 
 
+def distance(mismatch: float, settling_s: float) -> float:
+    """Weigh what is rendered in motion and the time to settle when released.
+
+    To settle four times as long is worth a third of the stiffness.
+
+    Args:
+        mismatch: rms of abs(ln(rendered/wanted)) over `BAND_HZ`; what nobody feels counts as that.
+        settling_s: of the slowest oscillation; what is over at once counts as that.
+    """
+    return max(mismatch, JUST_FELT) + _PER_SETTLING * math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S)
+
+
 @dataclass(frozen=True)
 class Cost:
     """What a law costs, and what it is.
@@ -77,9 +97,9 @@ class Cost:
         return self.radius < 1 and self.radius_any_share < 1 and self.lacks_per_s <= 0
 
     @property
-    def softness(self) -> float:
-        """By what share of the wall the law gives way in motion, at 3 and at 10 Hz together."""
-        return self.facts["softness_3hz"] + self.facts["softness_10hz"]
+    def distance(self) -> float:
+        """How far the law is from the wall: in motion over the hand's band, and in how long it swings when released."""
+        return distance(self.facts["mismatch"], self.facts["settling_s"])
 
 
 def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
@@ -141,6 +161,7 @@ class Responses:
         softness_10hz: the same, with its own bound.
         bound_3hz: up to which it costs nothing.
         bound_10hz: the same.
+        mismatch: rms of abs(ln(C D/K)) over the band of the hand, D the delay and half a sample.
     """
 
     sensitivity: FloatArray
@@ -150,6 +171,7 @@ class Responses:
     softness_10hz: FloatArray
     bound_3hz: float
     bound_10hz: float
+    mismatch: FloatArray
 
 
 def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
@@ -161,6 +183,8 @@ def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
     share = np.clip(-cut.real / np.maximum(np.abs(cut) ** 2, 1e-30), 0, 1)
     buzz = frequency > min(_BUZZ_HZ, float(frequency[-2]))
     softness = np.array([[np.interp(hz, frequency, row) for row in np.abs(rendered - 1)] for hz in (3, 10)])
+    parts = [np.array([np.interp(BAND_HZ, frequency, row) for row in part]) for part in (rendered.real, rendered.imag)]
+    in_band = (parts[0] + 1j * parts[1]) * np.exp(-2j * np.pi * BAND_HZ * loops.lag_s)
     beside = _DAMPING_NS_PER_M * loops.metres_per_unit**2
     return Responses(
         1 / np.abs(1 + cut),
@@ -170,23 +194,32 @@ def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
         softness[1],
         _SOFTNESS_3HZ,
         _SOFTNESS_10HZ + 2 * math.pi * 10 * beside / stiffness,
+        np.sqrt(np.mean(np.abs(np.log(in_band)) ** 2, axis=1)),
     )
 
 
 def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
-    found = responses(laws, rendering, loops)
+    found, t = responses(laws, rendering, loops), loops.sample_time_s
     facts = {
         "sensitivity": found.sensitivity.max(axis=(1, 2)),
         "sensitivity_any_share": found.sensitivity_any_share.max(axis=(1, 2)),
         "gain": found.gain.max(axis=1),
         "softness_3hz": found.softness_3hz,
         "softness_10hz": found.softness_10hz,
+        "mismatch": found.mismatch,
+        "settling_s": settling_s(poles(state_feedback_loops(_nominal(loops.free), laws, rendering))[:, 0, 0], t),
     }
     over = np.maximum(0, found.softness_3hz - found.bound_3hz) + np.maximum(0, found.softness_10hz - found.bound_10hz)
     return [
         _Felt({name: float(values[row]) for name, values in facts.items()}, float(over[row]))
         for row in range(len(laws))
     ]
+
+
+def _nominal(plants: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Take the first of some plants: the device as declared, or at the first of its corners."""
+    matrix, push, measured = plants
+    return matrix[:1], push[:1], measured
 
 
 def _paid(facts: dict[str, float]) -> float:

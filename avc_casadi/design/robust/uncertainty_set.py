@@ -55,6 +55,7 @@ class Loops:
         response: position that is measured over force, nominal, shape (hands, f), m/N.
         sample_time_s: T.
         metres_per_unit: how far the hand moves for a unit of the position.
+        lag_s: of a force after the position: the delay, and half a sample of the hold.
     """
 
     nominal: Plants
@@ -66,6 +67,7 @@ class Loops:
     response: ComplexArray
     sample_time_s: float
     metres_per_unit: float
+    lag_s: float
 
     @classmethod
     def of(cls, device: Device, hands: Hands) -> Loops:
@@ -94,7 +96,8 @@ class Loops:
         pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
         response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
         seen = (response[..., 0] @ measured).astype(np.complex128)
-        return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit)
+        lag = (device.delay_samples + 0.5) * t
+        return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit, lag)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
         """Keep the loops that miss most of their decay with a law; with laws like it they are the same ones."""

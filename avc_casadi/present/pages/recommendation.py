@@ -13,9 +13,13 @@ if TYPE_CHECKING:
 
 # An impedance error at 1 Hz from which motion is another matter than rest, and a tap this near to the limit is at it.
 _SOFTER, _AT_LIMIT = 0.2, 0.97
+# Frequencies up to this are those of hands; what takes longer to settle is worth a mark.
+_OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
 # The wall begins noticeably elsewhere than at its face, m; leaning on friction is worth a row.
 _ELSEWHERE_M, _STIFFER = 5e-4, 1.1
 _MOST_HELPS = 3
+# A wall that more hands than this share push through is told first.
+_PUSH_THROUGH = 0.5
 _SHORT = {
     "half the sample time": "half T",
     "twice the damping of the device": "twice the damping",
@@ -62,6 +66,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         _coupling(document, problem),
         *_rendered(document, problem),
         _stability(document, problem),
+        _settling(document["transient"]),
         *_simulated(document),
     ]
     if briefly:
@@ -86,9 +91,14 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
         parts.append(f"observer of {quantity(runtime['observer_mass_kg'], unit('kg'))}")
     if not coupling["constant"]:
         parts.append(f"{len(table['frequency_hz'])} rows")
-    verdict = "deployable" if document["deployable"] else "NOT deployable"
-    mark = Mark.PASS if document["deployable"] else Mark.FAIL
-    return Row("Coupling", f"{', '.join(parts)}: {verdict}", mark)
+    trial, limit = document["trial"], coupling["max_force_n"]
+    if not document["deployable"]:
+        return Row("Coupling", f"NOT deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
+    if trial["at_force_limit"] > _PUSH_THROUGH * trial["hands"]:
+        through = f"{trial['at_force_limit']} of {trial['hands']} hands push through the wall"
+        told = f"{', '.join(parts)}: deployable, but {through} (limit {quantity(limit, unit('N'))})"
+        return Row("Coupling", told, Mark.CAUTION)
+    return Row("Coupling", f"{', '.join(parts)}: deployable", Mark.PASS)
 
 
 def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
@@ -109,12 +119,32 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     spread = ""
     if not 0.9 * sensed <= low <= high <= 1.1 * sensed:
         spread = f", {quantity(low, unit('N/m'))} to {quantity(high, unit('N/m'))} over 90 % of hands"
-    softer = felt["complex_error"]["1"] > max(_SOFTER, 1 - felt["share_of_wall"])
+    softer = felt["complex_error"].get("1", 0.0) > max(_SOFTER, 1 - felt["share_of_wall"])
     static = f"{quantity(sensed, unit('N/m'))} static ({percent(felt['share_of_wall'])} of the wall)"
+    moving = "".join(
+        f", {quantity(stiffness, unit('N/m'))} at {hz} Hz"
+        for hz, stiffness in felt["stiffness_in_motion_n_per_m"].items()
+        if float(hz) <= _OF_HANDS_HZ
+    )
     return [
-        Row("Rendered", f"{static}{at_handle}{spread}"),
-        Row("Impedance error", errors, Mark.CAUTION if softer else Mark.NONE),
+        Row("Rendered", f"{static}{moving}{at_handle}{spread}"),
+        Row(
+            "Impedance error",
+            f"{errors}, handle shaken by {quantity(felt['shaken']['amplitude_m'], unit('m'))}",
+            Mark.CAUTION if softer else Mark.NONE,
+        ),
     ]
+
+
+def _settling(found: dict[str, Any]) -> Row:
+    """Tell the time to settle when released, and the least damped oscillation of the worst hand."""
+    free, held = found["released"], found["worst_hand"]
+    told = "not at all" if free["settling_s"] is None else quantity(free["settling_s"], "s")
+    ringing = f"damping ratio {held['damping_ratio']:.2g} at {quantity(held['frequency_hz'], 'Hz')}"
+    if held["frequency_hz"] == 0:
+        ringing = "no oscillation"
+    slow = free["settling_s"] is None or free["settling_s"] > _SLOW_S
+    return Row("Settling", f"released in {told}; worst hand {ringing}", Mark.CAUTION if slow else Mark.NONE)
 
 
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
@@ -153,7 +183,9 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
                 "Mismatch",
                 f"{off['at_rest']} of {off['hands']} settle on {off['devices']} devices {100 * off['share']:g} % off, "
                 f"{off['at_rest_without_friction']} without friction{unstable}",
-                _all(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
+                Mark.CAUTION
+                if unstable and off["at_rest"] == off["hands"]
+                else _all(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
             )
         )
     return rows
@@ -167,9 +199,10 @@ def _outside(document: dict[str, Any]) -> list[Row]:
     tried = document["other_hands"]
     if not tried:
         return []
+    if all(of["at_rest"] == of["hands"] for of in tried.values()):
+        return []
     told = ", ".join(f"{holding} {of['at_rest']} of {of['hands']}" for holding, of in tried.items())
-    mark = Mark.PASS if all(of["at_rest"] == of["hands"] for of in tried.values()) else Mark.CAUTION
-    return [Row("Outside hands", f"not of the design set: {told} settle", mark)]
+    return [Row("Outside hands", f"not of the design set: {told} settle", Mark.CAUTION)]
 
 
 def _force(document: dict[str, Any], problem: Problem) -> list[Row]:

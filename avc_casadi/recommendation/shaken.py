@@ -1,0 +1,143 @@
+"""What a shaken handle measures of a coupling: encoder, observer, dead zone and one-sided wall counted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.model.effects import ObserverEffect
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.scene import Hold
+from avc_casadi.recommendation.impedance_error import of_force
+from avc_casadi.simulation.execute import execute
+from avc_casadi.simulation.population.prepared import prepared
+from avc_casadi.simulation.population.trial import Conditions, engine_for
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from avc_casadi._util.arrays import ComplexArray, FloatArray
+    from avc_casadi.coupling import Coupling
+
+TOLD_HZ = (1.0, 10.0, 50.0)
+"""Frequencies at which a coupling's error is told."""
+PRESS_N = 10.0
+"""A firm press of a hand. The handle is shaken about half of it, or half the force limit if that is less."""
+# Amplitude over mean depth: the handle never leaves the wall.
+_SHARE = 0.5
+# Mean depth before a wall without a spring.
+_DEPTH_M = 0.01
+# The handle is led into the wall, what that excites dies out, and the response is taken.
+_RAMP_S, _SETTLED_S, _END_S = 0.25, 2.0, 4.0
+# It is led by a mass that no force of the device moves, on a spring that is so much faster than the motion.
+_HEAVY, _FASTER, _LEAST_HZ = 1e7, 20.0, 30.0
+# What stands between the command and the handle is linear and reckoned apart.
+_IDEAL: dict[str, Any] = {
+    "delay_samples": 0,
+    "coulomb_friction_n": 0.0,
+    "amplifier_bandwidth_hz": None,
+    "max_force_n": None,
+    "resonance": None,
+    "encoder_at": "motor",
+    "range": {},
+}
+
+
+@dataclass(frozen=True)
+class Shaken:
+    """What a handle measures that is shaken about a depth.
+
+    Attributes:
+        depth_m: mean depth.
+        amplitude_m: of the sine about it.
+        frequency_hz: shape (n,), those below a quarter of the sample rate.
+        stiffness_n_per_m: |Z_h - Z_d| omega, what the handle feels beside its device, shape (n,).
+        error: |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s, shape (n,).
+        mismatch: |ln((Z_h - Z_d)/Z_e)|, what is rendered over the wall b_e + k_e/s, shape (n,).
+    """
+
+    depth_m: float
+    amplitude_m: float
+    frequency_hz: FloatArray
+    stiffness_n_per_m: FloatArray
+    error: FloatArray
+    mismatch: FloatArray
+
+    def errors(self) -> dict[str, float]:
+        """Return the error by frequency."""
+        return {f"{hz:g}": float(error) for hz, error in zip(self.frequency_hz, self.error, strict=True)}
+
+    def stiffnesses(self) -> dict[str, float]:
+        """Return the stiffness by frequency."""
+        return {f"{hz:g}": float(one) for hz, one in zip(self.frequency_hz, self.stiffness_n_per_m, strict=True)}
+
+
+def shaken(coupling: Coupling, felt_n_per_m: float, frequency_hz: Sequence[float] | FloatArray = TOLD_HZ) -> Shaken:
+    """Shake the handle of a coupling's device in its wall.
+
+    The force at the frequency of the motion counts (a describing function: Gelb and Vander Velde 1968); dry friction,
+    which belongs to the device, does not.
+
+    Args:
+        coupling: gains, or a table, which then follows the motion; with what runs beside it.
+        felt_n_per_m: stiffness at rest.
+        frequency_hz: where; those above a quarter of the sample rate are left out, and that is taken if none is left.
+    """
+    device = coupling.problem.device
+    quarter_hz = 0.25 / device.sample_time_s
+    heard = np.array([hz for hz in frequency_hz if hz < quarter_hz] or [quarter_hz])
+    press_n = PRESS_N * device.metres_per_unit
+    mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2
+    depth = mean_n / felt_n_per_m if felt_n_per_m > 0 else _DEPTH_M / device.metres_per_unit
+    force = force_over_position(coupling, depth, _SHARE * depth, heard)
+    found = of_force(coupling.problem, force, heard)
+    return Shaken(depth, _SHARE * depth, heard, **vars(found))
+
+
+def force_over_position(
+    coupling: Coupling, depth_m: float, amplitude_m: float, frequency_hz: FloatArray
+) -> ComplexArray:
+    """Lead the measured position along sines and return the force asked for over it, N/m, shape (n,).
+
+    Args:
+        coupling: as for `shaken`.
+        depth_m: mean depth.
+        amplitude_m: of the sine.
+        frequency_hz: of the sines, shape (n,).
+    """
+    device, problem = coupling.problem.device, coupling.problem.changed(device=_IDEAL)
+    conditions = replace(
+        Conditions.of(replace(coupling, problem=problem)), observer=_with_its_delay(coupling), guarded=False
+    )
+    fast, mass = 2 * math.pi * max(_FASTER * float(np.max(frequency_hz)), _LEAST_HZ), _HEAVY * device.mass_kg
+    hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
+    table = coupling.table
+    gains = table.at_rest if table.constant else table
+    scene, parameters, held = prepared(problem, gains, hand, Hold(end_m=0.0), conditions, _END_S)
+    t = device.sample_time_s
+    time = t * np.arange(scene.samples + 1)
+    ramp = depth_m * np.clip(time / _RAMP_S, 0.0, 1.0)
+    found = []
+    for hz in frequency_hz:
+        target = ramp + amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - _RAMP_S, 0.0))
+        inputs = held.copy()
+        inputs[scene.inputs.index("target_position_m")] = target[:-1]
+        inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(target) / t
+        run = execute(scene, parameters, inputs, engine=engine_for(1))
+        last = slice(round(_SETTLED_S / t), None)
+        wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(time[:-1][last]))
+        position, force = (run[name][0, last] for name in ("position_m", "force_n"))
+        found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
+    return np.array(found)
+
+
+def _with_its_delay(coupling: Coupling) -> ObserverEffect | None:
+    """Return the observer as it runs on the device with its delay."""
+    mass, device = coupling.runtime.observer_mass_kg, coupling.problem.device
+    if mass is None:
+        return None
+    steps = device.encoder_resolution_m or None
+    return ObserverEffect(mass_kg=mass, resolution_m=steps, ahead_samples=device.delay_samples)
