@@ -118,7 +118,7 @@ def test_figure_shows_every_claim_and_the_gains():
     region = region_of(extra=FRICTION)
     figure = draw_zwidth(region, llewellyn_table(case), {"exact": rendered_wall(case, solve(case, "exact"))})
     labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert len(labels) == len(region.curves) + 3
+    assert len(labels) == len(region.curves) + 5
     assert any("rendered by exact" in label for label in labels)
     alone = draw_zwidth(region_of(b_d=0.0))
     assert len(alone.axes) == 1

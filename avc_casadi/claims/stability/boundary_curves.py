@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,15 +80,16 @@ def stable_walls(
     loops = _Loops.of(corners, hands, filter_share)
     if loops is None:
         return Stretches(np.full((rows, 1), np.nan), np.full((rows, 1), np.nan))
-    nodes, inverse = _nodes(loops, corners, float(damping_ns_per_m.max(initial=0.0)))
+    nodes = _nodes(loops, corners, float(damping_ns_per_m.max(initial=0.0)))
     outside = np.zeros(rows, dtype=np.intp)
     events: list[tuple[IndexArray, FloatArray, IndexArray]] = []
     at_once = max(1, _EVENTS_AT_ONCE // (rows * nodes.shape[1]))
     for begin in range(0, len(nodes), at_once):
         some = slice(begin, begin + at_once)
         part = loops.pick(some)
-        curve = inverse[some].imag / loops.damper(nodes[some]).imag
-        outside += _outside_without_spring(part, nodes[some], inverse[some], curve, damping_ns_per_m)
+        inverse, damper = part.response(nodes[some])
+        curve = inverse.imag / damper.imag
+        outside += _outside_without_spring(part, nodes[some], (inverse / damper).imag, curve, damping_ns_per_m)
         events += _crossings(part, nodes[some], curve, damping_ns_per_m)
     return _stretches(outside, *(np.concatenate(column) for column in zip(*events, strict=True)))
 
@@ -154,29 +155,27 @@ class _Loops:
             self.free[cases], self.sample_time_s, self.filter_share,
         )  # fmt: skip
 
-    def damper(self, angle: FloatArray) -> ComplexArray:
-        """q, 1/s."""
-        later, ahead = np.exp(-1j * angle), 2j * np.sin(angle / 2) * np.exp(-0.5j * angle)
-        share = self.filter_share
-        return np.asarray(ahead * ((1 - share) / self.sample_time_s) / (1 - share * later))
-
-    def inverse(self, angle: FloatArray) -> ComplexArray:
-        """L at angles of the cases, shape (cases) or (cases, m), N/m."""
+    def response(self, angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """L (N/m) and q (1/s) at angles of the cases, shape (cases) or (cases, m)."""
         case = (slice(None), *(None,) * (angle.ndim - 1))
-        step = 2j * np.sin(angle / 2) * np.exp(0.5j * angle)
+        step = np.empty(angle.shape, dtype=np.complex128)
+        step.real, step.imag = -2 * np.sin(angle / 2) ** 2, np.sin(angle)
+        back, share = -step.conj(), self.filter_share
+        damper = back * ((1 - share) / self.sample_time_s) / (1 - share + share * back if share else 1.0)
         change = self.change
         if change.shape[-1] == 2:
             a, b, c, d = (change[:, i, j][case] for i in (0, 1) for j in (0, 1))
             denominator = step**2 - step * (a + d) + (a * d - b * c)
-            sent = [(step - d) * u[:, 0][case] + b * u[:, 1][case] for u in (self.new, self.old)]
+            sent: list[Any] = [(step - d) * u[:, 0][case] + b * u[:, 1][case] for u in (self.new, self.old)]
         else:
             eye = np.eye(change.shape[-1])
             pushes = np.stack([self.new, self.old], axis=-1)[case]
             states = np.linalg.solve(step[..., None, None] * eye - change[case], pushes.astype(np.complex128))
             denominator, sent = np.ones_like(step), [states[..., self.measured, index] for index in (0, 1)]
-        numerator = sent[0] + sent[1] * np.exp(-1j * angle) if self.old.any() else sent[0]
+        numerator = sent[0] + sent[1] * (1 + step.conj()) if self.old.any() else sent[0]
+        late = np.exp(1j * angle * self.whole_delay[case]) if self.whole_delay.any() else 1.0
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.asarray(denominator / numerator * np.exp(1j * angle * self.whole_delay[case]))
+            return np.asarray(denominator / numerator * late), damper
 
 
 def _rigid(device: Device, hands: Hand) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -190,8 +189,8 @@ def _rigid(device: Device, hands: Hand) -> tuple[FloatArray, FloatArray, FloatAr
     return step[:, :, :2], new, -step[:, :, 2] - new
 
 
-def _nodes(loops: _Loops, corners: Sequence[Device], most_damping_ns_per_m: float) -> tuple[FloatArray, ComplexArray]:
-    """Return angles, shape (cases, m), between which B(theta) is monotone, and L there."""
+def _nodes(loops: _Loops, corners: Sequence[Device], most_damping_ns_per_m: float) -> FloatArray:
+    """Return angles, shape (cases, m), between which B(theta) is monotone."""
     delay = max(corner.delay_samples for corner in corners)
     low = np.geomspace(_LOWEST_ANGLE, 0.1, 1 + _A_DECADE * 6)
     even = np.linspace(0.0, np.pi, 1 + _A_HALF_WAVE * math.ceil(delay + 3))[1:-1]
@@ -202,49 +201,44 @@ def _nodes(loops: _Loops, corners: Sequence[Device], most_damping_ns_per_m: floa
         width = np.maximum(np.abs(np.log(np.maximum(np.abs(poles), 1e-9))), 1e-4)[..., None]
         about = np.abs(np.angle(poles))[..., None] + width * np.concatenate([-_ABOUT, _ABOUT])
         angle = np.sort(np.concatenate([angle, np.clip(about.reshape(len(angle), -1), low[0], np.pi - low[0])], axis=1))
-    inverse = loops.inverse(angle)
+    inverse, damper = loops.response(angle)
     for _ in range(_SPLITS):
-        turned = np.abs(np.angle(inverse[:, 1:] / inverse[:, :-1])) > _MOST_TURN
-        wide = np.diff(angle) > 1e-9 * angle[:, 1:]
-        if not (turned & wide).any():
+        turned = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > _MOST_TURN
+        turned &= np.diff(angle) > 1e-9 * angle[:, 1:]
+        if not turned.any():
             break
-        angle, inverse = _inserted(loops, angle, inverse, turned & wide, (angle[:, 1:] + angle[:, :-1]) / 2)
-    curve = inverse.imag / loops.damper(angle).imag
+        angle = _inserted(angle, turned, (angle[:, 1:] + angle[:, :-1]) / 2)
+        inverse, damper = loops.response(angle)
+    curve = inverse.imag / damper.imag
     rise = np.diff(curve)
     turns = np.zeros(curve.shape, dtype=bool)
     turns[:, 1:-1] = (rise[:, 1:] * rise[:, :-1] < 0) & (np.maximum(curve[:, 2:], curve[:, :-2]) > 0)
     turns &= np.isfinite(curve) & (curve < 8 * most_damping_ns_per_m)
     case, index = np.nonzero(turns)
     if len(case) == 0:
-        return angle, inverse
+        return angle
     some, down = loops.pick(case), curve[case, index] < curve[case, index - 1]
     left, right, best = angle[case, index - 1], angle[case, index + 1], angle[case, index]
     every = np.arange(len(case))
     for _ in range(_ZOOMS):
         points = np.sort(np.concatenate([left[:, None] + (right - left)[:, None] * _NINE, best[:, None]], axis=1))
-        values = some.inverse(points).imag / some.damper(points).imag
+        inverse, damper = some.response(points)
+        values = inverse.imag / damper.imag
         found = np.argmin(np.where(down[:, None], values, -values), axis=1)
         best, last = points[every, found], points.shape[1] - 1
         left, right = points[every, np.maximum(found - 1, 0)], points[every, np.minimum(found + 1, last)]
     extremum = angle.copy()
     extremum[case, index] = best
-    return _inserted(loops, angle, inverse, turns, extremum)
+    return _inserted(angle, turns, extremum)
 
 
-def _inserted(
-    loops: _Loops, angle: FloatArray, inverse: ComplexArray, where: BoolArray, at: FloatArray
-) -> tuple[FloatArray, ComplexArray]:
+def _inserted(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray:
     """Put new nodes among those of each case; a case with fewer of them repeats its first node."""
-    most = int(where.sum(axis=1).max())
     case, index = np.nonzero(where)
     place = (np.cumsum(where, axis=1) - 1)[case, index]
-    new = np.repeat(angle[:, :1], most, axis=1)
+    new = np.repeat(angle[:, :1], int(where.sum(axis=1).max()), axis=1)
     new[case, place] = at[case, index]
-    found = np.repeat(inverse[:, :1], most, axis=1)
-    found[case, place] = loops.pick(case).inverse(at[case, index])
-    angle, inverse = np.concatenate([angle, new], axis=1), np.concatenate([inverse, found], axis=1)
-    order = np.argsort(angle, axis=1, kind="stable")
-    return np.take_along_axis(angle, order, axis=1), np.take_along_axis(inverse, order, axis=1)
+    return np.sort(np.concatenate([angle, new], axis=1))
 
 
 def _root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: FloatArray) -> FloatArray:
@@ -270,34 +264,47 @@ def _crossings(
 ) -> list[tuple[IndexArray, FloatArray, IndexArray]]:
     """Return rows of B, stiffnesses and the poles that leave the circle there as K grows."""
     above = curve > damping[:, None, None]
-    row, case, index = np.nonzero(above[..., 1:] != above[..., :-1])
+    flips = above[..., 1:] != above[..., :-1]
+    row, case, index = np.unravel_index(np.flatnonzero(flips), flips.shape)
     some, b = loops.pick(case), damping[row]
-    root = _root(
-        lambda at: some.inverse(at).imag / some.damper(at).imag - b, angle[case, index], angle[case, index + 1]
-    )
-    stiffness = some.inverse(root).real - b * some.damper(root).real
+
+    def beyond(at: FloatArray) -> FloatArray:
+        inverse, damper = some.response(at)
+        return np.asarray(inverse.imag / damper.imag - b)
+
+    inverse, damper = some.response(_root(beyond, angle[case, index], angle[case, index + 1]))
+    stiffness = inverse.real - b * damper.real
     leaving = np.where(above[row, case, index], -2, 2)
-    turn = np.full(len(angle), np.pi)
-    # A mass without damping has no response at Nyquist.
-    fastest = np.nan_to_num(loops.inverse(turn).real, nan=np.inf)
     of_row, of_case = (axis.ravel() for axis in np.indices((len(damping), len(angle))))
-    at_nyquist = fastest[of_case] - damping[of_row] * loops.damper(turn)[0].real
+    inverse, damper = loops.response(np.full(len(angle), np.pi))
+    # A mass without damping has no response at Nyquist.
+    at_nyquist = np.nan_to_num(inverse.real, nan=np.inf)[of_case] - damping[of_row] * damper.real[of_case]
     real = np.where(above[..., -1].ravel(), -1, 1)
     return [(row, stiffness, leaving), (of_row, at_nyquist, real)]
 
 
 def _outside_without_spring(
-    loops: _Loops, angle: FloatArray, inverse: ComplexArray, curve: FloatArray, damping: FloatArray
+    loops: _Loops, angle: FloatArray, slope: FloatArray, curve: FloatArray, damping: FloatArray
 ) -> IndexArray:
-    """Return how many poles of all cases are outside the circle at each B, where K begins to grow from 0."""
-    slope = (inverse / loops.damper(angle)).imag
+    """Return how many poles of all cases are outside the circle at each B, where K begins to grow from 0.
+
+    Args:
+        loops: some cases.
+        angle: nodes of each.
+        slope: imaginary part of L/q there: a pole is on the circle where it is 0.
+        curve: B(theta) there.
+        damping: B of the rows.
+    """
     case, index = np.nonzero((slope[:, 1:] > 0) != (slope[:, :-1] > 0))
     some = loops.pick(case)
-    root = _root(lambda at: (some.inverse(at) / some.damper(at)).imag, angle[case, index], angle[case, index + 1])
-    at = (some.inverse(root) / some.damper(root)).real
-    turn = np.full(len(angle), np.pi)
-    at_nyquist = np.nan_to_num((loops.inverse(turn) / loops.damper(turn)).real, nan=np.inf)
-    places = np.concatenate([at, at_nyquist])
+
+    def ratio(at: FloatArray) -> ComplexArray:
+        inverse, damper = some.response(at)
+        return np.asarray(inverse / damper)
+
+    at = ratio(_root(lambda at: ratio(at).imag, angle[case, index], angle[case, index + 1])).real
+    inverse, damper = loops.response(np.full(len(angle), np.pi))
+    places = np.concatenate([at, np.nan_to_num((inverse / damper).real, nan=np.inf)])
     leaving = np.concatenate([np.where(slope[case, index] > 0, -2, 2), np.where(slope[:, -1] > 0, -1, 1)])
     passed = (places > 0) & (places < damping[:, None])
     # Without damping a spring that is late by any time at all drives a free mass.

@@ -158,17 +158,7 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
         axes.plot(x, y, color=colour, linestyle=style, linewidth=width, label=label)
         if curve.key == "passive-sampled-data":
             axes.fill_between(damping, 0, np.nan_to_num(stiffness), color=colour, alpha=0.12, linewidth=0)
-    thin: dict[str, Any] = {"color": "0.45", "linewidth": 1.0}
-    if np.isfinite(region.rule_n_per_m).any():
-        rule = "linear rule (b + b_h + B)/(T/2 + t_d), Gil, Hulin et al. 2009"
-        axes.plot(damping, region.rule_n_per_m[1:], **thin, linestyle=(0, (1, 1)), label=rule)
-    spring, limit = region.passive_spring_n_per_m, region.encoder_limit_n_per_m
-    if spring > 0:
-        name = "passive spring 2b/((1 + 2d) T), Diolaiti et al. 2006"
-        axes.axhline(spring, **thin, linestyle=(0, (6, 1.5, 1, 1.5)), label=name)
-    if limit is not None:
-        name = "encoder and friction 2f_c/\u0394, Abbott and Okamura 2005"
-        axes.axhline(limit, **thin, linestyle=(0, (2, 2)), label=name)
+    _bounds(axes, region)
     wanted = region.wanted_stiffness_n_per_m
     lowest, highest = [], []
     if wanted > 0:
@@ -197,7 +187,7 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     top = max(np.nanmax(stable, initial=1.0), passive, *highest, 0.0)
     bottom = min(0.3 * passive if passive > 0 else top, *lowest, top)
     bottom = max(bottom, 1e-4 * top, 0.5 * np.nanmin(curves, initial=top))
-    axes.set_ylim(0.7 * bottom, 2.5 * max(top, limit or 0.0))
+    axes.set_ylim(0.7 * bottom, 2.5 * max(top, region.encoder_limit_n_per_m or 0.0))
     for line in axes.get_lines():
         highest_drawn = np.max(np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)), initial=0.0)
         if 0 < highest_drawn < 0.7 * bottom:
@@ -211,6 +201,21 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: quantity(value, "", 1).strip()))
         axis.set_minor_formatter(NullFormatter())
+
+
+def _bounds(axes: Axes, region: ZWidth) -> None:
+    """Draw what the literature knows, with its source."""
+    thin: dict[str, Any] = {"color": "0.45", "linewidth": 1.0}
+    if np.isfinite(region.rule_n_per_m).any():
+        rule = "linear rule (b + b_h + B)/(T/2 + t_d), Gil, Hulin et al. 2009"
+        axes.plot(region.damping_ns_per_m, region.rule_n_per_m, **thin, linestyle=(0, (1, 1)), label=rule)
+    spring, limit = region.passive_spring_n_per_m, region.encoder_limit_n_per_m
+    if spring > 0:
+        name = "passive spring 2b/((1 + 2d) T), Diolaiti et al. 2006"
+        axes.axhline(spring, **thin, linestyle=(0, (6, 1.5, 1, 1.5)), label=name)
+    if limit is not None:
+        name = "encoder and friction 2f_c/\u0394, Abbott and Okamura 2005"
+        axes.axhline(limit, **thin, linestyle=(0, (2, 2)), label=name)
 
 
 def _llewellyn(axes: Axes, table: LlewellynTable) -> None:

@@ -88,7 +88,15 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
         parts.append(f"{len(table['frequency_hz'])} rows")
     verdict = "deployable" if document["deployable"] else "NOT deployable"
     mark = Mark.PASS if document["deployable"] else Mark.FAIL
+    if document["deployable"] and document["not_used"]:
+        verdict, mark = f"deployable{_without(document, problem)}", Mark.CAUTION
     return Row("Coupling", f"{', '.join(parts)}: {verdict}", mark)
+
+
+def _without(document: dict[str, Any], problem: Problem) -> str:
+    """Name what is declared and not used: no claim holds for it."""
+    names = ", ".join(what.partition(" (")[0] for what in document["not_used"])
+    return f" without {problem.units.text(names)}, which is declared and not used"
 
 
 def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
