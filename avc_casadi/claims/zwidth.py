@@ -14,8 +14,8 @@ from avc_casadi._util.arrays import Comparable, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi.claims.levels import ideal, what_is_declared
+from avc_casadi.claims.passive_walls import passive_walls
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
-from avc_casadi.claims.passivity.passive_walls import passive_walls
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
 from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
 from avc_casadi.claims.stability.declared_device import rigid

@@ -11,6 +11,7 @@ import resource
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -51,10 +52,10 @@ def main() -> None:
     lines = [
         "# Stable walls by boundary curves\n",
         f"Made by `python tests/benchmarks/stable_walls.py`, avc-casadi {avc.__version__}.\n",
-        f"Processor time, the median of {REPEATS} calls, for the stable stiffnesses of {DAMPINGS} dampings with all",
-        "hands at all corners of the device. Beside it what the eigenvalues of as many loops take, each looked at once;",
-        "a scan of 60 stiffnesses with 40 bisections looks at each a hundred times. The distance is that of the edge from",
-        "where the largest eigenvalue passes 1, of loops put together apart (`tests/sampled_wall.py`), at",
+        f"Processor time, the median of {REPEATS} calls, for the stable stiffnesses of {DAMPINGS} dampings with",
+        "all hands at all corners of the device. Beside it what the eigenvalues of as many loops take, each looked at",
+        "once; a scan of 60 stiffnesses with 40 bisections looks a hundred times. The distance is that of the edge",
+        "from where the largest eigenvalue passes 1, of loops put together apart (`tests/sampled_wall.py`), at",
         f"{CHECKED} dampings.\n",
         "| problem | loops | curves, ms | eigenvalues once, ms | ratio to 100 times | largest relative distance |",
         "|---|--:|--:|--:|--:|--:|",
@@ -108,15 +109,14 @@ def _seconds(call: Callable[[], object], repeats: int) -> float:
 
 def _launch(arguments: list[str]) -> float:
     """Return the processor time of a command, children included."""
-    picture = str(HERE.parent / "stable_walls.png")
     taken = []
     for _ in range(LAUNCHES):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        command = [sys.executable, *(picture if one == "FILE" else one for one in arguments)]
-        subprocess.run(command, check=True, capture_output=True)  # noqa: S603
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        with tempfile.NamedTemporaryFile(suffix=".png") as picture:
+            command = [sys.executable, *(picture.name if one == "FILE" else one for one in arguments)]
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run(command, check=True, capture_output=True)  # noqa: S603
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
         taken.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    Path(picture).unlink(missing_ok=True)
     return min(taken)
 
 
