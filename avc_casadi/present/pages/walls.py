@@ -57,6 +57,8 @@ def _curves(document: dict[str, Any], problem: Problem) -> list[Row]:
     """Tell the stiffest wall without coupling of each claim."""
     told, damping, rows = quantities(problem.units), document["wall_damping_ns_per_m"], []
     for key, curve in document["curves"].items():
+        if key == "passive-delayed":  # of another device than this one: in the picture and with -v
+            continue
         label = _SHORT[key].replace("\n", ", ").capitalize()
         known = [(k, b) for k, b in zip(curve["stiffness_n_per_m"], damping, strict=True) if k is not None]
         if known:
