@@ -12,6 +12,7 @@ from avc_casadi.cli import main
 from avc_casadi.present.pages.recommendation import recommendation_page
 from avc_casadi.present.terminal import Page
 from avc_casadi.recommendation.recommend import judged_as_recommended
+from avc_casadi.recommendation.told import conclusion_lines
 
 FACTORS = {"": 1.0, "k": 1e3, "M": 1e6}
 
@@ -51,7 +52,7 @@ def test_it_tells_the_numbers_of_its_document(answers):
     hands = document["trial"]["hands"] + document["confirmed"]["hands"]
     settled = document["trial"]["at_rest"] + document["confirmed"]["at_rest"]
     assert rows["Simulated"][1].startswith(f"{settled} of {hands} hands settle")
-    assert rows["Coupling"] == ("✓", "contact damper b_p 10.6 N.s/m, wall rendered directly: deployable")
+    assert rows["Coupling"] == ("✓", "contact damper b_p 14.1 N.s/m, wall rendered directly: deployable")
     assert rows["Stability"][0] == "✓"
     assert "proved (L7)" in rows["Stability"][1]
 
@@ -76,6 +77,31 @@ def test_what_is_not_deployable_is_told_with_its_fault(method):
     assert "NOT deployable" in " ".join(text.split())
     assert rows["Stability"][0] == "✗"
     assert len(text.splitlines()) <= 15
+
+
+def test_what_is_declared_and_not_used_weakens_the_verdict(answers, tmp_path):
+    """Play before an encoder at the handle, and a filter of the scene that only a simulation runs."""
+    case = avc.load_problem("spring").changed(
+        device={
+            "backlash_m": 1e-4,
+            "encoder_at": "handle",
+            "resonance": {"frequency_hz": 100.0, "damping_ratio": 0.05, "mass_ratio": 0.5},
+        },
+        scene={"effects": ({"kind": "velocity-filter", "cutoff_hz": 50.0},)},
+    )
+    file = tmp_path / "play.toml"
+    file.write_text(avc.dump_problem(case), encoding="utf-8")
+    unused = json.loads(said(["check", str(file), "--json"]))["not_used"]
+    assert [what.partition(" (")[0] for what in unused] == ["device.backlash_m", "scene.effects: velocity-filter"]
+    checked = said(["check", str(file)])
+    assert all(what in " ".join(checked.split()) for what in unused)
+    document = answers[2] | {"not_used": unused}
+    mark, verdict = rows_of(recommendation_page(document, case, Page(width=200), "play.toml"))["Coupling"]
+    assert mark == "!"
+    assert verdict.endswith(
+        "deployable without device.backlash_m, scene.effects: velocity-filter, which is declared and not used"
+    )
+    assert conclusion_lines(document)[1].startswith("not used: device.backlash_m")
 
 
 def test_where_nothing_is_deployable_the_reason_stands_first():

@@ -10,7 +10,6 @@ from declared_device import MODE, growth, lowest_eigenvalue
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.claims.wall_claims import largest_in_every_case
 from avc_casadi.claims.zwidth import llewellyn_table, zwidth
 from avc_casadi.cli import main
 from avc_casadi.model.corners import device_corners
@@ -196,15 +195,3 @@ def test_the_figure_marks_the_wall_that_is_wanted():
 def test_the_wanted_wall_meets_what_its_curve_says(stiffness, met):
     found = zwidth(problem("mass").changed(environment={"stiffness_n_per_m": stiffness}))
     assert [one.wanted for one in found.curves] == [met] * len(found.curves)
-
-
-def test_a_case_that_decides_nowhere_else_is_found():
-    """Forty cases, of which each bounds one damping alone."""
-    damping, bounds = np.arange(40.0), np.full((40, 40), 100.0)
-    np.fill_diagonal(bounds, np.linspace(10.0, 50.0, 40))
-
-    def score(cases, b, k):
-        return bounds[np.asarray(b, dtype=int)][:, cases] - np.asarray(k)[:, None]
-
-    found = largest_in_every_case(damping, np.geomspace(0.1, 1e3, 60), 40, score)
-    np.testing.assert_allclose(found, np.diag(bounds), rtol=1e-9)

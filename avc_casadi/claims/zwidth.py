@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,14 +14,18 @@ from avc_casadi._util.arrays import Comparable, FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi.claims.levels import ideal, what_is_declared
+from avc_casadi.claims.passive_walls import passive_walls
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
-from avc_casadi.claims.wall_claims import WallClaim, largest_in_every_case, passive_declared, passive_ideal, stable
+from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
+from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.files.problem_file import as_problem
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.declared import declared
+from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
+from avc_casadi.model.effects import VelocityFilterEffect
 from avc_casadi.model.hands import hand_set, no_hand
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 
@@ -110,7 +116,6 @@ def rendered_wall(problem: Problem, gains: GainSchedule) -> tuple[FloatArray, Fl
 
 
 _DAMPINGS = 61
-_SCAN = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +150,15 @@ class ZWidth(Tabular):
         curves: one for each claim.
         wanted_damping_ns_per_m: B of the problem's wall.
         wanted_stiffness_n_per_m: its K.
+        rule_n_per_m: (b + b_h + B)/(T/2 + t_d) at each B, shape (n,), with the least damped device and hand and the
+            longest delay: the linear condition of Gil, Hulin et al. (2009, J. Comput. Inf. Sci. Eng. 9(1) 011005) for
+            short delays and little damping; it knows no mass. Not numbers where the device is not rigid or its
+            amplifier not ideal.
+        passive_spring_n_per_m: 2 b/((1 + 2 d) T), the stiffest passive spring without damping (Diolaiti et al. 2006,
+            IEEE Trans. Robotics 22(2)); not a number on the same devices.
         encoder_limit_n_per_m: 2 f_c/Delta with the least friction and the coarsest encoder: above it quantisation makes
-            more energy than dry friction takes away; None where friction or resolution is not known.
+            more energy than dry friction takes away (Abbott and Okamura 2005, IEEE Trans. Robotics 21(5)); None where
+            friction or resolution is not known.
         passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges; not a number where none is known.
         hands: how many hands the last claim was tried with.
         corners: at how many corners of the device.
@@ -160,6 +172,8 @@ class ZWidth(Tabular):
     curves: tuple[Curve, ...]
     wanted_damping_ns_per_m: float
     wanted_stiffness_n_per_m: float
+    rule_n_per_m: FloatArray
+    passive_spring_n_per_m: float
     encoder_limit_n_per_m: float | None
     passive_limit_n_per_m: float
     hands: int
@@ -182,17 +196,15 @@ def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth
     """Compute the region for the problem's device and hands; its environment and coupling do not enter.
 
     Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of
-    the encoder. Where the device has no delay the passive region of one sample of delay stands beside the others. On a
-    rigid device with an ideal amplifier and whole samples of delay the passive regions are exact; on another the
-    sampled-data one comes from a scan of frequencies (as L3), and that with the paper's hold is refused. The regions
-    are followed from soft walls up to the first that does not meet the claim.
+    the encoder; a velocity filter of [scene] acts on the damper. Where the device has no delay the passive region of
+    one sample of delay stands beside the others. The stable regions are exact, by the curves of their boundary. On a
+    rigid device with an ideal amplifier and whole samples of delay the passive ones are so too; on another the
+    sampled-data one comes from a scan of frequencies (as L3). That with the paper's hold is refused there, and with a
+    filter. A region is told up to the first stiffness, from soft walls on, that does not meet the claim.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
         progress: told of the curves.
-
-    Raises:
-        UnsupportedError: more delay than linear stability is computed for.
 
     Example:
         >>> region = avc.zwidth("figure5")
@@ -206,29 +218,35 @@ def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth
     damped = max(corner.damping_ns_per_m for corner in corners)
     top = 2 * max(mass / device.sample_time_s, 2 * damped, 1e-3)
     damping = np.concatenate([[0.0], np.geomspace(1e-4 * top, top, _DAMPINGS - 1)])
-    scan = np.geomspace(1e-6, 1.0, _SCAN) * 64 * top / device.sample_time_s
+    # The last row is that of the wall that is wanted.
+    rows = np.append(damping, wall.damping_ns_per_m)
     hands = hand_set(problem.hands)
-    claims, refused = _claims(device)
-    at = _at(device, len(corners))
-    claims += [
-        WallClaim("stable-released", f"linearly stable without a hand{at}", *stable(device, no_hand())),
-        WallClaim("stable-hands", f"linearly stable with every hand{at}", *stable(device, hands)),
-    ]
+    share = _filter_share(problem)
+    claims, refused = _passivity(device, corners, share)
+    at = _at(device, len(corners), share)
+    claims |= {
+        "stable-released": (f"linearly stable without a hand{at}", partial(stable_walls, corners, no_hand())),
+        "stable-hands": (f"linearly stable with every hand{at}", partial(stable_walls, corners, hands)),
+    }
     curves: list[Curve] = []
-    for claim in claims:
-        progress.advance(len(curves), len(claims), claim.claim)
-        largest = largest_in_every_case(damping, scan, claim.cases, claim.score)
-        late = device.delay_samples + (claim.key == "passive-delayed")
-        wanted = claim.holds(wall.damping_ns_per_m, wall.stiffness_n_per_m)
-        curves.append(Curve(claim.key, claim.claim, late, largest, wanted))
+    for key, (claim, walls) in claims.items():
+        progress.advance(len(curves), len(claims), claim)
+        found = walls(rows, filter_share=share)
+        late = device.delay_samples + (key == "passive-delayed")
+        wanted = found.holds(-1, wall.stiffness_n_per_m)
+        curves.append(Curve(key, claim, late, found.first_n_per_m[:-1], wanted))
     limit = _encoder_limit(device)
     used, not_used = _keys(problem, bounded=limit is not None)
+    least = min(corner.damping_ns_per_m for corner in corners) if rigid(device) else np.nan
+    delayed_s = (0.5 + max(corner.delay_samples for corner in corners)) * device.sample_time_s
     return ZWidth(
         problem=problem.name,
         damping_ns_per_m=damping,
         curves=tuple(curves),
         wanted_damping_ns_per_m=wall.damping_ns_per_m,
         wanted_stiffness_n_per_m=wall.stiffness_n_per_m,
+        rule_n_per_m=(least + min(problem.hands.damping_ns_per_m) + damping) / delayed_s,
+        passive_spring_n_per_m=least / delayed_s,
         encoder_limit_n_per_m=limit,
         passive_limit_n_per_m=passive_limit_n_per_m(device),
         hands=len(hands),
@@ -239,30 +257,39 @@ def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth
     )
 
 
-def _claims(device: Device) -> tuple[list[WallClaim], tuple[str, ...]]:
+def _filter_share(problem: Problem) -> float:
+    """Return the share of the old velocity in that of the scene's filter; 0 without one."""
+    filters = [one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)]
+    return filters[-1].old_share(problem.device.sample_time_s) if filters else 0.0
+
+
+_Claims = dict[str, tuple[str, partial[Stretches]]]
+
+
+def _passivity(device: Device, corners: Sequence[Device], filter_share: float) -> tuple[_Claims, tuple[str, ...]]:
     """Return the claims of passivity, and those that have no proof on this device."""
-    at = _at(device, len(device_corners(device, LINEAR_KEYS)))
-    if not ideal(device):
+    at, known = _at(device, len(corners), filter_share), ideal(device)
+    walls = partial(passive_walls, corners, ideal=known)
+    sampled = {"passive-sampled-data": (f"passive, sampled-data{at}", partial(walls, model="sampled-data"))}
+    if not known or filter_share:
+        what = "a velocity filter" if known else what_is_declared(device)
         why = (
-            f"passive with the paper's hold: no proof on a device with {what_is_declared(device)}, for which that hold "
-            "gives no loop from sample to sample"
+            f"passive with the paper's hold: no proof on a device with {what}, for which that hold gives no loop from "
+            "sample to sample"
         )
-        claim = f"passive, sampled-data{at}"
-        return [WallClaim("passive-sampled-data", claim, *passive_declared(device))], (why,)
-    claims = [
-        WallClaim("passive-paper", f"passive, paper's hold{at}", *passive_ideal(device, "paper")),
-        WallClaim("passive-sampled-data", f"passive, sampled-data{at}", *passive_ideal(device, "sampled-data")),
-    ]
-    if max(corner.delay_samples for corner in device_corners(device, ("delay_samples",))) == 0:
-        late = passive_ideal(device, "sampled-data", more_delay=1)
-        claims.append(WallClaim("passive-delayed", f"passive, sampled-data, 1 sample of delay{at}", *late))
+        return sampled, (why,)
+    claims = {"passive-paper": (f"passive, paper's hold{at}", partial(walls, model="paper")), **sampled}
+    if max(corner.delay_samples for corner in corners) == 0:
+        late = partial(walls, model="sampled-data", more_delay=1)
+        claims["passive-delayed"] = (f"passive, sampled-data, 1 sample of delay{at}", late)
     return claims, ()
 
 
-def _at(device: Device, corners: int) -> str:
+def _at(device: Device, corners: int, filter_share: float) -> str:
     """Say what beside the claim itself is meant."""
     late = device.delay_samples
     delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
+    delay += ", with the velocity filter of the scene" if filter_share else ""
     return delay + (f", at {corners} corners of the device" if corners > 1 else "")
 
 
@@ -278,5 +305,10 @@ def _keys(problem: Problem, *, bounded: bool) -> tuple[tuple[str, ...], tuple[st
     linear = {key.partition(".")[0] for key in LINEAR_KEYS} | {"amplifier_order", "encoder_at"}
     known = linear | ({"coulomb_friction_n", "encoder_resolution_m"} if bounded else set())
     keys = declared(problem)
-    used = tuple(key for key in keys if key.removeprefix("device.").removeprefix("range.").partition(".")[0] in known)
-    return used, tuple(key for key in keys if key not in used)
+    used = [key for key in keys if key.removeprefix("device.").removeprefix("range.").partition(".")[0] in known]
+    unused = [key for key in keys if key not in used]
+    simulated = {effect.kind for effect in declared_effects(problem)}
+    for effect in problem.scene.effects:
+        if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated:
+            (used if isinstance(effect, VelocityFilterEffect) else unused).append(f"scene.effects: {effect.kind}")
+    return tuple(used), tuple(unused)

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
     from avc_casadi.present.pages.catalogue import problem_page
-    from avc_casadi.recommendation.preconditions import hopeless
+    from avc_casadi.recommendation.preconditions import hopeless, not_used
 
     if is_device(args.problem):
         return check_device(args.problem, console)
@@ -57,6 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "bounds_measured_hz": None if measured is None else list(measured.range_hz),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
         "declared": list(declared(problem)),
+        "not_used": list(not_used(problem)),
         "warnings": warnings,
     }
     return Answer(document, problem_page(document, problem, console.page, args.problem))

@@ -20,9 +20,9 @@ def couples_to_simulation(source: str) -> bool:
     Args:
         source: as the user typed it.
     """
-    from avc_casadi.files.other_end_coupling_file import is_tool_coupling
-
     if is_coupling(source):
+        from avc_casadi.files.other_end_coupling_file import is_tool_coupling
+
         return is_tool_coupling(source)
     try:
         return avc.load_problem(source).simulation is not None

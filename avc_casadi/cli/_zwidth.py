@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
-    parser.add_argument(
-        "--method",
-        default="direct",
-        help=f"whose gains are placed in the region: {methods_help()}; default direct",
-    )
+    parser.add_argument("--method", help=f"place the walls that its gains render in the region: {methods_help()}")
     parser.add_argument("--plot", metavar="FILE", help="draw the region: .png, .svg or .pdf")
     add_verbose(parser)
 
@@ -38,22 +34,25 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return zwidth_tool(args, console)
     import numpy as np
 
+    from avc_casadi.claims.levels import ideal
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
     from avc_casadi.present.pages.walls import walls_lines, walls_page
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem = load_problem(args.problem)
-    with console.step(f"{args.method}: {len(problem.frequencies_hz())} frequencies"):
-        gains = avc.solve(problem, args.method, progress=console)
     with console.step("region"):
         region = zwidth(problem, console)
-        wall = rendered_wall(problem, gains)
-    damped = problem.device.damping_ns_per_m > 0
-    known, refused = _rigid_and_ideal(problem), list(region.refused)
+    gains, rendered = None, {}
+    if args.method is not None:
+        with console.step(f"{args.method}: {len(problem.frequencies_hz())} frequencies"):
+            gains = avc.solve(problem, args.method, progress=console)
+            rendered[args.method] = rendered_wall(problem, gains)
+    known, refused = ideal(problem.device), list(region.refused)
+    damped, whole = problem.device.damping_ns_per_m > 0, args.verbose or args.json
     with console.step("static couplings"):
-        llewellyn = llewellyn_table(problem) if damped and known else None
-        static = _static(problem) if damped and known else []
-    if not known:
+        llewellyn = llewellyn_table(problem) if damped and known and whole else None
+        static = _static(problem) if damped and known and whole else []
+    if whole and not known:
         refused.append(
             "constant couplings, for any passive wall and for this one: known for a rigid device with an ideal "
             "amplifier and whole samples of delay; `avc recommend P` knows the device as declared"
@@ -64,20 +63,14 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
         with console.step("figure"):
             drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if llewellyn is not None else None
-            save_figure(draw_zwidth(region, drawn, {args.method: wall}), plot)
-    document = _document(region, llewellyn, static) | {"refused": refused}
-    document["gains"] = {"method": args.method} | _columns(
-        frequency_hz=gains.frequency_hz, wall_damping_ns_per_m=wall[0], wall_stiffness_n_per_m=wall[1]
-    )
+            save_figure(draw_zwidth(region, drawn, rendered), plot)
+    document = _document(region, llewellyn, static) | {"refused": refused, "gains": None}
+    if gains is not None:
+        (b, k), frequency = rendered[args.method], gains.frequency_hz
+        columns = _columns(frequency_hz=frequency, wall_damping_ns_per_m=b, wall_stiffness_n_per_m=k)
+        document["gains"] = {"method": args.method} | columns
     text = walls_page(document, problem, console.page, args.problem, args.plot)
     return Answer(document, text, more="\n".join(walls_lines(document)))
-
-
-def _rigid_and_ideal(problem: avc.Problem) -> bool:
-    """Whether Llewellyn's table and the constant couplings know the device."""
-    from avc_casadi.claims.levels import ideal
-
-    return ideal(problem.device)
 
 
 def _static(problem: avc.Problem) -> list[StaticCoupling]:
@@ -98,32 +91,40 @@ def _columns(**columns: Any) -> dict[str, Any]:
 
 
 def _document(region: ZWidth, llewellyn: LlewellynTable | None, static: list[StaticCoupling]) -> dict[str, Any]:
-    return {
-        "schema": "avc-zwidth/1",
-        "problem": region.problem,
-        "wall_damping_ns_per_m": _columns(v=region.damping_ns_per_m)["v"],
-        "curves": {
-            curve.key: {"claim": curve.claim, "delay_samples": curve.delay_samples, "wanted_wall": curve.wanted}
-            | _columns(stiffness_n_per_m=curve.stiffness_n_per_m)
-            for curve in region.curves
-        },
-        "wanted": {
-            "damping_ns_per_m": region.wanted_damping_ns_per_m,
-            "stiffness_n_per_m": region.wanted_stiffness_n_per_m,
-        },
-        "hands": region.hands,
-        "device_corners": region.corners,
-        "used": list(region.used),
-        "not_used": list(region.not_used),
-        "encoder_limit_n_per_m": region.encoder_limit_n_per_m,
-        "passive_limit_n_per_m": _columns(v=region.passive_limit_n_per_m)["v"],
-        "llewellyn": None
-        if llewellyn is None
-        else {"delay_samples": llewellyn.delay_samples}
+    return (
+        {
+            "schema": "avc-zwidth/1",
+            "problem": region.problem,
+            "wall_damping_ns_per_m": _columns(v=region.damping_ns_per_m)["v"],
+            "curves": {
+                curve.key: {"claim": curve.claim, "delay_samples": curve.delay_samples, "wanted_wall": curve.wanted}
+                | _columns(stiffness_n_per_m=curve.stiffness_n_per_m)
+                for curve in region.curves
+            },
+            "wanted": {
+                "damping_ns_per_m": region.wanted_damping_ns_per_m,
+                "stiffness_n_per_m": region.wanted_stiffness_n_per_m,
+            },
+            "hands": region.hands,
+            "device_corners": region.corners,
+            "used": list(region.used),
+            "not_used": list(region.not_used),
+            "encoder_limit_n_per_m": region.encoder_limit_n_per_m,
+        }
         | _columns(
-            damping_ratio=llewellyn.damping_ratio,
-            paper_kc_t_over_b_d=llewellyn.paper,
-            sampled_data_kc_t_over_b_d=llewellyn.sampled_data,
-        ),
-        "static": [_columns(**vars(coupling)) for coupling in static],
-    }
+            passive_limit_n_per_m=region.passive_limit_n_per_m,
+            passive_spring_n_per_m=region.passive_spring_n_per_m,
+            rule_n_per_m=region.rule_n_per_m,
+        )
+        | {
+            "llewellyn": None
+            if llewellyn is None
+            else {"delay_samples": llewellyn.delay_samples}
+            | _columns(
+                damping_ratio=llewellyn.damping_ratio,
+                paper_kc_t_over_b_d=llewellyn.paper,
+                sampled_data_kc_t_over_b_d=llewellyn.sampled_data,
+            ),
+            "static": [_columns(**vars(coupling)) for coupling in static],
+        }
+    )

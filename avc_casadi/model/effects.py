@@ -4,6 +4,7 @@ A new effect has its keys in its own file. A value that is None is taken from th
 when the scene is built.
 """
 
+import math
 from typing import Any, Literal
 
 from avc_casadi.model.quantity import (
@@ -214,6 +215,10 @@ class VelocityFilterEffect(EffectTable):
 
     kind: Literal["velocity-filter"] = "velocity-filter"
     cutoff_hz: Hertz
+
+    def old_share(self, sample_time_s: float) -> float:
+        """Return the share of the old velocity in the filtered one, that of a first-order lag over one sample."""
+        return math.exp(-2 * math.pi * self.cutoff_hz * sample_time_s)
 
 
 class NotchEffect(EffectTable):

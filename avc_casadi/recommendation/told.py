@@ -38,6 +38,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which nobody feels,"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
+        *(f"not used: {what}: nothing that follows holds for it" for what in document["not_used"]),
         f"felt: {stiffness}; complex error{alone} against the physical wall {errors}",
         (
             f"trial{_nominal(document['confirmed'])}: {trial['at_rest']} of {trial['hands']} hands at rest, "

@@ -7,15 +7,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi.claims.passivity.sampled_loop import RIGID
-from avc_casadi.claims.passivity.worst_frequency import has_roots, real_parts_of_roots, refine_minima, seeds_hz
+from avc_casadi.claims.passivity.worst_frequency import (
+    has_roots,
+    quadratic_stretch,
+    real_parts_of_roots,
+    refine_minima,
+    seeds_hz,
+)
 
 if TYPE_CHECKING:
     from avc_casadi.claims.passivity.sampled_loop import SampledLoop, Values
 
 _ZERO_TURNS = 1e-150
 _ROUNDING = 1e-14
+_A_HALF_WAVE = 24
 
 
 def llewellyn_margin(
@@ -78,14 +85,20 @@ def _margin_at(
     hz: FloatArray,
 ) -> FloatArray:
     """b_d + b_p Re H - (|H| - Re H)(a + (kT/2)^2 cot^2(phi)/a)/2, a = b + kT/2, |H| - Re H = 2|H| sin^2(psi/2)."""
+    amplitude, lag, steep = _hold(loop, hz)
+    loss = lead * lag**2 + spring * steep**2
+    return np.asarray(b_d + amplitude * (contact * (1 - 2 * lag**2) - loss))
+
+
+def _hold(loop: SampledLoop, hz: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return |H|, sin(psi/2) and sin(psi/2) cot(phi)."""
     turns = np.maximum(hz * loop.sample_time_s, _ZERO_TURNS)
     paper = loop.model == "paper"
     half_turns = 2 * loop.delay_samples + (1 if paper else 2)
     sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
     amplitude = cosine if paper else np.ones_like(cosine)
     lag = np.sin(np.pi * half_turns * turns / 2)
-    loss = lead * lag**2 + spring * (lag * cosine / sine) ** 2
-    return np.asarray(b_d + amplitude * (contact * (1 - 2 * lag**2) - loss))
+    return amplitude, lag, lag * cosine / sine
 
 
 def _stationary_hz(loop: SampledLoop, lead: FloatArray, spring: FloatArray, contact: FloatArray) -> FloatArray:
@@ -124,22 +137,26 @@ def largest_llewellyn_stiffness(
 ) -> FloatArray:
     """Largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,).
 
-    The loss in (6) is jointly convex in b and k, so that the allowed k of one b are an interval from 0: bisection to
-    the last digit.
+    The loss in (6) is jointly convex in b and k, so that the allowed k of one b are an interval from 0. At each
+    frequency (6) is a quadratic in k; the least of its upper ends is refined.
     """
-    b, contact = (np.ravel(v) for v in np.broadcast_arrays(damping_ns_per_m, contact_damping_ns_per_m))
+    b, contact = (
+        np.ravel(v).astype(np.float64) for v in np.broadcast_arrays(damping_ns_per_m, contact_damping_ns_per_m)
+    )
+    feasible = llewellyn_margin(loop, b, 0.0, contact)[0] >= margin_ns_per_m
+    b, contact = b[:, None], contact[:, None]
 
-    def allowed(k: FloatArray) -> BoolArray:
-        return llewellyn_margin(loop, b, k, contact)[0] >= margin_ns_per_m
+    def largest(frequency_hz: FloatArray) -> FloatArray:
+        amplitude, lag, steep = _hold(loop, frequency_hz)
+        loss = amplitude * lag**2
+        given = loop.device_damping_ns_per_m - margin_ns_per_m + contact * (amplitude - 2 * loss)
+        bend, slope, free = -(loss + amplitude * steep**2), given - 2 * b * loss, b * (given - b * loss)
+        # Where b alone uses all up, what is left is rounding.
+        free = np.where(np.abs(free) <= _ROUNDING * b * given, 0.0, free)
+        return quadratic_stretch(bend + 0 * free, slope, free)[1] * 2 / loop.sample_time_s
 
-    low = np.zeros(len(b))
-    feasible = allowed(low)
-    # At any frequency the loss is at least a fair share of kT/2: far above, nothing is allowed.
-    reach = 64 * (loop.device_damping_ns_per_m + contact) / loop.sample_time_s + 1.0
-    high = np.broadcast_to(reach, b.shape)
-    for _ in range(60):
-        middle = (low + high) / 2
-        inside = allowed(middle)
-        low, high = np.where(inside, middle, low), np.where(inside, high, middle)
-    # What bisection leaves of a bound of 0 is rounding.
-    return np.where(feasible, np.where(low > _ROUNDING * reach, low, 0.0), np.nan)
+    degree = loop.whole_delay("Llewellyn's condition over all frequencies") + 2
+    seeds = np.linspace(0.0, loop.nyquist_hz, _A_HALF_WAVE * degree + 1)
+    points = np.broadcast_to(seeds, (len(b), len(seeds)))
+    found = largest(refine_minima(largest, points, degree)).min(axis=1)
+    return np.where(feasible, found, np.nan)

@@ -112,6 +112,26 @@ def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
     return np.maximum(begin - 1, 0), np.minimum(end + 1, size - 1), first
 
 
+def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the ends of the lowest stretch of x >= 0 with bend x^2 + slope x + free >= 0; infinite without one.
+
+    Args:
+        bend: all of one shape.
+        slope: of that shape.
+        free: of that shape.
+    """
+    inside = slope**2 - 4 * bend * free
+    half = -(slope + np.copysign(np.sqrt(np.maximum(inside, 0.0)), slope)) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        roots = np.stack([half / bend, free / half])
+
+    def ahead(root: FloatArray) -> BoolArray:
+        return np.asarray((inside >= 0) & ((root > 0) | ((root == 0) & (slope < 0))))
+
+    first, second = np.sort(np.where(np.isfinite(roots) & ahead(roots), roots, np.inf), axis=0)
+    return np.where(free >= 0, 0.0, first), np.where(free >= 0, first, second)
+
+
 def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
     """Return the real parts of all roots, clipped to [-1, 1].
 

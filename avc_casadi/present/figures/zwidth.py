@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import BoundaryNorm
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.quantity import quantity
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
 
@@ -151,53 +152,70 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
         label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else curve.claim
         if not (stiffness > 0).any():
             label = f"{label}: no wall"
-        axes.plot(damping, stiffness, color=colour, linestyle=style, linewidth=width, label=label)
+        # A region ends at the last damping that has a wall.
+        ends = np.flatnonzero(np.isfinite(stiffness[:-1]) & np.isnan(stiffness[1:])) + 1
+        x, y = np.insert(damping, ends, damping[ends - 1]), np.insert(stiffness, ends, 0.0)
+        axes.plot(x, y, color=colour, linestyle=style, linewidth=width, label=label)
         if curve.key == "passive-sampled-data":
             axes.fill_between(damping, 0, np.nan_to_num(stiffness), color=colour, alpha=0.12, linewidth=0)
-    limit = region.encoder_limit_n_per_m
-    if limit is not None:
-        axes.axhline(
-            limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label=r"encoder and friction, $2f_c/\Delta$"
-        )
+    _bounds(axes, region)
     wanted = region.wanted_stiffness_n_per_m
     lowest, highest = [], []
     if wanted > 0:
         # A wall without damping has no place on a logarithmic axis: the left edge.
         place = max(region.wanted_damping_ns_per_m, float(damping[0]))
+        name = f"wall wanted: {quantity(wanted, 'N/m')}, {quantity(region.wanted_damping_ns_per_m, 'N.s/m')}"
         axes.plot(
             [place], [wanted], linestyle="none", marker="*", markersize=11, color="#b2182b", markeredgecolor="white",
-            markeredgewidth=0.6, label=f"wall wanted: {wanted:g} N/m, {region.wanted_damping_ns_per_m:g} N.s/m",
-            zorder=6, clip_on=False,
+            markeredgewidth=0.6, label=name, zorder=6, clip_on=False,
         )  # fmt: skip
         lowest, highest = [wanted], [wanted]
     for (name, (b, k)), marker in zip(rendered.items(), "o^sDv", strict=False):
         shown = (b > 0) & (k > 0)
         axes.plot(
-            b[shown], k[shown], linestyle="none", marker=marker, markersize=3.4, color="0.15", markerfacecolor="white",
-            markeredgewidth=0.8, label=f"walls rendered by {name}, each at its frequency", zorder=5,
+            b[shown], k[shown], linestyle="none", marker=marker, markersize=3.4, color="0.15",
+            markerfacecolor="white", markeredgewidth=0.8, label=f"walls rendered by {name}, each at its frequency",
+            zorder=5,
         )  # fmt: skip
         lowest += [k[shown].min(initial=np.inf)]
         highest += [k[shown].max(initial=0.0)]
     axes.set_xscale("log")
     axes.set_yscale("log")
-    curves = np.concatenate([curve.stiffness_n_per_m[np.isfinite(curve.stiffness_n_per_m)] for curve in region.curves])
+    curves = np.concatenate([curve.stiffness_n_per_m for curve in region.curves])
     stable = np.concatenate([c.stiffness_n_per_m for c in region.curves if c.key.startswith("stable")])
     passive = np.nan_to_num(region.passive_limit_n_per_m)
     top = max(np.nanmax(stable, initial=1.0), passive, *highest, 0.0)
     bottom = min(0.3 * passive if passive > 0 else top, *lowest, top)
-    bottom = max(bottom, 1e-4 * top, 0.5 * curves.min(initial=top))
-    axes.set_ylim(0.7 * bottom, 2.5 * max(top, limit or 0.0))
+    bottom = max(bottom, 1e-4 * top, 0.5 * np.nanmin(curves, initial=top))
+    axes.set_ylim(0.7 * bottom, 2.5 * max(top, region.encoder_limit_n_per_m or 0.0))
     for line in axes.get_lines():
         highest_drawn = np.max(np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)), initial=0.0)
         if 0 < highest_drawn < 0.7 * bottom:
-            line.set_label(f"{line.get_label()}: below, at most {highest_drawn:.3g} N/m")
+            line.set_label(f"{line.get_label()}: below, at most {quantity(highest_drawn, 'N/m')}")
     shown_to = [region.wanted_damping_ns_per_m, *(b[(b > 0) & (k > 0)].max(initial=0.0) for b, k in rendered.values())]
     for curve in region.curves:
         shown_to += [damping[np.nan_to_num(curve.stiffness_n_per_m[1:]) > 0].max(initial=0.0)]
     axes.set_xlim(damping[0], 1.5 * max(shown_to, default=0.0) or damping[-1])
     axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
     axes.set_ylabel("wall stiffness K (N/m)")
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: quantity(value, "", 1).strip()))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _bounds(axes: Axes, region: ZWidth) -> None:
+    """Draw what the literature knows, with its source."""
+    thin: dict[str, Any] = {"color": "0.45", "linewidth": 1.0}
+    if np.isfinite(region.rule_n_per_m).any():
+        rule = "linear rule (b + b_h + B)/(T/2 + t_d), Gil, Hulin et al. 2009"
+        axes.plot(region.damping_ns_per_m, region.rule_n_per_m, **thin, linestyle=(0, (1, 1)), label=rule)
+    spring, limit = region.passive_spring_n_per_m, region.encoder_limit_n_per_m
+    if spring > 0:
+        name = "passive spring 2b/((1 + 2d) T), Diolaiti et al. 2006"
+        axes.axhline(spring, **thin, linestyle=(0, (6, 1.5, 1, 1.5)), label=name)
+    if limit is not None:
+        name = "encoder and friction 2f_c/\u0394, Abbott and Okamura 2005"
+        axes.axhline(limit, **thin, linestyle=(0, (2, 2)), label=name)
 
 
 def _llewellyn(axes: Axes, table: LlewellynTable) -> None:

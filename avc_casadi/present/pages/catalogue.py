@@ -51,6 +51,10 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
     if document["declared"]:
         rows.append(Row("Declared", problem.units.text(", ".join(document["declared"]))))
     rows += [
+        Row("Not used", problem.units.text(f"{what}: what is recommended is not judged with it"), Mark.CAUTION)
+        for what in document["not_used"]
+    ]
+    rows += [
         Row("Warning", problem.units.text(f"{one['key']} {one['message']}"), Mark.CAUTION)
         for one in document["warnings"]
     ]

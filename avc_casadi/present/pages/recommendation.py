@@ -91,14 +91,23 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
         parts.append(f"observer of {quantity(runtime['observer_mass_kg'], unit('kg'))}")
     if not coupling["constant"]:
         parts.append(f"{len(table['frequency_hz'])} rows")
-    trial, limit = document["trial"], coupling["max_force_n"]
+    trial, limit, without = document["trial"], coupling["max_force_n"], _without(document, problem)
     if not document["deployable"]:
-        return Row("Coupling", f"NOT deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
+        return Row("Coupling", f"{', '.join(parts)}: NOT deployable", Mark.FAIL)
+    through = ""
     if trial["at_force_limit"] > _PUSH_THROUGH * trial["hands"]:
-        through = f"{trial['at_force_limit']} of {trial['hands']} hands push through the wall"
-        told = f"{', '.join(parts)}: deployable, but {through} (limit {quantity(limit, unit('N'))})"
-        return Row("Coupling", told, Mark.CAUTION)
-    return Row("Coupling", f"{', '.join(parts)}: deployable", Mark.PASS)
+        hands = f"{trial['at_force_limit']} of {trial['hands']} hands push through the wall"
+        through = f", but {hands} (limit {quantity(limit, unit('N'))})"
+    mark = Mark.CAUTION if through or without else Mark.PASS
+    return Row("Coupling", f"{', '.join(parts)}: deployable{without}{through}", mark)
+
+
+def _without(document: dict[str, Any], problem: Problem) -> str:
+    """Name what is declared and not used: no claim holds for it."""
+    if not document["not_used"]:
+        return ""
+    names = ", ".join(what.partition(" (")[0] for what in document["not_used"])
+    return f" without {problem.units.text(names)}, which is declared and not used"
 
 
 def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
@@ -107,12 +116,10 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     if problem.environment.stiffness_n_per_m == 0:
         return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}")]
     if felt["stiffness_n_per_m"] is None:
-        what = (
-            f"nothing but the {problem.units.key('force')} limit"
-            if trial["at_force_limit"]
-            else "nothing: no press ends in contact"
-        )
-        return [Row("Rendered", f"{what} · impedance error {errors}", Mark.FAIL)]
+        what = problem.units.text(document["reason"])
+        if document["deployable"] or not what.startswith("nothing"):
+            what = "nothing: no press ends below the force limit"
+        return [Row("Rendered", what, Mark.FAIL)]
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m'))} at the handle"
     low, high = trial["stiffness_n_per_m"]["nine_in_ten"]

@@ -36,7 +36,6 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
     if "complex_error_from" in document["felt"]:
         lines.append(f"complex error: distance from {document['felt']['complex_error_from']}")
     lines += [f"assumed: {gap}" for gap in document["assumed"]]
-    lines += [f"not used: {what}" for what in document["not_used"]]
     return lines
 
 

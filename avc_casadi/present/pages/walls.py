@@ -32,16 +32,11 @@ def walls_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
         shown: the problem as the user names it.
         drawn: file of the picture, if one was drawn.
     """
-    told = quantities(problem.units)
-    rows = [
-        _bare(document),
-        *_curves(document, problem),
-        *_constant(document, problem),
-        passive_limit(document["passive_limit_n_per_m"], problem.units),
-    ]
-    if document["encoder_limit_n_per_m"] is not None:
-        limit = told(document["encoder_limit_n_per_m"], "N/m")
-        rows.append(Row("Encoder limit", f"{limit} for a passive wall, 2 f_c/Delta"))
+    rows = [_bare(document)]
+    if document["not_used"]:
+        unused = problem.units.text(", ".join(document["not_used"]))
+        rows.append(Row("Not used", f"{unused}: declared, and no part of these claims", Mark.CAUTION))
+    rows += [*_curves(document, problem), *_constant(document, problem), *_bounds(document, problem)]
     rows += [Row("Not judged", problem.units.text(why), Mark.CAUTION) for why in document["refused"]]
     if drawn is not None:
         rows.append(Row("Drawn", drawn))
@@ -62,6 +57,8 @@ def _curves(document: dict[str, Any], problem: Problem) -> list[Row]:
     """Tell the stiffest wall without coupling of each claim."""
     told, damping, rows = quantities(problem.units), document["wall_damping_ns_per_m"], []
     for key, curve in document["curves"].items():
+        if key == "passive-delayed":  # of another device than this one: in the picture and with -v
+            continue
         label = _SHORT[key].replace("\n", ", ").capitalize()
         known = [(k, b) for k, b in zip(curve["stiffness_n_per_m"], damping, strict=True) if k is not None]
         if known:
@@ -69,6 +66,22 @@ def _curves(document: dict[str, Any], problem: Problem) -> list[Row]:
             rows.append(Row(label, f"up to {told(k, 'N/m')}, with a wall damping of {told(b, 'N.s/m')}"))
         else:
             rows.append(Row(label, "no wall"))
+    return rows
+
+
+def _bounds(document: dict[str, Any], problem: Problem) -> list[Row]:
+    """Tell what the literature knows, with its source."""
+    told = quantities(problem.units)
+    rows = [passive_limit(document["passive_limit_n_per_m"], problem.units)]
+    if document["passive_spring_n_per_m"] is not None:
+        spring, rule = told(document["passive_spring_n_per_m"], "N/m"), told(document["rule_n_per_m"][0], "N/m")
+        rows += [
+            Row("Passive spring", f"{spring}, 2 b/((1 + 2 d) T) (Diolaiti et al. 2006)"),
+            Row("Linear rule", f"{rule} at B = 0, (b + b_h + B)/(T/2 + t_d) (Gil, Hulin et al. 2009)"),
+        ]
+    if document["encoder_limit_n_per_m"] is not None:
+        limit = told(document["encoder_limit_n_per_m"], "N/m")
+        rows.append(Row("Encoder limit", f"{limit} for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"))
     return rows
 
 
@@ -96,7 +109,7 @@ def walls_lines(document: dict[str, Any]) -> list[str]:
     """
     curves, damping = document["curves"], document["wall_damping_ns_per_m"]
     rows = [
-        [number(damping[row]), *(number(curve["stiffness_n_per_m"][row]) for curve in curves.values())]
+        [number(columns[row]) for columns in (damping, *(one["stiffness_n_per_m"] for one in curves.values()))]
         for row in sample_rows(len(damping), _ROWS)
     ]
     lines = [

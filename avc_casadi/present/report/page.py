@@ -153,8 +153,10 @@ def _verdict(found: Mapping[str, Any]) -> str:
     if not found["deployable"]:
         return '<p class="verdict fail">Do not deploy this coupling.</p>'
     rested = [found["trial"], *([found["confirmed"]] if found["confirmed"] else [])]
-    if any(one["at_rest"] < one["hands"] for one in rested):
-        return '<p class="verdict fail">Deployable, but not every simulated hand comes to rest with it.</p>'
+    doubts = ["not every simulated hand comes to rest with it"] * any(one["at_rest"] < one["hands"] for one in rested)
+    doubts += [f"not judged with {escape(what.partition(' (')[0])}" for what in found["not_used"]]
+    if doubts:
+        return f'<p class="verdict fail">Deployable, but {" and ".join(doubts)}.</p>'
     felt, share = found["felt"]["stiffness_n_per_m"], found["felt"]["share_of_wall"]
     if felt is None or share is None or share >= _THE_WALL:
         return '<p class="verdict pass">Deploy this coupling.</p>'

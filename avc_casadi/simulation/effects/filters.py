@@ -126,7 +126,7 @@ class VelocityFilter(SceneEffect):
     """First-order low pass on every backward difference: of the coupling, the environment and the contact damper.
 
     Attributes:
-        cutoff_hz: its corner frequency.
+        table: its keys.
     """
 
     kind: ClassVar[str] = "velocity-filter"
@@ -135,13 +135,13 @@ class VelocityFilter(SceneEffect):
     scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
-    cutoff_hz: float
+    table: VelocityFilterEffect
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
         """Take the table."""
-        return cls(table.cutoff_hz)
+        return cls(table)
 
     def sample(self, tick: Tick) -> None:
-        """Set the share of the old velocity, that of a first-order lag over one sample."""
-        tick.filter_share = math.exp(-2 * math.pi * self.cutoff_hz * tick.sample_time_s)
+        """Set the share of the old velocity."""
+        tick.filter_share = self.table.old_share(tick.sample_time_s)

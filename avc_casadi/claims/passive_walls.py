@@ -1,0 +1,98 @@
+"""Walls K + B (1 - 1/z)/T that are passive: at each frequency a quadratic in K says so, without a search for it.
+
+On a rigid device with an ideal amplifier and whole samples of delay the condition b_d + Re(z^-d W) >= 0 is linear in K
+and B; at the port of any other (`handle_port`) |1 + W X|^2 >= |W|^2 U^2 is quadratic, W = B W_b + K W_k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.claims.passivity.handle_port import handle_port
+from avc_casadi.claims.passivity.sampled_loop import Fractions
+from avc_casadi.claims.passivity.worst_frequency import quadratic_stretch, refine_minima
+from avc_casadi.claims.passivity.worst_port import frequencies_hz, wave
+from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
+from avc_casadi.model.hands import Hand
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Model
+
+
+_LOWEST_TURNS, _A_HALF_WAVE = 1e-8, 24
+
+
+def passive_walls(
+    corners: Sequence[Device],
+    damping_ns_per_m: FloatArray,
+    model: Model,
+    *,
+    ideal: bool,
+    filter_share: float = 0.0,
+    more_delay: int = 0,
+) -> Stretches:
+    """Find the softest stretch of stiffnesses with which a wall is passive at every corner of a device.
+
+    Args:
+        corners: of one device, each known exactly.
+        damping_ns_per_m: B >= 0, shape (n,).
+        model: hold and discretisation of the spring.
+        ideal: whether all corners are rigid, with an ideal amplifier and whole samples of delay. Then the worst
+            frequency is refined; else it is that of a scan (as in L3), and the wall is stable with a passive hand too.
+        filter_share: share of the old velocity in that of a filter, 0 without one.
+        more_delay: samples on top of those of the device.
+    """
+    low, high = np.zeros(len(damping_ns_per_m)), np.full(len(damping_ns_per_m), np.inf)
+    for corner in corners:
+        if ideal:
+
+            def ends(hz: FloatArray, corner: Device = corner) -> tuple[FloatArray, FloatArray]:
+                turns = hz * corner.sample_time_s
+                late = np.exp(-2j * np.pi * turns * (corner.delay_samples + more_delay))
+                damper, spring = (late * one for one in _waves(turns, corner.sample_time_s, model, filter_share))
+                free = corner.damping_ns_per_m + damping_ns_per_m[:, None] * damper.real
+                return quadratic_stretch(np.zeros_like(free), spring.real + 0 * free, free)
+
+            order = int(corner.delay_samples) + more_delay + 2
+            seeds = np.linspace(_LOWEST_TURNS, 0.5, _A_HALF_WAVE * order + 1) / corner.sample_time_s
+            every = np.broadcast_to(seeds, (len(low), len(seeds)))
+            softest, stiffest = ends(every)
+            if softest.any():
+                softest = ends(refine_minima(lambda hz, ends=ends: -ends(hz)[0], every, order))[0]  # type: ignore[misc]
+            stiffest = ends(refine_minima(lambda hz, ends=ends: ends(hz)[1], every, order))[1]  # type: ignore[misc]
+        else:
+            port = handle_port(corner, frequencies_hz(corner))
+            damper, spring = _waves(port.turns, corner.sample_time_s, model, filter_share)
+            wall = damping_ns_per_m[:, None] * damper
+            bend = -port.excess * np.abs(spring) ** 2 + 0 * wall.real
+            slope = 2 * (spring * port.centre).real - 2 * port.excess * (wall * spring.conj()).real
+            free = 1 + 2 * (wall * port.centre).real - port.excess * np.abs(wall) ** 2
+            softest, stiffest = quadratic_stretch(*(np.where(port.damped, one, -1.0) for one in (bend, slope, free)))
+            held = _held(corner, damping_ns_per_m, filter_share)
+            low, high = np.maximum(low, held.lowest_n_per_m[:, 0]), np.minimum(high, held.first_n_per_m)
+        low, high = np.maximum(low, softest.max(axis=1)), np.minimum(high, stiffest.min(axis=1))
+    none = ~(high > low)
+    return Stretches(np.where(none, np.nan, low)[:, None], np.where(none, np.nan, high)[:, None])
+
+
+def _waves(turns: FloatArray, period: float, model: Model, share: float) -> tuple[ComplexArray, ComplexArray]:
+    """W of a wall of 1 N.s/m and of one of 1 N/m."""
+    nothing, one = np.zeros(1), np.ones(1)
+    damper = Fractions(one - share, nothing, one * share * (1 - share), one * share, one - share, one > 0)
+    direct = period / 2 if model == "paper" else period
+    spring = replace(damper, direct=one * direct, integral=one * period, decaying=nothing)
+    return wave(damper, nothing, turns, model), wave(spring, nothing, turns, model)
+
+
+def _held(corner: Device, damping: FloatArray, share: float) -> Stretches:
+    """Return the walls that are stable with one passive hand; those of them that are passive are so with any."""
+    time = corner.sample_time_s
+    mass = max(corner.mass_kg, corner.damping_ns_per_m * time, 1e-6)
+    hand = Hand(*(np.array([value]) for value in (mass, mass / (10 * time), mass / (10 * time) ** 2)))
+    return stable_walls([corner], hand, damping, share)

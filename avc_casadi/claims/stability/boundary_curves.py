@@ -1,0 +1,338 @@
+"""Walls K + B (1 - 1/z)/T that are linearly stable, by explicit boundary curves (D-decomposition, Neimark 1949).
+
+On z = exp(j theta) the characteristic equation of the sampled loop is linear in K and B:
+
+    K + B q(z) = L(z),   q = (1 - 1/z)(1 - sigma)/(T (1 - sigma/z)),   L = 1/G,
+
+G from the commanded force to the sampled position, with hold, delay, amplifier, resonance and hand, sigma the share of
+the old velocity in a velocity filter's. Real and imaginary part give one wall (B, K) for each 0 < theta < pi; theta =
+pi gives a line, theta = 0 one at K = -k_h. Where B(theta) rises through the B of a wall, a pair of poles leaves the
+unit circle as K grows; where it falls, a pair comes back. So the stable K of each B follow from all crossings, sorted,
+and the number of poles outside at K = 0, which is counted in the same way along B from the device alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi.claims.stability.declared_device import rigid
+from avc_casadi.claims.stability.frozen_loop import mechanics
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.hands import Hand
+
+# The curves begin here: softer walls than m (theta/T)^2 of all that moves are taken as this one.
+_LOWEST_ANGLE = 1e-7
+_A_DECADE, _A_HALF_WAVE = 20, 12
+# A zero of the device near the circle turns the phase of L by pi within few nodes: more are put between.
+_MOST_TURN, _SPLITS = 0.4, 40
+# Nodes about each pole, in widths of its resonance.
+_ABOUT = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
+# Each zoom narrows the bracket of an extremum to a quarter, each root step at least every second one to a half.
+_ZOOMS, _NINE = 6, np.linspace(0.0, 1.0, 9)
+_ROOT_STEPS, _ROOT = 60, 1e-13
+_EVENTS_AT_ONCE = 8_000_000
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Stiffnesses of a wall for which a claim holds at each of n dampings: m intervals, ascending, shape (n, m).
+
+    Attributes:
+        lowest_n_per_m: lower ends; not a number where there are fewer.
+        largest_n_per_m: upper ends.
+    """
+
+    lowest_n_per_m: FloatArray
+    largest_n_per_m: FloatArray
+
+    @property
+    def first_n_per_m(self) -> FloatArray:
+        """Upper end of the softest interval, shape (n,); not a number where there is none."""
+        return self.largest_n_per_m[:, 0]
+
+    def holds(self, row: int, stiffness_n_per_m: float) -> bool:
+        """Whether the claim holds for a wall of the damping of a row."""
+        low, high = self.lowest_n_per_m[row], self.largest_n_per_m[row]
+        return bool(((low <= stiffness_n_per_m) & (stiffness_n_per_m <= high)).any())
+
+
+def stable_walls(
+    corners: Sequence[Device], hands: Hand, damping_ns_per_m: FloatArray, filter_share: float = 0.0
+) -> Stretches:
+    """Find the stiffnesses with which a wall is stable with every hand at every corner of a device.
+
+    Args:
+        corners: of one device, each known exactly.
+        hands: h hands.
+        damping_ns_per_m: B >= 0, shape (n,).
+        filter_share: share of the old velocity in that of a filter, 0 without one.
+    """
+    rows = len(damping_ns_per_m)
+    loops = _Loops.of(corners, hands, filter_share)
+    if loops is None:
+        return Stretches(np.full((rows, 1), np.nan), np.full((rows, 1), np.nan))
+    nodes = _nodes(loops, corners, float(damping_ns_per_m.max(initial=0.0)))
+    outside = np.zeros(rows, dtype=np.intp)
+    events: list[tuple[IndexArray, FloatArray, IndexArray]] = []
+    at_once = max(1, _EVENTS_AT_ONCE // (rows * nodes.shape[1]))
+    for begin in range(0, len(nodes), at_once):
+        some = slice(begin, begin + at_once)
+        part = loops.pick(some)
+        inverse, damper = part.response(nodes[some])
+        curve = inverse.imag / damper.imag
+        outside += _outside_without_spring(part, nodes[some], (inverse / damper).imag, curve, damping_ns_per_m)
+        events += _crossings(part, nodes[some], curve, damping_ns_per_m)
+    return _stretches(outside, *(np.concatenate(column) for column in zip(*events, strict=True)))
+
+
+@dataclass(frozen=True)
+class _Loops:
+    """Every corner with every hand from the force to the sampled position, from sample to sample.
+
+    Attributes:
+        change: A - 1, shape (cases, s, s); velocities are counted by the sample.
+        new: column of the newest force, positive against +x, shape (cases, s).
+        old: column of the force before it.
+        whole_delay: shape (cases,).
+        measured: index of the state that is measured.
+        free: where nothing calls the device back, shape (cases,).
+        sample_time_s: T.
+        filter_share: sigma.
+    """
+
+    change: FloatArray
+    new: FloatArray
+    old: FloatArray
+    whole_delay: FloatArray
+    measured: int
+    free: BoolArray
+    sample_time_s: float
+    filter_share: float
+
+    @classmethod
+    def of(cls, corners: Sequence[Device], hands: Hand, filter_share: float) -> _Loops | None:
+        """Take all that can move; None where a device with a hand has no equation of motion."""
+        first, h = corners[0], len(hands)
+        if rigid(first):
+            parts = [_rigid(corner, hands) for corner in corners]
+            matrix, new, old = (np.concatenate(part) for part in zip(*parts, strict=True))
+            measured = 0
+        else:
+            if min(corner.mass_kg for corner in corners) + np.min(hands.mass_kg) == 0:
+                return None
+            plant = sampled_plant(corners, hands)
+            s, period = len(plant.names), plant.sample_time_s
+            scale = np.array([period if name.endswith("_per_s") else 1.0 for name in plant.names])
+            matrix = (plant.matrix * scale[:, None] / scale).reshape(-1, s, s)
+            new, old = (plant.new * scale).reshape(-1, s), (plant.old * scale).reshape(-1, s)
+            measured = int(np.argmax(plant.measured))
+        if not (np.isfinite(matrix).all() and np.isfinite(new).all()):
+            return None
+        return cls(
+            change=matrix - np.eye(matrix.shape[-1]),
+            new=new,
+            old=old,
+            whole_delay=np.repeat([math.floor(corner.delay_samples) for corner in corners], h).astype(np.float64),
+            measured=measured,
+            free=np.tile(np.broadcast_to(np.asarray(hands.stiffness_n_per_m) == 0, (h,)), len(corners)),
+            sample_time_s=first.sample_time_s,
+            filter_share=filter_share,
+        )
+
+    def pick(self, cases: IndexArray | slice) -> _Loops:
+        """Take some of the cases."""
+        return _Loops(
+            self.change[cases], self.new[cases], self.old[cases], self.whole_delay[cases], self.measured,
+            self.free[cases], self.sample_time_s, self.filter_share,
+        )  # fmt: skip
+
+    def response(self, angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """L (N/m) and q (1/s) at angles of the cases, shape (cases) or (cases, m)."""
+        case = (slice(None), *(None,) * (angle.ndim - 1))
+        step = np.empty(angle.shape, dtype=np.complex128)
+        step.real, step.imag = -2 * np.sin(angle / 2) ** 2, np.sin(angle)
+        back, share = -step.conj(), self.filter_share
+        damper = back * ((1 - share) / self.sample_time_s) / (1 - share + share * back if share else 1.0)
+        change = self.change
+        if change.shape[-1] == 2:
+            a, b, c, d = (change[:, i, j][case] for i in (0, 1) for j in (0, 1))
+            denominator = step**2 - step * (a + d) + (a * d - b * c)
+            sent: list[Any] = [(step - d) * u[:, 0][case] + b * u[:, 1][case] for u in (self.new, self.old)]
+        else:
+            eye = np.eye(change.shape[-1])
+            pushes = np.stack([self.new, self.old], axis=-1)[case]
+            states = np.linalg.solve(step[..., None, None] * eye - change[case], pushes.astype(np.complex128))
+            denominator, sent = np.ones_like(step), [states[..., self.measured, index] for index in (0, 1)]
+        numerator = sent[0] + sent[1] * (1 + step.conj()) if self.old.any() else sent[0]
+        late = np.exp(1j * angle * self.whole_delay[case]) if self.whole_delay.any() else 1.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(denominator / numerator * late), damper
+
+
+def _rigid(device: Device, hands: Hand) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return A, B_new and B_old of a rigid device with an ideal amplifier, whatever its mass."""
+    moving = device.mass_kg + hands.mass_kg, device.damping_ns_per_m + hands.damping_ns_per_m, hands.stiffness_n_per_m
+    period, late = device.sample_time_s, device.delay_samples - math.floor(device.delay_samples)
+    step = mechanics(*moving, period)
+    new = -step[:, :, 2]
+    if late:
+        new = -mechanics(*moving, (1 - late) * period)[:, :, 2] / np.array([1.0, 1 - late])
+    return step[:, :, :2], new, -step[:, :, 2] - new
+
+
+def _nodes(loops: _Loops, corners: Sequence[Device], most_damping_ns_per_m: float) -> FloatArray:
+    """Return angles, shape (cases, m), between which B(theta) is monotone."""
+    delay = max(corner.delay_samples for corner in corners)
+    low = np.geomspace(_LOWEST_ANGLE, 0.1, 1 + _A_DECADE * 6)
+    even = np.linspace(0.0, np.pi, 1 + _A_HALF_WAVE * math.ceil(delay + 3))[1:-1]
+    common = np.unique(np.concatenate([low, even, np.pi - low]))
+    angle = np.broadcast_to(common, (len(loops.new), len(common)))
+    if loops.change.shape[-1] > 2:
+        poles = 1 + np.linalg.eigvals(loops.change).astype(np.complex128)
+        width = np.maximum(np.abs(np.log(np.maximum(np.abs(poles), 1e-9))), 1e-4)[..., None]
+        about = np.abs(np.angle(poles))[..., None] + width * np.concatenate([-_ABOUT, _ABOUT])
+        angle = np.sort(np.concatenate([angle, np.clip(about.reshape(len(angle), -1), low[0], np.pi - low[0])], axis=1))
+    inverse, damper = loops.response(angle)
+    for _ in range(_SPLITS):
+        turned = np.abs(np.angle(inverse[:, 1:] * inverse[:, :-1].conj())) > _MOST_TURN
+        turned &= np.diff(angle) > 1e-9 * angle[:, 1:]
+        if not turned.any():
+            break
+        angle = _inserted(angle, turned, (angle[:, 1:] + angle[:, :-1]) / 2)
+        inverse, damper = loops.response(angle)
+    curve = inverse.imag / damper.imag
+    rise = np.diff(curve)
+    turns = np.zeros(curve.shape, dtype=bool)
+    turns[:, 1:-1] = (rise[:, 1:] * rise[:, :-1] < 0) & (np.maximum(curve[:, 2:], curve[:, :-2]) > 0)
+    turns &= np.isfinite(curve) & (curve < 8 * most_damping_ns_per_m)
+    case, index = np.nonzero(turns)
+    if len(case) == 0:
+        return angle
+    some, down = loops.pick(case), curve[case, index] < curve[case, index - 1]
+    left, right, best = angle[case, index - 1], angle[case, index + 1], angle[case, index]
+    every = np.arange(len(case))
+    for _ in range(_ZOOMS):
+        points = np.sort(np.concatenate([left[:, None] + (right - left)[:, None] * _NINE, best[:, None]], axis=1))
+        inverse, damper = some.response(points)
+        values = inverse.imag / damper.imag
+        found = np.argmin(np.where(down[:, None], values, -values), axis=1)
+        best, last = points[every, found], points.shape[1] - 1
+        left, right = points[every, np.maximum(found - 1, 0)], points[every, np.minimum(found + 1, last)]
+    extremum = angle.copy()
+    extremum[case, index] = best
+    return _inserted(angle, turns, extremum)
+
+
+def _inserted(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray:
+    """Put new nodes among those of each case; a case with fewer of them repeats its first node."""
+    case, index = np.nonzero(where)
+    place = (np.cumsum(where, axis=1) - 1)[case, index]
+    new = np.repeat(angle[:, :1], int(where.sum(axis=1).max()), axis=1)
+    new[case, place] = at[case, index]
+    return np.sort(np.concatenate([angle, new], axis=1))
+
+
+def _root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: FloatArray) -> FloatArray:
+    """Find a root in each bracket: false position that halves the weight of an end that stays (Illinois)."""
+    at_left, at_right = value(left), value(right)
+    middle = right
+    for _ in range(_ROOT_STEPS):
+        span = at_right - at_left
+        share = np.where(span == 0, 0.5, at_right / np.where(span == 0, 1.0, span))
+        middle = right - (right - left) * np.where(np.isfinite(share), share, 0.5)
+        at_middle = value(middle)
+        crossed = np.sign(at_middle) != np.sign(at_right)
+        moved = np.abs(middle - right)
+        left, at_left = np.where(crossed, right, left), np.where(crossed, at_right, at_left / 2)
+        right, at_right = middle, at_middle
+        if (moved <= _ROOT * np.abs(middle)).all() or not at_middle.any():
+            break
+    return middle
+
+
+def _crossings(
+    loops: _Loops, angle: FloatArray, curve: FloatArray, damping: FloatArray
+) -> list[tuple[IndexArray, FloatArray, IndexArray]]:
+    """Return rows of B, stiffnesses and the poles that leave the circle there as K grows."""
+    above = curve > damping[:, None, None]
+    flips = above[..., 1:] != above[..., :-1]
+    row, case, index = np.unravel_index(np.flatnonzero(flips), flips.shape)
+    some, b = loops.pick(case), damping[row]
+
+    def beyond(at: FloatArray) -> FloatArray:
+        inverse, damper = some.response(at)
+        return np.asarray(inverse.imag / damper.imag - b)
+
+    inverse, damper = some.response(_root(beyond, angle[case, index], angle[case, index + 1]))
+    stiffness = inverse.real - b * damper.real
+    leaving = np.where(above[row, case, index], -2, 2)
+    of_row, of_case = (axis.ravel() for axis in np.indices((len(damping), len(angle))))
+    inverse, damper = loops.response(np.full(len(angle), np.pi))
+    # A mass without damping has no response at Nyquist.
+    at_nyquist = np.nan_to_num(inverse.real, nan=np.inf)[of_case] - damping[of_row] * damper.real[of_case]
+    real = np.where(above[..., -1].ravel(), -1, 1)
+    return [(row, stiffness, leaving), (of_row, at_nyquist, real)]
+
+
+def _outside_without_spring(
+    loops: _Loops, angle: FloatArray, slope: FloatArray, curve: FloatArray, damping: FloatArray
+) -> IndexArray:
+    """Return how many poles of all cases are outside the circle at each B, where K begins to grow from 0.
+
+    Args:
+        loops: some cases.
+        angle: nodes of each.
+        slope: imaginary part of L/q there: a pole is on the circle where it is 0.
+        curve: B(theta) there.
+        damping: B of the rows.
+    """
+    case, index = np.nonzero((slope[:, 1:] > 0) != (slope[:, :-1] > 0))
+    some = loops.pick(case)
+
+    def ratio(at: FloatArray) -> ComplexArray:
+        inverse, damper = some.response(at)
+        return np.asarray(inverse / damper)
+
+    at = ratio(_root(lambda at: ratio(at).imag, angle[case, index], angle[case, index + 1])).real
+    inverse, damper = loops.response(np.full(len(angle), np.pi))
+    places = np.concatenate([at, np.nan_to_num((inverse / damper).real, nan=np.inf)])
+    leaving = np.concatenate([np.where(slope[case, index] > 0, -2, 2), np.where(slope[:, -1] > 0, -1, 1)])
+    passed = (places > 0) & (places < damping[:, None])
+    # Without damping a spring that is late by any time at all drives a free mass.
+    driven = 2 * (loops.free & (curve[:, 0] >= damping[:, None]))
+    return np.asarray((passed * leaving).sum(axis=1) + driven.sum(axis=1))
+
+
+def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leaving: IndexArray) -> Stretches:
+    """Return where no pole is outside, from the number outside at K = 0 and all crossings."""
+    some = stiffness > 0
+    row, stiffness, leaving = row[some], stiffness[some], leaving[some]
+    order = np.lexsort((stiffness, row))
+    row, stiffness, leaving = row[order], stiffness[order], leaving[order]
+    count = np.bincount(row, minlength=len(outside))
+    column = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    most = int(count.max(initial=0))
+    ends, poles = np.full((len(outside), most), np.inf), np.zeros((len(outside), most), dtype=np.intp)
+    ends[row, column], poles[row, column] = stiffness, leaving
+    low = np.concatenate([np.zeros((len(outside), 1)), ends], axis=1)
+    high = np.concatenate([ends, np.full((len(outside), 1), np.inf)], axis=1)
+    total = outside[:, None] + np.concatenate([np.zeros((len(outside), 1), dtype=np.intp), poles], axis=1).cumsum(
+        axis=1
+    )
+    stable = (total == 0) & (high > low)
+    width = max(1, int(stable.sum(axis=1).max(initial=0)))
+    first = np.argsort(~stable, axis=1, kind="stable")[:, :width]
+    there = np.take_along_axis(stable, first, axis=1)
+    return Stretches(
+        np.where(there, np.take_along_axis(low, first, axis=1), np.nan),
+        np.where(there, np.take_along_axis(high, first, axis=1), np.nan),
+    )

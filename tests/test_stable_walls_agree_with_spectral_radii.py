@@ -1,0 +1,148 @@
+"""Stable stretches of stiffness by boundary curves against eigenvalues of loops that are put together in the test."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sampled_wall import spectral_radius
+
+import avc_casadi as avc
+from avc_casadi.claims.stability.boundary_curves import stable_walls
+from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand, hand_set
+
+
+def decades(low, high):
+    return st.floats(low, high).map(lambda power: 10.0**power)
+
+
+@st.composite
+def loops(draw):
+    """A device of any kind, a few hands, and the share of a velocity filter."""
+    period = draw(decades(-3.5, -1.5))
+    table = {
+        "mass_kg": draw(decades(-2.5, 0.7)),
+        "damping_ns_per_m": draw(st.one_of(st.just(0.0), decades(-3, 1))),
+        "sample_time_s": period,
+        "delay_samples": draw(st.sampled_from([0, 1, 2, 5, 12, 0.3, 1.7])),
+    }
+    if draw(st.booleans()):
+        table["resonance"] = {
+            "frequency_hz": draw(decades(0.5, math.log10(0.45 / period))),
+            "damping_ratio": draw(decades(-2.5, -0.3)),
+            "mass_ratio": draw(st.floats(0.02, 0.95)),
+        }
+        table["encoder_at"] = draw(st.sampled_from(["motor", "handle"]))
+    if draw(st.booleans()):
+        table["amplifier_bandwidth_hz"] = draw(decades(1, 3.3))
+        table["amplifier_order"] = draw(st.sampled_from([1, 2]))
+    held = st.tuples(decades(-2.5, 0), decades(-1, 1.5), decades(0, 3))
+    hands = draw(st.lists(st.one_of(held, st.just((0.0, 0.0, 0.0))), min_size=1, max_size=3))
+    share = draw(st.one_of(st.just(0.0), decades(-2, 0.5).map(lambda rate: math.exp(-rate))))
+    return Device.model_validate(table), hands, share
+
+
+def worst(device, hands, damping, stiffness, share=0.0):
+    return max(spectral_radius(device, hand, damping, stiffness, share) for hand in hands)
+
+
+def check(device, hands, share, damping, more):
+    """Every interval ends where the radius is 1; within it and without the radius says the same."""
+    found = stable_walls([device], Hand(*np.array(hands).T), np.array([damping]), share)
+    ends = np.concatenate([found.lowest_n_per_m[0], found.largest_n_per_m[0]])
+    ends = ends[np.isfinite(ends) & (ends > 0)]
+    for stiffness in np.concatenate([ends * (1 - 1e-5), ends * (1 + 1e-5), ends / 2, more]):
+        radius = worst(device, hands, damping, stiffness, share)
+        if abs(radius - 1) > 1e-9:
+            assert (radius < 1) == found.holds(0, stiffness)
+    return found
+
+
+@settings(max_examples=40, deadline=None)
+@given(loops(), decades(-4, 0.2), st.booleans(), st.lists(decades(-6, 1), min_size=3, max_size=3))
+def test_walls_are_stable_where_every_eigenvalue_lies_inside(case, share_of_most, damped, stiffnesses):
+    device, hands, share = case
+    most = 2 * (device.mass_kg + max(hand[0] for hand in hands)) / device.sample_time_s
+    check(device, hands, share, damped * most * share_of_most, most / device.sample_time_s * np.array(stiffnesses))
+
+
+SLOW = [(0.2, 0.5, 0.025, 1), (0.2, 0.5, 0.01, 1), (0.1, 1.0, 0.01, 2), (0.072, 0.005, 0.001, 0)]
+
+
+@pytest.mark.parametrize("given", SLOW)
+@pytest.mark.parametrize("scale", [(1, 1, 1), (1.3, 1, 1), (1, 2, 1), (1, 1, 0.7)])
+def test_slow_and_barely_damped_devices_have_their_edge(given, scale):
+    mass, damping, period = (value * by for value, by in zip(given[:3], scale, strict=True))
+    problem = avc.parse_problem(
+        f"[device]\nmass_kg = {mass}\ndamping_ns_per_m = {damping}\nsample_time_s = {period}\n"
+        f"delay_samples = {given[3]}\n[environment]\nstiffness_n_per_m = 5.0\ndamping_ns_per_m = 0.0\n",
+        name="p",
+    )
+    region = zwidth(problem)
+    hands = list(zip(*vars(hand_set(problem.hands)).values(), strict=True))
+    for curve, held in zip(region.curves[-2:], ([(0.0, 0.0, 0.0)], hands), strict=True):
+        assert curve.wanted == (worst(problem.device, held, 0.0, 5.0) < 1)
+        rows = np.flatnonzero(np.isfinite(curve.stiffness_n_per_m))
+        for row in rows[[0, len(rows) // 2, -1]]:
+            edge, b = curve.stiffness_n_per_m[row], region.damping_ns_per_m[row]
+            assert worst(problem.device, held, b, edge * (1 - 1e-6)) < 1
+            assert worst(problem.device, held, b, edge * (1 + 1e-6)) > 1
+    released = region.curves[-2].stiffness_n_per_m[0]
+    # The linear rule of Gil and Hulin, for a device that nobody holds and without damping of the wall.
+    assert released == pytest.approx(damping / ((0.5 + given[3]) * period), rel=0.1)
+
+
+def test_a_mass_without_damping_holds_no_spring_alone():
+    device = Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 0.0})
+    found = stable_walls([device], Hand(0.0, 0.0, 0.0), np.array([0.0, 5.0]))
+    assert np.isnan(found.first_n_per_m[0])
+    # Jury's test of the double integrator under a hold: K < 2 B/T (2 m - B T)/(2 m + B T).
+    assert found.first_n_per_m[1] == pytest.approx(1e4 * 0.195 / 0.205, rel=1e-9)
+
+
+def test_a_stiffer_wall_may_be_stable_again():
+    resonance = {"frequency_hz": 14.6, "damping_ratio": 0.0395, "mass_ratio": 0.78}
+    device = Device.model_validate({"mass_kg": 0.827, "damping_ns_per_m": 0.019, "resonance": resonance})
+    hand = (0.0056, 0.1123, 780.1751)
+    found = check(device, [hand], 0.0, 0.0, np.geomspace(10.0, 1e4, 25))
+    assert np.isfinite(found.largest_n_per_m).sum() == 2
+    assert found.first_n_per_m[0] < 500 < found.lowest_n_per_m[0, 1] < 1000 < found.largest_n_per_m[0, 1]
+    assert not found.holds(0, 500.0)
+    assert worst(device, [hand], 0.0, 500.0) > 1 > worst(device, [hand], 0.0, 1000.0)
+
+
+def _least_real(damping, stiffness, share):
+    """The least Re Z of a device of 0.5 N.s/m with the wall, at T = 0.35 ms, over a dense grid of angles."""
+    later = np.exp(-1j * np.linspace(1e-4, np.pi, 20_001))
+    wall = damping * (1 - share) / (1 - share * later) + stiffness * 0.00035 / (1 - later)
+    return (0.5 + later * wall).real.min()
+
+
+def test_a_velocity_filter_takes_its_share_of_the_region():
+    """A wall of 6 N.s/m behind 50 Hz: 36 kN/m without the filter, 17 with it."""
+    case = avc.parse_problem(
+        "[device]\nmass_kg = 0.15\ndamping_ns_per_m = 0.5\nsample_time_s = 0.00035\n"
+        "[environment]\nstiffness_n_per_m = 25000.0\ndamping_ns_per_m = 6.0\n[scene]\ncoupling = 'none'\n"
+        "[[scene.effects]]\nkind = 'environment'\n[[scene.effects]]\nkind = 'velocity-filter'\ncutoff_hz = 50.0\n"
+        "[[scene.effects]]\nkind = 'notch'\nfrequency_hz = 300.0\n",
+        name="p",
+    )
+    region, plain = zwidth(case), zwidth(case.changed(scene={"effects": ()}))
+    share, free = math.exp(-2 * math.pi * 50 * 0.00035), [(0.0, 0.0, 0.0)]
+    for found, filtered, limit in ((region, share, 17e3), (plain, 0.0, 36e3)):
+        curve = found.curves[-2]
+        assert np.interp(6.0, found.damping_ns_per_m, curve.stiffness_n_per_m) == pytest.approx(limit, rel=0.02)
+        assert curve.wanted == (worst(case.device, free, 6.0, 25e3, filtered) < 1)
+        passive = {one.key: one for one in found.curves}["passive-sampled-data"].stiffness_n_per_m
+        inside = np.isfinite(passive)
+        assert (passive[inside] <= curve.stiffness_n_per_m[inside] * (1 + 1e-9)).all()
+        for row in np.flatnonzero(inside)[[0, np.count_nonzero(inside) // 2, -1]]:
+            for factor, least in ((0.999, 1), (1.001, -1)):
+                assert np.sign(_least_real(found.damping_ns_per_m[row], factor * passive[row], filtered)) == least
+    assert region.used == ("scene.effects: velocity-filter",)
+    assert region.not_used == ("scene.effects: notch",)
+    assert "with the velocity filter of the scene" in region.curves[-1].claim
+    assert region.refused[0].startswith("passive with the paper's hold")
