@@ -15,7 +15,7 @@ from avc_casadi.claims.levels import ideal, what_is_declared
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
 from avc_casadi.claims.wall_claims import WallClaim, largest_in_every_case, passive_declared, passive_ideal, stable
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared
 from avc_casadi.model.device import whole_delay
@@ -24,8 +24,6 @@ from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Model, Problem
     from avc_casadi.model.schedule import GainSchedule
@@ -178,7 +176,7 @@ class ZWidth(Tabular):
         return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
 
 
-def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth:
+def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     """Compute the region for the problem's device and hands; its environment and coupling do not enter.
 
     Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of
