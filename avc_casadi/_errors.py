@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+
+# What is told of faults, however many and however long they are: nobody reads more.
+_MOST_FAULTS, _MOST_CHARACTERS = 20, 1800
 
 
 class AvcError(Exception):
@@ -15,6 +18,13 @@ class AvcError(Exception):
         ...     print(str(error).partition(";")[0])
         method: 'exakt' is no method, did you mean exact?
     """
+
+    def __str__(self) -> str:
+        return _cut(super().__str__(), _MOST_CHARACTERS)
+
+
+def _cut(text: str, most: int) -> str:
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 @dataclass(frozen=True)
@@ -58,7 +68,23 @@ class InputError(AvcError, ValueError):
 
     def __init__(self, faults: list[Fault] | tuple[Fault, ...]) -> None:
         self.faults = tuple(faults)
-        super().__init__("\n".join(str(fault) for fault in self.faults))
+        super().__init__("\n".join(map(str, self.told)))
+
+    @property
+    def told(self) -> tuple[Fault, ...]:
+        """The first faults, in 20 lines and 1800 characters, and one that says how many more there are."""
+        told: list[Fault] = []
+        left = _MOST_CHARACTERS
+        for fault in self.faults[:_MOST_FAULTS]:
+            short = replace(
+                fault, file=_cut(fault.file, 500), key=_cut(fault.key, 200), message=_cut(fault.message, 1000)
+            )
+            left -= len(str(short)) + 1
+            if left < 0:
+                break
+            told.append(short)
+        more = len(self.faults) - len(told)
+        return (*told, Fault(told[-1].file, None, "", f"has {more} more faults")) if more else tuple(told)
 
     @classmethod
     def of(cls, message: str, *, file: str = "", key: str = "") -> InputError:
@@ -67,13 +93,13 @@ class InputError(AvcError, ValueError):
 
 
 def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | None]]]:
-    """Return the JSON document of bad input: ``{"errors": [{file, line, key, message}]}``.
+    """Return the JSON document of bad input, ``{"errors": [{file, line, key, message}]}``: what is told of the faults.
 
     Example:
         >>> avc.fault_document(avc.InputError.of("is wrong", file="p.toml", key="device"))
         {'errors': [{'file': 'p.toml', 'line': None, 'key': 'device', 'message': 'is wrong'}]}
     """
-    return {"errors": [asdict(fault) for fault in error.faults]}
+    return {"errors": [asdict(fault) for fault in error.told]}
 
 
 class UnsupportedError(AvcError, NotImplementedError):

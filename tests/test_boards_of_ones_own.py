@@ -111,7 +111,7 @@ raise SystemExit(main({asked!r}))
 
 def test_every_fault_of_a_manifest_is_told_at_once(tmp_path: Path) -> None:
     device = load_device("reference-r1").device
-    with pytest.raises(InputError, match=r"has no board\.toml"):
+    with pytest.raises(InputError, match=r"board\.toml: board: does not exist"):
         build_firmware(device, str(tmp_path), tmp_path)
     (tmp_path / "board.toml").write_text(
         'processor = "z80"\ncompiler = 3\nsources = ["absent.c"]\nflags = "-O2"\nspeed = 1\n'

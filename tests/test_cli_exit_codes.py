@@ -68,7 +68,7 @@ def test_five_faults_give_five_messages(tmp_path):
         (("compare", "figure5", "--mine", "7000"), "--mine", "K,B"),
         (("compare", "figure5", "--mine", "7000,-1"), "--mine", ">= 0"),
         (("compare", "figure5", "--plot", "f.bmp"), "--plot", ".png, .svg, .pdf"),
-        (("push", "missing.json", "--port", "emulator"), "", "cannot be read"),
+        (("push", "missing.json", "--port", "emulator"), "", "does not exist"),
         (("push", "missing.json"), "", "--port"),
         (("monitor", "--port", "emulator", "--rate-hz", "0"), "--rate-hz", "above 0"),
         (("run", "figure5", "--out", "file"), "--out", "file"),
@@ -208,7 +208,7 @@ damping_ns_per_m = 2.0
 damping_ns_per_m = 10.0
 stiffness_n_per_m = 1e5
 [frequency]
-points = 100000
+points = 20000
 """
 
 

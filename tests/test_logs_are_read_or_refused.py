@@ -172,7 +172,7 @@ def test_what_is_no_log_is_refused(tmp_path, name):
     path.write_bytes(b"\x00\x01 no log\n")
     (fault,) = faults(path)[:1]
     assert fault.file == str(path)
-    assert faults(tmp_path / "absent.csv")[0].message.startswith("cannot be read")
+    assert faults(tmp_path / "absent.csv")[0].message.startswith("does not exist")
 
 
 @settings(max_examples=40, deadline=None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, as_completed
 from contextlib import ExitStack
@@ -12,14 +11,16 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Generic, TypeVar
-from uuid import uuid4
 
 from avc_casadi._errors import InputError, WorkerLostError
+from avc_casadi._util.files import clear_unfinished, read_text, write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi._util.parallel import Processes, require_workers
 from avc_casadi._util.progress import SILENT, Progress
 
 _ABOUT = "study.json"
+# A chunk is a table of numbers.
+_MOST_BYTES = 2**28
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class KeptChunks:
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            clear_unfinished(self.folder)
         except OSError as error:
             raise self._refused(self.folder, error) from None
         path = self.folder / _ABOUT
@@ -99,40 +101,15 @@ class KeptChunks:
 
     def _write(self, path: Path, value: Any, *, new: bool = False) -> None:
         """Write a file that is there whole or not at all; a new one only where nobody else has."""
-        partial = path.with_suffix(f".{uuid4().hex}.partial")
         try:
-            partial.write_text(json_text(value), encoding="utf-8")
-            if new:
-                _link(partial, path)
-            else:
-                partial.replace(path)
+            write_file(path, json_text(value), new=new)
         except OSError as error:
             raise self._refused(path, error) from None
-        finally:
-            _discard(partial)
 
     def _refused(self, path: Path, error: OSError) -> InputError:
         why = error.strerror or str(error)
         message = f"{path} cannot be written ({why}); what was done before stands: mend that, and take the folder again"
         return InputError.of(message, key="resume")
-
-
-def _link(partial: Path, path: Path) -> None:
-    """Give a file its name, unless another has it."""
-    try:
-        os.link(partial, path)
-    except FileExistsError:
-        return
-    except OSError:  # a file system without links
-        if not path.exists():
-            partial.replace(path)
-
-
-def _discard(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError:
-        return
 
 
 def _digest(value: Any) -> str:
@@ -151,11 +128,13 @@ def _apart(held: Any, about: dict[str, Any]) -> str:
 
 
 def _read(path: Path) -> Any:
-    """Return what a file holds; None where it is not there or is cut off."""
+    """Return what a file holds; None where it is not there, is cut off, or holds numbers that JSON has not."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        found = json.loads(read_text(path, _MOST_BYTES))
+        json.dumps(found, allow_nan=False)
+    except (ValueError, RecursionError):  # also what cannot be read
         return None
+    return found
 
 
 T = TypeVar("T")

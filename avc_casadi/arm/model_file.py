@@ -8,22 +8,25 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections import Counter
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError, MissingExtraError, UnsupportedError
+from avc_casadi._util.files import read_text
 from avc_casadi.arm.arm import Arm, arm_of
+from avc_casadi.arm.model_size import MOST_BYTES, parsed
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
     from avc_casadi.files.arm_file import ArmFile, ModelFile
 
-_LARGEST_BYTES = 2**24
+# Equations of more take minutes.
+_MOST_JOINTS = 30
+_MOST_KG = 1e6
 _PREFIX = "arm/"
 _SLIDES, _TURNS = ("prismatic",), ("revolute", "continuous")
 # A principal moment of inertia that is given as 0, of a point mass: MuJoCo takes none.
@@ -53,6 +56,12 @@ def model_arm(file: ArmFile, model: ModelFile) -> Arm:
     """
     text = _text(model)
     described = _described(model, text)
+    if len(described.rotors) > _MOST_JOINTS:
+        raise InputError.of(
+            f"has {len(described.rotors)} joints that move; allowed: at most {_MOST_JOINTS}",
+            file=model.file,
+            key="model.file",
+        )
     algorithms = _algorithms(described)
     # Joints beyond the tip count too, at home: their masses are carried.
     q = ca.SX.sym("q", algorithms.NDoF)
@@ -72,16 +81,10 @@ def model_arm(file: ArmFile, model: ModelFile) -> Arm:
 
 
 def _text(model: ModelFile) -> str:
-    path = Path(model.file)
     try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            raise InputError.of(f"is larger than {_LARGEST_BYTES} bytes", file=model.file, key="model.file")
-        return path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        why = getattr(error, "strerror", None) or str(error)
-        raise InputError.of(
-            f"cannot be read: {why}; give a URDF or an MJCF", file=model.file, key="model.file"
-        ) from error
+        return read_text(model.file, MOST_BYTES, "give a URDF or an MJCF")
+    except InputError as error:
+        raise InputError([replace(fault, key="model.file") for fault in error.faults]) from error
 
 
 def _adam() -> Any:
@@ -129,9 +132,10 @@ def _sliding(maths: Any, axis: Any) -> Any:
 
 
 def _described(model: ModelFile, text: str) -> _Described:
-    urdf = "<robot" in text
+    root = parsed(text, model.file)
+    urdf = root.tag == "robot"
     if urdf:
-        _check_urdf(model, text)
+        _check_urdf(model, root)
     mujoco = _mujoco()
     try:
         with warnings.catch_warnings():
@@ -164,12 +168,8 @@ def _described(model: ModelFile, text: str) -> _Described:
     return _Described(compiled, f"{_PREFIX}{model.tip}", rotors)
 
 
-def _check_urdf(model: ModelFile, text: str) -> None:
+def _check_urdf(model: ModelFile, root: ET.Element) -> None:
     """Refuse what MuJoCo takes for something else without a word, or tells without a name."""
-    try:
-        root = ET.fromstring(text)  # noqa: S314 - a file that the user names; expat of today refuses entity bombs
-    except ET.ParseError as error:
-        raise InputError.of(f"is no XML: {error}", file=model.file, key="model.file") from error
     joints = root.findall("joint")
     other = [
         f"{joint.get('name')} ({'mimic' if joint.find('mimic') is not None else joint.get('type')})"
@@ -187,7 +187,7 @@ def _check_urdf(model: ModelFile, text: str) -> None:
         f"{one.tag} {key} is {value!r}; allowed: finite numbers"
         for one in root.iter()
         for key, value in one.items()
-        if key not in ("name", "link", "filename") and re.search(r"\b(nan|inf)\b", value, re.IGNORECASE)
+        if key not in ("name", "link", "filename") and re.search(r"\b(nan|inf|infinity)\b", value, re.IGNORECASE)
     ]
     wrong += [
         f"joint {joint.get('name')}: limit goes from {limit.get('lower', '0')} to {limit.get('upper', '0')}; allowed: "
@@ -234,6 +234,13 @@ def _refuse_what_adam_lacks(model: ModelFile, compiled: Any) -> None:
             wrong.append(f"{name} is neither a hinge nor a slide")
         if _apart(compiled.jnt_pos[i]):
             wrong.append(f"{name} stands beside the origin of its body")
+    heaviest = float(np.abs(compiled.body_mass).max(initial=0.0))
+    if not max(heaviest, float(np.abs(compiled.body_inertia).max(initial=0.0))) <= _MOST_KG:
+        wrong.append(f"a mass of {heaviest:.3g} kg, or an inertia as large; allowed: at most {_MOST_KG:g} kg")
+    placed = (compiled.body_pos, compiled.body_ipos, compiled.body_quat, compiled.jnt_axis, compiled.jnt_range)
+    turns = np.linalg.norm(compiled.body_quat, axis=1)
+    if not all(np.isfinite(one).all() for one in placed) or np.abs(turns - 1).max(initial=0.0) > 0.1:
+        wrong.append("positions, angles or ranges that are no finite numbers")
     if compiled.neq:
         wrong.append(f"{compiled.neq} equality constraints close loops or couple joints")
     if wrong:

@@ -13,12 +13,10 @@ from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, pas
 from avc_casadi.claims.registry import CLAIMS, Judged
 from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.coupling import check_sample_time, require_coupling
-from avc_casadi.files.problem_file import with_wall
+from avc_casadi.files.problem_file import AnyProblem, with_wall
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from avc_casadi.claims.certificate import Level, LevelResult
     from avc_casadi.claims.prove.rest import Rest
     from avc_casadi.coupling import Coupling
@@ -68,7 +66,7 @@ def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> 
 
 
 def certify(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     gains: GainSchedule | Coupling,
     *,
     requested: bool = False,

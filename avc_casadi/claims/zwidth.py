@@ -19,7 +19,7 @@ from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
 from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
 from avc_casadi.claims.stability.declared_device import rigid
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
@@ -30,8 +30,6 @@ from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Model, Problem
     from avc_casadi.model.schedule import GainSchedule
@@ -192,7 +190,7 @@ class ZWidth(Tabular):
         return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
 
 
-def zwidth(problem: Problem | str | Path, progress: Progress = SILENT) -> ZWidth:
+def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     """Compute the region for the problem's device and hands; its environment and coupling do not enter.
 
     Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from avc_casadi import InputError
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_device
 
@@ -14,14 +14,15 @@ def is_device(source: str) -> bool:
     """Whether a name or a file is that of a device rather than a problem."""
     from avc_casadi.files.catalogue import catalogue_names, device_names
     from avc_casadi.files.device_file import DeviceFile
+    from avc_casadi.files.toml_text import tables_of, text_of
 
     if source.startswith("devices/") and not source.endswith(".toml"):
         return True
     if not source.endswith(".toml"):
         return source in device_names() and source not in catalogue_names()
     try:
-        tables = tomllib.loads(Path(source).read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):  # told where it is loaded as a problem
+        tables = tables_of(text_of(Path(source)), source)
+    except InputError:  # told where it is loaded as a problem
         return False
     return isinstance(tables.get("device"), dict) and set(tables) <= set(DeviceFile.model_fields)
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 
@@ -45,6 +43,8 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
     Raises:
         InputError: wrong ending, a folder, no such folder, no permission, or a file that the command was given.
     """
+    from avc_casadi._util.files import clear_unfinished
+
     path = Path(text)
     if path.suffix.lower() not in endings:
         raise InputError.of(f"{text!r} ends in {path.suffix!r}; allowed: {', '.join(endings)}", key=key)
@@ -52,10 +52,11 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
         raise InputError.of(f"{text!r} is a folder; give a file name", key=key)
     if not path.parent.is_dir():
         raise InputError.of(f"{text!r}: there is no folder {str(path.parent)!r}; make it first", key=key)
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
+    if not all(os.access(one, os.W_OK) for one in (path, path.parent) if one.exists()):
         raise InputError.of(f"{text!r} may not be written by this user; choose another place", key=key)
     if path.exists() and any(_same(path, word) for option, word in _given.get() if option != key):
         raise InputError.of(f"{text!r} is a file that this command was given; choose another name", key=key)
+    clear_unfinished(path.parent)
     return path
 
 
@@ -70,8 +71,7 @@ def _same(path: Path, word: str) -> bool:
 def output_folder(text: str, key: str) -> Iterator[Path]:
     """Gather results in a folder that is yielded; at the end all of them move into the one asked for, or none.
 
-    The yielded folder lies inside the one asked for, which is made where it is missing: that it cannot be written to is
-    found before the long work. What was made goes again where nothing comes of it.
+    That it cannot be written to is found before the long work. What was made goes again where nothing comes of it.
 
     Args:
         text: the argument.
@@ -85,32 +85,16 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
     path = Path(text)
     if path.suffix.lower() in _FILE_ENDINGS and not path.is_dir():
         raise InputError.of(f"{text!r} is the name of a file; choose another folder", key=key)
-    missing = [folder for folder in (path, *path.parents) if not folder.exists()]
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        gathered = Path(tempfile.mkdtemp(prefix=".avc-", dir=path))
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
-    try:
-        yield gathered
-        from avc_casadi._util.interrupt import uninterrupted
+    from avc_casadi._util.files import whole_folder
 
-        with uninterrupted():
-            for file in sorted(file for file in gathered.rglob("*") if file.is_file()):
-                place = path / file.relative_to(gathered)
-                place.parent.mkdir(parents=True, exist_ok=True)
-                file.replace(place)
+    try:
+        with whole_folder(path) as gathered:
+            yield gathered
     except OSError as error:
         if isinstance(error, AvcError | BrokenPipeError):
             raise
         why = error.strerror or str(error)
         raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
-    finally:
-        shutil.rmtree(gathered, ignore_errors=True)
-        with suppress(OSError):  # not empty: something came of it
-            for folder in missing:
-                folder.rmdir()
 
 
 def write_text(path: Path, text: str, key: str) -> None:
@@ -119,7 +103,9 @@ def write_text(path: Path, text: str, key: str) -> None:
     Raises:
         InputError: the file cannot be written.
     """
+    from avc_casadi._util.files import write_file
+
     try:
-        path.write_text(text, encoding="utf-8")
+        write_file(path, text)
     except OSError as error:
         raise InputError.of(f"{str(path)!r} cannot be written ({error.strerror})", key=key) from error

@@ -112,14 +112,15 @@ def _masses(args: argparse.Namespace) -> tuple[float, ...]:
         masses = tuple(float(part) for part in args.added_mass.split(","))
     except ValueError:
         masses = (math.nan,)
-    if not all(math.isfinite(mass) and mass >= 0 for mass in masses):
+    if not all(0 <= mass <= 1e6 for mass in masses):
         raise avc.InputError.of(
-            f"is {args.added_mass!r}; allowed: kilograms, one of each log: 0,0.2", key="--added-mass"
+            f"is {args.added_mass!r}; allowed: kilograms, at most 1e6, one of each log: 0,0.2", key="--added-mass"
         )
     if len(masses) != len(args.log):
         logs = "one log" if len(args.log) == 1 else f"{len(args.log)} logs"
         raise avc.InputError.of(
-            f"is {args.added_mass!r} for {logs}; allowed: kilograms, one of each log: 0,0.2", key="--added-mass"
+            f"is {args.added_mass!r} for {logs}; allowed: kilograms, at most 1e6, one of each log: 0,0.2",
+            key="--added-mass",
         )
     return masses
 

@@ -203,8 +203,9 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
     if isinstance(error, InputError):
         error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
         count = len(error.faults)
+        told = error.told
         summary = f"\navc: {count} faults" if count > 1 else ""
-        console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in error.faults) + summary)
+        console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in told) + summary)
         return BAD_INPUT
     key = error.key if isinstance(error, UnsupportedError) else ""
     console.refuse(_document(str(error), key), f"avc: {error}")

@@ -155,7 +155,9 @@ def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
 
 def _written(drawn: dict[str, tuple[bytes, Picture]], folder: Path) -> list[Picture]:
     """Write each figure; return those of the report."""
+    from avc_casadi._util.files import write_file
+
     for name, (png, picture) in drawn.items():
-        (folder / f"{name}.png").write_bytes(png)
+        write_file(folder / f"{name}.png", png)
         write_text(folder / f"{name}.svg", picture.wide, "--out")
     return [picture for _, picture in drawn.values()]

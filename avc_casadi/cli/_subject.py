@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -52,12 +51,13 @@ def load_known(source: str) -> DeviceFile:
 
 def _has_wall(source: str) -> bool:
     from avc_casadi.files.catalogue import catalogue_names, device_names
+    from avc_casadi.files.toml_text import tables_of, text_of
 
     if not source.endswith(".toml"):
         return source in catalogue_names() and source not in device_names()
     try:
-        return "environment" in tomllib.loads(Path(source).read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):  # told where it is loaded
+        return "environment" in tables_of(text_of(Path(source)), source)
+    except avc.InputError:  # told where it is loaded
         return False
 
 

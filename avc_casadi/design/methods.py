@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.interrupt import undisguised_interrupts
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.registry import METHODS, Method, MethodName
-from avc_casadi.files.problem_file import with_wall
+from avc_casadi.files.problem_file import AnyProblem, with_wall
 from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared
 from avc_casadi.model.problem import Problem
@@ -27,7 +26,7 @@ _UNUSED_RANGES = {f"device.range.{key}" for key in LINEAR_KEYS} - {
 
 
 def solve(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     method: MethodName = "direct",
     *,
     solver: str | None = None,

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi.design.methods import solve
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.scene import simulate as simulate_with
@@ -56,7 +55,7 @@ def _designed_for(problem: Problem) -> float:
 
 
 def simulate(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     gains: AnyGains | None = None,
     *,
     hand: Hand | None = None,
@@ -90,7 +89,7 @@ def simulate(
 
 
 def screen(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     gains: AnyGains | None = None,
     *,
     interaction_hz: float | None = None,

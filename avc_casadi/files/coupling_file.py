@@ -12,14 +12,15 @@ import numpy as np
 from pydantic import ValidationError
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.units import speaking, told_in
 from avc_casadi.coupling import FIRST_CONTACT, Coupling, check_sample_time, require_coupling
 from avc_casadi.files.gain_document import COUPLING_SCHEMA, GainCheck, state_feedback_of
-from avc_casadi.files.gain_file import gain_document, read_csv, read_document, units_of_document
+from avc_casadi.files.gain_file import gain_document, read_csv, read_document, units_of_document, unsound_tables
 from avc_casadi.files.other_end_coupling_file import TELEOPERATOR_SCHEMA, TOOL_SCHEMA
 from avc_casadi.files.problem_document import problem_document, problem_of
-from avc_casadi.files.problem_file import as_problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
@@ -101,7 +102,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     """
     require_coupling(coupling)
     with speaking(coupling.problem.units):
-        Path(path).write_text(json_text(coupling_document(coupling)), encoding="utf-8")
+        write_file(path, json_text(coupling_document(coupling)))
 
 
 def read_file(path: str | Path) -> Coupling | GainSchedule:
@@ -132,7 +133,7 @@ def _read(document: Mapping[str, Any], path: Path) -> Coupling | GainSchedule:
     return GainCheck(document, path).schedule()
 
 
-def read_coupling(path: str | Path, problem: Problem | str | Path | None = None) -> Coupling:
+def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:
     """Read a coupling file; or a gain file of release 0.1.0 or a CSV, beside the problem that it was made for.
 
     Args:
@@ -199,11 +200,7 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
     runtime = part(_runtime, document, path)
     if problem is not None and schedule is not None:
         part(check_sample_time, schedule.sample_time_s, problem, str(path))
-    faults += [
-        Fault(str(path), None, key, "must be a table or null")
-        for key in ("certificate", "trial", "versions")
-        if not isinstance(document.get(key), Mapping | None)
-    ]
+    faults += unsound_tables(document, str(path), ("certificate", "trial", "versions"))
     lacks = document.get("lacks") or []
     if not isinstance(lacks, list) or not all(isinstance(one, str) for one in lacks):
         faults.append(Fault(str(path), None, "lacks", "must be a list of texts"))

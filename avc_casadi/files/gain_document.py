@@ -13,7 +13,12 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.files.problem_document import effect_of
 from avc_casadi.model.effects import StateFeedbackEffect
-from avc_casadi.model.quantity import FREQUENCIES_HZ, LARGEST_DAMPING_NS_PER_M, LARGEST_STIFFNESS_N_PER_M
+from avc_casadi.model.quantity import (
+    FREQUENCIES_HZ,
+    LARGEST_DAMPING_NS_PER_M,
+    LARGEST_STIFFNESS_N_PER_M,
+    MOST_FREQUENCIES,
+)
 from avc_casadi.model.runtime import STATE_FEEDBACK_KEYS, StateFeedback
 from avc_casadi.model.schedule import GainSchedule, Status
 
@@ -173,6 +178,10 @@ class GainCheck:
     def _frequencies(self, sample_time: float) -> FloatArray:
         values = self.document.get("frequency_hz")
         self.rows = len(values) if isinstance(values, list) else 0
+        if self.rows > MOST_FREQUENCIES:
+            raise InputError.of(
+                f"has {self.rows} rows; allowed: at most {MOST_FREQUENCIES}", file=str(self.path), key="frequency_hz"
+            )
         known = len(self.faults)
         frequency = self._column("frequency_hz")
         if len(self.faults) > known:

@@ -6,21 +6,25 @@ import csv
 import io
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.files import read_text
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import LINEAR, ROTARY, Units, spoken
 from avc_casadi.files.gain_document import CONTACT, GAINS, SCHEMA, GainCheck
+from avc_casadi.model.quantity import MOST_FREQUENCIES
 from avc_casadi.model.schedule import GainSchedule
 
 _CSV_HEADER = ("frequency_hz", *GAINS)
-_MAX_BYTES = 64 * 1024 * 1024
+_MAX_BYTES = 2**23
+_DEEPEST = 50
 _NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and avc solve P --out FILE that of a method"
 
 
@@ -85,7 +89,7 @@ def read_document(path: Path) -> dict[str, Any]:
         return dict(pairs)
 
     try:
-        document = json.loads(_text_of(path), object_pairs_hook=table)
+        document = json.loads(read_text(path, _MAX_BYTES, _NEXT_STEP), object_pairs_hook=table)
     except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
         line = getattr(error, "lineno", None)
         if isinstance(error, InputError):
@@ -96,6 +100,8 @@ def read_document(path: Path) -> dict[str, Any]:
         raise InputError([Fault(str(path), None, key, message) for key in dict.fromkeys(repeated)])
     if not isinstance(document, dict):
         raise InputError.of(f"holds no gain document; {_NEXT_STEP}", file=str(path))
+    if _is_deep(document):
+        raise InputError.of(f"is nested too deeply; {_NEXT_STEP}", file=str(path))
     return document
 
 
@@ -104,17 +110,31 @@ def units_of_document(document: Mapping[str, Any]) -> Units:
     return ROTARY if document.get("motion") == ROTARY.motion else LINEAR
 
 
-def _text_of(path: Path) -> str:
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            message = f"is larger than {_MAX_BYTES // 2**20} MiB; a gain file is a table of rows"
-            raise InputError.of(message, file=str(path))
-        text = path.read_text(encoding="utf-8-sig")  # spreadsheets write a byte order mark
-    except OSError as error:
-        raise InputError.of(f"cannot be read ({error.strerror}); {_NEXT_STEP}", file=str(path)) from error
-    except UnicodeDecodeError as error:
-        raise InputError.of(f"is not UTF-8 text; {_NEXT_STEP}", file=str(path)) from error
-    return text
+def _is_deep(document: Any) -> bool:
+    level = [document]
+    for _ in range(_DEEPEST):
+        level = [
+            inner
+            for one in level
+            for inner in (one.values() if isinstance(one, dict) else one)
+            if isinstance(inner, dict | list)
+        ]
+    return bool(level)
+
+
+def unsound_tables(document: Mapping[str, Any], file: str, keys: Sequence[str]) -> list[Fault]:
+    """Return which of the tables that are handed on as they are hold what is no JSON value."""
+    faults = []
+    for key in keys:
+        found = document.get(key)
+        if not isinstance(found, Mapping | None):
+            faults.append(Fault(file, None, key, "must be a table or null"))
+            continue
+        try:
+            json.dumps(found, allow_nan=False)
+        except ValueError:
+            faults.append(Fault(file, None, key, "holds a number that is not finite; allowed: JSON values"))
+    return faults
 
 
 def read_csv(path: Path) -> GainSchedule:
@@ -124,15 +144,17 @@ def read_csv(path: Path) -> GainSchedule:
         InputError: with every fault of the file.
     """
     faults: list[Fault] = []
-    reader = csv.reader(io.StringIO(_text_of(path)))
+    reader = csv.reader(io.StringIO(read_text(path, _MAX_BYTES, _NEXT_STEP)))
     try:
-        lines = [(reader.line_num, cells) for cells in reader]
+        lines = [(reader.line_num, cells) for cells in islice(reader, MOST_FREQUENCIES + 2)]
     except csv.Error as error:
         raise InputError.of(f"is not CSV ({error}); {_NEXT_STEP}", file=str(path)) from error
     header = tuple(ROTARY.inner(cell.strip()) for cell in lines[0][1]) if lines else ()
     if header not in {_CSV_HEADER, (*_CSV_HEADER, CONTACT)}:
         message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_CSV_HEADER)}[,{CONTACT}]"
         raise InputError([Fault(str(path), 1, "", message)])
+    if len(lines) > MOST_FREQUENCIES + 1:
+        raise InputError.of(f"has more rows than a gain table; allowed: at most {MOST_FREQUENCIES}", file=str(path))
     rows: list[tuple[int, list[float]]] = []
     for number, cells in lines[1:]:
         if not cells:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.units import speaking, told_in
-from avc_casadi.files.gain_file import read_document, units_of_document
+from avc_casadi.files.gain_file import read_document, units_of_document, unsound_tables
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
@@ -48,7 +48,7 @@ def other_end_document(coupling: ToolCoupling | TeleoperatorCoupling) -> dict[st
 def write_other_end(coupling: ToolCoupling | TeleoperatorCoupling, path: str | Path) -> None:
     """Write the file."""
     with speaking(coupling.problem.units):
-        Path(path).write_text(json_text(other_end_document(coupling)), encoding="utf-8")
+        write_file(path, json_text(other_end_document(coupling)))
 
 
 def is_tool_coupling(path: str | Path) -> bool:
@@ -81,10 +81,9 @@ def read_teleoperator_coupling(path: str | Path) -> TeleoperatorCoupling:
 
 def _schema_of(path: str | Path) -> object:
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8")) if str(path).lower().endswith(".json") else None
-    except (OSError, ValueError, RecursionError):
+        return read_document(Path(path)).get("schema") if str(path).lower().endswith(".json") else None
+    except InputError:
         return None
-    return document.get("schema") if isinstance(document, Mapping) else None
 
 
 _Kind = TypeVar("_Kind", ToolCoupling, TeleoperatorCoupling)
@@ -105,11 +104,7 @@ def _read(document: Mapping[str, Any], file: str, schema: str, table: str, kind:
         value = document.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e12:
             faults.append(Fault(file, None, key, f"is {value!r}; allowed: a finite number, 0 or more"))
-    faults += [
-        Fault(file, None, key, "must be a table or null")
-        for key in _TABLES
-        if not isinstance(document.get(key), Mapping | None)
-    ]
+    faults += unsound_tables(document, file, _TABLES)
     tables, problem = document.get("problem_file"), None
     if not isinstance(tables, Mapping) or not isinstance(tables.get(table), Mapping):
         message = f"is missing; allowed: the tables of a problem file, [{table}] among them"

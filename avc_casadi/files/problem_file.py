@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import codecs
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
+from avc_casadi._util.json_values import plain
 from avc_casadi.files.catalogue import catalogue_names, catalogue_path
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
@@ -15,6 +15,7 @@ from avc_casadi.files.measured_bounds_file import with_measured_bounds
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.findings import checked
 from avc_casadi.model.problem import Frequency, Problem
+from avc_casadi.model.quantity import shown
 from avc_casadi.model.rules import Finding, dotted
 
 # Where the band of a slow device ends, as a share of the sampling rate; that of the default device does.
@@ -42,21 +43,14 @@ def load_problem(source: str | Path) -> Problem:
     """
     path = _path_of(source)
     names = {file: name for name, file in catalogue_names().items()}
-    _refuse_gains(path)
     text = text_of(path)
+    _refuse_gains(text, path)
     return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
 
 
-def _refuse_gains(path: Path) -> None:
+def _refuse_gains(text: str, path: Path) -> None:
     """Answer a coupling or gain file in place of a problem file with what takes it."""
-    try:
-        if not path.is_file():
-            return
-        with path.open("rb") as file:
-            start = file.read(200).removeprefix(codecs.BOM_UTF8).lstrip()
-    except (OSError, ValueError):  # told where it is read
-        return
-    if start.startswith((b"{", b"frequency_hz,")):
+    if text.lstrip().startswith(("{", "frequency_hz,")):
         message = (
             "is a coupling or gain file; allowed: a problem file (TOML). The verbs certify, simulate, push, stream and "
             f"export take it, and beside a problem: avc certify P {path}, avc simulate P --gains {path}; in Python: "
@@ -75,16 +69,30 @@ def _refuse_device(tables: Mapping[str, Any], file: str) -> None:
         raise InputError.of(message, file=file)
 
 
-def as_problem(problem: Problem | str | Path) -> Problem:
-    """Return a problem as it is, or load the file or the name of the catalogue.
+AnyProblem = Problem | str | Path | Mapping[str, Any]
+"""A problem, a path or a name as `load_problem` takes it, or the tables of a problem file as a dict."""
+
+
+def as_problem(problem: AnyProblem) -> Problem:
+    """Return a problem as it is, or load the file or the name of the catalogue, or make it of its tables.
 
     Raises:
         InputError: with every fault of the file, or no problem has that name.
     """
-    return problem if isinstance(problem, Problem) else load_problem(problem)
+    if isinstance(problem, Problem):
+        return problem
+    if isinstance(problem, str | Path):
+        return load_problem(problem)
+    if not isinstance(problem, Mapping):
+        allowed = "a problem, its path or name, or the tables of a problem file as a dict"
+        raise InputError.of(f"is {shown(problem)}; allowed: {allowed}", key="problem")
+    found = _of_tables(plain(dict(problem)), "problem", "", None)
+    if isinstance(found, Problem):
+        return found
+    raise InputError([Fault("problem", None, dotted(path), message) for path, message in found])
 
 
-def with_wall(problem: Problem | str | Path) -> Problem:
+def with_wall(problem: AnyProblem) -> Problem:
     """Return a problem as `as_problem` does, where the device's own loop computes a wall.
 
     Raises:
@@ -135,14 +143,7 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
         0.1
     """
     try:
-        parsed = tables_of(text, file)
-        _refuse_device(parsed, file)
-        worded = with_device(parsed, folder)
-        if isinstance(worded, tuple):
-            result: Problem | list[Finding] = [worded]
-        else:
-            result = checked(Problem, _with_band(with_measured_bounds(worded.tables, folder)), name)
-            result = worded.told([] if isinstance(result, Problem) else result) or result
+        result = _of_tables(tables_of(text, file), file, name, folder)
         if isinstance(result, Problem):
             return result
         lines = KeyLines(text.replace("\r\n", "\n"))
@@ -150,6 +151,15 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
     raise InputError(sorted(faults, key=lambda fault: (fault.line is None, fault.line or 0)))
+
+
+def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | None) -> Problem | list[Finding]:
+    _refuse_device(tables, file)
+    worded = with_device(tables, folder)
+    if isinstance(worded, tuple):
+        return [worded]
+    result = checked(Problem, _with_band(with_measured_bounds(worded.tables, folder)), name)
+    return worded.told([] if isinstance(result, Problem) else result) or result
 
 
 def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -280,10 +280,6 @@ def problem_words(
     if not rest.linear and isinstance(tables.get("detent"), Mapping):
         tables = {**tables, "detent": _pitched(tables["detent"], findings)}
     capstan = rest.linear and not own.linear
-    inner = {
-        key: value
-        if key == "device"
-        else inner_table({key: value}, rest, (), findings, capstan=capstan)[_inner_key(key, rest)]
-        for key, value in tables.items()
-    }
+    others = {key: value for key, value in tables.items() if key != "device"}
+    inner = inner_table(others, rest, (), findings, capstan=capstan)
     return Worded(inner | ({"device": device} if "device" in tables else {}), own, rest, findings)

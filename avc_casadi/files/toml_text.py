@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.files import read_text
 from avc_casadi.model.quantity import visible
 
 MAX_BYTES = 2**20
@@ -32,28 +33,7 @@ def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
     Raises:
         InputError: it cannot be read, or is no text.
     """
-    file = str(path)
-    try:
-        size = path.stat().st_size
-        regular = path.is_file()
-        content = path.read_bytes() if regular and size <= MAX_BYTES else b""
-    except FileNotFoundError as error:
-        raise InputError.of(f"does not exist; {next_step}", file=file) from error
-    except OSError as error:
-        raise InputError.of(f"cannot be read: {error.strerror}; {next_step}", file=file) from error
-    except ValueError as error:  # a NUL in the path
-        raise InputError.of(f"is no path: {error}; {next_step}", file=repr(file)) from error
-    if not regular:
-        kind = "a directory" if path.is_dir() else "no regular file"
-        raise InputError.of(f"is {kind}; {next_step}", file=file)
-    if size > MAX_BYTES:
-        raise InputError.of(f"has {size} bytes; allowed: at most {MAX_BYTES}", file=file)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        message = f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8 text"
-        raise InputError([Fault(file, line, "", message)]) from error
+    return read_text(path, MAX_BYTES, next_step)
 
 
 def tables_of(text: str, file: str) -> dict[str, Any]:
@@ -68,6 +48,8 @@ def tables_of(text: str, file: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError([_syntax_fault(str(error), text, file)]) from error
+    except RecursionError as error:
+        raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
     except ValueError as error:  # of the integer conversion, which has no place
         message = "holds an integer of thousands of digits; allowed: numbers as in the catalogue"
         raise InputError.of(message, file=file) from error

@@ -12,14 +12,14 @@ from avc_casadi._errors import Fault
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind
-from avc_casadi.identification.repair import LONGEST_STEP, laid_evenly, left_out, wrapped
+from avc_casadi.identification.repair import LONGEST_STEP, laid_evenly, left_out, sound, wrapped
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
 # Share of the steps that may differ more before the clock is one that scatters.
 _SCATTERS = 0.01
 # Places that are told of the same fault.
-_TOLD = 3
+TOLD = 3
 _TWICE = "; of a row that is written twice, leave one out"
 _SHORTEST = 200
 # A piece shorter than this share of the longest would have every record judged from too early on.
@@ -92,13 +92,13 @@ class Columns:
     time_s: FloatArray
     position_m: FloatArray
     force_n: FloatArray
-    line: Sequence[int] | None = None
+    line: IndexArray | None = None
     motion: MotionKind = "linear"
     told: tuple[str, ...] = ()
 
     def at(self, row: int) -> int | None:
         """Return the line of a row."""
-        return None if self.line is None else self.line[row]
+        return None if self.line is None else int(self.line[row])
 
 
 def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
@@ -115,12 +115,10 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     if columns.time_s.size < _SHORTEST:
         return [], faults, []
     faults += backwards
-    steps = np.diff(columns.time_s)
-    usual = float(np.median(steps))
-    if backwards or usual <= 0:
-        return [], faults, []
     if faults:
         return [], faults, []
+    steps = np.diff(columns.time_s)
+    usual = float(np.median(steps))
     # Clocks are written with few digits: a step is compared with the mean of those about it.
     gaps = np.flatnonzero(steps > (1.5 * usual))
     uneven = np.abs(steps - usual) > _JITTER * usual
@@ -185,7 +183,7 @@ def _worth(sizes: IndexArray, period_s: float) -> float:
 
 def backwards_of(columns: Columns) -> list[Fault]:
     """Return where the time of a log does not increase."""
-    there = np.flatnonzero(np.isfinite(columns.time_s))
+    there = np.flatnonzero(sound(columns.time_s))
     backwards = np.flatnonzero(np.diff(columns.time_s[there]) <= 0)
     faults = [
         Fault(
@@ -195,28 +193,31 @@ def backwards_of(columns: Columns) -> list[Fault]:
             f"is {number(columns.time_s[after])} s after {number(columns.time_s[before])} s; allowed: increasing "
             f"times{_TWICE if columns.time_s[after] == columns.time_s[before] else ', or one file for each record'}",
         )
-        for before, after in zip(there[backwards[:_TOLD]], there[backwards[:_TOLD] + 1], strict=True)
+        for before, after in zip(there[backwards[:TOLD]], there[backwards[:TOLD] + 1], strict=True)
     ]
-    if backwards.size > _TOLD:
-        more = f"does not increase in {backwards.size - _TOLD} more places; allowed: increasing times"
+    if backwards.size > TOLD:
+        more = f"does not increase in {backwards.size - TOLD} more places; allowed: increasing times"
         faults.append(Fault(columns.file, None, "time", more))
     return faults
 
 
-def faults_of_rows(file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str) -> list[Fault]:
+def faults_of_rows(
+    file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str, count: int
+) -> list[Fault]:
     """Return the faults of one column: each where they are few, otherwise the first with how many more there are.
 
     Args:
         file: of the log.
         key: the quantity.
-        rows: line, and what is wrong there.
+        rows: line, and what is wrong there, of the first ones and the last.
         allowed: what may stand there.
+        count: how many rows are wrong.
     """
-    if len(rows) <= _TOLD:
+    if count <= TOLD:
         return [Fault(file, line, key, f"{wrong}; allowed: {allowed}") for line, wrong in rows]
     (line, wrong), (last, _) = rows[0], rows[-1]
     until = "" if last is None else f", to line {last}"
-    return [Fault(file, line, key, f"{wrong}, with {len(rows) - 1} more such rows{until}; allowed: {allowed}")]
+    return [Fault(file, line, key, f"{wrong}, with {count - 1} more such rows{until}; allowed: {allowed}")]
 
 
 def _round(period: float) -> float:
@@ -244,8 +245,9 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
     """
     faults = []
     for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
-        rows = [(columns.at(int(row)), f"is {values[row]}") for row in np.flatnonzero(~np.isfinite(values))]
-        faults += faults_of_rows(columns.file, key, rows, "a finite number")
+        wrong = np.flatnonzero(~sound(values))
+        rows = [(columns.at(int(row)), f"is {values[row]}") for row in dict.fromkeys([*wrong[:TOLD], *wrong[-1:]])]
+        faults += faults_of_rows(columns.file, key, rows, "a finite number", wrong.size)
     if columns.time_s.size < _SHORTEST:
         message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
         return [*faults, Fault(columns.file, None, "", message)]

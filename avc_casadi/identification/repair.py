@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 # Share of samples that may be lost; more of them are something else.
 _FEW = 0.01
 _NONE = "without a number"
+# Squares of what is larger may not be numbers.
+_LARGEST = 1e100
 # A jump of this share of all that a position covers, beside samples that move by this share of it; of so many of its
 # smallest steps at least: an encoder that goes to and fro between a few counts covers no more than those.
 _MOST, _HARDLY, _COUNTS = 0.5, 0.1, 8.0
@@ -33,6 +35,11 @@ _ROUNDED = 1e-6
 # A position stands alone where it lies so many times as far from the line between its neighbours as others do, and so
 # many encoder steps; and where the lines beside it, which it bends by half as much, are straight otherwise.
 _ALONE, _STEPS, _STRAIGHT = 20.0, 5.0, 0.3
+
+
+def sound(values: FloatArray) -> BoolArray:
+    """Return which values are numbers that can be reckoned with."""
+    return np.asarray(np.abs(values) < _LARGEST)
 
 
 def left_out(columns: Columns) -> tuple[Columns, list[str]]:
@@ -51,7 +58,7 @@ def left_out(columns: Columns) -> tuple[Columns, list[str]]:
         time_s=columns.time_s[kept],
         position_m=columns.position_m[kept],
         force_n=columns.force_n[kept],
-        line=None if lines is None else [line for line, there in zip(lines, kept, strict=True) if there],
+        line=None if lines is None else lines[kept],
     )
     return whole, told
 
@@ -82,9 +89,9 @@ def filled(columns: Columns) -> tuple[Columns, list[str]]:
 
 def _lost(columns: Columns) -> tuple[BoolArray, BoolArray]:
     """Return which rows hold no number, and which positions stand alone; none of a kind that is not few."""
-    none = ~(np.isfinite(columns.time_s) & np.isfinite(columns.position_m) & np.isfinite(columns.force_n))
+    none = ~(sound(columns.time_s) & sound(columns.position_m) & sound(columns.force_n))
     alone = _alone(np.where(none, np.nan, columns.position_m))
-    most = max(1.0, _FEW * none.size)
+    most = min(max(1.0, _FEW * none.size), none.size - 1)
     none, alone = (part & (np.count_nonzero(part) <= most) for part in (none, alone))
     return none, alone
 

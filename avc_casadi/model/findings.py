@@ -8,9 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ValidationError
+from pydantic.fields import FieldInfo
 
+from avc_casadi._util.units import LINEAR, ROTARY
 from avc_casadi.model.effects import EffectTable
-from avc_casadi.model.quantity import Quantity, Whole, one_of, shown
+from avc_casadi.model.other_units import in_another_unit
+from avc_casadi.model.quantity import one_of, shown
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Rule, Values, broken_rules
 
@@ -18,7 +21,7 @@ _M = TypeVar("_M", bound=BaseModel)
 
 # What stands at the other end of few files, with keys that others have too.
 _SELDOM = {"simulation", "follower"}
-# More would help nobody, and a file of a million wrong numbers must be answered at once too.
+# More is not told, and a file of a million wrong numbers must be answered at once too.
 _MOST = 1000
 
 # The file's own name is the name of the problem.
@@ -44,7 +47,7 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
         items = [item for item in _whole(error.errors(include_url=False)) if item["loc"]]
         items = [item for item in items if item["type"] not in _CONSEQUENCES]
         paths = [_path(item["loc"]) for item in items]
-        findings += [_finding(model, keys, path, item) for path, item in zip(paths[:_MOST], items, strict=False)]
+        findings += _found(model, keys, paths[:_MOST], items)
         findings += broken_rules(Values(keys, model, set(paths)), rules)
     else:
         if not findings:
@@ -52,6 +55,27 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
     if len(findings) > _MOST:
         findings[_MOST:] = [((), f"has {len(findings) - _MOST} more faults")]
     return findings
+
+
+def _found(
+    model: type[BaseModel], keys: Mapping[str, Any], paths: Sequence[Path], items: Sequence[Any]
+) -> list[Finding]:
+    """Return what is wrong at each path; a key in another unit is one finding, with the one that it stands for."""
+    findings, meant = [], set()
+    for path, item in zip(paths, items, strict=False):
+        finding = _finding(model, keys, path, item)
+        if item["type"] == "extra_forbidden":
+            units = ROTARY if _item(keys.get("device"), "motion") == "rotary" else LINEAR
+            known = {units.key(key): key for key in _keys(_models_at(model, keys, path[:-1]))}
+            other = in_another_unit(str(path[-1]), item["input"], known)
+            table: Any = keys
+            for part in path[:-1]:
+                table = _item(table, part)
+            if other and known[other[0]] not in table:
+                meant.add((*path[:-1], known[other[0]]))
+                finding = path, f"is not a known key; write {other[1]}"
+        findings.append((item["type"], finding))
+    return [finding for kind, finding in findings if kind != "missing" or finding[0] not in meant]
 
 
 def _whole(items: Sequence[Any]) -> Iterator[Any]:
@@ -110,7 +134,11 @@ def _keys(models: list[type[BaseModel]]) -> list[str]:
 
 
 def _table(models: list[type[BaseModel]]) -> str:
-    return f"a table with {', '.join(_keys(models))}"
+    """Say what is in a table: what has to be, with its values, then the rest."""
+    needed = [key for key in _keys(models)[:20] if len(models) == 1 and models[0].model_fields[key].is_required()]
+    told = [f"{key} ({_values(models[0].model_fields[key])})" for key in needed]
+    rest = [key for key in _keys(models) if key not in needed]
+    return f"a table with {', '.join(told + rest)}"
 
 
 def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
@@ -160,9 +188,19 @@ def _tables_with(model: type[BaseModel], key: str) -> list[str]:
 
 def _allowed(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> str:
     """Say what a missing key may be."""
-    field = _models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])]
-    for mark in field.metadata:
-        if isinstance(mark, BeforeValidator) and isinstance(mark.func, Quantity | Whole):
-            return mark.func.allowed
+    return _values(_models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])])
+
+
+def _values(field: FieldInfo) -> str:
+    for mark in (*field.metadata, *_marks(field.annotation)):
+        if isinstance(mark, BeforeValidator) and (allowed := getattr(mark.func, "allowed", "")):
+            return str(allowed)
     inner = _models(field.annotation)
     return _table(inner) if inner else "text in quotation marks"
+
+
+def _marks(annotation: Any) -> Iterator[Any]:
+    """Yield what marks an annotation or one inside it."""
+    yield from getattr(annotation, "__metadata__", ())
+    for inner in typing.get_args(annotation):
+        yield from _marks(inner)

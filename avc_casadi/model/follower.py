@@ -8,14 +8,14 @@ from pydantic import BeforeValidator
 
 from avc_casadi.model.device import Device
 from avc_casadi.model.quantity import LARGEST_DAMPING_NS_PER_M, Quantity, Share, Stiffness
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, Interval, interval
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, Ends, Interval
 
 Architecture = Literal["position-position", "position-force"]
 ForceSent = Literal["commanded", "measured"]
 
-_Delays = Annotated[Interval, BeforeValidator(interval(Quantity("s", 1e-6, 10)))]
-_Dampings = Annotated[Interval, BeforeValidator(interval(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(interval(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Delays = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-6, 10)))]
+_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
 _Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 
 

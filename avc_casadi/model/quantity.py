@@ -146,9 +146,11 @@ def _five(value: Any) -> Any:
 
 
 def sequence(value: Any) -> Any:
-    """Return a list as a tuple, or refuse what is no list or empty."""
+    """Return a list as a tuple, or refuse what is no list, empty or longer than anybody needs."""
     if not isinstance(value, list | tuple) or not value:
         raise refusal(f"is {shown(value)}; allowed: a list of at least one number")
+    if len(value) > MOST_FREQUENCIES:
+        raise refusal(f"has {len(value)} numbers; allowed: at most {MOST_FREQUENCIES}")
     return tuple(value)
 
 
@@ -170,6 +172,9 @@ RADII_M = (2e-3, 10.0)
 """Radii at which a hand may hold what turns."""
 FREQUENCIES_HZ = (1e-6, 1e7)
 """Lowest and highest frequency of a problem or of a gain table."""
+
+MOST_FREQUENCIES = 20_000
+"""Rows of a problem or of a gain table."""
 
 Text = Annotated[str, BeforeValidator(_text)]
 
@@ -200,7 +205,7 @@ MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=F
 DelaySamples = Annotated[int | float, BeforeValidator(_delay)]
 Samples = Annotated[int, BeforeValidator(Whole(0, 1000))]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
-Points = Annotated[int, BeforeValidator(Whole(1, 1_000_000))]
+Points = Annotated[int, BeforeValidator(Whole(1, MOST_FREQUENCIES))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]
 
 MassInterval = Annotated[tuple[Mass, Mass], BeforeValidator(_pair), AfterValidator(ordered)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -29,33 +28,41 @@ RIGID_N_PER_M = LARGEST_STIFFNESS_N_PER_M
 """A contact of this stiffness is rigid: the tool stops at it."""
 
 
-def interval(one: Quantity, *, unbounded: bool = False) -> Callable[[Any], Interval]:
-    """Return the validator of a number, or of [lowest, highest]; both become a pair.
+@dataclass(frozen=True)
+class Ends:
+    """Validator of a number, or of [lowest, highest]; both become a pair.
 
-    Args:
+    Attributes:
         one: validator of each end.
         unbounded: whether `inf` stands for the largest value.
     """
 
-    def end(value: Any) -> float:
-        if unbounded and isinstance(value, float) and value == math.inf:
-            return one.highest
-        return one(value)
+    one: Quantity
+    unbounded: bool = False
 
-    def read(value: Any) -> Interval:
+    @property
+    def allowed(self) -> str:
+        """Say what is allowed."""
+        return f"{self.one.allowed}, or [lowest, highest]"
+
+    def __call__(self, value: Any) -> Interval:
+        """Return the pair, or refuse it."""
         if not isinstance(value, list | tuple):
-            return (end(value), end(value))
+            return (self._end(value), self._end(value))
         if len(value) != 2:
             raise refusal(f"is {shown(value)}; allowed: a number, or two, [lowest, highest]")
-        return ordered((end(value[0]), end(value[1])))
+        return ordered((self._end(value[0]), self._end(value[1])))
 
-    return read
+    def _end(self, value: Any) -> float:
+        if self.unbounded and isinstance(value, float) and value == math.inf:
+            return self.one.highest
+        return self.one(value)
 
 
-_Masses = Annotated[Interval, BeforeValidator(interval(Quantity("kg", 1e-9, 1e6, zero=False)))]
-_Dampings = Annotated[Interval, BeforeValidator(interval(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(interval(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
-_Steps = Annotated[Interval, BeforeValidator(interval(Quantity("s", 1e-7, 10, zero=False)))]
+_Masses = Annotated[Interval, BeforeValidator(Ends(Quantity("kg", 1e-9, 1e6, zero=False)))]
+_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Steps = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-7, 10, zero=False)))]
 _Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 _Late = Annotated[int, BeforeValidator(Whole(0, 8))]
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from avc_casadi._errors import InputError
-from avc_casadi.files.problem_file import as_problem
-from avc_casadi.model.problem import Problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.recommendation.bilateral import BilateralRecommendation, recommend_bilateral
 from avc_casadi.recommendation.recommend import Recommendation
 from avc_casadi.recommendation.recommend import recommend as recommend_wall
@@ -18,7 +16,7 @@ _OF_WALLS = ("lean_on_friction", "prove", "workers", "executor")
 
 
 def recommend(
-    problem: Problem | str | Path, hands: int = 100, seed: int = 0, **options: Any
+    problem: AnyProblem, hands: int = 100, seed: int = 0, **options: Any
 ) -> Recommendation | ToolRecommendation | BilateralRecommendation:
     """Choose the coupling to deploy: to a wall as `recommendation.recommend` does, to a [simulation] or a [follower].
 

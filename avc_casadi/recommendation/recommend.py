@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.arrays import Comparable
@@ -20,7 +19,7 @@ from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.problem_file import with_wall
+from avc_casadi.files.problem_file import AnyProblem, with_wall
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
@@ -216,7 +215,7 @@ def judged_as_recommended(
 
 
 def recommend(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     hands: int = 100,
     seed: int = 0,
     *,

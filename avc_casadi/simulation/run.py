@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.text import Columns, Tabular
 from avc_casadi._util.units import LINEAR, Units, speaking
@@ -179,8 +181,9 @@ class Run(Tabular):
     def save(self, path: Path | str) -> Path:
         """Write the traces to `path` (npz) and the manifest beside it (the same name, ``.json``)."""
         target = Path(path).with_suffix(".npz")
+        arrays = BytesIO()
         np.savez_compressed(
-            target,
+            arrays,
             **self.units.keyed(self.to_dict()),
             absorbed_j=self.ledger.absorbed_j,
             stored_j=self.ledger.stored_j,
@@ -188,5 +191,6 @@ class Run(Tabular):
         )
         with speaking(self.units):
             text = json_text(self.document(target) | {"effects": list(self.effects)})
-        target.with_suffix(".json").write_text(text, encoding="utf-8")
+        write_file(target, arrays.getvalue())
+        write_file(target.with_suffix(".json"), text)
         return target

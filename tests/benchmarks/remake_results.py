@@ -80,6 +80,7 @@ STUDIES = (
     Study("frontier.py 200", None, ("frontier",)),
     Study("reach.py 10000", None, ("reach",)),
     Study("firmware_long.py", None, ("firmware_long",)),
+    Study("fuzzed_files.py --write", 5, ("fuzzed_files",)),
     Study("mutation_run.py", None, ("mutation",)),
 )
 

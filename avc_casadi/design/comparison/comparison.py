@@ -17,7 +17,7 @@ from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair
 from avc_casadi.design.comparison.verdict import AGREEMENT, Verdict, judge
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
-from avc_casadi.files.problem_file import with_wall
+from avc_casadi.files.problem_file import AnyProblem, with_wall
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import tustin
@@ -26,7 +26,6 @@ from avc_casadi.paper.realism import perceived_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -122,7 +121,7 @@ class Comparison(Tabular):
 
 
 def compare(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     methods: Sequence[MethodName] = POINTWISE,
     mine: tuple[float, float] | None = None,
     *,

@@ -20,12 +20,11 @@ from avc_casadi._util.text import Columns, Tabular
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.schedule.solver import solve_schedule
-from avc_casadi.files.problem_file import with_wall
+from avc_casadi.files.problem_file import AnyProblem, with_wall
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
-    from pathlib import Path
 
     from avc_casadi.model.problem import Problem
 
@@ -203,7 +202,7 @@ class Pareto(Tabular):
 
 
 def study_pareto(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     progress: Progress = SILENT,
     *,
     executor: Executor | None = None,
@@ -243,7 +242,7 @@ def study_pareto(
 
 
 def pareto(
-    problem: Problem | str | Path,
+    problem: AnyProblem,
     progress: Progress = SILENT,
     *,
     executor: Executor | None = None,

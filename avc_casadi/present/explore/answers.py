@@ -271,18 +271,19 @@ def _told(explorer: Explorer, told: Any) -> Any:
 
 def _command(explorer: Explorer, settings: Settings, problem: Problem, stem: str) -> str:
     """Return what to type for the same: the problem as a file where it is none yet, then the verb."""
-    changed, name = _changed(settings), f"{stem}.toml"
+    changed, stem = _changed(settings), f"./{stem}" if stem.startswith("-") else stem  # no option
+    name, out = (shlex.quote(f"{stem}{ending}") for ending in (".toml", "-coupling.json"))
     lines = [f"cat > {name} <<'AVC_PROBLEM'", dump_problem(problem).rstrip(), "AVC_PROBLEM"] if changed else []
     which = name if changed else shlex.quote(explorer.source)
     if settings.method == "recommend":
-        lines.append(f"avc recommend {which} --out {stem}-coupling.json")
+        lines.append(f"avc recommend {which} --out {out}")
     elif settings.method == "constant" and settings.gains.get(GAINS[2]):
-        return f"avc certify {stem}-coupling.json  # the file of Save coupling\n"
+        return f"avc certify {out}  # the file of Save coupling\n"
     elif settings.method == "constant":
         given = [f"{settings.gains.get(key, 0.0):.15g}" for key in (_K, _B)]
         lines.append(f"avc compare {which} --mine {','.join(given)}")
     else:
-        lines.append(f"avc solve {which} --method {settings.method} --out {stem}-coupling.json")
+        lines.append(f"avc solve {which} --method {settings.method} --out {out}")
     return "\n".join(lines) + "\n"
 
 

@@ -44,6 +44,8 @@ class ExploreServer(ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    # A browser that opens many connections at once is not turned away.
+    request_queue_size = 128
 
     def __init__(self, explorer: Explorer, port: int = 0) -> None:
         self.explorer = explorer

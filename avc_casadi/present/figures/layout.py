@@ -18,6 +18,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError
+from avc_casadi._util.files import write_file
 from avc_casadi._util.units import spoken
 from avc_casadi.present.figures.style import WIDTH_INCHES, in_style, styled
 
@@ -111,8 +112,10 @@ def _laid_out(figure: Figure) -> Iterator[None]:
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure; the ending of ``path`` chooses PNG, SVG or PDF."""
     ending = path.suffix.lower()
+    content = io.BytesIO()
     with in_style(), _in_words(figure), _laid_out(figure):
-        figure.savefig(path, format=ending[1:], metadata=_METADATA[ending])
+        figure.savefig(content, format=ending[1:], metadata=_METADATA[ending])
+    write_file(path, content.getvalue())
 
 
 def figure_png_svg(figure: Figure) -> tuple[bytes, str]:

@@ -6,13 +6,13 @@ A board of one's own is a folder anywhere with its sources and a ``board.toml`` 
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from avc_casadi import Fault, InputError
+from avc_casadi.files.toml_text import tables_of, text_of
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS
 from avc_hardware.codegen.firmware import ARM_INSTALL
 
@@ -222,12 +222,9 @@ def read_board(folder: Path) -> Target:
     """
     path = folder / MANIFEST
     try:
-        keys = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        message = f"has no {MANIFEST}; write one: hardware/PORTING.md"
-        raise InputError.of(message, file=str(folder), key="board") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError.of(f"is no TOML: {error}", file=str(path)) from error
+        keys = tables_of(text_of(path, "write one: hardware/PORTING.md"), str(path))
+    except InputError as error:
+        raise InputError([replace(fault, key="board") for fault in error.faults]) from error
     reader = _Reader(str(path), keys)
     processors = ("cortex-m", "other")
     processor = reader.take("processor", None, " or ".join(processors), processors.__contains__)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
+from avc_casadi._util.files import write_file
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.problem import Problem
 from avc_hardware.codegen.boards import MANIFEST, TARGETS, Target, flashing, read_board
@@ -128,8 +129,8 @@ def build_firmware(
         )
     address, data = as_binary(image)
     binary, text = elf.with_suffix(".bin"), elf.with_suffix(".hex")
-    binary.write_bytes(data)
-    text.write_text(as_intel_hex(image), encoding="ascii")
+    write_file(binary, data)
+    write_file(text, as_intel_hex(image))
     name = elf.stem
     commands = tuple(flashing(command, name) for command in target.commands)
     files = (elf, binary, text)

@@ -14,6 +14,7 @@ import numpy as np
 
 from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import uninterrupted
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import units_for
@@ -130,7 +131,7 @@ class ExcitationLog:
             InputError: it cannot be written.
         """
         try:
-            path.write_text(self.csv(), encoding="utf-8")
+            write_file(path, self.csv())
         except OSError as error:
             raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
 
