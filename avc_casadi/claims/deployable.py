@@ -52,7 +52,7 @@ class DeployClaim:
 
     Attributes:
         name: hands, let-go, or dead-zone (of a coupling with state feedback); detent; detent-hands and detent-let-go,
-            where the slope of the detents adds to that of the wall.
+            where the slope of the detents adds to that of the wall; renders, where gains render nothing.
         passed: whether it holds.
         sentence: what holds, or what does not and where.
         advice: what to do where it does not hold; empty where it does.
@@ -153,7 +153,7 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
             beside = () if problem.detent is None else (_UNJUDGED_DETENTS,)
             return Deployable(_feedback_claims(coupling) + beside)
         claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
-        claims += _detent_claims(problem, frequency, gains, progress)
+        claims += _detent_claims(problem, frequency, gains, progress) + _nothing_claim(gains)
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
         advice = "shorten the delay, or judge the loop by other means"
@@ -161,6 +161,15 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     if coupling.runtime.observer_mass_kg is not None:
         claims = tuple(replace(claim, sentence=claim.sentence + _OBSERVER) for claim in claims)
     return Deployable(claims)
+
+
+def _nothing_claim(gains: FloatArray) -> tuple[DeployClaim, ...]:
+    """Return the claim that gains render nothing; none where they do."""
+    if np.any(gains != 0):
+        return ()
+    what = "nothing of the wall is rendered: b, k and b_p are 0"
+    advice = "take a softer wall, a shorter sample time, or a method that is not bound to realism (avc recommend)"
+    return (DeployClaim("renders", False, what, advice, np.nan),)
 
 
 def _judged(table: GainTable) -> tuple[FloatArray, FloatArray]:
@@ -273,6 +282,7 @@ _CALLED = {
     "detent": "detents",
     "detent-hands": "detents in the wall, hands",
     "detent-let-go": "detents in the wall, released",
+    "renders": "rendering",
 }
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 
+SLIP = "what may be a slip: "
 _RANGE = "device.range."
 _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
 
@@ -96,7 +97,7 @@ def assumed(
     gaps += [f"{key}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
     if coupling is not None:
         gaps += _outside(coupling)
-    gaps += [f"what may be a slip: {doubt.key} {doubt.message}" for doubt in plausibility(problem)]
+    gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
     return tuple(gaps)
 
 

@@ -115,7 +115,18 @@ class Recommendation(Comparable):
             "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
             "vibration": tried["felt_vibration"],
             "friction_n": self.problem.device.coulomb_friction_n,
+            "rest_error_m": self.problem.device.coulomb_friction_n / sensed if sensed else None,
+            "encoder_step_n": self._encoder_step_n(),
         }
+
+    def _encoder_step_n(self) -> dict[str, float]:
+        """Return how the force jumps at a step of the encoder: of the spring, and for a sample of what damps."""
+        coupling, device = self.coupling, self.problem.device
+        if coupling is None:
+            return {}
+        step, damping = device.encoder_resolution_m, coupling.table.at_rest.contact_damping_ns_per_m
+        damping += self.problem.environment.damping_ns_per_m
+        return {"spring": felt_at_rest_n_per_m(coupling) * step, "damping": damping * step / device.sample_time_s}
 
     def transient(self) -> dict[str, Any]:
         """Return how the linear loop in contact settles: released, and with the worst hand; nothing without a coupling.

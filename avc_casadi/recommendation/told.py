@@ -12,6 +12,8 @@ from avc_casadi.simulation.population.motions import TRIAL_S
 _AT_LIMIT, _STIFFER = 0.97, 1.1
 # A share of the wall that is hardly anything, and an error at 1 Hz from which motion is another matter than rest.
 _HARDLY, _OTHERWISE = 0.1, 0.2
+# A spring so much stiffer than the wall is none.
+_RIGID = 100.0
 # Hands that feel so much more or less than the median differ noticeably.
 _SPREAD = 0.1
 # How hands hold a device, where the key of the document is no phrase.
@@ -203,7 +205,11 @@ def gains_line(coupling: dict[str, Any]) -> str:
         ("k", "stiffness_n_per_m", "N/m"),
         ("b_p", "contact_damping_ns_per_m", "N.s/m"),
     )
-    gains = ", ".join(f"{symbol} = {_span(rows[key])} {unit}" for symbol, key, unit in named)
+    told = {symbol: f"{symbol} = {_span(rows[key])} {unit}" for symbol, key, unit in named}
+    wall = coupling["wall"]
+    if min(rows["stiffness_n_per_m"]) >= _RIGID * wall["stiffness_n_per_m"] > 0:
+        told = {"k": f"wall rendered directly ({told['k']})", "b_p": told["b_p"]}
+    gains = ", ".join(told.values())
     runtime = coupling["runtime"]
     beside = []
     if runtime["observer_mass_kg"] is not None:
@@ -220,7 +226,6 @@ def gains_line(coupling: dict[str, Any]) -> str:
         beside.append(f"estimator {runtime['estimator']} and adaptation over {len(rows['frequency_hz'])} rows")
     if runtime["guard"] is not None:
         beside.append(f"guard {runtime['guard']}")
-    wall = coupling["wall"]
     return (
         f"{coupling['method']}: {gains}; beside them: {', '.join(beside) or 'nothing'}; wall "
         f"{number(wall['stiffness_n_per_m'])} N/m, {number(wall['damping_ns_per_m'])} N.s/m; "

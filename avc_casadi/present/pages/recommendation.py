@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
+from avc_casadi.recommendation.preconditions import SLIP
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -20,6 +21,8 @@ _ELSEWHERE_M, _STIFFER = 5e-4, 1.1
 _MOST_HELPS = 3
 # A wall that more hands than this share push through is told first.
 _PUSH_THROUGH = 0.5
+# Steps of the force, and handles that stay short of where they are led, are told from here on.
+_NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
 _SHORT = {
     "half the sample time": "half T",
     "twice the damping of the device": "twice the damping",
@@ -63,6 +66,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
         return [none] if briefly else [none, *_limit(document, problem)]
     rows = [
+        *_slips(document, problem),
         _coupling(document, problem),
         *_rendered(document, problem),
         _stability(document, problem),
@@ -79,6 +83,12 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         *_friction(document, problem),
         *_limit(document, problem),
     ]
+
+
+def _slips(document: dict[str, Any], problem: Problem) -> list[Row]:
+    """Tell values that are hardly meant before what follows from them."""
+    told = [what.removeprefix(SLIP) for what in document["assumed"] if what.startswith(SLIP)]
+    return [Row("Values", problem.units.text("; ".join(told)), Mark.CAUTION)] if told else []
 
 
 def _coupling(document: dict[str, Any], problem: Problem) -> Row:
@@ -216,10 +226,15 @@ def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     trial, limit, unit = document["trial"], document["coupling"]["max_force_n"], problem.units.unit
     label = problem.units.key("force").capitalize()
     reached, depth = quantity(trial["tap_force_n"], unit("N")), quantity(trial["tap_depth_m"], unit("m"))
+    steps = document["felt"]["encoder_step_n"]
+    spring, damping = (quantity(steps[part], unit("N")) for part in ("spring", "damping"))
+    coarse = ""
+    if sum(steps.values()) > _NOTICED_STEP_N * problem.device.metres_per_unit:
+        coarse = f"; an encoder step is {spring}, and {damping} of damping in motion"
     if limit is None or trial["tap_force_n"] < _AT_LIMIT * limit:
-        return [Row(label, f"a tap reaches {reached}, {depth} deep")]
+        return [Row(label, f"a tap reaches {reached}, {depth} deep{coarse}")]
     presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
-    told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}"
+    told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}{coarse}"
     return [Row(label, told, Mark.CAUTION)]
 
 
@@ -239,10 +254,13 @@ def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 def _friction(document: dict[str, Any], problem: Problem) -> list[Row]:
     leaning, sensed = document["with_friction_n_per_m"], document["felt"]["stiffness_n_per_m"]
-    if leaning is None or sensed is None or leaning <= _STIFFER * sensed:
-        return []
-    told = quantity(leaning, problem.units.unit("N/m"))
-    return [Row("With friction", f"at least {told} if its help is enough: --lean-on-friction")]
+    told, short = [], document["felt"]["rest_error_m"]
+    if short is not None and short > _NOTICED_SHORT_M / problem.device.metres_per_unit:
+        told.append(f"holds the handle up to {quantity(short, problem.units.unit('m'))} from where the spring leads it")
+    if leaning is not None and sensed is not None and leaning > _STIFFER * sensed:
+        stiffer = quantity(leaning, problem.units.unit("N/m"))
+        told.append(f"at least {stiffer} if its help is enough: --lean-on-friction")
+    return [Row("With friction", "; ".join(told), Mark.CAUTION if short else Mark.NONE)] if told else []
 
 
 def _limit(document: dict[str, Any], problem: Problem) -> list[Row]:

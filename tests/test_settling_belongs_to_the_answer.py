@@ -1,0 +1,111 @@
+"""How long a released device swings in its wall is told, is what a simulation shows, and counts in what is chosen."""
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.claims.stability.transient import SETTLED, transients
+from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+
+WHEEL = """
+[device]
+motion = "rotary"
+handle_radius_m = 0.15
+inertia_kgm2 = 0.05
+damping_nms_per_rad = 0.02
+sample_time_s = 0.0166667
+delay_samples = 1
+coulomb_friction_nm = 0.05
+encoder_counts_per_turn = 65536
+max_torque_nm = {limit}
+[environment]
+stiffness_nm_per_rad = 8.0
+damping_nms_per_rad = 0.0
+"""
+TRIGGER = """
+[device]
+motion = "rotary"
+handle_radius_m = 0.03
+inertia_kgm2 = 1e-3
+damping_nms_per_rad = 0.02
+coulomb_friction_nm = 0.09
+max_torque_nm = 0.22
+[environment]
+stiffness_nm_per_rad = 0.3
+damping_nms_per_rad = 0.0
+"""
+
+
+def swinging(mass, damping, t, wall, damper, hand=(0.0, 0.0, 0.0), steps=50):
+    """Return positions at the samples: a spring and damper held for a sample, the plant in fine explicit steps."""
+    x, v, before, path = 1.0, 0.0, 1.0, []
+    m, b, k = mass + hand[0], damping + hand[1], hand[2]
+    for _ in range(4000):
+        force, before = wall * x + damper * (x - before) / t, x
+        path.append(x)
+        for _ in range(steps):
+            v -= t / steps * (force + b * v + k * x) / m
+            x += t / steps * v
+    return np.array(path)
+
+
+@pytest.mark.parametrize("hand", [(0.0, 0.0, 0.0), (0.05, 4.0, 300.0)])
+def test_it_is_the_time_that_a_simulated_device_takes(hand):
+    t, mass, damping, wall, damper = 1e-3, 0.1, 0.5, 8000.0, 9.0
+    ranges = dict(zip(("mass_kg", "damping_ns_per_m", "stiffness_n_per_m"), ([v, v] for v in hand), strict=True))
+    problem = avc.load_problem("spring").changed(
+        device={"mass_kg": mass, "damping_ns_per_m": damping, "sample_time_s": t},
+        environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0},
+        **({"hands": ranges} if any(hand) else {}),
+    )
+    found = transients(Coupling.constant(problem, Gains(0.0, 1e12, damper), "mine"))[int(any(hand))]
+    path = np.abs(swinging(mass, damping, t, wall, damper, hand))
+    largest = np.maximum.accumulate(path[::-1])[::-1]
+    settled = t * float(np.argmax(largest < SETTLED))
+    assert settled == pytest.approx(found.settling_s, rel=0.1, abs=1 / found.frequency_hz)
+    peaks = np.flatnonzero((path[1:-1] > path[:-2]) & (path[1:-1] >= path[2:]) & (path[1:-1] > 0.01)) + 1
+    assert t * float(np.diff(peaks).mean()) == pytest.approx(0.5 / found.frequency_hz, rel=0.05)
+
+
+@pytest.mark.parametrize("limit", [8.0, 5.0])
+def test_a_wheel_is_damped_until_it_settles(limit):
+    """With the least damping that is stable it swings for seven seconds."""
+    found = avc.recommend(avc.parse_problem(WHEEL.format(limit=limit)), hands=20)
+    document = found.document()
+    assert found.deployable
+    assert document["felt"]["share_of_wall"] > 0.99
+    assert document["transient"]["released"]["settling_s"] < 1.0
+
+
+def test_a_handle_that_friction_holds_short_is_told():
+    document = avc.recommend(avc.parse_problem(TRIGGER), hands=10).document()
+    assert document["felt"]["rest_error_m"] == pytest.approx(0.09 / 0.3, rel=0.02)
+
+
+@pytest.mark.parametrize("slip", [{"encoder_resolution_m": 0.055}, {"max_force_n": 0.0033}])
+def test_what_renders_nothing_is_not_deployable(slip):
+    problem = avc.load_problem("spring").changed(
+        device={"coulomb_friction_n": 0.2, **slip}, environment={"stiffness_n_per_m": 1000.0}
+    )
+    found = avc.recommend(problem, hands=10)
+    assert not found.deployable
+    assert found.reason.startswith("nothing of the wall is rendered")
+    assert next(iter(slip)) in found.reason
+
+
+def test_gains_that_are_all_nothing_are_not_deployable():
+    problem = avc.load_problem("spring")
+    verdict = avc.deployable(Coupling.constant(problem, Gains(0.0, 0.0), "static"))
+    assert not verdict.passed
+    assert "nothing of the wall is rendered" in verdict.sentence
+    assert avc.deployable(Coupling.constant(problem, Gains(0.0, 100.0), "static")).passed
+
+
+def test_a_value_that_is_hardly_meant_is_told_first(capsys, tmp_path):
+    file = tmp_path / "mine.toml"
+    device = "mass_kg = 0.1\ndamping_ns_per_m = 0.5\nencoder_resolution_m = 0.004"
+    file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 500.0\ndamping_ns_per_m = 0.0\n")
+    assert main(["recommend", str(file), "--hands", "8"]) in {0, 1}
+    assert "encoder_resolution_m is 0.004" in capsys.readouterr().out.splitlines()[2]
