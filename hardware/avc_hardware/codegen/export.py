@@ -317,8 +317,8 @@ def export_c(
     Args:
         coupling: any; what runs beside its gains needs no support by the packaged firmware.
         precision: ``single`` (float) or ``double``, for processors that have it in hardware.
-        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio`` and ``cmake``
-            libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
+        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio``, ``cmake``,
+            ``esp-idf`` and ``zephyr`` libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
         name: what the files, functions, types and macros (in capitals) begin with; two couplings of two names link into
             one program.
         unsafe: whether a coupling that is not deployable is written too.
