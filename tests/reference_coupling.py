@@ -76,7 +76,7 @@ class ReferenceCoupling:
             clipped = good & (x == 0) & (below < 2)
             silent = clipped | (good & (wary > 0) & (x - shown <= 0))
             wary = np.where(~good | silent, np.where(wary > 0, 2, 0), np.maximum(wary - 1, 0))
-            anew = begins | leaves
+            anew = (begins & (x - shown <= 0)) | leaves
         else:
             clipped, wary = silent, np.zeros_like(wary)
             good &= ~(begins & (x > 0))
@@ -85,8 +85,10 @@ class ReferenceCoupling:
         states = {name: np.where(anew, fresh[name], value) for name, value in self._states.items()}
         following, command, force = self._tick(seen, states)
         runs = good & ~silent
-        following = {name: np.where(runs, value, fresh[name]) for name, value in following.items()}
+        following = {name: np.where(silent, fresh[name], value) for name, value in following.items()}
+        following = {name: np.where(good, value, self._states[name]) for name, value in following.items()}
         told = good & (silent | np.isfinite(command))
+        following = {name: np.where(good & ~told, fresh[name], value) for name, value in following.items()}
         self._moved = np.where((good & ~begins) | doubted, moved, self._moved)
         self._known = np.where(told, np.where(begins | clipped, 1, 2), 0)
         self._before, self._face = np.where(good, x, self._before), np.where(good, shown, self._face)

@@ -137,6 +137,7 @@ void avc_coupling_start(avc_coupling_t *coupling)
     }}
 {begin}{body}
     if (!(command_n >= {lowest} && command_n <= {largest})) {{
+        rest(coupling, position_m);
         coupling->started = 0u;
         return {zero};
     }}
@@ -163,9 +164,10 @@ _BEGIN = """\
             coupling->face_m = position_m - coupling->face_m > depth_m ? position_m : coupling->face_m;
         }}
         if (position_m - coupling->face_m > {zero}) {{
-            coupling->wary = 0u;
+            coupling->wary = 0u; /* it goes on with what it knows: for it no time has passed */
+        }} else {{
+            rest(coupling, position_m - coupling->face_m);
         }}
-        rest(coupling, position_m - coupling->face_m);
         coupling->started = 1u;
     }} else {{
         coupling->moved_before_m = position_m - coupling->position_before_m;
@@ -208,11 +210,12 @@ _BEGIN_OUTSIDE = """\
     coupling->position_before_m = position_m;
 """
 _FAULTS = (
-    "{bounds} Then the force is 0 and all is forgotten; the next position is believed. What a device "
-    "went into the wall unseen, before the first sample or meanwhile, does not count: the wall begins so much deeper "
-    "until the device has been at 0 or below, and gives back no energy that it has not got.",
+    "{bounds} Then the force is 0, and the next position is believed. Outside all is forgotten, and there is no force "
+    "until the device has been inside for two samples. Inside the coupling goes on at the depth that it knows: what a "
+    "device went into the wall unseen, before the first sample or meanwhile, does not count. The wall begins so much "
+    "deeper until the device has been at 0 or below, and gives back no energy that it has not got.",
     "A position that is 0 where none was below 0 twice in a row since the start is taken for a depth that is clipped "
-    "at 0 (of an engine, of a proxy): outside, no force, all is forgotten.",
+    "at 0 (of an engine, of a proxy): outside, where there is no force and all is forgotten.",
 )
 _FAULTS_OF_DETENTS = (
     "{bounds} Then the force is 0 and all is forgotten; so it is inside the wall before the first sample "
