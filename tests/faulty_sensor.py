@@ -1,4 +1,4 @@
-"""The exported C of a coupling behind a sensor that fails, on a released device: `faulty_sensor.c`, compiled and run."""
+"""The exported C of a coupling behind a sensor that fails, on a released device: `faulty_sensor.c`, compiled."""
 
 from __future__ import annotations
 

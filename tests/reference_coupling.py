@@ -15,7 +15,6 @@ from avc_hardware.codegen.tick_program import GAINS, states_at_rest
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from avc_casadi._util.arrays import BoolArray
     from avc_casadi.coupling import Coupling
     from avc_hardware.codegen.float_program import FloatProgram
 
@@ -37,8 +36,8 @@ class ReferenceCoupling:
         self._precision = precision
         self._rows: NDArray[Any] = coupling.table.rows.astype(precision.dtype)
         self._devices = devices
-        self._bounds = SensorBounds.of(coupling.problem.device)
         self._wall_alone = coupling.problem.detent is None
+        self._bounds = SensorBounds.of(coupling.problem.device, detents=not self._wall_alone)
         self.start()
 
     def start(self) -> None:

@@ -80,8 +80,9 @@ def test_streamed_gains_are_checked(b: float, reason: Reason) -> None:
     core = host_core()
     push(coupling(5), HostLink(core))
     connection = Connection(HostLink(core))
+    payload = m.set_gains(int(coupling(5).id, 16), 0, 60, b, 1.0, 0.0)
     with pytest.raises(RefusedError) as caught:
-        connection.run(connection.session.ask(Kind.SET_GAINS, m.set_gains(int(coupling(5).id, 16), 0, 60, b, 1.0, 0.0), m.GainsTaken))
+        connection.run(connection.session.ask(Kind.SET_GAINS, payload, m.GainsTaken))
     assert caught.value.refusal.reason is reason
 
 

@@ -49,7 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=PACKAGES,
         metavar="NAME",
         help="what stands round the two files, which then go to DIR/src; may be given several times: arduino, "
-        "platformio, cmake, esp-idf, zephyr (a library each, all in one folder), chai3d, openhaptics, haply (an example in C++ each)",
+        "platformio, cmake, esp-idf, zephyr (a library each, all in one folder), chai3d, openhaptics, haply (an "
+        "example in C++ each)",
     )
     parser.add_argument(
         "--name",

@@ -209,17 +209,19 @@ _BEGIN_OUTSIDE = """\
     }}
     coupling->position_before_m = position_m;
 """
-_FAULTS = (
+_UNBELIEVED = (
     "{bounds} Then the force is 0, and the next position is believed. Outside all is forgotten, and there is no force "
     "until the device has been inside for two samples. Inside the coupling goes on at the depth that it knows: what a "
     "device went into the wall unseen, before the first sample or meanwhile, does not count. The wall begins so much "
-    "deeper until the device has been at 0 or below, and gives back no energy that it has not got.",
-    "A position that is 0 where none was below 0 twice in a row since the start is taken for a depth that is clipped "
-    "at 0 (of an engine, of a proxy): outside, where there is no force and all is forgotten.",
+    "deeper until the device has been at 0 or below, and gives back no energy that it has not got."
 )
-_FAULTS_OF_DETENTS = (
-    "{bounds} Then the force is 0 and all is forgotten; so it is inside the wall before the first sample "
-    "outside, until the device has been at 0 or below.",
+_SIGNLESS = (
+    "A position that is 0 where none was below 0 twice in a row since the start is taken for a depth that is clipped "
+    "at 0 (of an engine, of a proxy): outside, where there is no force and all is forgotten."
+)
+_UNBELIEVED_BY_DETENTS = (
+    "{bounds} Then the force is 0 and all is forgotten; so it is inside the wall before the first sample outside, "
+    "until the device has been at 0 or below."
 )
 
 WIDE_ENOUGH = """
@@ -395,19 +397,23 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
         faults="\n".join(
-            f" * {comment_lines(told.format(bounds=_unbelieved(SensorBounds.of(problem.device))))}"
-            for told in (_FAULTS if problem.detent is None else _FAULTS_OF_DETENTS)
+            f" * {comment_lines(told.format(bounds=_unbelieved(_bounds(problem))))}"
+            for told in ((_UNBELIEVED, _SIGNLESS) if problem.detent is None else (_UNBELIEVED_BY_DETENTS,))
         ),
     )
+
+
+def _bounds(problem: Problem) -> SensorBounds:
+    return SensorBounds.of(problem.device, detents=problem.detent is not None)
 
 
 def _unbelieved(bounds: SensorBounds) -> str:
     """Return which positions are not believed."""
     return (
         f"Not believed is a position that is NaN, infinite or beyond {FARTHEST_M:.0e} m; one that is more than "
-        f"{bounds.jump_m:.4g} m from the one before, {bounds.fastest_m_per_s:.4g} m/s, which no hand does; and one that "
-        f"comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} m outside of the "
-        f"wall, {bounds.hand_m_per_s2:.4g} m/s in a second, which no hand does, or {bounds.change_m:.4g} m inside, "
+        f"{bounds.jump_m:.4g} m from the one before, {bounds.fastest_m_per_s:.4g} m/s, which no hand does; and one "
+        f"that comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} m outside of "
+        f"the wall, {bounds.outside_m_per_s2:.4g} m/s in a second, or {bounds.change_m:.4g} m inside, "
         f"{bounds.acceleration_m_per_s2:.4g} m/s in a second."
     )
 
@@ -426,7 +432,7 @@ def _detents(problem: Problem) -> str:
 
 def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:
     literal = precision.literal
-    wall, bounds = coupling.problem.detent is None, SensorBounds.of(coupling.problem.device)
+    wall, bounds = coupling.problem.detent is None, _bounds(coupling.problem)
     words = {"real": precision.c_type, "zero": literal(0.0)}
     return _SOURCE.format(
         id=coupling.id,
@@ -437,7 +443,9 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         change=literal(bounds.change_m),
         outside=literal(bounds.outside_m),
         declared="    int clipped;\n" if wall else "",
-        known="coupling->started == 1u && coupling->wary != 0u ? 2u : coupling->started" if wall else "coupling->started",
+        known="coupling->started == 1u && coupling->wary != 0u ? 2u : coupling->started"
+        if wall
+        else "coupling->started",
         doubt=_DOUBT.format(jump=literal(bounds.jump_m)) if wall else "",
         returned=f"coupling->wary != 0u ? {literal(0.0)} : force_n" if wall else "force_n",
         begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),

@@ -1,4 +1,4 @@
-"""What stands round exported C: libraries for Arduino, PlatformIO, CMake, ESP-IDF and Zephyr, examples in C++, gains of several axes.
+"""What stands round exported C: libraries of build systems, examples in C++, gains of several axes.
 
 A comment and a name in generated C are made of allowed characters alone, so that no text becomes code.
 """

@@ -32,7 +32,7 @@ class SensorBounds:
 
     Attributes:
         fastest_m_per_s: the handle's fastest, by the radius of one that turns.
-        hand_m_per_s2: what a hand alone gives the handle.
+        outside_m_per_s2: what a hand alone gives the handle.
         acceleration_m_per_s2: beyond it the encoder has jumped: what firmware watches, `board_limits`.
         jump_m: farthest from the position before; the fastest and a step of the encoder at both ends.
         outside_m: farthest that a movement from outside differs from the one before; a hand's, steps and noise.
@@ -40,25 +40,26 @@ class SensorBounds:
     """
 
     fastest_m_per_s: float
-    hand_m_per_s2: float
+    outside_m_per_s2: float
     acceleration_m_per_s2: float
     jump_m: float
     outside_m: float
     change_m: float
 
     @classmethod
-    def of(cls, device: Device) -> Self:
-        """Return those of a device."""
+    def of(cls, device: Device, *, detents: bool = False) -> Self:
+        """Return those of a device; detents move it in front of a wall too."""
         time, step = device.sample_time_s, device.encoder_resolution_m or 0.0
-        fastest, hand = FASTEST_M_PER_S / device.metres_per_unit, HAND_M_PER_S2 / device.metres_per_unit
+        fastest = FASTEST_M_PER_S / device.metres_per_unit
         most = board_limits(device).max_acceleration_m_per_s2
+        alone = most if detents else HAND_M_PER_S2 / device.metres_per_unit
         unsure = _STEPS * step + _NOISE * device.position_noise_rms_m
         return cls(
             fastest_m_per_s=fastest,
-            hand_m_per_s2=hand,
+            outside_m_per_s2=alone,
             acceleration_m_per_s2=most,
             jump_m=fastest * time + 2 * step,
-            outside_m=hand * time**2 + unsure,
+            outside_m=alone * time**2 + unsure,
             change_m=most * time**2 + unsure,
         )
 

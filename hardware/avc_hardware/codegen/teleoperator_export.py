@@ -46,9 +46,9 @@ _HEADER = """\
  * - No new message for more than {leader_silence:.4g} s at the leader, {follower_silence:.4g} s at the follower: the
  *   force fades to 0 over {fade_s:.3g} s. Once nothing is left, whatever message comes is believed (the other end may
  *   have started anew), and the force comes back as slowly.
- * - An own position that is none, or jumps, by that speed or by a movement that differs from the one before by more than
- *   {accelerations}: the last good one is held, the dampers are left out, the force fades while
- *   it lasts, and no new message is made: the other end fades too.
+ * - An own position that is none, or jumps, by that speed or by a movement that differs from the one before by more
+ *   than {accelerations}: the last good one is held, the dampers are left out, the force
+ *   fades while it lasts, and no new message is made: the other end fades too.
  *
  * One thread at a time. C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is
  * refused.

@@ -383,8 +383,8 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
         "otherwise": comment_lines(_otherwise(coupling)),
         "bad": comment_lines(
             f"A number that is none (NaN, infinite), and a position of {whose} that moves faster than "
-            f"{bounds.fastest_m_per_s:.4g} m/s, as no hand does; of the device one with a movement that differs from the one "
-            f"before by more than {bounds.change_m:.4g} m, {bounds.acceleration_m_per_s2:.4g} m/s in a second."
+            f"{bounds.fastest_m_per_s:.4g} m/s, as no hand does; of the device one with a movement that differs from "
+            f"the one before by more than {bounds.change_m:.4g} m, {bounds.acceleration_m_per_s2:.4g} m/s in a second."
         ).replace(" * ", " *   "),
         "fade_s": max(1, round(FADE_S / device.sample_time_s)) * device.sample_time_s,
         "steps": _STEPS,
