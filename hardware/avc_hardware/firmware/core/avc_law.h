@@ -148,7 +148,8 @@ static inline float avc_law(avc_control_t *c, const avc_table_t *table, float x,
         c->clipped = clipped;
         c->fault.settled = false;
     }
-    if (!c->steadies && s->gains.stiffness_n_per_m + s->gains.damping_ns_per_m < no_gains) {
+    if ((s->mode | s->streaming) != 0u && /* safe or streamed: a table has gains */
+        s->gains.stiffness_n_per_m + s->gains.damping_ns_per_m < no_gains) {
         c->fault.settled = false; /* nothing joins the device to the wall: what its spring holds nobody gets */
     }
     if (avc_fault_energy(&c->fault, work_j, out.stored_j)) {
