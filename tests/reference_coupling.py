@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.model.gains import interpolate
-from avc_hardware.codegen.coupling_program import FARTHEST_M, coupling_program
+from avc_hardware.codegen.coupling_program import coupling_program
 from avc_hardware.codegen.operations import SINGLE, Precision
+from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 from avc_hardware.codegen.tick_program import GAINS, states_at_rest
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from avc_casadi._util.arrays import BoolArray
     from avc_casadi.coupling import Coupling
     from avc_hardware.codegen.float_program import FloatProgram
 
@@ -36,29 +36,64 @@ class ReferenceCoupling:
         self._precision = precision
         self._rows: NDArray[Any] = coupling.table.rows.astype(precision.dtype)
         self._devices = devices
+        self._wall_alone = coupling.problem.detent is None
+        self._bounds = SensorBounds.of(coupling.problem.device, detents=not self._wall_alone)
         self.start()
 
     def start(self) -> None:
         """Forget everything."""
-        self._started: BoolArray = np.zeros(self._devices, dtype=bool)
+        self._known: NDArray[Any] = np.zeros(self._devices, dtype=int)
+        self._below = self._wary = self._known
         self._before: NDArray[Any] = np.zeros(self._devices, self._precision.dtype)
+        self._moved = self._face = self._before
         self._states: Columns = {name: np.zeros(self._devices, self._precision.dtype) for name in self._program.states}
 
     def step(self, position_m: ArrayLike) -> NDArray[Any]:
         """Run one sample, as `avc_coupling_step`; position and force have shape (devices,)."""
-        number = self._precision.dtype
+        number, zero = self._precision.dtype, self._precision.dtype(0)
         given = np.broadcast_to(np.asarray(position_m, dtype=number), (self._devices,))
+        jump = number(self._bounds.jump_m)
+        change = np.where(self._before > 0, number(self._bounds.change_m), number(self._bounds.outside_m))
         good = (given >= number(-FARTHEST_M)) & (given <= number(FARTHEST_M))
-        jump, moved = number(self._program.jump_m), given - self._before
-        good &= ~self._started | ((moved <= jump) & (-moved <= jump))
-        x = np.where(good, given, number(0))
-        fresh = states_at_rest(self._program.states, self._program.initial, x)
-        states = {name: np.where(self._started, value, fresh[name]) for name, value in self._states.items()}
-        following, command, force = self._tick(x, states)
-        good &= np.isfinite(command)
-        self._started, self._before = good, x
+        moved = given - self._before
+        steady = ((self._known == 1) & (self._wary == 0)) | (np.abs(moved - self._moved) <= change)
+        good &= (self._known == 0) | ((np.abs(moved) <= jump) & steady)
+        doubted = self._wall_alone & ~good & (self._known == 1) & (np.abs(moved) <= jump)
+        x = np.where(good, given, zero)
+        begins, shown = good & (self._known == 0), self._face
+        below, wary, anew = self._below, np.where(good, self._wary, 2), begins
+        silent = np.zeros_like(good)
+        if self._wall_alone:
+            depth = np.maximum(self._before - self._face, zero)
+            deeper = begins & (x - self._face > depth)
+            shown = np.where(deeper, x - depth, self._face)
+            shown = np.where(deeper & (x - shown > depth), x, shown)
+            wary = np.where(begins & (x - shown > 0), 0, wary)
+            leaves = (x <= 0) & (shown > 0)
+            shown = np.where(leaves, zero, shown)
+            below = np.where(x < 0, np.minimum(self._below + 1, 2), np.where(self._below < 2, 0, 2))
+            clipped = good & (x == 0) & (below < 2)
+            silent = clipped | (good & (wary > 0) & (x - shown <= 0))
+            wary = np.where(~good | silent, np.where(wary > 0, 2, 0), np.maximum(wary - 1, 0))
+            anew = (begins & (x - shown <= 0)) | leaves
+        else:
+            clipped, wary = silent, np.zeros_like(wary)
+            good &= ~(begins & (x > 0))
+        seen = x - shown
+        fresh = states_at_rest(self._program.states, self._program.initial, seen)
+        states = {name: np.where(anew, fresh[name], value) for name, value in self._states.items()}
+        following, command, force = self._tick(seen, states)
+        runs = good & ~silent
+        following = {name: np.where(silent, fresh[name], value) for name, value in following.items()}
+        following = {name: np.where(good, value, self._states[name]) for name, value in following.items()}
+        told = good & (silent | np.isfinite(command))
+        following = {name: np.where(good & ~told, fresh[name], value) for name, value in following.items()}
+        self._moved = np.where((good & ~begins) | doubted, moved, self._moved)
+        self._known = np.where(told, np.where(begins | clipped, 1, 2), 0)
+        self._before, self._face = np.where(good, x, self._before), np.where(good, shown, self._face)
+        self._below, self._wary = np.where(good, below, self._below), wary
         self._states = {name: np.asarray(following[name], dtype=number) for name in states}
-        return np.where(good, force, number(0)).astype(number)
+        return np.where(runs & told & (wary == 0), force, zero).astype(number)
 
     def _tick(self, x: NDArray[Any], states: Columns) -> tuple[Columns, NDArray[Any], NDArray[Any]]:
         program = self._program

@@ -186,10 +186,11 @@ def test_lost_gains_are_counted_and_the_table_takes_over() -> None:
 @pytest.mark.thorough
 def test_late_gains_are_refused_by_number() -> None:
     board = EmulatedBoard()
-    push(coupling(5), board)
+    made = coupling(5)
+    push(made, board)
     connection = Connection(board)
     for number, taken in ((0, True), (5, True), (4, False), (5, False), (6, True), (2**31 + 10, False)):
-        payload = m.set_gains(number, 1000, 1.0, 100.0 + number % 10, 0.0)
+        payload = m.set_gains(int(made.id, 16), number, 1000, 1.0, 100.0 + number % 10, 0.0)
         answer = connection.run(connection.session.request(Kind.SET_GAINS, payload))
         assert isinstance(answer, m.GainsTaken) is taken, number
     *_, sample = monitor(board, seconds=0.9)

@@ -95,7 +95,8 @@ def test_stiff_wall_is_unstable_without_a_coupling() -> None:
 def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
     """The table underneath would not hold it; the streamed gains do, and after them the table does not."""
     loop = FirmwareInTheLoop(wall())
-    loop.push(constant(1e4, 1e8, 0.0))
+    under = constant(1e4, 1e8, 0.0)
+    loop.push(under)
     loop.run(1e-3)
     sent = 0
     session, ticks = loop.connection.session, round(3 / 50 / 1e-3)
@@ -103,7 +104,8 @@ def test_stiff_wall_is_stable_with_gains_streamed_live() -> None:
     lookup_hz = np.float32(1.0)
     while len(loop.trace.position_m) < 2500:
         b, k, b_p = map(float, lookup(rows, lookup_hz))
-        taken = loop.connection.run(session.ask(Kind.SET_GAINS, m.set_gains(sent, ticks, b, k, b_p), m.GainsTaken))
+        payload = m.set_gains(int(under.id, 16), sent, ticks, b, k, b_p)
+        taken = loop.connection.run(session.ask(Kind.SET_GAINS, payload, m.GainsTaken))
         lookup_hz = np.float32(taken.lookup_hz)
         sent += 1
         loop.run(0.015)

@@ -21,7 +21,7 @@ from avc_casadi.model.runtime import Runtime
 from avc_hardware.codegen.packages import PACKAGES
 
 CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores")
-LIBRARIES = ("arduino", "platformio", "cmake")
+LIBRARIES = ("arduino", "platformio", "cmake", "esp-idf", "zephyr")
 
 
 def written(made: Coupling, *packages: str) -> Path:
@@ -38,7 +38,7 @@ def test_packages_stand_round_the_same_two_files() -> None:
     assert {f"src/{name}": text for name, text in alone.items()}.items() <= together.items()
     assert not any("@" in re.sub(r"@(param|author)", "", text) for text in together.values())
     assert avc_casadi.cli._export.PACKAGES == PACKAGES
-    with pytest.raises(InputError, match="packages: holds 'conan'; allowed: arduino, platformio, cmake, chai3d"):
+    with pytest.raises(InputError, match="packages: holds 'conan'; allowed: arduino, platformio, cmake, esp-idf"):
         export_c(made, packages=["cmake", "conan"])
 
 
@@ -79,6 +79,14 @@ int main()
 """
 
 
+def told(consumer: Path, made: Coupling) -> None:
+    """Its forces are those of the coupling."""
+    done = subprocess.run([consumer], capture_output=True, text=True, check=True)  # noqa: S603 - ours
+    forces = [float.fromhex(line) for line in done.stdout.split()]
+    positions = np.float32(1e-5) * np.arange(-20, 80, dtype=np.float32)
+    assert forces == Exported(made).forces(positions).tolist()
+
+
 @pytest.mark.thorough
 def test_cmake_installs_what_another_project_finds() -> None:
     require("cmake", "g++")
@@ -97,10 +105,61 @@ def test_cmake_installs_what_another_project_finds() -> None:
         run("cmake", "--build", build)
         if source == folder:
             run("cmake", "--install", build)
-    done = subprocess.run([consumer / "build" / "consumer"], capture_output=True, text=True, check=True)  # noqa: S603
-    forces = [float.fromhex(line) for line in done.stdout.split()]
-    positions = np.float32(1e-5) * np.arange(-20, 80, dtype=np.float32)
-    assert forces == Exported(made).forces(positions).tolist()
+    told(consumer / "build" / "consumer", made)
+
+
+# The commands of ESP-IDF and of Zephyr, as far as the packages use them.
+STUBS = """
+cmake_minimum_required(VERSION 3.15)
+project(stub LANGUAGES C CXX)
+set(MODULE {module})
+if("{system}" STREQUAL "esp-idf")
+  set(ESP_PLATFORM 1)
+  function(idf_component_register)
+    cmake_parse_arguments(own "" "" "SRCS;INCLUDE_DIRS" ${{ARGN}})
+    add_library(of_system STATIC ${{own_SRCS}})
+    target_include_directories(of_system PUBLIC ${{own_INCLUDE_DIRS}})
+  endfunction()
+  add_subdirectory(${{MODULE}} component)
+else()
+  add_library(of_system STATIC)
+  function(zephyr_library)
+  endfunction()
+  function(zephyr_library_sources)
+    foreach(source ${{ARGN}})
+      target_sources(of_system PRIVATE ${{CMAKE_CURRENT_SOURCE_DIR}}/${{source}})
+    endforeach()
+  endfunction()
+  function(zephyr_include_directories)
+    foreach(folder ${{ARGN}})
+      target_include_directories(of_system PUBLIC ${{CMAKE_CURRENT_SOURCE_DIR}}/${{folder}})
+    endforeach()
+  endfunction()
+  add_subdirectory(${{MODULE}}/{cmake} module)
+endif()
+add_executable(consumer main.cpp)
+target_link_libraries(consumer PRIVATE of_system)
+"""
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("system", ["esp-idf", "zephyr"])
+def test_component_and_module_build_with_the_commands_of_their_systems(system: str) -> None:
+    require("cmake", "g++")
+    made = drawn(16)
+    folder, stub = written(made, system), Path(tempfile.mkdtemp(dir=scratch()))
+    if system == "zephyr":
+        module = (folder / "zephyr" / "module.yml").read_text(encoding="ascii")
+        (cmake,) = re.findall(r"^  cmake: (\w+)$", module, re.MULTILINE)
+    else:
+        cmake = ""
+        assert f'version: "{avc_casadi.__version__}"' in (folder / "idf_component.yml").read_text(encoding="ascii")
+    text = STUBS.format(module=folder, system=system, cmake=cmake)
+    (stub / "CMakeLists.txt").write_text(text, encoding="ascii")
+    (stub / "main.cpp").write_text(MAIN, encoding="ascii")
+    run("cmake", "-G", "Unix Makefiles", "-S", str(stub), "-B", str(stub / "build"))
+    run("cmake", "--build", str(stub / "build"))
+    told(stub / "build" / "consumer", made)
 
 
 CORE_FILES = (

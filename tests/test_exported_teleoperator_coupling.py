@@ -152,7 +152,7 @@ def test_silent_link_lets_the_force_fade_and_an_end_that_starts_anew_is_believed
     assert back[-1] == pytest.approx(300.0)
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5, 0.005])
 def test_own_position_that_is_none_fades_both_ends(bad):
     pair = pulled()
     number = pair.leader.message().number

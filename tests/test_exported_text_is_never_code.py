@@ -125,6 +125,8 @@ int main(void)
     stiff_t other;
     soft_start(&one);
     stiff_start(&other);
+    soft_step(&one, -(soft_real_t)SOFT_SAMPLE_TIME_S);
+    stiff_step(&other, -(stiff_real_t)STIFF_SAMPLE_TIME_S);
     printf("%a %a %s\\n", (double)soft_step(&one, (soft_real_t)SOFT_SAMPLE_TIME_S),
            (double)stiff_step(&other, (stiff_real_t)STIFF_SAMPLE_TIME_S), SOFT_ID);
     return 0;

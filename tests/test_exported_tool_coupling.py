@@ -110,7 +110,7 @@ def test_engine_that_steps_before_the_device_pulls_at_nothing():
 
 
 @pytest.mark.parametrize("exchange", ["on-time", "held-force"])
-@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5, -0.5])
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5, -0.5, 0.005])
 def test_single_bad_sample_changes_the_force_by_a_fiftieth(exchange, bad):
     c, given = at_rest(exchange)
     c.tool_force(0.0, 0.0)

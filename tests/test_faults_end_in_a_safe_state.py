@@ -140,6 +140,29 @@ def test_a_clear_leads_out_of_contact_alone() -> None:
     assert core.drives()
 
 
+@pytest.mark.parametrize("gains", ["safe", "streamed"])
+def test_a_wall_without_gains_gives_no_force_and_lacks_no_energy(gains: str) -> None:
+    """Its spring would hold 50 J by then; heartbeats, or the end of the stream, and leaving contact lead back."""
+    core = board()
+    go(core, OUT)
+    connection = Connection(HostLink(core))
+    if gains == "safe":
+        connection.run(connection.session.request(Kind.HEARTBEAT, m.heartbeat(20)))
+        still(core, 200)
+    else:
+        payload = m.set_gains(int(WALL.id, 16), 0, 5000, 0.0, 0.0, 0.0)
+        connection.run(connection.session.request(Kind.SET_GAINS, payload))
+        still(core, 1000)
+    assert np.abs(go(core, 15_000, ticks=1500)).max() < 1e-6
+    silent = gains == "safe"
+    assert (core.faults(), core.state().mode) == (DeviceFault.HEARTBEAT * silent, 2 * silent)
+    connection.run(connection.session.request(Kind.HEARTBEAT, m.heartbeat(0)))
+    assert np.abs(go(core, OUT, ticks=1500)).max() < 1e-6
+    still(core, 3000)
+    assert (core.faults(), core.state().mode) == (0, 0)
+    assert go(core, PRESS)[-1] > 5.0
+
+
 def test_what_is_still_wrong_is_latched_again_and_nothing_unseen_is_cleared() -> None:
     core = board()
     opened(core)
@@ -161,7 +184,7 @@ def test_a_force_that_swings_over_a_count_that_stands_is_a_stuck_encoder() -> No
         connection = Connection(HostLink(core, position=lambda _: 1500))
         for number in range(12):
             stiffness = (100.0, 2e4)[number % 2]
-            payload = m.set_gains(number, 4000, 10.0, stiffness, 0.0)
+            payload = m.set_gains(int(WALL.id, 16), number, 4000, 10.0, stiffness, 0.0)
             connection.run(connection.session.request(Kind.SET_GAINS, payload))
             still(core, 400)
             if moves:

@@ -48,7 +48,7 @@ def made(feedback: StateFeedback | None, gains: Gains = SPRING, wall: tuple[floa
 def motions() -> Counts:
     """A stroke through the wall's face, taps that grow faster, noise about the face, a press, rest; (5, TICKS).
 
-    Each begins out of the wall, where a table takes over.
+    Each begins out of the wall, where a table takes over, and comes from there as a hand does.
     """
     time = np.arange(TICKS) * 1e-3
     metres = [
@@ -59,8 +59,9 @@ def motions() -> Counts:
         np.zeros(TICKS),
     ]
     counts = np.rint(np.array(metres) / STEP_M).astype(np.int32)
-    counts[:, 0] = OUTSIDE
-    return counts
+    ease = 0.5 - 0.5 * np.cos(np.pi * np.arange(60) / 60)
+    approach = np.rint(OUTSIDE + ease * (counts[:, :1] - OUTSIDE)).astype(np.int32)
+    return np.concatenate([approach, counts[:, :-60]], axis=1)
 
 
 def core_with(coupling: Coupling, *, safe: Gains | None = None) -> HostCore:
@@ -198,9 +199,11 @@ def test_streamed_gains_keep_the_feedback_of_the_table() -> None:
     the measured one and of the force before."""
     feedback, stiffness, wall = believer(3), 4e3, 2.0**15
     way = motions()[3]
-    core = core_with(made(feedback))
+    coupling = made(feedback)
+    core = core_with(coupling)
     session = Session(1, timeout_s=1.0)
-    core.write(session.message(Kind.SET_GAINS, m.set_gains(0, 5000, 0.0, stiffness, 0.0))[1])
+    payload = m.set_gains(int(coupling.id, 16), 0, 5000, 0.0, stiffness, 0.0)
+    core.write(session.message(Kind.SET_GAINS, payload)[1])
     # The gains slew to those streamed within 0.2 s, all outside the wall.
     found, _ = core.tick(way)
     assert core.state().streaming

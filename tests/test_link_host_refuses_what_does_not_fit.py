@@ -8,7 +8,9 @@ from hardware_bench import coupling, host_core, host_library, image, push, refus
 from host_device import HostCore, HostLink
 
 import avc_hardware
-from avc_casadi import LinkError, NotDeployableError, UnsupportedError
+from avc_casadi import InputError, LinkError, NotDeployableError, UnsupportedError, load_problem
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage, check_runs_on
 from avc_hardware.link.faults import Reason, Refusal
@@ -40,6 +42,19 @@ def test_host_names_every_limit_that_is_passed() -> None:
     assert "wall's stiffness is 20000 N/m" in text
     assert "contact damping" not in text
     assert core.image() is None
+
+
+def test_safe_gains_are_judged_as_those_of_the_coupling_are() -> None:
+    """Before a byte travels: with every hand of [hands] and released, on the loop of the coupling's problem."""
+    made = Coupling.constant(load_problem("reference-r1"), Gains(0.0, 500.0, 4.0), "by hand")
+    core = HostCore(host_library(), unwatched(max_force_n=8.0))
+    with pytest.raises(NotDeployableError, match="reference-r1 by safe gains: not deployable"):
+        avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 3e3))
+    with pytest.raises(InputError, match=r"safe: has a contact damper of 4 N\.s/m; allowed: b and k"):
+        avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 100.0, 4.0))
+    assert core.image() is None
+    avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 100.0))
+    assert core.image() is not None
 
 
 @pytest.mark.parametrize(

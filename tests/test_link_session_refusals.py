@@ -72,7 +72,7 @@ def test_abort_frees_the_device_at_once_and_only_for_the_host_that_was_sending()
 def test_stream_needs_a_table_to_fall_back_to() -> None:
     connection = Connection(HostLink(host_core()))
     with pytest.raises(RefusedError, match="push one first"):
-        connection.run(connection.session.ask(Kind.SET_GAINS, m.set_gains(0, 60, 1.0, 1.0, 0.0), m.GainsTaken))
+        connection.run(connection.session.ask(Kind.SET_GAINS, m.set_gains(1, 0, 60, 1.0, 1.0, 0.0), m.GainsTaken))
 
 
 @pytest.mark.parametrize(("b", "reason"), [(np.nan, Reason.NOT_FINITE), (-1.0, Reason.LIMIT), (1e9, Reason.LIMIT)])
@@ -80,8 +80,9 @@ def test_streamed_gains_are_checked(b: float, reason: Reason) -> None:
     core = host_core()
     push(coupling(5), HostLink(core))
     connection = Connection(HostLink(core))
+    payload = m.set_gains(int(coupling(5).id, 16), 0, 60, b, 1.0, 0.0)
     with pytest.raises(RefusedError) as caught:
-        connection.run(connection.session.ask(Kind.SET_GAINS, m.set_gains(0, 60, b, 1.0, 0.0), m.GainsTaken))
+        connection.run(connection.session.ask(Kind.SET_GAINS, payload, m.GainsTaken))
     assert caught.value.refusal.reason is reason
 
 
@@ -118,7 +119,7 @@ def test_other_protocol_version_is_refused_both_ways() -> None:
 def test_host_of_another_interface_is_refused_by_the_device() -> None:
     core = host_core()
     core.read()
-    core.write(encode(Frame(Kind.HELLO, 5, m.hello(1, interface_version=9))))
+    core.write(encode(Frame(Kind.HELLO, 5, m.hello(1, interface_version=INTERFACE_VERSION + 1))))
     (answer,) = Decoder().feed(core.read())
     refusal = m.parse(answer)
     assert refusal == Refusal(Reason.INTERFACE, INTERFACE_VERSION)

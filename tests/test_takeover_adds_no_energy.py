@@ -38,6 +38,7 @@ COUPLINGS = (
     coupling(1, seed=4, largest=(0.0, 1e5, 5.0), wall=(3.0, 5e4), runtime=Runtime(state_feedback=believer(5))),
     coupling(1, seed=5, largest=(9.0, 5e4, 5.0), wall=(0.0, 3e4), runtime=Runtime(state_feedback=dense_believer(4))),
 )
+ID = int(COUPLINGS[0].id, 16)
 TABLES = tuple(TableImage.of(made, safe=SAFE) for made in COUPLINGS)
 
 
@@ -176,7 +177,7 @@ def test_gains_for_a_device_that_does_not_run_its_table_are_refused_and_not_kept
     silence(core)
     assert core.state().mode == 2
     with pytest.raises(RefusedError, match="nothing is kept for later"):
-        asked(core, Kind.SET_GAINS, m.set_gains(0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
+        asked(core, Kind.SET_GAINS, m.set_gains(ID, 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
     asked(core, Kind.HEARTBEAT, m.heartbeat(0), m.HeartbeatSeen, session=2)
     core.tick(np.full(50, -500, dtype=np.int32))
     assert (core.state().mode, core.state().streaming) == (0, 0)
@@ -188,7 +189,7 @@ def test_gains_taken_in_the_tick_that_loses_the_heartbeat_do_not_come_back() -> 
     connection = Connection(HostLink(core))
     connection.run(connection.session.ask(Kind.HEARTBEAT, m.heartbeat(5), m.HeartbeatSeen))
     core.tick(np.full(5, -500, dtype=np.int32))
-    _, data = connection.session.message(Kind.SET_GAINS, m.set_gains(0, 4000, 1.0, 5e4, 0.0))
+    _, data = connection.session.message(Kind.SET_GAINS, m.set_gains(ID, 0, 4000, 1.0, 5e4, 0.0))
     core.write(data)
     core.tick(np.full(1, -500, dtype=np.int32))
     assert core.state().mode == 1
@@ -197,10 +198,20 @@ def test_gains_taken_in_the_tick_that_loses_the_heartbeat_do_not_come_back() -> 
     assert (core.state().mode, core.state().streaming) == (0, 0)
 
 
+def test_gains_of_another_coupling_do_not_run_over_a_table() -> None:
+    core = host_core()
+    push(COUPLINGS[0], HostLink(core))
+    with pytest.raises(RefusedError, match=f"another coupling than {COUPLINGS[0].id}.*push theirs first") as caught:
+        asked(core, Kind.SET_GAINS, m.set_gains(int(COUPLINGS[1].id, 16), 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
+    assert caught.value.refusal.reason is Reason.OTHER_COUPLING
+    core.tick(np.full(3, -500, dtype=np.int32))
+    assert core.state().streaming == 0
+
+
 def test_streamed_gains_end_with_the_table_they_were_for() -> None:
     core = host_core()
     push(COUPLINGS[0], HostLink(core))
-    asked(core, Kind.SET_GAINS, m.set_gains(0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
+    asked(core, Kind.SET_GAINS, m.set_gains(ID, 0, 4000, 1.0, 5e4, 0.0), m.GainsTaken)
     core.tick(np.full(3, -500, dtype=np.int32))
     assert core.state().streaming == 1
     push(COUPLINGS[1], HostLink(core))
@@ -211,8 +222,8 @@ def test_streamed_gains_end_with_the_table_they_were_for() -> None:
 @pytest.mark.parametrize(
     ("kind", "payload", "answer"),
     [
-        (Kind.SET_GAINS, m.set_gains(0, 5001, 1.0, 1.0, 0.0), m.GainsTaken),
-        (Kind.SET_GAINS, m.set_gains(0, 2**32 - 1, 1.0, 1.0, 0.0), m.GainsTaken),
+        (Kind.SET_GAINS, m.set_gains(ID, 0, 5001, 1.0, 1.0, 0.0), m.GainsTaken),
+        (Kind.SET_GAINS, m.set_gains(ID, 0, 2**32 - 1, 1.0, 1.0, 0.0), m.GainsTaken),
         (Kind.HEARTBEAT, m.heartbeat(5001), m.HeartbeatSeen),
     ],
 )

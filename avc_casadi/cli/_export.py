@@ -14,7 +14,7 @@ from avc_casadi.cli._subject import add_problem_of_gains, add_unsafe, faults_of,
 from avc_casadi.cli._text import holes_text
 
 # As `avc_hardware.export_c` knows them.
-PACKAGES = ("arduino", "platformio", "cmake", "chai3d", "openhaptics", "haply")
+PACKAGES = ("arduino", "platformio", "cmake", "esp-idf", "zephyr", "chai3d", "openhaptics", "haply")
 # As `avc_casadi.present.pages.engines` knows them.
 ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 
@@ -49,7 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=PACKAGES,
         metavar="NAME",
         help="what stands round the two files, which then go to DIR/src; may be given several times: arduino, "
-        "platformio, cmake (a library each, all in one folder), chai3d, openhaptics, haply (an example in C++ each)",
+        "platformio, cmake, esp-idf, zephyr (a library each, all in one folder), chai3d, openhaptics, haply (an "
+        "example in C++ each)",
     )
     parser.add_argument(
         "--name",

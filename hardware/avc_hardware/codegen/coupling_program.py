@@ -29,10 +29,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.effects import Effect
 
 
-FARTHEST_M = 1e6
-"""No device measures more; beyond it a position is as good as infinite, and single precision might end."""
-FASTEST_M_PER_S = 10.0
-"""No hand moves the handle faster: what goes farther in a sample is a fault of the sensor."""
 FORCES = ("command_n", "force_n")
 
 
@@ -48,7 +44,6 @@ class CouplingProgram:
         after: position_m or seen_m, wanted gains, states -> command_n (before the limit), force_n and the next values
             of all other states.
         early: states that `before` carries on.
-        jump_m: farthest that a position may be from the one before; beyond it the coupling starts anew.
     """
 
     states: tuple[str, ...]
@@ -56,7 +51,6 @@ class CouplingProgram:
     before: FloatProgram | None
     after: FloatProgram
     early: tuple[str, ...]
-    jump_m: float
 
 
 def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> CouplingProgram:
@@ -159,7 +153,7 @@ class _Built:
         if self.frequency is None:
             results = self._settled([ca.SX(self.command), ca.SX(asked), *successors])
             after = _program("after", {"position_m": self.measured}, names, symbols, FORCES, names, results, precision)
-            return CouplingProgram(names, initial, None, after, (), self._jump_m())
+            return CouplingProgram(names, initial, None, after, ())
         read = ca.vertcat(self.cut, *self.wanted)
         late = [bool(ca.depends_on(value, read)) for value in successors]
         early = tuple(name for name, other in zip(names, late, strict=True) if not other)
@@ -179,14 +173,7 @@ class _Built:
         given = {"seen_m": self.cut} | dict(zip((f"wanted_{name}" for name in GAINS), self.wanted, strict=True))
         results = self._settled([ca.SX(self.command), ca.SX(asked), *last])
         after = _program("after", given, names, symbols, FORCES, rest, results, precision)
-        return CouplingProgram(names, initial, before, after, early, self._jump_m())
-
-    def _jump_m(self) -> float:
-        """Return what the fastest hand moves in a sample, and a step of the encoder at both ends."""
-        device = self.coupling.problem.device
-        return FASTEST_M_PER_S / device.metres_per_unit * self.coupling.sample_time_s + 2 * (
-            device.encoder_resolution_m or 0.0
-        )
+        return CouplingProgram(names, initial, before, after, early)
 
     def _settled(self, results: list[Any]) -> list[Any]:
         """Put numbers in the place of the tick's parameters."""

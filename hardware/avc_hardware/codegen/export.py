@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
 from avc_casadi.claims.deployable import require_deployable
-from avc_hardware.codegen.coupling_program import FARTHEST_M, CouplingProgram, coupling_program
+from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
 from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, SINGLE, Precision
 from avc_hardware.codegen.packages import checked_name, comment, comment_lines, packaged
+from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
 
@@ -63,21 +64,23 @@ typedef {real} avc_coupling_real_t;
 
 /* What the coupling remembers between two samples. */
 typedef struct {{
-    unsigned char started;
-    {real} position_before_m;
+    /* Known of the position: 0 nothing, 1 the last one, 2 its movement too. Samples below 0 in a row, up to 2. Samples
+     * in a row inside the wall until what was outside at a fault is believed to be there. */
+    unsigned char started, below, wary;
+    /* Of the last position that was believed. */
+    {real} position_before_m, moved_before_m;
+    /* Where the wall begins until the device has left it: what it went into the wall unseen does not count. */
+    {real} face_m;
 {states}
 }} avc_coupling_t;
 
 /* Forget everything. Call it once before the first step, and whenever sampling has paused. */
 void avc_coupling_start(avc_coupling_t *coupling);
 
-/* One sample. position_m: as measured, with its sign: above 0 inside the wall, below 0 outside, never clipped at 0.
+/* One sample. position_m: as measured, signed, never clipped: above 0 inside the wall, below 0 outside.
  * Returns the force on the device, N, positive out of the wall{limited}; never NaN.
- * A position that is NaN, infinite or beyond {farthest:.0e} m gives 0 and starts anew; so does one that is more than
- * {jump:.4g} m from the one before, which no hand moves in a sample.
- * Where only a depth can be had that is 0 outside (of an engine, of a proxy), compile with AVC_DEPTH_IS_CLIPPED: then 0
- * is outside, where there is no force, and each contact starts anew. Otherwise what is remembered takes the device for
- * one that stands still at the face. */
+{faults}
+ */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
 
 #ifdef __cplusplus
@@ -106,6 +109,7 @@ _SOURCE = """\
 #pragma GCC optimize ("fp-contract=off")
 #endif
 {look_up}
+{believed}
 /* The state of a device that has always rested at a position. */
 static void rest(avc_coupling_t *coupling, {real} position_m)
 {{
@@ -116,47 +120,109 @@ void avc_coupling_start(avc_coupling_t *coupling)
 {{
     rest(coupling, {zero});
     coupling->started = 0u;
+    coupling->below = 0u;
+    coupling->wary = 0u;
+    coupling->position_before_m = {zero};
+    coupling->moved_before_m = {zero};
+    coupling->face_m = {zero};
 }}
 
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m)
 {{
-    if (!(position_m >= {least} && position_m <= {farthest})) {{
-        coupling->started = 0u;
+{declared}    if (!believed(position_m, coupling->position_before_m, coupling->moved_before_m,
+                  {known}, {jump},
+                  coupling->position_before_m > {zero} ? {change} : {outside})) {{
+{doubt}        coupling->started = 0u;
         return {zero};
     }}
-{clipped}    if (coupling->started == 0u) {{
-        rest(coupling, position_m);
-    }} else if (!(position_m - coupling->position_before_m <= {jump} &&
-                 coupling->position_before_m - position_m <= {jump})) {{
-        coupling->started = 0u;
-        return {zero};
-    }}
-    coupling->position_before_m = position_m;
-{body}
+{begin}{body}
     if (!(command_n >= {lowest} && command_n <= {largest})) {{
+        rest(coupling, position_m);
         coupling->started = 0u;
         return {zero};
     }}
 {stores}
-    coupling->started = 1u;
-    return force_n;
+    return {returned};
 }}
 """
 
-_CLIPPED = """\
-#ifdef AVC_DEPTH_IS_CLIPPED
-    if (position_m <= {zero}) {{
-        coupling->started = 0u;
+# After a fault a movement is that of before, or has been seen twice.
+_DOUBT = """\
+        if (coupling->started == 1u && within(position_m - coupling->position_before_m, {jump})) {{
+            coupling->moved_before_m = position_m - coupling->position_before_m;
+        }}
+        coupling->wary = 2u;
+"""
+# A coupling begins, in the beginning and after a fault, without energy that it has not got.
+_BEGIN = """\
+    if (coupling->started == 0u) {{
+        /* No deeper than it last was, at the depth that was seen; far away a difference is coarse. */
+        {real} depth_m = coupling->position_before_m - coupling->face_m;
+        depth_m = depth_m > {zero} ? depth_m : {zero};
+        if (position_m - coupling->face_m > depth_m) {{
+            coupling->face_m = position_m - depth_m;
+            coupling->face_m = position_m - coupling->face_m > depth_m ? position_m : coupling->face_m;
+        }}
+        if (position_m - coupling->face_m > {zero}) {{
+            coupling->wary = 0u; /* it goes on with what it knows: for it no time has passed */
+        }} else {{
+            rest(coupling, position_m - coupling->face_m);
+        }}
+        coupling->started = 1u;
+    }} else {{
+        coupling->moved_before_m = position_m - coupling->position_before_m;
+        coupling->started = 2u;
+    }}
+    if (position_m <= {zero} && coupling->face_m > {zero}) {{
+        coupling->face_m = {zero};
+        rest(coupling, position_m);
+    }}
+    coupling->position_before_m = position_m;
+    if (position_m < {zero} && coupling->below < 2u) {{
+        coupling->below++;
+    }} else if (position_m >= {zero} && coupling->below < 2u) {{
+        coupling->below = 0u;
+    }}
+    clipped = position_m >= {zero} && position_m <= {zero} && coupling->below < 2u;
+    position_m = position_m - coupling->face_m;
+    if (clipped || (coupling->wary != 0u && position_m <= {zero})) {{
+        rest(coupling, position_m);
+        coupling->started = clipped ? 1u : coupling->started;
+        coupling->wary = coupling->wary != 0u ? 2u : 0u;
         return {zero};
     }}
-#endif
+    if (coupling->wary != 0u) {{
+        coupling->wary--;
+    }}
 """
-# What acts in front of the wall needs to know where that is.
-_NEVER_CLIPPED = """\
-#ifdef AVC_DEPTH_IS_CLIPPED
-#error "detents act in front of the wall: they need the position with its sign"
-#endif
+# Detents stand where they stand: behind a wall that has moved they would be others.
+_BEGIN_OUTSIDE = """\
+    if (coupling->started == 0u) {{
+        if (position_m > {zero}) {{
+            return {zero};
+        }}
+        rest(coupling, position_m);
+        coupling->started = 1u;
+    }} else {{
+        coupling->moved_before_m = position_m - coupling->position_before_m;
+        coupling->started = 2u;
+    }}
+    coupling->position_before_m = position_m;
 """
+_UNBELIEVED = (
+    "{bounds} Then the force is 0, and the next position is believed. Outside all is forgotten, and there is no force "
+    "until the device has been inside for two samples. Inside the coupling goes on at the depth that it knows: what a "
+    "device went into the wall unseen, before the first sample or meanwhile, does not count. The wall begins so much "
+    "deeper until the device has been at 0 or below, and gives back no energy that it has not got."
+)
+_SIGNLESS = (
+    "A position that is 0 where none was below 0 twice in a row since the start is taken for a depth that is clipped "
+    "at 0 (of an engine, of a proxy): outside, where there is no force and all is forgotten."
+)
+_UNBELIEVED_BY_DETENTS = (
+    "{bounds} Then the force is 0 and all is forgotten; so it is inside the wall before the first sample outside, "
+    "until the device has been at 0 or below."
+)
 
 WIDE_ENOUGH = """
 #include <float.h>
@@ -256,8 +322,8 @@ def export_c(
     Args:
         coupling: any; what runs beside its gains needs no support by the packaged firmware.
         precision: ``single`` (float) or ``double``, for processors that have it in hardware.
-        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio`` and ``cmake``
-            libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
+        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio``, ``cmake``,
+            ``esp-idf`` and ``zephyr`` libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
         name: what the files, functions, types and macros (in capitals) begin with; two couplings of two names link into
             one program.
         unsafe: whether a coupling that is not deployable is written too.
@@ -330,8 +396,25 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         table="" if program.before is None else "; on AVR the table stays in flash",
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
-        farthest=FARTHEST_M,
-        jump=program.jump_m,
+        faults="\n".join(
+            f" * {comment_lines(told.format(bounds=_unbelieved(_bounds(problem))))}"
+            for told in ((_UNBELIEVED, _SIGNLESS) if problem.detent is None else (_UNBELIEVED_BY_DETENTS,))
+        ),
+    )
+
+
+def _bounds(problem: Problem) -> SensorBounds:
+    return SensorBounds.of(problem.device, detents=problem.detent is not None)
+
+
+def _unbelieved(bounds: SensorBounds) -> str:
+    """Return which positions are not believed."""
+    return (
+        f"Not believed is a position that is NaN, infinite or beyond {FARTHEST_M:.0e} m; one that is more than "
+        f"{bounds.jump_m:.4g} m from the one before, {bounds.fastest_m_per_s:.4g} m/s, which no hand does; and one "
+        f"that comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} m outside of "
+        f"the wall, {bounds.outside_m_per_s2:.4g} m/s in a second, or {bounds.change_m:.4g} m inside, "
+        f"{bounds.acceleration_m_per_s2:.4g} m/s in a second."
     )
 
 
@@ -349,17 +432,25 @@ def _detents(problem: Problem) -> str:
 
 def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:
     literal = precision.literal
+    wall, bounds = coupling.problem.detent is None, _bounds(coupling.problem)
+    words = {"real": precision.c_type, "zero": literal(0.0)}
     return _SOURCE.format(
         id=coupling.id,
         check=WIDE_ENOUGH if precision is DOUBLE else "",
-        real=precision.c_type,
-        zero=literal(0.0),
-        jump=literal(program.jump_m),
-        clipped=_CLIPPED.format(zero=literal(0.0)) if coupling.problem.detent is None else _NEVER_CLIPPED,
+        **words,
+        believed=believed_c(precision),
+        jump=literal(bounds.jump_m),
+        change=literal(bounds.change_m),
+        outside=literal(bounds.outside_m),
+        declared="    int clipped;\n" if wall else "",
+        known="coupling->started == 1u && coupling->wary != 0u ? 2u : coupling->started"
+        if wall
+        else "coupling->started",
+        doubt=_DOUBT.format(jump=literal(bounds.jump_m)) if wall else "",
+        returned=f"coupling->wary != 0u ? {literal(0.0)} : force_n" if wall else "force_n",
+        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
         look_up="" if program.before is None else _look_up(rows, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
-        least=literal(-FARTHEST_M),
-        farthest=literal(FARTHEST_M),
         lowest=literal(-precision.largest),
         largest=literal(precision.largest),
         body=_indented(_body(program, precision)),

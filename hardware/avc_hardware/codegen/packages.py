@@ -1,4 +1,4 @@
-"""What stands round exported C: libraries for Arduino, PlatformIO and CMake, examples in C++, gains of several axes.
+"""What stands round exported C: libraries of build systems, examples in C++, gains of several axes.
 
 A comment and a name in generated C are made of allowed characters alone, so that no text becomes code.
 """
@@ -55,6 +55,8 @@ _FILES = {
     "arduino": {"library.properties": "library.properties", **_SKETCH},
     "platformio": {"library.json": "library.json", **_SKETCH},
     "cmake": {"CMakeLists.txt": "CMakeLists.txt"},
+    "esp-idf": {"CMakeLists.txt": "CMakeLists.txt", "idf_component.yml": "idf_component.yml"},
+    "zephyr": {"zephyr/module.yml": "zephyr_module.yml", "zephyr/CMakeLists.txt": "zephyr_CMakeLists.txt"},
     "chai3d": {"examples/chai3d.cpp": "chai3d.cpp", **_WALL},
     "openhaptics": {"examples/openhaptics.cpp": "openhaptics.cpp", **_WALL},
     "haply": {"examples/haply.cpp": "haply.cpp", **_WALL},

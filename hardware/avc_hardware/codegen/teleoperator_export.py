@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from avc_casadi.claims.stability.bilateral import BilateralLoops
-from avc_hardware.codegen.coupling_program import FARTHEST_M, FASTEST_M_PER_S
 from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
 from avc_hardware.codegen.operations import DOUBLE, Precision
 from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
 from avc_hardware.codegen.packages import comment, comment_lines
+from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -46,8 +46,9 @@ _HEADER = """\
  * - No new message for more than {leader_silence:.4g} s at the leader, {follower_silence:.4g} s at the follower: the
  *   force fades to 0 over {fade_s:.3g} s. Once nothing is left, whatever message comes is believed (the other end may
  *   have started anew), and the force comes back as slowly.
- * - An own position that is none, or jumps: the last good one is held, the dampers are left out, the force fades while
- *   it lasts, and no new message is made: the other end fades too.
+ * - An own position that is none, or jumps, by that speed or by a movement that differs from the one before by more
+ *   than {accelerations}: the last good one is held, the dampers are left out, the force
+ *   fades while it lasts, and no new message is made: the other end fades too.
  *
  * One thread at a time. C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is
  * refused.
@@ -82,9 +83,9 @@ typedef struct {{
     {real} position_scale, force_scale;
     {real} stiffness_n_per_m, damping_ns_per_m, local_damping_ns_per_m;
     {real} max_force_n;
-    /* The farthest that the own position goes in a sample, and the other's from one message to the next; what its
-     * encoder adds; its fastest. */
-    {real} jump_m, far_jump_m, far_step_m, far_fastest_m_per_s;
+    /* The farthest that the own position goes in a sample, that its movement changes by, and that the other's goes from
+     * one message to the next; what its encoder adds; its fastest. */
+    {real} jump_m, change_m, far_jump_m, far_step_m, far_fastest_m_per_s;
     /* In own samples: until a link is silent, and in which a force fades; messages that may lie between two. */
     unsigned long watchdog, fade;
     uint32_t most;
@@ -143,11 +144,7 @@ _SOURCE = """\
 #endif
 {check}
 {ends}
-static int within({real} value, {real} most)
-{{
-    return value >= -most && value <= most;
-}}
-
+{believed}
 /* What is left of a force that fades; 0 where it is no number. */
 static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
 {{
@@ -211,8 +208,9 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
     }} else {{
         coupling->given = 0u;
     }}
-    if (!within(own_position_m, {farthest}) ||
-        (coupling->started != 0u && !within(own_position_m - own->position_m, end->jump_m))) {{
+    if (!believed(own_position_m, own->position_m, own->velocity_m_per_s * end->sample_time_s,
+                  coupling->missed == 0ul || coupling->started == 0u ? coupling->started : 1u, end->jump_m,
+                  end->change_m)) {{
         if (coupling->missed < end->fade) {{
             coupling->missed++;
         }}
@@ -225,8 +223,8 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
     }}
     own->position_m = own_position_m;
     own->number++;
+    coupling->started = coupling->started != 0u && coupling->missed == 0ul ? 2u : 1u;
     coupling->missed = 0ul;
-    coupling->started = 1u;
 }}
 
 {real} avc_coupling_force(avc_coupling_t *coupling)
@@ -323,13 +321,10 @@ def _numbers(coupling: TeleoperatorCoupling, precision: Precision) -> dict[str, 
         "zero": literal(0.0),
         "largest": literal(precision.largest),
         "farthest": literal(FARTHEST_M),
+        "believed": believed_c(precision),
         "leader_t_literal": literal(coupling.problem.device.sample_time_s),
         "follower_t_literal": literal(coupling.follower.sample_time_s),
     }
-
-
-def _fastest(device: Device) -> float:
-    return FASTEST_M_PER_S / device.metres_per_unit
 
 
 def _silence_samples(coupling: TeleoperatorCoupling, own: Device, far: Device, delay_s: float) -> int:
@@ -375,16 +370,18 @@ def _end(
     silence, fade = _silence_samples(coupling, own, far, delay_s), _fade_samples(own)
     # What comes after a longer silence is believed whatever its number.
     most = math.ceil(((silence + fade) * own.sample_time_s + delay_s) / far.sample_time_s) + 1
-    encoders = [2 * (one.encoder_resolution_m or 0.0) for one in (own, far)]
+    bounds, fastest = SensorBounds.of(own), SensorBounds.of(far).fastest_m_per_s
+    step = 2 * (far.encoder_resolution_m or 0.0)
     numbers = (
         own.sample_time_s,
         *scales,
         *vars(gains).values(),
         precision.largest if own.max_force_n is None else own.max_force_n,
-        _fastest(own) * own.sample_time_s + encoders[0],
-        _fastest(far) * far.sample_time_s,
-        encoders[1],
-        _fastest(far) + encoders[1] / far.sample_time_s,
+        bounds.jump_m,
+        bounds.change_m,
+        fastest * far.sample_time_s,
+        step,
+        fastest + step / far.sample_time_s,
     )
     lines = [*map(precision.literal, numbers), f"{silence}ul", f"{fade}ul", f"{most}u", f"{int(feels)}u"]
     body = "".join(f"    {one},\n" for one in lines)
@@ -428,7 +425,11 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
             else ""
         ),
         "fade_s": FADE_S,
-        "fastest": _fastest(device),
+        "accelerations": " and ".join(
+            f"{SensorBounds.of(own).acceleration_m_per_s2:.4g} m/s in a second ({who})"
+            for who, own in (("leader", device), ("follower", follower))
+        ),
+        "fastest": SensorBounds.of(device).fastest_m_per_s,
         "leader_silence": _silence_samples(coupling, device, follower, to_leader) * device.sample_time_s,
         "follower_silence": _silence_samples(coupling, follower, device, to_follower) * follower.sample_time_s,
     }

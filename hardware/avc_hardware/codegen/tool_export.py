@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from avc_casadi.claims.stability.tool_loop import ToolLoops
-from avc_hardware.codegen.coupling_program import FARTHEST_M, FASTEST_M_PER_S
 from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
 from avc_hardware.codegen.operations import DOUBLE, Precision
 from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
 from avc_hardware.codegen.packages import comment, comment_lines
+from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 
 if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
@@ -85,6 +85,7 @@ typedef struct {{
     unsigned long missed, lost, silent;
     /* How far the force has faded; 0 is all of it. */
     unsigned long faded;
+    /* Known of the position: 0 nothing, 1 the last one, 2 its velocity too; and whether anything is of the engine. */
     unsigned char started, given;
 }} avc_coupling_t;
 
@@ -125,11 +126,7 @@ _SOURCE = """\
 #define WATCHDOG {watchdog}ul
 #define FADE {fade}ul
 
-static int within({real} value, {real} most)
-{{
-    return value >= -most && value <= most;
-}}
-
+{believed}
 /* What is left of a force that fades; 0 where it is no number. */
 static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
 {{
@@ -168,8 +165,8 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
     if (coupling->silent <= WATCHDOG) {{
         coupling->silent++;
     }}
-    if (!within(position_m, {farthest}) ||
-        (coupling->started != 0u && !within(position_m - coupling->position_m, {jump}))) {{
+    if (!believed(position_m, coupling->position_m, coupling->velocity_m_per_s * AVC_COUPLING_SAMPLE_TIME_S,
+                  coupling->missed == 0ul || coupling->started == 0u ? coupling->started : 1u, {jump}, {change})) {{
         coupling->velocity_m_per_s = {zero};
         if (coupling->missed < FADE) {{
             coupling->missed++;
@@ -182,8 +179,8 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
             (position_m - coupling->position_m) / (({real})(coupling->missed + 1ul) * AVC_COUPLING_SAMPLE_TIME_S);
     }}
     coupling->position_m = position_m;
+    coupling->started = coupling->started != 0u && coupling->missed == 0ul ? 2u : 1u;
     coupling->missed = 0ul;
-    coupling->started = 1u;
 }}
 
 {real} avc_coupling_force(avc_coupling_t *coupling, {given})
@@ -268,7 +265,7 @@ def export_tool_c(
 def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
     """Return what both files need of a coupling as literals."""
     device, tool, literal = coupling.problem.device, coupling.tool, precision.literal
-    fastest = FASTEST_M_PER_S / device.metres_per_unit
+    bounds = SensorBounds.of(device)
     samples = math.ceil(max(tool.step_s) / device.sample_time_s - 1e-9)
     scene, force = coupling.in_scene, device.max_force_n
     return {
@@ -282,15 +279,16 @@ def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
         "watchdog": str(_STEPS * samples),
         "fade": str(max(1, round(FADE_S / device.sample_time_s))),
         "largest": literal(precision.largest),
-        "farthest": literal(FARTHEST_M),
         "scene_farthest": literal(FARTHEST_M * tool.position_scale),
-        "jump": literal(fastest * device.sample_time_s + 2 * (device.encoder_resolution_m or 0.0)),
+        "believed": believed_c(precision),
+        "jump": literal(bounds.jump_m),
+        "change": literal(bounds.change_m),
         "position_scale": literal(tool.position_scale),
         "scene_spring": literal(scene.stiffness_n_per_m),
         "scene_damper": literal(scene.damping_ns_per_m),
         "clip": "" if force is None else _clip("AVC_COUPLING_MAX_FORCE_N"),
         "max_force": "" if force is None else f"#define AVC_COUPLING_MAX_FORCE_N {literal(force)}\n",
-        **_law(coupling, precision, fastest),
+        **_law(coupling, precision, bounds.fastest_m_per_s),
     }
 
 
@@ -361,7 +359,7 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
     """Return what the header alone tells; every text passes the allow-list of comments."""
     problem, tool, gains, scene = coupling.problem, coupling.tool, coupling.gains, coupling.in_scene
     device = problem.device
-    fastest = FASTEST_M_PER_S / device.metres_per_unit
+    bounds = SensorBounds.of(device)
     whose = "the device" if tool.exchange == "held-force" else "the device, or of the tool as the device counts it,"
     return {
         "problem": comment(problem.name or "a problem"),
@@ -385,7 +383,8 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
         "otherwise": comment_lines(_otherwise(coupling)),
         "bad": comment_lines(
             f"A number that is none (NaN, infinite), and a position of {whose} that moves faster than "
-            f"{fastest:.4g} m/s, as no hand does."
+            f"{bounds.fastest_m_per_s:.4g} m/s, as no hand does; of the device one with a movement that differs from "
+            f"the one before by more than {bounds.change_m:.4g} m, {bounds.acceleration_m_per_s2:.4g} m/s in a second."
         ).replace(" * ", " *   "),
         "fade_s": max(1, round(FADE_S / device.sample_time_s)) * device.sample_time_s,
         "steps": _STEPS,

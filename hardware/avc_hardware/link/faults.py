@@ -77,7 +77,7 @@ _ADVICE = {
 WIRED_WRONGLY = DeviceFault.ENCODER_REVERSED | DeviceFault.MOTOR_REVERSED | DeviceFault.MOTOR_DEAD
 """What commissioning may find; with any of them a device takes no table."""
 
-INTERFACE_VERSION = 8  # of the messages' meaning
+INTERFACE_VERSION = 9  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 
@@ -113,6 +113,7 @@ class Reason(IntEnum):
     FLASH = 27
     BUILT_IN = 28
     FLAGS = 29
+    OTHER_COUPLING = 30
 
 
 _SENTENCES = {
@@ -138,6 +139,8 @@ _SENTENCES = {
     Reason.FLASH: "the memory did not take it (a slot has {detail} bytes); what was kept before still is",
     Reason.BUILT_IN: "coupling {detail:08x} is built into the firmware, which takes no other; flash another",
     Reason.FLAGS: "{row} has a flag that the firmware does not know, which is older than this program; update it",
+    Reason.OTHER_COUPLING: "the gains are those of another coupling than {detail:08x}, which the device runs; push "
+    "theirs first",
     Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",

@@ -49,7 +49,7 @@ _BEGIN = struct.Struct("<IIIHHHH")
 _CHUNK = struct.Struct("<III")
 _COMMIT = struct.Struct("<III")
 _READBACK = struct.Struct("<II")
-_SET_GAINS = struct.Struct("<II3f")
+_SET_GAINS = struct.Struct("<II3fI")
 _GAINS_TAKEN = struct.Struct("<II3f")
 _RECORDS = struct.Struct("<5Ii")
 _TWO = struct.Struct("<II")
@@ -263,9 +263,9 @@ def subscribe(every: int, ticks: int) -> bytes:
     return _TWO.pack(every, ticks)
 
 
-def set_gains(number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:
-    """Payload of SET_GAINS: they hold for ``ticks``."""
-    return _SET_GAINS.pack(number, ticks, b, k, b_p)
+def set_gains(coupling_id: int, number: int, ticks: int, b: float, k: float, b_p: float) -> bytes:
+    """Payload of SET_GAINS: gains of a coupling whose table the device runs; they hold for ``ticks``."""
+    return _SET_GAINS.pack(number, ticks, b, k, b_p, coupling_id)
 
 
 def records(number: int, first: int) -> bytes:

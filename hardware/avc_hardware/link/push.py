@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi import LinkError
+from avc_casadi import InputError, LinkError
 from avc_casadi.claims.deployable import require_deployable
+from avc_casadi.coupling import Coupling
 from avc_hardware.codegen.firmware_fit import check_runs_on
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.table import TableImage
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
     from avc_casadi.model.gains import Gains
     from avc_hardware.link.bytes import ByteLink
     from avc_hardware.link.device import Device
@@ -99,7 +99,7 @@ def push(
         coupling: what is to run.
         port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
         baud: rate of a serial port.
-        safe: gains after a lost heartbeat; None is no force.
+        safe: gains after a lost heartbeat, b and k, judged as the coupling's are; None is no force.
         deadline_s: longest duration on the link's clock.
         unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
         device_id: name of the device that it is for, or number of its chip; another device is refused.
@@ -108,13 +108,15 @@ def push(
         on_silence: told once what is waited for, and how long, where the device does not answer at once.
 
     Raises:
-        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        InputError: the table cannot be sent.
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go, or its safe gains are not.
+        InputError: the table cannot be sent, or safe gains have a contact damper, which no firmware keeps.
         FirmwareLacksError: the coupling needs what the firmware does not have.
         LinkError: no device, refused, or lost on the way; the device then runs its old table or the new one, whole.
         MissingExtraError: ``emulator`` without its extra.
     """
     require_deployable(coupling, unsafe=unsafe)
+    if safe is not None:
+        _require_safe(coupling, safe, unsafe=unsafe)
     check_runs_on(coupling)  # a coupling that cannot run is refused before a port is opened
     TableImage.of(coupling, safe=safe)
     link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
@@ -159,6 +161,16 @@ def push_over(
         notes=_notes(coupling, device),
         device=upload.device,
     )
+
+
+def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
+    """Judge safe gains as the device runs them: alone, on the loop of the coupling's problem."""
+    if safe.contact_damping_ns_per_m:
+        raise InputError.of(
+            f"has a contact damper of {safe.contact_damping_ns_per_m:g} N.s/m; allowed: b and k", key="safe"
+        )
+    if safe.damping_ns_per_m or safe.stiffness_n_per_m:
+        require_deployable(Coupling.constant(coupling.problem, safe, "safe gains"), unsafe=unsafe)
 
 
 def _require_device(connection: Connection, device_id: str) -> None:

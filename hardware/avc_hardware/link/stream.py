@@ -33,7 +33,7 @@ _SHARE_LOST = 0.1
 # Streamed gains hold for so many periods; after that the device goes back to its table.
 HOLD_PERIODS = 3
 # Refusals that a stream outlives: what came of them is told at its end.
-_KEPT = {Reason.STALE, Reason.NO_TABLE, Reason.MODE}
+_KEPT = {Reason.STALE, Reason.NO_TABLE, Reason.MODE, Reason.OTHER_COUPLING}
 # How many such times to wait for that at the end.
 _PATIENCE = 20
 # When the host itself is late: still give the answer a chance.
@@ -153,7 +153,8 @@ def stream(
         frequency = before.lookup_hz
         for number in range(max(1, round(seconds * rate_hz))):
             end = start + (number + 1) / rate_hz
-            sample, answer = _sample(connection, number, hold_ticks, lookup(rows, np.float32(frequency)), end, start)
+            chosen = lookup(rows, np.float32(frequency))
+            sample, answer = _sample(connection, int(coupling.id, 16), number, hold_ticks, chosen, end, start)
             if isinstance(answer, GainsTaken):
                 frequency = answer.lookup_hz
             elif isinstance(answer, Refusal):
@@ -229,11 +230,17 @@ def faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal]) 
 
 
 def _sample(
-    connection: Connection, number: int, hold_ticks: int, chosen: Float32Array, end_s: float, start_s: float
+    connection: Connection,
+    coupling_id: int,
+    number: int,
+    hold_ticks: int,
+    chosen: Float32Array,
+    end_s: float,
+    start_s: float,
 ) -> tuple[StreamSample, m.Message | None]:
     at = connection.link.now_s()
     b, k, b_p = map(float, chosen)
-    payload = m.set_gains(number, hold_ticks, b, k, b_p)
+    payload = m.set_gains(coupling_id, number, hold_ticks, b, k, b_p)
     answer = connection.run(_send(connection.session, payload, max(end_s - at, _LEAST_WAIT_S)))
     frequency = lookup_hz = force = round_trip = math.nan
     if isinstance(answer, GainsTaken):

@@ -3,7 +3,9 @@
  *   c++ -std=c++11 -O2 -Isrc -I<CHAI3D>/src examples/chai3d.cpp src/avc_coupling.c -lchai3d ...
  *
  * CHAI3D: metres, newtons; x towards the user, y to the right, z up. Its haptic thread runs as fast as it can: the
- * SampleClock paces it. Some devices let setForce() wait for their own cycle, which must be shorter than a sample.
+ * SampleClock paces it. Some devices let setForce() wait for their own cycle, which must be shorter than a sample. The
+ * coupling takes its velocity from the positions of its own samples: getLinearVelocity() looks back over 15 ms, with
+ * which dampers that were certified do not hold.
  */
 #include <atomic>
 #include <cstdio>

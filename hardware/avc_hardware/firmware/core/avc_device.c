@@ -195,6 +195,11 @@ static void on_set_gains(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_NO_TABLE, number);
         return;
     }
+    const uint32_t running = avc_running(device)->image.header.coupling_id;
+    if (avc_get32(&request->payload[20]) != running) { /* judged with another wall */
+        avc_refuse(device, request->sequence, AVC_REFUSED_OTHER_COUPLING, running);
+        return;
+    }
     if (device->control.state.mode != AVC_MODE_TABLE) {
         avc_refuse(device, request->sequence, AVC_REFUSED_MODE, device->control.state.mode);
         return;
@@ -242,7 +247,7 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_READBACK, 8, 8, avc_on_readback},
     {AVC_MESSAGE_STATUS, 0, 0, on_status},
     {AVC_MESSAGE_HEARTBEAT, 4, 4, on_heartbeat},
-    {AVC_MESSAGE_SET_GAINS, 20, 20, on_set_gains},
+    {AVC_MESSAGE_SET_GAINS, 24, 24, on_set_gains},
     {AVC_MESSAGE_ABORT, 4, 4, avc_on_abort},
     {AVC_MESSAGE_EXCITE, AVC_PLAN_HEAD + sizeof(avc_tone_t), sizeof(avc_plan_t), avc_on_excite},
     {AVC_MESSAGE_RECORDS, 8, 8, avc_on_records},

@@ -17,7 +17,7 @@
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 8,
+    AVC_INTERFACE_VERSION = 9,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512, /* table bytes in one message */
     AVC_UNIQUE_SIZE = 12 /* bytes of the number that no other chip has; 0 where there is none */

@@ -8,6 +8,9 @@
 #include "avc_supervision.h"
 #include "avc_takeover.h"
 
+/* N/m and N.s/m: slewed to 0 a gain is small at last, and gives a force that nothing tells from none. */
+static const float no_gains = 1e-12f;
+
 static inline bool avc_streamed(avc_control_t *c, avc_gains_t *goal)
 {
     if (c->stream_fresh != 0u) {
@@ -144,6 +147,10 @@ static inline float avc_law(avc_control_t *c, const avc_table_t *table, float x,
     if (clipped || c->clipped) {
         c->clipped = clipped;
         c->fault.settled = false;
+    }
+    if ((s->mode | s->streaming) != 0u && /* safe or streamed: a table has gains */
+        s->gains.stiffness_n_per_m + s->gains.damping_ns_per_m < no_gains) {
+        c->fault.settled = false; /* nothing joins the device to the wall: what its spring holds nobody gets */
     }
     if (avc_fault_energy(&c->fault, work_j, out.stored_j)) {
         return avc_fail(c, AVC_FAULT_ENERGY, x);

@@ -143,7 +143,8 @@ typedef enum {
     AVC_REFUSED_NO_FLASH = 26,
     AVC_REFUSED_FLASH = 27,
     AVC_REFUSED_BUILT_IN = 28,
-    AVC_REFUSED_FLAGS = 29
+    AVC_REFUSED_FLAGS = 29,
+    AVC_REFUSED_OTHER_COUPLING = 30
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */
