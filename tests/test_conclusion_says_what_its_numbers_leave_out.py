@@ -79,7 +79,7 @@ def test_how_long_those_are_watched_who_still_move_is_told_where_it_is_longer_th
     changed = copy.deepcopy(document)
     assert "watched" not in lines_of(changed, "trial")[0]
     changed["trial"]["longest_s"] = 12.5
-    assert lines_of(changed, "trial")[0].endswith("; who still moves is watched for 12.5 s")
+    assert lines_of(changed, "trial")[0].endswith("; all are watched for 12.5 s")
 
 
 def test_a_loop_that_grows_beside_hands_that_rest_says_with_whom(document):

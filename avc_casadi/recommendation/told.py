@@ -59,8 +59,8 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
 
 
 def _watched(trial: dict[str, Any]) -> str:
-    """Say how long those are watched whose hand and device alone swing for longer than a trial lasts."""
-    return "" if trial["longest_s"] <= TRIAL_S else f"; who still moves is watched for {number(trial['longest_s'])} s"
+    """Say how long all are watched where hand and device alone swing for longer than a trial lasts."""
+    return "" if trial["longest_s"] <= TRIAL_S else f"; all are watched for {number(trial['longest_s'])} s"
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:

@@ -19,7 +19,7 @@ from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi.simulation.native import compiler
 from avc_casadi.simulation.population.motions import MOTIONS, QUIET, TRIAL_S, course_of
 from avc_casadi.simulation.population.settled import exact_interval
-from avc_casadi.simulation.population.trial import Conditions, Simulation, Traces, on_device, simulations
+from avc_casadi.simulation.population.trial import Conditions, Traces, on_device, simulations
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -53,7 +53,7 @@ class CouplingTrial(Tabular):
         tap_depth_m: how deep a tap goes.
         wall_n_per_m: stiffness of the wall.
         devices: number of devices that they tried it on.
-        longest_s: how long those were watched who still moved at the end of a motion.
+        longest_s: how long everybody was watched in a motion.
     """
 
     seed: int
@@ -230,34 +230,20 @@ def _simulations(
     limit = np.inf if coupling.max_force_n is None else coupling.max_force_n
     settings = {True: conditions} | ({False: conditions.without_friction()} if conditions.friction_n else {})
     for as_declared, setting in settings.items():
-        for name, watched in course_of(coupling.problem).motions.items():
-            first, *longer = (
-                partial(simulations, coupling.problem, chosen, subjects, motion, setting, duration_s)
-                for motion, duration_s in watched
-            )
+        for name, (motion, duration_s) in course_of(coupling.problem).motions.items():
             judged = partial(_figures, name if as_declared else None, limit)
-            for one in first():
-                yield (name, as_declared), partial(_fared, judged, one, longer)
+            for one in simulations(coupling.problem, chosen, subjects, motion, setting, duration_s):
+                yield (name, as_declared), partial(_fared, judged, one)
 
 
-def _fared(
-    judged: Callable[[Traces], _Figures], first: Simulation, longer: Sequence[Callable[..., Iterator[Simulation]]]
-) -> _Figures:
-    """Simulate some people; those who still move, and have not left for good, are watched for longer."""
-    figures = judged(first())
-    for simulated in longer:
-        left = first.people[~figures["stable"] & ~figures["diverged"]]
-        for more in simulated(some=left):
-            places = np.searchsorted(first.people, more.people)
-            for name, values in judged(more()).items():
-                figures[name][places] = values
-    return figures
+def _fared(judged: Callable[[Traces], _Figures], one: Callable[[], Traces]) -> _Figures:
+    return judged(one())
 
 
 def _figures(name: str | None, limit_n: float, part: Traces) -> _Figures:
     """Judge what is looked at in a motion; None is one that is only to come to rest."""
     found = part.judged()
-    figures: _Figures = {"stable": found.stable, "diverged": found.diverged}
+    figures: _Figures = {"stable": found.stable}
     if name == "press":
         limited = np.abs(found.mean_force_n) > _NEAR_LIMIT * limit_n
         figures["at_force_limit"] = limited

@@ -1,4 +1,4 @@
-"""What hands do in a trial, and how long: who still moves is watched until that would have died away by itself."""
+"""What hands do in a trial, and how long: until what hand and device do by themselves would have died away."""
 
 from __future__ import annotations
 
@@ -75,16 +75,16 @@ device may lift off the wall and fall back to it for ever."""
 # A quarter of a second more than the paper's experiment: the last tap is then a second past when rest is judged, and
 # what dies out is told from what does not.
 TRIAL_S = 3.25
-"""How long a motion lasts."""
+"""How long a motion lasts, at least."""
 LONGEST_S = 30.0
-"""How long those who still move are watched, at most."""
+"""How long one is watched, at most."""
 # So much faster than reckoned a hand may swing: what sets it going meets what still swings.
 _SURELY = 1.25
 # Longer ones grow by so much, so that devices much alike share a scene.
 _STEP_S = 0.25
 
-Watched: TypeAlias = tuple[tuple[Motion, float], ...]
-"""A motion with its duration, s; after it the same motion, followed by more rest, for those who still move."""
+Watched: TypeAlias = tuple[Motion, float]
+"""A motion with its duration, s, at whose end everybody is judged."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ class Course:
 
     @property
     def longest_s(self) -> float:
-        """How long those are watched who still move."""
-        return self.motions["press"][-1][1]
+        """How long everybody is watched."""
+        return self.motions["press"][1]
 
 
 def course_of(problem: Problem) -> Course:
@@ -114,10 +114,9 @@ def course_of(problem: Problem) -> Course:
     """
     longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S))
     longer_s = _STEP_S * float(np.ceil(longer_s / _STEP_S))
-    rests_s = (0.0, longer_s) if longer_s else (0.0,)
 
     def watched(motion: Motion) -> Watched:
-        return tuple((_resting(at_handle(motion, problem.device), rest_s), TRIAL_S + rest_s) for rest_s in rests_s)
+        return _resting(at_handle(motion, problem.device), longer_s), TRIAL_S + longer_s
 
     return Course(
         {name: watched(motion) for name, motion in MOTIONS.items()}, tuple(map(watched, BEYOND)), watched(LIGHTEST)

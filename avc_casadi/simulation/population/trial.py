@@ -8,7 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.parallel import processors
@@ -33,7 +32,7 @@ from avc_casadi.simulation.execute import Engine, execute, execute_to_speed
 from avc_casadi.simulation.judge import Judgement, judge
 from avc_casadi.simulation.native import compiler
 from avc_casadi.simulation.population.motions import Watched, felt_vibration, motions_at
-from avc_casadi.simulation.population.prepared import Prepared, prepared, with_law
+from avc_casadi.simulation.population.prepared import prepared, with_law
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -206,23 +205,6 @@ class Traces:
         )
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """Some people, simulated when it is called.
-
-    Attributes:
-        people: their places.
-        run: simulates them.
-    """
-
-    people: NDArray[np.intp]
-    run: Callable[[], Traces]
-
-    def __call__(self) -> Traces:
-        """Simulate them."""
-        return self.run()
-
-
 def traces(
     problem: Problem,
     gains: Gains | GainTable | GainSchedule,
@@ -243,8 +225,7 @@ def simulations(
     motion: Motion,
     conditions: Conditions,
     duration_s: float = DURATION_S,
-    some: NDArray[np.intp] | None = None,
-) -> Iterator[Simulation]:
+) -> Iterator[Callable[[], Traces]]:
     """Prepare to simulate everybody, some at a time; each is simulated when it is called.
 
     Args:
@@ -254,13 +235,11 @@ def simulations(
         motion: motion of their hands' target.
         conditions: what of the device is simulated.
         duration_s: how long.
-        some: places of those of the subjects who are simulated; None are all.
     """
     compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
     engine = engine_for(len(parameters))
-    places = np.arange(len(parameters)) if some is None else some
 
-    def of(people: NDArray[np.intp]) -> Traces:
+    def of(people: slice) -> Traces:
         found = execute(compiled, parameters[people], inputs, engine=engine)
         position, device = found["position_m"], problem.device
         return Traces(
@@ -275,9 +254,8 @@ def simulations(
         )
 
     at_once = min(PEOPLE_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
-    for first in range(0, len(places), at_once):
-        people = places[first : first + at_once]
-        yield Simulation(people, partial(of, people))
+    for first in range(0, len(parameters), at_once):
+        yield partial(of, slice(first, first + at_once))
 
 
 def resting(
@@ -288,18 +266,8 @@ def resting(
     conditions: Conditions,
 ) -> BoolArray:
     """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
-    scenes = [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
-    return _last_speed(scenes, scenes[0][1], engine_for(len(subjects))) < 1
-
-
-def _last_speed(scenes: Sequence[Prepared], parameters: FloatArray, engine: Engine, *, workers: int = 1) -> FloatArray:
-    """Return the speed of `execute_to_speed`; in each scene after the first that of those who moved in the last one."""
-    speed = np.full(len(parameters), np.nan)
-    left = np.arange(len(parameters))
-    for compiled, _, inputs in scenes:
-        speed[left] = execute_to_speed(compiled, parameters[left], inputs, engine=engine, workers=workers)
-        left = np.flatnonzero((speed >= 1) & np.isfinite(speed))
-    return speed
+    compiled, parameters, inputs = prepared(problem, gains, subjects, motion[0], conditions, motion[1])
+    return execute_to_speed(compiled, parameters, inputs, engine=engine_for(len(subjects))) < 1
 
 
 class Ends:
@@ -327,20 +295,21 @@ class Ends:
     ) -> None:
         self._gains, self.people, self._racing = gains, len(subjects), racing
         self._scenes = [
-            [prepared(problem, gains, subjects, one, conditions, duration_s) for one, duration_s in motion]
-            for motion, conditions in motions
+            prepared(problem, gains, subjects, motion, conditions, duration_s)
+            for (motion, duration_s), conditions in motions
         ]
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
         """Return the largest speed as of `execute_to_speed` in the motions asked about, shape (laws, people)."""
         found, left = np.zeros((len(laws), self.people)), np.arange(len(laws))
-        for scenes in self._scenes:
-            compiled = scenes[0][0]
+        for scene in self._scenes:
+            compiled, _, inputs = scene
             each = [replace(compiled, effects=with_law(compiled.effects, laws[row])) for row in left.tolist()]
             parameters = np.concatenate([one.parameter_values(self._gains) for one in each])
-            speed = _last_speed(scenes, parameters, engine_for(len(parameters)), workers=processors())
+            engine = engine_for(len(parameters))
+            speed = execute_to_speed(compiled, parameters, inputs, engine=engine, workers=processors())
             found[left] = np.maximum(found[left], np.reshape(speed, (len(left), self.people)))
-            if self._racing and scenes is not self._scenes[-1]:
+            if self._racing and scene is not self._scenes[-1]:
                 rest = (found < 1).all(axis=1)
                 found[~rest] = np.maximum(found[~rest], 1.0)
                 left = np.flatnonzero(rest)
