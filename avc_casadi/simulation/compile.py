@@ -131,8 +131,8 @@ class CompiledScene:
             )
         if self.damped:
             parts.append(np.array([gains.contact_damping_ns_per_m]))
-        shared = np.concatenate(parts) if parts else np.zeros(0)
-        return np.concatenate([np.broadcast_to(shared, (len(self._held), len(shared))), self._held], axis=1)
+        each = [np.broadcast_to(part, (len(self._held), part.shape[-1])) for part in parts]
+        return np.concatenate([*each, self._held], axis=1)
 
 
 def compile_scene(

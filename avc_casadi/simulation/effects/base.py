@@ -101,7 +101,10 @@ class SceneEffect(ABC):
 
     @property
     def numbers(self) -> FloatArray:
-        """Its parameters of a run, in the order in which it adds them to the sample; none where they are constants."""
+        """Its parameters of a run, in the order in which it adds them to the sample; none where they are constants.
+
+        Shape (n,), or (people, n) where they differ between people.
+        """
         return np.zeros(0)
 
     @property

@@ -153,6 +153,8 @@ class Encoder(SceneEffect):
     Attributes:
         resolution_m: length of a step; 0 only at the handle, for a position without steps.
         body: the body whose position is measured.
+        phase: where a step lies that reads 0, in steps, of one person each, shape (people,); None puts all at the
+            middle of a step.
     """
 
     kind: ClassVar[str] = "encoder"
@@ -162,6 +164,7 @@ class Encoder(SceneEffect):
 
     resolution_m: float
     body: str = DEVICE
+    phase: FloatArray | None = None
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
@@ -181,9 +184,15 @@ class Encoder(SceneEffect):
         """The body whose position is measured."""
         return self.body
 
+    @property
+    def numbers(self) -> FloatArray:
+        """The phase of each, shape (people, 1)."""
+        return np.zeros(0) if self.phase is None or self.resolution_m == 0 else self.phase[:, None]
+
     def sample(self, tick: Tick) -> None:
         """Quantise."""
         import casadi as ca  # noqa: PLC0415
 
         if self.resolution_m > 0:
-            tick.position = self.resolution_m * ca.floor(tick.position / self.resolution_m + 0.5)
+            phase = 0.0 if self.phase is None else tick.parameter("encoder_phase")
+            tick.position = self.resolution_m * (ca.floor(tick.position / self.resolution_m - phase + 0.5) + phase)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import zlib
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -12,6 +14,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.model.scene import Scene
 from avc_casadi.simulation.compile import CompiledScene
 from avc_casadi.simulation.effects.registry import build_effects
+from avc_casadi.simulation.effects.sensing import Encoder
 from avc_casadi.simulation.scene import compile_for, held_by, settled
 
 if TYPE_CHECKING:
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
 # Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
 # with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
 _FRICTION_SUBSTEPS = 4
+# Its multiples, without whole parts, are spread evenly however many there are.
+_GOLDEN = (math.sqrt(5) - 1) / 2
 # Scenes that are kept: all motions, watched usually and for long, with and without friction, on some two dozen devices
 # of the ranges.
 _KEPT = 512
@@ -151,4 +156,14 @@ def _staged(
     )
     scene = Scene(duration_s=duration_s, motion=motion, effects=conditions.effects() + runtime, **how)
     run = problem.changed(scene=scene)
-    return held_by(run, build_effects(run), subjects), run
+    effects = held_by(run, build_effects(run), subjects)
+    return tuple(_anywhere(one, motion, len(subjects)) for one in effects), run
+
+
+def _anywhere(effect: SceneEffect, motion: Motion, people: int) -> SceneEffect:
+    """Let the face of the wall lie anywhere between two steps of an encoder: elsewhere for each, in each motion."""
+    if not isinstance(effect, Encoder):
+        return effect
+    begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
+    phase: FloatArray = (begin + _GOLDEN * np.arange(people, dtype=np.float64)) % 1.0
+    return replace(effect, phase=phase)
