@@ -389,10 +389,9 @@ def judged_device(drawn: Drawn, random: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def swing(drawn: Drawn, *, before: bool = False, **changed: Any) -> float:
-    """Return what the last third of a loop swings by, peak to peak, or the third before it."""
-    thirds = np.array_split(made(drawn, **changed).position_m, 3)
-    return float(np.ptp(thirds[1 if before else 2]))
+def swing(drawn: Drawn, third: int = 2, **changed: Any) -> float:
+    """Return what a third of a log of a loop swings by, the last one if not another, peak to peak."""
+    return float(np.ptp(np.array_split(made(drawn, **changed).position_m, 3)[third]))
 
 
 def judged_diagnosis(
@@ -401,7 +400,7 @@ def judged_diagnosis(
     """Diagnose a loop that swings, and simulate what is advised."""
     while True:
         drawn = draw(random)
-        now, before_now = swing(drawn), swing(drawn, before=True)
+        now, before_now = swing(drawn), swing(drawn, 1)
         loop = drawn["loop"]
         without = swing(drawn, loop=replaced(loop, c=0.0, every=1, late=0)) if loop.k else 0.0
         # It goes on (what dies away slowly is nothing wrong), for the one reason.
@@ -507,10 +506,13 @@ def page(rows: list[dict[str, Any]], about_: Mapping[str, Any]) -> str:
     copied = sum(len(row["copied"]) for row in devices)
     held = [inside for row in devices for inside in row["gaps"].values()]
     cpu = [row["cpu_s"] for row in rows]
+    closing = (
+        f"A base device's value stood as if found in **{copied}** files. Of {len(held)} gaps with a range {sum(held)} "
+        f"hold the truth. Processor time a log: median {np.median(cpu):.1f} s, {sum(cpu) / 60:.0f} minutes in all."
+    )
     lines += [
         "",
-        f"A base device's value stood as if found in **{copied}** files. Of {len(held)} gaps with a range {sum(held)} hold "
-        + f"the truth. Processor time a log: median {np.median(cpu):.1f} s, {sum(cpu) / 60:.0f} minutes in all.",
+        closing,
         "",
     ]
     return "\n".join(lines)
