@@ -1,4 +1,4 @@
-"""Logs as files: CSV, JSON, NPZ and MAT v5; every fault of a file at once."""
+"""Logs as files: CSV, JSON, NPY, NPZ and MAT v5; every fault of a file at once."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def read_logs(
     """Read the logs of one device.
 
     Args:
-        paths: files that end in ``.csv``, ``.txt``, ``.json``, ``.npz`` or ``.mat``.
+        paths: files that end in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
         layout: what is said of their columns.
         added_mass_kg: known mass on the device, one of each file, or none.
 
@@ -86,7 +86,7 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     A few samples that were lost are filled in, and told.
 
     Args:
-        path: a file that ends in ``.csv``, ``.txt``, ``.json``, ``.npz`` or ``.mat``.
+        path: a file that ends in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
         layout: what is said of its columns.
 
     Returns:
@@ -156,7 +156,10 @@ def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list
 
 
 def _npz(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    with np.load(path, allow_pickle=False) as archive:
+    held = np.load(path, allow_pickle=False)
+    if isinstance(held, np.ndarray):
+        return _arrays({"rows": held}, file, layout)
+    with held as archive:
         return _arrays({name: archive[name] for name in archive.files}, file, layout)
 
 
@@ -166,8 +169,14 @@ def _mat(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fau
 
 
 def _json(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    """Read an object of arrays, a list of objects of numbers, or a list of rows of numbers."""
-    held = json.loads(path.read_text(encoding="utf-8-sig"))
+    """Read an object of arrays, a list of objects of numbers (in an object, too) or of rows, or a line for each."""
+    text = path.read_text(encoding="utf-8-sig")
+    lines = [line for line in text.splitlines() if line.strip()]
+    of_lines = len(lines) > 1 and lines[0].rstrip()[-1] in "}]"
+    held = [json.loads(line) for line in lines] if of_lines else json.loads(text)
+    if isinstance(held, dict):
+        inner = [one for one in held.values() if isinstance(one, list) and one and isinstance(one[0], dict)]
+        held = inner[0] if len(inner) == 1 else held
     if isinstance(held, list) and held and all(isinstance(row, dict) for row in held):
         held = {name: [row.get(name) for row in held] for name in held[0]}
     named = held if isinstance(held, dict) else {"rows": held}
@@ -363,6 +372,8 @@ _READERS: Mapping[str, Callable[[Path, str, Layout], tuple[list[Columns], list[F
     ".dat": _text,
     ".tsv": _text,
     ".json": _json,
+    ".jsonl": _json,
+    ".npy": _npz,
     ".npz": _npz,
     ".mat": _mat,
 }

@@ -24,7 +24,9 @@ import resource
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -523,21 +525,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=14, help="logs in all")
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--workers", type=int, default=2, help="processes")
     parser.add_argument("--only", default="", help="one kind")
     parser.add_argument("--write", action="store_true", help="overwrite results/recorded_logs.json and the page")
     args = parser.parse_args()
     made_ = about(f"python tests/benchmarks/recorded_logs.py --count {args.count} --write", args.seed)
     rows = kept_rows(OUT, made_) if args.write else []
     done = {row["number"] for row in rows}
-    for number in range(args.count):
-        if number in done or (args.only and list(KINDS)[number % len(KINDS)] != args.only):
-            continue
-        row = one(number, args.seed)
-        rows.append(row)
-        print({key: value for key, value in row.items() if key != "advice"}, flush=True)
-        if args.write:
-            write_rows(OUT, made_, rows)
-            PAGE.write_text(page(rows, made_), encoding="utf-8")
+    numbers = [number for number in range(args.count) if number not in done]
+    if args.only:
+        numbers = [number for number in numbers if list(KINDS)[number % len(KINDS)] == args.only]
+    with ProcessPoolExecutor(args.workers) as pool:
+        for row in pool.map(partial(one, seed=args.seed), numbers):
+            rows.append(row)
+            print(row, flush=True)
+            if args.write:
+                write_rows(OUT, made_, rows)
+                PAGE.write_text(page(rows, made_), encoding="utf-8")
     print(page(rows, made_))
 
 
