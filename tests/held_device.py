@@ -22,7 +22,8 @@ def held_log(law, *, mass, damping, friction, spring=0.0, load=0.0, period=1e-3,
     """
     random = np.random.default_rng(seed)
     time = np.arange(ticks) * period + scatter * random.uniform(-1.0, 1.0, ticks)
-    time = np.maximum.accumulate(time) + 1e-6 * np.arange(ticks) - time[0]
+    if scatter:
+        time = np.maximum.accumulate(time) + 1e-6 * np.arange(ticks) - time[0]
     if late:
         time = np.append(0.0, np.cumsum(period + random.exponential(late, ticks - 1)))
     velocity, position, before = 0.0, start, start
