@@ -120,6 +120,7 @@ class Judge:
             cause="relay",
             candidates=("relay",),
             evidence=evidence,
+            law=None if found.alone else found.law,
             cures=cures,
         )
 
@@ -144,6 +145,7 @@ class Judge:
             cause="rates",
             candidates=("rates",),
             evidence=[*self._evidence, told],
+            law=found.law,
             cures=cures_of_two_rates(found, answers, period),
         )
 
@@ -246,6 +248,7 @@ class Judge:
         shares: Mapping[str, float] | None = None,
         measured: Measured | None = None,
         evidence: Sequence[str] | None = None,
+        law: Law | None = None,
         cures: tuple[Cure, ...] = (),
         decides: str = "",
     ) -> Diagnosis:
@@ -261,7 +264,7 @@ class Judge:
             ticks=log.ticks,
             encoder_m=log.encoder_m,
             oscillation=self._swing.found,
-            law=self._law,
+            law=self._law if law is None else law,
             measured=measured,
             verdict=verdict,
             cause=cause,
