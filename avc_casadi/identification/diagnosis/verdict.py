@@ -204,8 +204,8 @@ class Judge:
             doubts.append("a hand trembles so of its own")
         if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
             doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
-        if fit.at_end:
-            doubts.append(f"{_at_end(fit)} at the end of what was searched, and is not found")
+        if "delay" in fit.at_end:
+            doubts.append("its delay lies at the end of what was searched, and is not found")
         if first == "encoder":
             some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
             doubts += doubts_of_encoder([answer, *some], law, log, evidence)
@@ -282,13 +282,6 @@ class Judge:
 def _answers(fits: Sequence[Fit]) -> tuple[Hypothesis, ...]:
     """Return device and hand as the likeliest fit has them."""
     return (fits[0].answer, *fits[0].draws)
-
-
-def _at_end(fit: Fit) -> str:
-    """Say what of a fit lies at the end of its search."""
-    keys = {name.removeprefix("ln_").partition("_")[0] for name in fit.at_end}
-    named = {"delay": "its delay", "device": "the device", "frequency": "its resonance"}
-    return f"{' and '.join(sorted({named.get(key, 'the hand') for key in keys}))} lies"
 
 
 def _mostly(some: Iterable[bool]) -> bool:
