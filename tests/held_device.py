@@ -1,30 +1,53 @@
-"""Logs of a mass with a damper, dry friction and a spring to ground under any law, in plain steps."""
+"""Logs of a mass with a damper, dry friction and a spring to ground under any law, in plain steps.
+
+Each part of a tick is a step of the trapezoidal rule, exact to the second order: with Euler's the position would lead
+the force by half a part, which is a negative delay.
+"""
+
+import math
 
 import numpy as np
 
 from avc_casadi.identification.record import Columns
 
 
-def held_log(law, *, mass, damping, friction, spring=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0, start=0.0,
-             limit=8.0, parts=20, rotary=False, scatter=0.0, seed=0):  # fmt: skip
-    """Return the log of a law(tick, seen, speed) -> force, its ticks even or scattered about even ones (seconds)."""
+def held_log(law, *, mass, damping, friction, spring=0.0, load=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0,
+             start=0.0, limit=8.0, parts=20, rotary=False, scatter=0.0, late=0.0, stamps=0.0, output=0.0, told=True,
+             noise=0.0, stribeck=(0.0, 1.0), seed=0):  # fmt: skip
+    """Return the log of a law(tick, seen, speed) -> force.
+
+    Its ticks are even, scattered about even ones (seconds) or each late after the one before (mean, seconds), or only
+    their `stamps` scatter; the amplifier gives the force in steps of `output`, which the log holds where they are
+    `told`, beside a constant load. Friction from rest is larger by the first of `stribeck`, gone within its speed.
+    """
     random = np.random.default_rng(seed)
     time = np.arange(ticks) * period + scatter * random.uniform(-1.0, 1.0, ticks)
-    time = np.maximum.accumulate(time + 1e-6 * np.arange(ticks)) - time[0]
+    if scatter:
+        time = np.maximum.accumulate(time) + 1e-6 * np.arange(ticks) - time[0]
+    if late:
+        time = np.append(0.0, np.cumsum(period + random.exponential(late, ticks - 1)))
     velocity, position, before = 0.0, start, start
-    late, rows = [0.0] * delay, []
+    noisy = noise * random.standard_normal(ticks)
+    more, fades = stribeck
+    waiting, rows = [0.0] * delay, []
     for tick in range(ticks):
-        seen = round(position / step) * step
-        force = float(np.clip(law(tick, seen, (seen - before) / period), -limit, limit))
+        seen = round((position + noisy[tick]) / step) * step
+        force = min(max(float(law(tick, seen, (seen - before) / period)), -limit), limit)
         before = seen
-        rows.append((seen, force))
-        late.append(force)
-        acts = late.pop(0)
-        part = (time[tick + 1] - time[tick] if tick + 1 < ticks else period) / parts
+        given = output * round(force / output) if output else force
+        rows.append((seen, given if told else force))
+        waiting.append(given)
+        acts = waiting.pop(0) + load
+        part = float(time[tick + 1] - time[tick] if tick + 1 < ticks else period) / parts
+        drag = part * (damping + spring * part / 2) / (2 * mass)
+        drags = part / mass / (1 + drag)
         for _ in range(parts):
-            free = velocity + part * (acts - damping * velocity - spring * position) / mass
-            holds = friction * part / mass
-            velocity = 0.0 if abs(free) <= holds else free - np.sign(free) * holds
-            position += part * velocity
+            holds = drags * (friction + (more * math.exp(-abs(velocity) / fades) if more else 0.0))
+            free = (velocity * (1 - drag) + part * (acts - spring * position) / mass) / (1 + drag)
+            after = 0.0 if abs(free) <= holds else free - math.copysign(holds, free)
+            position += part * (velocity + after) / 2
+            velocity = after
     seen, force = np.array(rows).T
+    if stamps:
+        time = np.sort(time + stamps * random.uniform(-1.0, 1.0, ticks))
     return Columns("held", time, seen, force, motion="rotary" if rotary else "linear")

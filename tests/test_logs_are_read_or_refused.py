@@ -64,12 +64,17 @@ def test_json_of_arrays_of_objects_and_of_rows(tmp_path):
         "arrays": {"title": "a log", **{name: values.tolist() for name, values in columns.items()}},
         "objects": [dict(zip(columns, row, strict=True)) for row in rows.tolist()],
         "rows": rows.tolist(),
+        "within": {"title": "a log", "samples": [dict(zip(columns, row, strict=True)) for row in rows.tolist()]},
     }
     layout = Layout({"time": 1, "position": 2, "force": 3}, {"time": "s", "position": "m", "force": "N"})
     for name, held in told.items():
         path = tmp_path / f"{name}.json"
         path.write_text(json.dumps(held), encoding="utf-8")
         same(read_logs([path], layout if name == "rows" else None)[0])
+    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, told["objects"])), encoding="utf-8")
+    same(read_logs([tmp_path / "a.jsonl"])[0])
+    np.save(tmp_path / "a.npy", rows)
+    same(read_logs([tmp_path / "a.npy"], layout)[0])
 
 
 def test_npz_and_mat(tmp_path):

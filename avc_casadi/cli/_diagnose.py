@@ -1,7 +1,8 @@
 """Diagnose a log of a loop that buzzes: the nearest single cause, the evidence, the remedy.
 
 Reads the logs that `avc identify` reads. Names one of: delay, too much damping, encoder limit cycle, resonance,
-stiffness over the limit, hand let go, dropped ticks, halved rate; or says that nothing is wrong, or that it cannot
+stiffness over the limit, hand let go, dropped ticks, halved rate, a force switched by a sign, two rates in one loop;
+or says that nothing is wrong, or that it cannot
 tell, between which two, and the log that would decide.
 """
 
@@ -28,7 +29,9 @@ _PICTURES = (".png", ".svg", ".pdf")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npz or .mat (v5): one record each")
+    parser.add_argument(
+        "log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npy, .npz or .mat (v5): one record each"
+    )
     add_log_layout(parser)
     parser.add_argument("--device", metavar="NAME|FILE", help="device or problem: what it was declared to be")
     parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")

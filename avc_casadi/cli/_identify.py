@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npz or .mat (v5): records")
+    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npy, .npz or .mat (v5): records")
     parser.add_argument("--out", metavar="FILE", help="write the device file (.toml)")
     parser.add_argument(
         "--device", metavar="BASE", help="device or problem: what the logs do not tell is taken from it"

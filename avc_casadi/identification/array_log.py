@@ -21,6 +21,16 @@ _HEADER_BYTES, _COMPRESSED = 128, 15
 _NUMBERS = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 
+def npy_array(stream: BinaryIO) -> Any:
+    """Return the array of numbers of an NPY file.
+
+    Raises:
+        ValueError: it is none, or claims to hold more than it does.
+    """
+    content = stream.read(MOST_BYTES + 1)
+    return _array(io.BytesIO(content), len(content))
+
+
 def npz_arrays(stream: BinaryIO, file: str) -> dict[str, Any]:
     """Return the arrays of numbers of an NPZ archive.
 

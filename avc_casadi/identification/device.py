@@ -151,7 +151,9 @@ def _meaning(key: str, found: Identification) -> str:
         if excess is not None and speed is not None:
             told += f"; {excess.value:.3g} N more from rest, which goes within {speed.value:.2g} m/s"
     if key in {"mass_kg", "damping_ns_per_m"} and "stiffness" in found.terms:
-        told += "; with what holds the device"
+        spring = found.estimates.get("stiffness_n_per_m")
+        of = "" if spring is None else f" of {spring.value:.4g} N/m"
+        told += f"; beside a spring{of} to the ground, which this file has no key for: no loop made with it has it"
     return told
 
 

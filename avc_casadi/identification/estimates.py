@@ -107,10 +107,10 @@ def _widened(
     """Return half an interval that also holds what richer models find that are not borne out and not excluded either.
 
     An amplifier's lag trades with a delay; a drift that is sure, but too small to better the prediction, moves the
-    constant force to which it belongs, by more than that force is known to. What a log of one frequency does not tell
-    from mass, damping and delay is in these.
+    constant force to which it belongs, by more than that force is known to. Dry friction that is not sure is damping
+    where it is left out. What a log of one frequency does not tell from mass, damping and delay is in these.
     """
-    for term in dict.fromkeys(("amplifier", LOOP_DAMPING, "drift", *sorted(inseparable))):
+    for term in dict.fromkeys(("amplifier", LOOP_DAMPING, "drift", "coulomb", *sorted(inseparable))):
         rival = rivals.get(term)
         if rival is None or rival.rms_m > (1 + WORTH / 2) * fit.rms_m:
             continue

@@ -28,7 +28,7 @@ _CUT_LEAVES, _EXPLAINED = 0.5, 0.1
 # A spring leaves at most this share of the force's square that a free device leaves. Of sixty devices drawn at random
 # it left 0.004 to 0.22 in nine of ten on springs (the tenth's frequency response tells), and 0.76 and more elsewhere.
 _HELD_LEAVES = 0.5
-# Share of the force that inertia is begun with where its sign is not told.
+# Share of the force that inertia is begun with where it takes less, or its sign is not told.
 _LITTLE = 0.05
 
 
@@ -75,9 +75,10 @@ def first_guess(records: Sequence[Record], *, pushed: bool = False) -> Guess:
         delay, left, whole, found = rigid
         names = names[:3]
         values = dict(zip(names, map(float, found), strict=False))
-    if values["mass_kg"] < 0 and not against:
+    little = float(np.sqrt(whole / len(motion.added_n))) * _LITTLE / motion.rms_of(0)
+    if abs(values["mass_kg"]) < little or (values["mass_kg"] < 0 and not against):
         # Below a resonance, or in friction, inertia is a small share whose sign noise may turn: the fit finds it.
-        values["mass_kg"] = _LITTLE * float(np.sqrt(whole / len(motion.added_n))) / motion.rms_of(0)
+        values["mass_kg"] = little
     offsets = {offset_of(log): -float(force) for log, force in enumerate(found[len(names) :])}
     return Guess({**values, **offsets, "delay_samples": float(delay)}, 1 - left / whole, against)
 

@@ -1,4 +1,4 @@
-"""Logs as files: CSV, JSON, NPZ and MAT v5; every fault of a file at once."""
+"""Logs as files: CSV, JSON, NPY, NPZ and MAT v5; every fault of a file at once."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import opened
 from avc_casadi._util.units import units_for
-from avc_casadi.identification.array_log import MOST_BYTES, mat_arrays, npz_arrays
+from avc_casadi.identification.array_log import MOST_BYTES, mat_arrays, npy_array, npz_arrays
 from avc_casadi.identification.record import Columns, Record, backwards_of, implausible, records_of
 from avc_casadi.identification.repair import filled, sound
 from avc_casadi.identification.text_log import TextLog
@@ -38,7 +38,7 @@ def read_logs(
     """Read the logs of one device.
 
     Args:
-        paths: files that end in ``.csv``, ``.txt``, ``.json``, ``.npz`` or ``.mat``.
+        paths: files that end in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
         layout: what is said of their columns.
         added_mass_kg: known mass on the device, one of each file, or none.
 
@@ -83,7 +83,7 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     A few samples that were lost are filled in, and told.
 
     Args:
-        path: a file that ends in ``.csv``, ``.txt``, ``.json``, ``.npz`` or ``.mat``.
+        path: a file that ends in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
         layout: what is said of its columns.
 
     Returns:
@@ -143,6 +143,10 @@ def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list
         return [], [Fault(file, None, "", f"is not read as {ending} ({first}){hint}")]
 
 
+def _npy(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
+    return _arrays({"rows": npy_array(stream)}, file, layout)
+
+
 def _npz(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
     return _arrays(npz_arrays(stream, file), file, layout)
 
@@ -152,8 +156,14 @@ def _mat(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], li
 
 
 def _json(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    """Read an object of arrays, a list of objects of numbers, or a list of rows of numbers."""
-    held = json.loads(stream.read(_LARGEST_JSON + 1).decode("utf-8-sig"))
+    """Read an object of arrays, a list of objects of numbers (in an object, too) or of rows, or a line for each."""
+    text = stream.read(_LARGEST_JSON + 1).decode("utf-8-sig")
+    lines = [line for line in text.splitlines() if line.strip()]
+    of_lines = len(lines) > 1 and lines[0].rstrip()[-1] in "}]"
+    held = [json.loads(line) for line in lines] if of_lines else json.loads(text)
+    if isinstance(held, dict):
+        inner = [one for one in held.values() if isinstance(one, list) and one and isinstance(one[0], dict)]
+        held = inner[0] if len(inner) == 1 else held
     if isinstance(held, list) and held and all(isinstance(row, dict) for row in held):
         held = {name: [row.get(name) for row in held] for name in held[0]}
     named = held if isinstance(held, dict) else {"rows": held}
@@ -268,6 +278,8 @@ _UNREADABLE = (
 _READERS: Mapping[str, tuple[int, Callable[[BinaryIO, str, Layout], tuple[list[Columns], list[Fault]]]]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), (_LARGEST_TEXT, _text)),
     ".json": (_LARGEST_JSON, _json),
+    ".jsonl": (_LARGEST_JSON, _json),
+    ".npy": (MOST_BYTES, _npy),
     ".npz": (MOST_BYTES, _npz),
     ".mat": (MOST_BYTES, _mat),
 }

@@ -155,9 +155,9 @@ def remarks(
     if "stiffness" in fit.structure.terms:
         stiffness = number(fit.values["stiffness_n_per_m"] * radius_m**2)
         notes.append(
-            f"a spring of {stiffness} N/m holds the device (a hand, a cable, gravity along an arc): mass and damping "
-            f"are "
-            "those of the device with what holds it; log it let go"
+            f"a spring of {stiffness} N/m holds the device (its own, a hand, a cable, gravity along an arc): mass and "
+            "damping are those of the device with what holds it. A device file has no key for the spring: loops are "
+            "designed and judged without it, softer by it than they are; log the device released where it can be"
         )
     other = at_the_other_side(fit)
     if other:

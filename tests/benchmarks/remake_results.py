@@ -77,6 +77,7 @@ STUDIES = (
     Study("identification.py --lost 0.005 --count 40 --seed 2930 --write", None, ("identification_lost",)),
     Study("real_drive.py emps_pulses.csv --write", None, ("real_drive",)),
     Study("diagnosis.py", None, ("diagnosis",)),
+    Study("recorded_logs.py --count 200 --write", None, ("recorded_logs",)),
     Study("round_trip.py", None, ("round_trip",)),
     Study("frontier.py 200", None, ("frontier",)),
     Study("reach.py 10000", None, ("reach",)),

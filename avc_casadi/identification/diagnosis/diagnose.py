@@ -21,7 +21,7 @@ from avc_casadi.identification.diagnosis.law import Law, find_law, without_repea
 from avc_casadi.identification.diagnosis.log import Log, log_of
 from avc_casadi.identification.diagnosis.model import Diagnosis
 from avc_casadi.identification.diagnosis.oscillation import Swing, find_oscillation
-from avc_casadi.identification.diagnosis.plant import Fit, fit_plants
+from avc_casadi.identification.diagnosis.plant import fit_plants
 from avc_casadi.identification.diagnosis.relay import find_relay, find_two_rates
 from avc_casadi.identification.diagnosis.saturation import exceeded, limited
 from avc_casadi.identification.diagnosis.verdict import Judge
@@ -133,18 +133,15 @@ def _by_another_law(
     most = math.inf if law is None or not law.told else _BETTER * law.misfit
     if most < _BETTER * _EXACT:
         return None
-    relay = find_relay(grid, swing, declared.device.max_force_n)
+    device = declared.device
+    relay = find_relay(grid, swing, device.max_force_n, device.coulomb_friction_n)
     rates = None if relay is not None else find_two_rates(grid)
-    other = relay.law if relay is not None else None if rates is None else rates.law
-    if other is not None and other.misfit > most:
+    other = relay or rates
+    if other is None or other.law.misfit > most:
         return None
-    fits: list[Fit] = []
-    if other is not None:
-        with progress.step("device and hand"):
-            fits = fit_plants(grid, swing, declared, other.lag, _DRAWS, seed)
-    if relay is not None:
-        return judge.relay(relay, fits)
-    return None if rates is None else judge.two_rates(rates, fits)
+    with progress.step("device and hand"):
+        fits = fit_plants(grid, swing, declared, other.law.lag, _DRAWS, seed)
+    return judge.relay(relay, fits) if relay is not None else judge.two_rates(rates, fits) if rates else None
 
 
 def _check_motion(columns: Columns, device: Device | None) -> None:

@@ -154,6 +154,34 @@ def growth_over(answer: Hypothesis, law: Law, ran: BoolArray) -> float:
     return 2 * grown / (_MOST_TICKS * answer.device.sample_time_s)
 
 
+def growth_of_two_rates(answer: Hypothesis, law: Law, slow: str, ticks: int, late: int) -> float:
+    """Return the growth of the loop whose spring or damper is new once a frame, 1/s, from one frame to the next.
+
+    Args:
+        answer: device and hand.
+        law: both gains.
+        slow: "spring" or "damper": what holds the value of its last frame.
+        ticks: of a frame.
+        late: frames from a position to its force, beside those of the frame itself.
+    """
+    period = answer.device.sample_time_s
+    matrix, push, measured = _plant(answer, law.lag)
+    s = len(measured)
+    # Beside the plant: the position before, that of the last frame, and the values that wait, each as a row of all.
+    whole = np.eye(s + 3 + late)
+    states, before, framed, waiting = whole[:s], whole[s], whole[s + 1], list(whole[s + 2 :])
+    for tick in range(ticks):
+        here = measured @ states
+        if tick == 0:
+            waiting = [*waiting[1:], here if slow == "spring" else (here - framed) / (ticks * period)]
+            framed = here
+        spring, speed = (waiting[0], (here - before) / period) if slow == "spring" else (here, waiting[0])
+        force = law.stiffness_n_per_m * spring + law.damping_ns_per_m * speed
+        states, before = matrix[0] @ states + np.outer(push[0], force), here
+    frame = np.concatenate([states, [before, framed], waiting])
+    return math.log(max(float(_radius(frame)), 1e-300)) / (ticks * period)
+
+
 def limit_of(answer: Hypothesis, law: Law, gain: str) -> float | None:
     """Return the largest factor, at most 1, of a gain at which the loop comes to rest; None where none does.
 

@@ -25,6 +25,9 @@ _ASSUMED = {"mass_kg": 0.1, "damping_ns_per_m": 1.0, "delay_samples": 1.0}
 # Mass, damping and stiffness of hardly any hand.
 _LEAST_HAND = np.array([[1e-3], [0.1], [5.0]])
 
+# How far, in samples, a delay lies from the declared one where it is not what is wrong.
+_PUNCTUAL = 0.15
+
 
 @dataclass(frozen=True)
 class Declared:
@@ -68,6 +71,13 @@ class Declared:
         """Delay that was declared, samples of the device: the upper end where a range was."""
         most = self.device.range.delay_samples
         return float(self.device.delay_samples if most is None else most[1])
+
+    def delay_prior(self) -> tuple[float, float]:
+        """Return middle and standard deviation of the declared delay, samples: of a range, anywhere within it."""
+        ends = self.device.range.delay_samples
+        if ends is None:
+            return float(self.device.delay_samples), _PUNCTUAL
+        return float(np.mean(ends)), math.hypot(_PUNCTUAL, float(np.ptp(ends)) / math.sqrt(12))
 
     def box(self) -> Hand:
         """Return the corners and the middle of the ranges of hands."""

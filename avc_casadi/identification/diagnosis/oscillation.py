@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -95,8 +95,39 @@ class Swing:
     envelope_m: FloatArray
 
 
+# Of fewer cycles in a window a line is not apart from what is slower: Hann's lobe is four bins wide.
+_CYCLES_OF_A_WINDOW = 2.5
+# What may be slow: so many times longer windows, and motion over so many steps that no rounding feigns it.
+_LONGER, _FAR_STEPS = 4.0, 14.0
+
+
 def find_oscillation(log: Log) -> Swing:
-    """Find the oscillation of a log."""
+    """Find the oscillation of a log; one below `LOWEST_HZ` where nothing else swings as fast."""
+    found = _found(log)
+    fast = found.found
+    if fast.sustained and fast.frequency_hz > _CYCLES_OF_A_WINDOW / _WINDOW_S:
+        return found
+    slow = _found_in_longer_windows(log)
+    goes_on = slow.found.kind in {"limit cycle", "growing"} and not slow.found.steps < _FAR_STEPS
+    beside = fast.sustained and not _passes(log, found) and _speed(found) > _speed(slow)
+    return slow if goes_on and not beside else found
+
+
+def _found_in_longer_windows(log: Log) -> Swing:
+    """Find the oscillation of a log as if it ran faster, and tell it in its own time."""
+    ticks = replace(log.ticks, sample_time_s=log.ticks.sample_time_s / _LONGER)
+    swing = _found(replace(log, ticks=ticks, start_s=log.start_s / _LONGER))
+    one = swing.found
+    rates = {
+        key: getattr(one, key) / _LONGER
+        for key in ("frequency_hz", "frequency_error_hz", "growth_per_s", "growth_error_per_s")
+    }
+    times = {key: getattr(one, key) * _LONGER for key in ("begins_s", "ends_s")}
+    return replace(swing, found=replace(one, **rates, **times))
+
+
+def _found(log: Log) -> Swing:
+    """Find the oscillation of a log above `LOWEST_HZ`."""
     period = log.ticks.period_s
     position = log.position_m
     n = position.size

@@ -18,7 +18,7 @@ from avc_casadi.identification.diagnosis.oscillation import Swing
 from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
 
-# Below a third of the oscillation, motion is the hand's own doing; within these frequencies.
+# Below a third of the oscillation, motion is the hand's own doing; within these frequencies, and below half of it.
 _SLOW_HZ = (2.5, 40.0)
 _SHORTEST_DELAY = 0.002
 # ln of the odds against a resonance that nobody declared, for each of its three numbers.
@@ -29,8 +29,10 @@ _LATER = 2.5
 _REWEIGHED = 2
 # What is damped more than this is no resonance, and what rings more slowly no structure that nobody declared: a hand.
 _MOST_DAMPED, _SLOWEST_HZ = 0.15, 25.0
-# How far, in samples, a delay may lie from the declared one: where it may be what is wrong, and where it is not.
-_LATE, _PUNCTUAL = 4.0, 0.15
+# How far, in samples, a delay may lie from the declared one where it may be what is wrong.
+_LATE = 4.0
+# Share of what is searched from an end within which nothing was found.
+_AT_END = 1e-3
 # Numbers that have died away further only make the arithmetic slow.
 _NOTHING = 1e-60
 # Spread of ln mass and damping of a device, where they are searched for: of one that was declared, of one assumed.
@@ -52,6 +54,7 @@ class Fit:
         cost: minus the logarithm of the evidence: half the sum of squares, with what was known before, and `volume`.
         volume: logarithm of how much of what was thought possible the log leaves.
         misfit: residual of the window that it explains best, over what encoder and noise leave.
+        at_end: unknowns that lie at the end of what was searched: they are not found. No delay is one.
     """
 
     held: bool
@@ -63,6 +66,7 @@ class Fit:
     cost: float
     volume: float
     misfit: float
+    at_end: tuple[str, ...]
 
 
 class Search:
@@ -83,7 +87,7 @@ class Search:
     ) -> None:
         self.held, self.mode, self.late, self.grip = held, mode, late, grip
         self._hertz = hertz
-        self._slow_hz = float(np.clip(hertz / 3, *_SLOW_HZ))
+        self._slow_hz = min(float(np.clip(hertz / 3, *_SLOW_HZ)), hertz / 2)
         # The first window is the end of the oscillation.
         self._count = len(windows)
         self._windows = {
@@ -92,8 +96,10 @@ class Search:
         self._log, self._declared = log, declared
         self.names: list[str] = ["delay"]
         device = declared.device
-        meant = declared.longest_delay * device.sample_time_s / log.ticks.period_s - lag
-        middle, spread = [max(meant, 0.0)], [_LATE if late else _PUNCTUAL]
+        own = device.sample_time_s / log.ticks.period_s
+        within, wide = declared.delay_prior()
+        meant = (declared.longest_delay if late else within) * own - lag
+        middle, spread = [max(meant, 0.0)], [_LATE if late else max(wide * own, wide)]
         if held:
             # The mass behind a grip hardly moves where a loop swings.
             self.names += [*([] if grip else ["ln_mass"]), "ln_damping", "ln_stiffness"]
@@ -231,7 +237,10 @@ class Search:
         odds = 3 * _ODDS if self.mode == "found" else 0.0
         # An integral over the spread of the unknowns weighs structures of several of them.
         volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(self._spread)))
+        near = _AT_END * (self._high - self._low)
+        ends = (solved.x > self._high - near) | ((solved.x < self._low + near) & (np.array(self.names) != "delay"))
         return Fit(
+            at_end=tuple(name for name, there in zip(self.names, ends, strict=True) if there),
             held=self.held,
             mode=self.mode,
             late=self.late,
@@ -328,6 +337,8 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
         # Then that hand is part of the explanation, with its own unknowns.
         before += min(fit.volume for _, fit in hands)
     fits = [fit if fit.held else replace(fit, cost=fit.cost + before) for fit in fits]
+    # A resonance at the end of what was searched is not found.
+    fits = [fit for fit in fits if fit.mode != "found" or not set(_MODE) & set(fit.at_end)]
     return sorted(fits, key=lambda fit: fit.cost)
 
 

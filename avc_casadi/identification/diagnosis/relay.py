@@ -15,6 +15,7 @@ part is late by half its own period and by what its frame waits.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,34 +45,40 @@ class Relay:
     """F = c sign(s) + k x + b dx/dt + a constant.
 
     Attributes:
-        force_n: c.
+        force_n: c, below 0 where it pushes along: dry friction that is compensated.
         by: what is switched by: the position, the speed, or the sign of the force itself (a minimum force).
         at_m: of a position, where.
-        law: the spring and the damper beside it; None where there are none.
+        law: the spring and the damper beside it, without either where there are none.
     """
 
     force_n: float
     by: str
     at_m: float
-    law: Law | None
+    law: Law
+
+    @property
+    def alone(self) -> bool:
+        """Whether nothing is rendered beside it."""
+        return not self.law.stiffness_n_per_m and not self.law.damping_ns_per_m
 
     def sentence(self) -> str:
         """Say how the force is made."""
         where = {
             "position": f"where the position crosses {number(self.at_m, 3)} m",
-            "speed": "with the direction of the motion",
+            "speed": "against the motion" if self.force_n > 0 else "along the motion (friction that is compensated)",
             "force": "with its own sign: no force is smaller (a minimum force)",
         }[self.by]
-        return f"a force of +-{number(self.force_n, 3)} N is switched {where}"
+        return f"a force of +-{number(abs(self.force_n), 3)} N is switched {where}"
 
 
-def find_relay(log: Log, swing: Swing, limit_n: float | None) -> Relay | None:
+def find_relay(log: Log, swing: Swing, limit_n: float | None, friction_n: float) -> Relay | None:
     """Return the force that a sign switches while a log swings, or None.
 
     Args:
         log: on its grid.
         swing: its oscillation.
         limit_n: force limit of the device, at which forces are cut.
+        friction_n: of the device; what is pushed along the motion beyond it feeds a swing, however small.
     """
     part = slice(swing.first, swing.last)
     force, position, ran = log.force_n[part], log.position_m[part], log.ran[part]
@@ -84,17 +91,26 @@ def find_relay(log: Log, swing: Swing, limit_n: float | None) -> Relay | None:
     least = np.inf
     for lag in range(_MOST_LAG + 1):
         rows = np.flatnonzero(whole[lag + 1 :]) + lag + 1
+        if rows.size < _FEWEST:
+            break
         edge = _edge(force, position, rows, lag)
         signs = {
             "position": np.sign(position[rows - lag] - edge),
             "speed": np.sign(speed[rows - lag]),
+            "speed of the last tick": np.sign(position[rows - lag] - position[rows - lag - 1]),
             "force": np.sign(force[rows]),
         }
-        for by, sign in signs.items():
+        for name, sign in signs.items():
+            by = name.partition(" ")[0]
             if by != "force" and sizes <= _SIZES and _follows(force[rows], sign):
-                return Relay(float(np.ptp(force)) / 2, by, edge, None)
+                along = float(np.mean(force[rows] * sign))
+                size = math.copysign(float(np.ptp(force)) / 2, along)
+                return Relay(size, by, edge, Law(0.0, 0.0, 0.0, lag, edge, 1e-12, int(rows.size)))
             found = None if sizes <= _SIZES else _fit(force, position, rows, lag, sign, log.ticks.period_s)
-            if found is not None and found[1].misfit < _BETTER * least:
+            if found is None or not found[1].misfit < _BETTER * least:
+                continue
+            feeds = by == "speed" and found[0] < 0 and 0 < friction_n < -found[0]
+            if feeds or 2 * abs(found[0]) > _SHARE * float(np.ptp(force[rows])):
                 best, least = Relay(found[0], by, edge, found[1]), found[1].misfit
     return best
 
@@ -103,14 +119,19 @@ def _edge(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -
     """Return the position at which the force jumps."""
     jumps = np.abs(force[rows] - force[rows - 1])
     at = rows[jumps > 0.5 * jumps.max()]
-    return float(np.median((position[at - lag] + position[at - lag - 1]) / 2))
+    sides = np.sort([position[at - lag], position[at - lag - 1]], axis=0)
+    low, high = float(sides[0].max()), float(sides[1].min())
+    if low > high:
+        # Not one place is between the positions of every jump.
+        return float(np.median(sides))
+    return 0.0 if low <= 0 <= high else (low + high) / 2
 
 
 def _follows(force: FloatArray, sign: FloatArray) -> bool:
     middle = (float(force.min()) + float(force.max())) / 2
     moves = sign != 0
-    same: BoolArray = np.sign(force - middle)[moves] == sign[moves]
-    return bool(moves.mean() > 0.5 and same.mean() > _FOLLOWS)
+    same = float(np.mean(np.sign(force - middle)[moves] == sign[moves])) if moves.any() else 0.5
+    return bool(moves.mean() > 0.5 and max(same, 1 - same) > _FOLLOWS)
 
 
 def _fit(
@@ -123,11 +144,11 @@ def _fit(
     without = regression(plain, force[rows])[1] / swings
     told, left_n, _ = regression(np.column_stack([plain, sign]), force[rows])
     size, left = float(told[3]), left_n / swings
-    if left > min(_LEFT, _BETTER * without) or 2 * abs(size) < _SHARE * float(np.ptp(force[rows])):
+    if left > min(_LEFT, _BETTER * without):
         return None
     k, b = float(told[0]), float(told[1]) * period_s
     slack = float(x.mean()) - float(told[2]) / k if k else float(x.mean())
-    return abs(size), Law(k, b, 0.0, lag, slack, max(left, 1e-12), int(rows.size))
+    return size, Law(k, b, 0.0, lag, slack, max(left, 1e-12), int(rows.size))
 
 
 _FEWEST_JUMP = 25

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from avc_casadi._util.text import number
 from avc_casadi.identification.diagnosis.causes import meant_period, shorter
@@ -13,6 +15,7 @@ from avc_casadi.identification.diagnosis.counterfactual import NOTHING, can_repl
 from avc_casadi.identification.diagnosis.hypothesis import (
     Hypothesis,
     at_period,
+    growth_of_two_rates,
     growth_over,
     limit_of,
     longest_delay,
@@ -23,6 +26,7 @@ from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.model import Cure
+from avc_casadi.identification.diagnosis.relay import Relay, TwoRates
 from avc_casadi.simulation.effects.filters import Notch
 
 # Of a limit, so much is left.
@@ -67,6 +71,92 @@ def cures_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Decla
     if cause in {"stiffness", "damping"}:
         found += _delay(answer, law, log, declared)
     return tuple(cure for cure in found if cure.rests)
+
+
+_SLOPES = np.geomspace(1.0, 1e-4, 33)
+# The steepest of minimum forces: its gain over that of the loop.
+_STEEPEST = 100.0
+
+
+def cures_of_relay(found: Relay, answers: Sequence[Hypothesis], log: Log, friction_n: float) -> tuple[Cure, ...]:
+    """Return what brings a loop to rest whose force a sign switches: a width in place of an edge, or less of it.
+
+    Over a width the force of a sign has the slope c/w: at the largest gain that the loop bears in every answer, with a
+    reserve, it rests between it and none.
+
+    Args:
+        found: what is switched.
+        answers: device and hand, as far as the log bears them out.
+        log: on its grid.
+        friction_n: of the device.
+    """
+    size, law = found.force_n, found.law
+    if size < 0:
+        share = _RESERVE * friction_n
+        change = f"{number(share, 3)} N along the motion in place of {number(-size, 3)}: less than the friction"
+        mode = worst_mode(answers[0], law)
+        return (Cure(change, "switched_n", share, mode.growth_per_s, mode.stable),)
+    step = log.encoder_m or 1e-4 * float(np.ptp(log.position_m))
+    steepest = {"position": size / step, "speed": size * log.ticks.period_s / step, "force": _STEEPEST}[found.by]
+    slopes = [float(slope) for slope in steepest * _SLOPES if _all_rest(answers, _sloped(found, float(slope)))]
+    if not slopes:
+        return ()
+    own = {"position": law.stiffness_n_per_m, "speed": law.damping_ns_per_m, "force": 1.0}[found.by]
+    slope = _RESERVE * (own + slopes[0]) - own
+    if not slope > 0 or not _all_rest(answers, _sloped(found, slope)):
+        return ()
+    width = size / slope
+    unit, gain = {"position": ("m", "N/m"), "speed": ("m/s", "N.s/m"), "force": ("N", "")}[found.by]
+    change = f"the {number(size, 3)} N over a width of {number(width, 3)} {unit} to either side in place of at once"
+    change += f" (a slope of {number(slope, 3)} {gain})" if gain else " (of the force itself)"
+    growth = worst_mode(answers[0], _sloped(found, slope)).growth_per_s
+    return (Cure(change, "switch_width", width, growth, rests=True),)
+
+
+def _sloped(found: Relay, slope: float) -> Law:
+    """Return the law within the width of what was a sign."""
+    law = found.law
+    if found.by == "position":
+        return replace(law, stiffness_n_per_m=law.stiffness_n_per_m + slope)
+    if found.by == "speed":
+        return replace(law, damping_ns_per_m=law.damping_ns_per_m + slope)
+    gain = 1 + slope
+    return replace(law, stiffness_n_per_m=gain * law.stiffness_n_per_m, damping_ns_per_m=gain * law.damping_ns_per_m)
+
+
+def cures_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period_s: float) -> tuple[Cure, ...]:
+    """Return what brings a loop of two rates to rest: one rate, or less of the slow part, at the rates as they are.
+
+    Args:
+        found: the two.
+        answers: device and hand, as far as the log bears them out.
+        period_s: of the quick part.
+    """
+    mode = worst_mode(answers[0], found.law)
+    change = f"the {found.slow} computed every {number(1e3 * period_s, 3)} ms too"
+    cures = [Cure(change, "sample_time_s", period_s, mode.growth_per_s, mode.stable)]
+    key = "stiffness_n_per_m" if found.slow == "spring" else "damping_ns_per_m"
+    now = float(getattr(found.law, key))
+    for factor in _SOFTER_AT_TWO_RATES:
+        softer = replace(found.law, **{key: factor * now})
+        growths = [growth_of_two_rates(one, softer, found.slow, found.ticks, found.late) for one in answers]
+        if max(growths) < 0:
+            value = _RESERVE * factor * now
+            last = growth_of_two_rates(
+                answers[0], replace(found.law, **{key: value}), found.slow, found.ticks, found.late
+            )
+            symbol, unit = ("k", "N/m") if found.slow == "spring" else ("b", "N.s/m")
+            change = f"{symbol} = {number(value, 3)} {unit} in place of {number(now, 3)}, at the two rates as they are"
+            cures.append(Cure(change, key, value, last, last < 0))
+            break
+    return tuple(cure for cure in cures if cure.rests)
+
+
+_SOFTER_AT_TWO_RATES = np.geomspace(0.9, 0.05, 12).tolist()
+
+
+def _all_rest(answers: Sequence[Hypothesis], law: Law) -> bool:
+    return all(worst_mode(one, law).stable for one in answers)
 
 
 def _of(change: str, key: str, value: float, answer: Hypothesis, law: Law, **factors: float) -> Cure:

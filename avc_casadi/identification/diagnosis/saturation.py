@@ -1,4 +1,4 @@
-"""Saturation: whether the force limit bounds a swing, and whether one swings evenly that nothing bounds."""
+"""Saturation and work: whether the force limit bounds a swing, whether nothing does, whether the force feeds it."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_mod
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing
+from avc_casadi.model.device import Device
 
 # A force within this share of its limit stands at it.
 _TOP = 0.999
@@ -69,6 +70,26 @@ def unlimited(log: Log, found: Oscillation, limit_n: float | None) -> bool:
     cut = limit_n is not None and size.max() >= _TOP_EVEN * limit_n
     limited = np.mean(top) > 1 - _ALWAYS and (cut or np.ptp(log.position_m[top]) > _ONE_COUNT * log.encoder_m)
     return bool(found.contact_share > _ALWAYS and not limited)
+
+
+def fed(log: Log, swing: Swing, device: Device) -> bool:
+    """Return whether the commanded force does the work that a swing takes, or a hand does.
+
+    In a loop that swings by itself the force does what damping and friction take; where a hand moves the device in a
+    wall, the force takes work, or does no more than its delay makes of it. Half of it is the middle of the two.
+
+    Args:
+        log: on its grid.
+        swing: its oscillation.
+        device: as declared, or assumed.
+    """
+    late = round(float(device.delay_samples))
+    part = slice(swing.first + late, swing.last)
+    moved = np.diff(log.position_m[part])
+    acts = -log.force_n[swing.first : swing.last - late][:-1]
+    speed = moved / log.ticks.period_s
+    takes = float(np.sum(device.damping_ns_per_m * speed * moved + device.coulomb_friction_n * np.abs(moved)))
+    return float(np.sum(acts * moved)) > takes / 2
 
 
 def outgrows(answer: Hypothesis, law: Law, log: Log, found: Oscillation, limit_n: float | None) -> bool:

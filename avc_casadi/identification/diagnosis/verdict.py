@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,17 +19,17 @@ from avc_casadi.identification.diagnosis.evidence import (
     named_sentence,
     toggles,
 )
-from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_mode
+from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, growth_of_two_rates, worst_mode
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.limit_cycle import passes
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.model import Cure, Diagnosis, Measured, Trace, Verdict
-from avc_casadi.identification.diagnosis.oscillation import Swing
+from avc_casadi.identification.diagnosis.oscillation import LOWEST_HZ, Swing
 from avc_casadi.identification.diagnosis.plant import Fit
 from avc_casadi.identification.diagnosis.relay import Relay, TwoRates, find_jump, jump_sentence
-from avc_casadi.identification.diagnosis.remedies import cures_of
-from avc_casadi.identification.diagnosis.saturation import GROWN, unlimited
+from avc_casadi.identification.diagnosis.remedies import cures_of, cures_of_relay, cures_of_two_rates
+from avc_casadi.identification.diagnosis.saturation import GROWN, fed, unlimited
 
 # A cause is named where the odds for it are two to one: of 200 logs drawn at random that names five more than a share
 # of 0.8 and no rival above 0.12 did, all of them rightly.
@@ -62,6 +62,12 @@ class Judge:
         if not found.sustained:
             what = "an oscillation comes and dies away" if found.kind == "decaying" else "nothing swings"
             return self._made("nothing wrong", f"nothing wrong: {what} in {number(_seconds(log), 3)} s")
+        if found.frequency_hz < LOWEST_HZ and not fed(log, self._swing, self._declared.device):
+            said = (
+                f"nothing wrong: above {LOWEST_HZ:g} Hz nothing swings, and what goes to and fro at "
+                f"{number(found.frequency_hz, 2)} Hz takes work from the force: a hand moves it"
+            )
+            return self._made("nothing wrong", said)
         if toggles(found) and felt(log, self._swing, self._declared) < 1:
             said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
             return self._made("nothing wrong", said)
@@ -98,17 +104,25 @@ class Judge:
 
         Args:
             found: what is switched.
-            fits: of device and hand, likeliest first; none where nothing is rendered beside it.
+            fits: of device and hand, likeliest first.
         """
-        if found.law is not None and not _mostly_rests(fits, found.law):
+        if not found.alone and not _mostly(worst_mode(one, found.law).stable for one in _answers(fits)):
             return None
-        said = (
-            f"{CAUSES['relay']}: {found.sentence()}, which no loop with a delay holds; let it grow over a width "
-            "instead (a slope below the limit of k), or give it a dead zone beyond the encoder's step"
+        friction_n = self._declared.device.coulomb_friction_n
+        cures = cures_of_relay(found, _answers(fits), self._log, friction_n)
+        why = "which no loop with a delay holds" if found.force_n > 0 else "which feeds the swing beyond the friction"
+        evidence = [*self._evidence, found.sentence()]
+        if not found.alone:
+            evidence.append("with its spring and damper alone the loop model rests")
+        return self._made(
+            "named",
+            f"{CAUSES['relay']}: {found.sentence()}, {why}",
+            cause="relay",
+            candidates=("relay",),
+            evidence=evidence,
+            law=None if found.alone else found.law,
+            cures=cures,
         )
-        more = "" if found.law is None else " with its spring and damper alone the loop model rests"
-        evidence = [*self._evidence, f"{found.sentence()};{more}" if more else found.sentence()]
-        return self._made("named", said, cause="relay", candidates=("relay",), evidence=evidence)
 
     def two_rates(self, found: TwoRates, fits: Sequence[Fit]) -> Diagnosis | None:
         """Return the verdict where two parts of the force have rates of their own, and one rate would bring rest.
@@ -117,31 +131,29 @@ class Judge:
             found: the two.
             fits: of device and hand, likeliest first.
         """
-        if not _mostly_rests(fits, found.law):
+        answers = _answers(fits)
+        if not _mostly(worst_mode(one, found.law).stable for one in answers) or not _mostly(
+            growth_of_two_rates(one, found.law, found.slow, found.ticks, found.late) > 0 for one in answers
+        ):
             return None
-        period, mode = self._log.ticks.period_s, worst_mode(fits[0].answer, found.law)
+        period = self._log.ticks.period_s
         told = found.sentence(period)
-        cure = Cure(
-            f"the {found.slow} computed every {number(1e3 * period, 3)} ms too",
-            "sample_time_s",
-            period,
-            mode.growth_per_s,
-            mode.stable,
-        )
+        why = "comes late by half its frame and by what that waits, and with one rate it rests"
         return self._made(
             "named",
-            f"{told}; the {found.slow} comes late by half its frame and by what that waits, and with one rate it rests",
+            f"{told}; the {found.slow} {why}",
             cause="rates",
             candidates=("rates",),
             evidence=[*self._evidence, told],
-            cures=(cure,) if mode.stable else (),
+            law=found.law,
+            cures=cures_of_two_rates(found, answers, period),
         )
 
     def without_model(self) -> Diagnosis:
         """Return the verdict where no loop model can be made."""
         limit = limit_sentence(self._log)
         if limit:
-            less = "the same log with less damping, or its velocity filtered, below the force limit"
+            less = "the same log below the force limit: a smaller start or touch, or a quarter of both k and b"
             return self._made("cannot tell", f"cannot tell: {limit}", decides=less)
         said = (
             "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no loop "
@@ -192,6 +204,8 @@ class Judge:
             doubts.append("a hand trembles so of its own")
         if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
             doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
+        if "delay" in fit.at_end:
+            doubts.append("its delay lies at the end of what was searched, and is not found")
         if first == "encoder":
             some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
             doubts += doubts_of_encoder([answer, *some], law, log, evidence)
@@ -234,6 +248,7 @@ class Judge:
         shares: Mapping[str, float] | None = None,
         measured: Measured | None = None,
         evidence: Sequence[str] | None = None,
+        law: Law | None = None,
         cures: tuple[Cure, ...] = (),
         decides: str = "",
     ) -> Diagnosis:
@@ -249,7 +264,7 @@ class Judge:
             ticks=log.ticks,
             encoder_m=log.encoder_m,
             oscillation=self._swing.found,
-            law=self._law,
+            law=self._law if law is None else law,
             measured=measured,
             verdict=verdict,
             cause=cause,
@@ -264,10 +279,13 @@ class Judge:
         )
 
 
-def _mostly_rests(fits: Sequence[Fit], law: Law) -> bool:
-    """Return whether the loop rests with a law, by most of the answers of the likeliest fit."""
-    answers = (fits[0].answer, *fits[0].draws)
-    return bool(np.mean([worst_mode(answer, law).stable for answer in answers]) > 1 / 2)
+def _answers(fits: Sequence[Fit]) -> tuple[Hypothesis, ...]:
+    """Return device and hand as the likeliest fit has them."""
+    return (fits[0].answer, *fits[0].draws)
+
+
+def _mostly(some: Iterable[bool]) -> bool:
+    return bool(np.mean(list(some)) > 1 / 2)
 
 
 def _together(asked: Sequence[Asked]) -> str | None:
