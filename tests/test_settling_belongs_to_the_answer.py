@@ -84,7 +84,9 @@ def test_a_handle_that_friction_holds_short_is_told():
     assert document["felt"]["rest_error_m"] == pytest.approx(0.09 / 0.3, rel=0.02)
 
 
-@pytest.mark.parametrize("slip", [{"encoder_resolution_m": 0.055}, {"max_force_n": 0.0033}])
+@pytest.mark.parametrize(
+    "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.02}, {"max_force_n": 0.0033}]
+)
 def test_what_renders_nothing_is_not_deployable(slip):
     problem = avc.load_problem("spring").changed(
         device={"coulomb_friction_n": 0.2, **slip}, environment={"stiffness_n_per_m": 1000.0}

@@ -12,6 +12,7 @@ from avc_casadi.model.corners import LINEAR_KEYS
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import turned_gains
+from avc_casadi.recommendation.shaken import PRESS_N
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -45,21 +46,29 @@ def hopeless(problem: Problem) -> str:
     return ""
 
 
-def nothing_rendered(problem: Problem, trial: CouplingTrial) -> str:
+def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> str:
     """Return why nothing of a wall reaches a hand, whatever is stable; empty where something does.
 
     Args:
         problem: device and wall.
-        trial: how hands fared with a coupling.
+        felt_n_per_m: stiffness at rest with a coupling.
+        trial: how hands fared with it.
     """
-    device = problem.device
-    if problem.environment.stiffness_n_per_m == 0 or np.isfinite(trial.stiffness):
+    device, press_n = problem.device, PRESS_N * problem.device.metres_per_unit
+    if problem.environment.stiffness_n_per_m == 0:
         return ""
-    if trial.at_force_limit.any():
+    step = device.encoder_resolution_m
+    most_n = press_n if device.max_force_n is None else min(press_n, device.max_force_n)
+    if felt_n_per_m * step > most_n:
+        what = (
+            f"one step of the encoder (device.encoder_resolution_m, {step:g} m) is more than a press of {most_n:.3g} N"
+        )
+    elif np.isfinite(trial.stiffness):
+        return ""
+    elif trial.at_force_limit.any():
         what = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g} N)"
     else:
-        step = device.encoder_resolution_m
-        what = f"no press ends in contact (a step of the encoder, device.encoder_resolution_m, is {step:g} m)"
+        what = f"no press ends in contact (device.encoder_resolution_m is {step:g} m)"
     slips = "".join(f"; {doubt.key} {doubt.message}" for doubt in plausibility(problem))
     return f"nothing of the wall is rendered: {what}; check the units of these values{slips}"
 

@@ -290,7 +290,7 @@ def recommend(
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             beside, off = _beside(best.coupling, hands, seed, executor), told_off()
         held = [felt_at_rest_n_per_m(one.coupling) for one in judged]
-        nothing = "" if best is None else nothing_rendered(problem, best.trial)
+        nothing = "" if best is None else nothing_rendered(problem, felt_at_rest_n_per_m(best.coupling), best.trial)
         return Recommendation(
             problem=problem,
             coupling=coupling,

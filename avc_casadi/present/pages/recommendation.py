@@ -73,7 +73,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         _settling(document["transient"]),
         *_simulated(document),
     ]
-    if briefly:
+    if briefly or not document["deployable"]:
         return rows
     return [
         *rows,
@@ -125,7 +125,7 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     errors = ", ".join(f"{percent(error)} at {hz} Hz" for hz, error in felt["complex_error"].items())
     if problem.environment.stiffness_n_per_m == 0:
         return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}")]
-    if felt["stiffness_n_per_m"] is None:
+    if felt["stiffness_n_per_m"] is None or document["reason"].startswith("nothing"):
         what = problem.units.text(document["reason"])
         if document["deployable"] or not what.startswith("nothing"):
             what = "nothing: no press ends below the force limit"

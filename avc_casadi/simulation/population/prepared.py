@@ -161,8 +161,11 @@ def _staged(
 
 
 def _anywhere(effect: SceneEffect, motion: Motion, people: int) -> SceneEffect:
-    """Let the face of the wall lie anywhere between two steps of an encoder: elsewhere for each, in each motion."""
-    if not isinstance(effect, Encoder):
+    """Let the face of the wall lie anywhere between two steps of an encoder: elsewhere for each, in each motion.
+
+    For one alone it lies where a scene has it.
+    """
+    if not isinstance(effect, Encoder) or people == 1:
         return effect
     begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
     phase: FloatArray = (begin + _GOLDEN * np.arange(people, dtype=np.float64)) % 1.0
