@@ -57,7 +57,9 @@ class Evaluator:
         *,
         lean_on_friction: bool,
         executor: Executor | None,
+        stiffest: bool = False,
     ) -> None:
+        self._stiffest = stiffest
         self.judged: list[Judged] = []
         self.considered = 0
         self._people, self._seed, self._progress, self._lean = people, seed, progress, lean_on_friction
@@ -156,7 +158,13 @@ class Evaluator:
         """Let others try what is best, safe and quiet or not; say whether anything new was seen."""
         before = self.judged
         self.judged = confirmed(
-            before, self._people, self._others, self._seed, lean_on_friction=self._lean, executor=self._executor
+            before,
+            self._people,
+            self._others,
+            self._seed,
+            lean_on_friction=self._lean,
+            stiffest=self._stiffest,
+            executor=self._executor,
         )
         self._learn(before)
         return self.judged is not before
@@ -286,6 +294,7 @@ def confirmed(
     seed: int,
     *,
     lean_on_friction: bool,
+    stiffest: bool = False,
     executor: Executor | None = None,
 ) -> list[Judged]:
     """Let everybody try what is best, then people who had no part in the choice, until it stays the best.
@@ -299,10 +308,11 @@ def confirmed(
         others: other people, each time they are asked for.
         seed: of their draws, to be told.
         lean_on_friction: as in `best_of`.
+        stiffest: as in `best_of`.
         executor: as in `try_coupling`.
     """
     while True:
-        best = best_of(judged, lean_on_friction=lean_on_friction)
+        best = best_of(judged, lean_on_friction=lean_on_friction, stiffest=stiffest)
         if best.trial.hands < len(people):
             asked = replace(best, trial=try_coupling(best.coupling, people, seed, executor=executor))
         elif best.others is None:

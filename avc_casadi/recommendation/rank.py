@@ -100,12 +100,13 @@ class Judged:
         return self.safety <= int(lean_on_friction) and self.quiet
 
 
-def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
+def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: bool = False) -> Judged:
     """Take the safest, of these the quiet, of these the nearest to the wall, then the quietest, provable and stiffest.
 
     Args:
         judged: at least one.
         lean_on_friction: whether rest by the declared dry friction is as good as rest without it.
+        stiffest: whether the stiffest at rest wins over the nearest.
     """
 
     def safety(one: Judged) -> int:
@@ -117,6 +118,9 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False) -> Judged:
         most = max(one.at_rest for one in left)
         left = [one for one in left if one.at_rest == most]
     left = [one for one in left if one.quiet] or left
+    if stiffest:
+        most_n_per_m = max(one.felt_n_per_m for one in left)
+        left = [one for one in left if one.felt_n_per_m >= (1 - AS_STIFF) * most_n_per_m]
     nearest = min(one.distance for one in left)
     as_near = [one for one in left if one.distance <= nearest + _AS_NEAR]
     quiet = max(int(one.trial.quiet.sum()) for one in as_near)

@@ -281,7 +281,7 @@ def recommend(
             judged, considered = found.judged, found.considered
         best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
         declared_n = problem.device.coulomb_friction_n
-        leaning = best_of(judged, lean_on_friction=True) if judged and declared_n > 0 else None
+        leaning = best_of(judged, lean_on_friction=True, stiffest=True) if judged and declared_n > 0 else None
         coupling, rest, beside, off = None, None, {}, None
         if best is not None:
             told_off = crew.begin(partial(off_file, best.coupling, seed))

@@ -60,6 +60,7 @@ def judged_candidates(
     start: Step | None = None,
     climbs: range = CLIMBS,
     onwards: range = ONWARDS,
+    stiffest: bool = False,
 ) -> Candidates:
     """Try the likeliest couplings first, and the others only where none is the wall itself.
 
@@ -75,11 +76,14 @@ def judged_candidates(
         start: as in `RobustCandidates`.
         climbs: numbers of those that are made.
         onwards: numbers of those that go on from what is held.
+        stiffest: as in `best_of`.
     """
     wall = problem.environment.stiffness_n_per_m
     # Where springs and dampers hold nothing, laws begin at the softest wall there is.
     limit = replace(limit, stiffness_n_per_m=max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device)))
-    evaluator = Evaluator(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
+    evaluator = Evaluator(
+        problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor, stiffest=stiffest
+    )
     robust = RobustCandidates(problem, limit, crew, start)
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)

@@ -175,10 +175,11 @@ def _best(
         start=start,
         climbs=climbs,
         onwards=onwards,
+        stiffest=True,
     )
     if not found.judged:
         return None
-    best = best_of(found.judged, lean_on_friction=lean)
+    best = best_of(found.judged, lean_on_friction=lean, stiffest=True)
     law = best.coupling.runtime.state_feedback
     laws = ((step, one) for step in found.steps for one in step.candidates if one.law is law)
     steps = (replace(step, candidates=(one,)) for step, one in laws)
@@ -230,7 +231,7 @@ def _best_of(found: Sequence[_Best | None], asked: _Asked) -> _Best | None:
     some = [one for one in found if one is not None]
     if not some:
         return None
-    best = best_of([one.judged for one in some], lean_on_friction=asked.lean_on_friction)
+    best = best_of([one.judged for one in some], lean_on_friction=asked.lean_on_friction, stiffest=True)
     return next(one for one in some if one.judged is best)
 
 
