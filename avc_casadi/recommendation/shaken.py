@@ -110,7 +110,10 @@ def force_over_position(
     """
     device, problem = coupling.problem.device, coupling.problem.changed(device=_IDEAL)
     conditions = replace(
-        Conditions.of(replace(coupling, problem=problem)), observer=_with_its_delay(coupling), guarded=False
+        Conditions.of(replace(coupling, problem=problem)),
+        observer=_with_its_delay(coupling),
+        guarded=False,
+        steps_anywhere=False,
     )
     fast, mass = 2 * math.pi * max(_FASTER * float(np.max(frequency_hz)), _LEAST_HZ), _HEAVY * device.mass_kg
     hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))

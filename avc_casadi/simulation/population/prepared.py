@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 # Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
 # with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
 _FRICTION_SUBSTEPS = 4
-# Its multiples, without whole parts, are spread evenly however many there are.
-_GOLDEN = (math.sqrt(5) - 1) / 2
+# A person's numbers times these have fractions that look like chance.
+_SCATTER, _PRIMES = 1e3, (2, 3, 5, 7, 11)
 # Scenes that are kept: all motions, watched usually and for long, with and without friction, on some two dozen devices
 # of the ranges.
 _KEPT = 512
@@ -157,16 +157,18 @@ def _staged(
     scene = Scene(duration_s=duration_s, motion=motion, effects=conditions.effects() + runtime, **how)
     run = problem.changed(scene=scene)
     effects = held_by(run, build_effects(run), subjects)
-    return tuple(_anywhere(one, motion, len(subjects)) for one in effects), run
+    if conditions.steps_anywhere:
+        phase = _phases(subjects, motion)
+        effects = tuple(replace(one, phase=phase) if isinstance(one, Encoder) else one for one in effects)
+    return effects, run
 
 
-def _anywhere(effect: SceneEffect, motion: Motion, people: int) -> SceneEffect:
-    """Let the face of the wall lie anywhere between two steps of an encoder: elsewhere for each, in each motion.
+def _phases(subjects: Hand | StylusHand, motion: Motion) -> FloatArray:
+    """Return where the face of the wall lies between two steps of the encoder: elsewhere for each, in each motion.
 
-    For one alone it lies where a scene has it.
+    It hangs on the person alone, so that whoever tries beside them changes nothing.
     """
-    if not isinstance(effect, Encoder) or people == 1:
-        return effect
     begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
-    phase: FloatArray = (begin + _GOLDEN * np.arange(people, dtype=np.float64)) % 1.0
-    return replace(effect, phase=phase)
+    values = (np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in vars(subjects).values())
+    turned = sum(_SCATTER * math.sqrt(prime) * value for prime, value in zip(_PRIMES, values, strict=False))
+    return np.asarray((begin + turned) % 1.0)

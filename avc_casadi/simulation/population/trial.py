@@ -68,6 +68,8 @@ class Conditions:
         guarded: with the passivity controller in the time domain.
         runtime: what follows a gain table.
         others: what else the device declares, its values left to the problem.
+        steps_anywhere: whether the face of the wall lies anywhere between two steps of the encoder; otherwise in the
+            middle of one.
     """
 
     friction_n: float = 0.0
@@ -80,6 +82,7 @@ class Conditions:
     guarded: bool = False
     runtime: tuple[Effect, ...] = (EstimatorEffect(), AdaptationEffect())
     others: tuple[Effect, ...] = ()
+    steps_anywhere: bool = True
 
     @classmethod
     def declared(cls, problem: Problem) -> Conditions:
