@@ -223,7 +223,7 @@ def llewellyn() -> list[Row]:
     rows = []
     for model in ("paper", "sampled-data"):
         for ratio in RATIOS if model == "paper" else (0.0, 0.5):
-            loop = SampledLoop(LOSSY, 0.0, 0.0, T, 0, model)  # type: ignore[arg-type]
+            loop = SampledLoop(LOSSY, 0.0, 0.0, T, 0, model)
             ours = float(largest_llewellyn_stiffness(loop, ratio * LOSSY)[0]) * T / LOSSY
             grid = unconditional(ratio * LOSSY, model) * T / LOSSY
             rows.append({"part": "llewellyn", "hold": model, "ratio_b": ratio, "published": grid, "ours": ours})
