@@ -1,0 +1,82 @@
+"""The rows of the study beside what others published hold: formulas, a second way, and the file that its page shows."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import published
+import pytest
+
+SHOWN = json.loads((Path(published.__file__).parent / "results" / "published.json").read_text(encoding="utf-8"))["rows"]
+
+
+@cache
+def rows(part):
+    return getattr(published, part)()
+
+
+def matches(found, told):
+    if isinstance(told, dict):
+        return found.keys() == told.keys() and all(matches(found[key], told[key]) for key in told)
+    if isinstance(told, list):
+        return len(found) == len(told) and all(map(matches, found, told))
+    # The radius next to 1 is a difference of nearly equal numbers.
+    return found == (pytest.approx(told, rel=1e-5, abs=1e-12) if isinstance(told, float) else told)
+
+
+@pytest.mark.parametrize("part", ["undamped", "passive", "llewellyn", "second_device", "quantised"])
+def test_ours_is_the_published_condition(part):
+    assert rows(part)
+    for row in rows(part):
+        ours, told = (row.get(key, row.get(f"{key}_n_per_m")) for key in ("ours", "published"))
+        assert ours == pytest.approx(told, rel=1e-6)
+
+
+def test_a_hand_gets_no_energy_of_a_passive_wall_and_some_beyond():
+    for row in rows("passive"):
+        assert row["damping_by_energy_ns_per_m"] == pytest.approx(published.LOSSY, rel=1e-4)
+    assert published.energy_asks(1.1 * 4000.0, 0.0, 0.0, 0) == pytest.approx(1.1 * published.LOSSY, rel=1e-9)
+    for row in rows("quantised"):
+        assert 1 <= row["tapping_n_per_m"] / row["ours_n_per_m"] < 1.001
+
+
+def test_roots_to_thirty_digits_cross_one_at_our_wall():
+    crossed = [row["radius_below_and_above"] for row in rows("rule") if "radius_below_and_above" in row]
+    assert len(crossed) == len(published.ROOTS_AT) * len(published.HANDS)
+    assert all(below < 0 < above for below, above in crossed)
+
+
+def test_the_linear_rule_is_one_of_little_damping():
+    for row in rows("rule"):
+        late, ours = row["late_damper"], row["ours_n_per_m"]
+        if ours is None:
+            assert late > 1.5
+        else:
+            assert 1 - late - 1e-3 < ours / row["published_n_per_m"] < 1.06
+
+
+def test_regions_of_friction_are_those_of_diolaiti():
+    for row in rows("regions"):
+        viscous, coulomb = row["below_viscous_and_coulomb"]
+        large = row["start_steps"] > 100
+        ends = {(True, True): "rests", (True, False): "swings on"}.get((viscous, coulomb), "grows")
+        assert row["ends"] == (ends if large else "rests")
+
+
+def test_an_explicit_mass_gives_energy_whatever_it_weighs():
+    for row in rows("explicit_mass"):
+        assert [row["run_lowest"], row["run_highest"]] == pytest.approx([row["formula"]] * 2, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "part",
+    ["rule", "undamped", "passive", "quantised", "regions", "llewellyn", "explicit_mass", "second_device", "paddle"],
+)
+def test_the_page_shows_what_the_package_gives(part):
+    found = json.loads(json.dumps(rows(part)))
+    assert matches(found, [row for row in SHOWN if row["part"] == found[0]["part"]])
+
+
+@pytest.mark.thorough
+def test_scenes_of_the_paddle_are_those_of_the_page():
+    assert matches(rows("paddle_scenes"), [row for row in SHOWN if row["part"] == "paddle_scenes"])
