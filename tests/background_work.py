@@ -2,7 +2,7 @@
 
 import time
 
-from avc_casadi._errors import InputError
+from avc_casadi import InputError
 
 
 def endless(_, progress):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from held_device import held_log
 
-from avc_casadi._errors import InputError
+from avc_casadi import InputError
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.device import device_text
 from avc_casadi.identification.identify import identify

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi._errors import UnsupportedError
+from avc_casadi import UnsupportedError
 from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
 from avc_casadi.claims.prove.held_device import HAND, STYLUS, HeldDevice
 from avc_casadi.claims.prove.law import ContactLaw

@@ -61,12 +61,13 @@ def test_it_takes_fifteen_lines_at_most_and_says_all_with_v(answers):
     text, longer, document = answers
     assert len(text.splitlines()) <= 15
     assert longer.startswith(text.rstrip("\n"))
+    assert len(re.findall(r"^settling: released in [\d.]+ s; worst hand: damping ratio", longer, re.MULTILINE)) == 1
     for gap in document["assumed"]:
         assert f"assumed: {gap}" in longer
         assert gap not in text
 
 
-@pytest.mark.parametrize("method", ["static", "direct"])
+@pytest.mark.parametrize("method", ["static", pytest.param("direct", marks=pytest.mark.thorough)])
 def test_what_is_not_deployable_is_told_with_its_fault(method):
     problem = avc.load_problem("figure5")
     found = judged_as_recommended(problem, avc.solve(problem, method), hands=8)

@@ -50,6 +50,14 @@ def test_shares_are_percentages():
     ]
 
 
+def test_of_too_many_rows_those_that_say_least_are_left_out_unless_they_are_marked():
+    rows = [Row(f"row {number}", "one", Mark.CAUTION if number == 3 else Mark.NONE) for number in range(13)]
+    spare = ["row 2", "row 3", "row 5", "row 7"]
+    labels = [line[4:10].strip() for line in Page().rendered("what", rows, ["avc list"], spare).splitlines()[2:-2]]
+    assert labels == [row.label for row in rows if row.label not in {"row 2", "row 5"}]
+    assert Page().rendered("what", rows[:11], ["avc list"], spare) == Page().rendered("what", rows[:11], ["avc list"])
+
+
 def test_rows_stand_below_each_other_and_long_ones_below_themselves():
     lines = Page(width=60).rendered("what", ROWS, ["avc list"]).splitlines()
     assert lines[0] == "what"

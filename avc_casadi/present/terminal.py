@@ -12,6 +12,8 @@ from typing import TextIO
 
 # Lines are no longer than that where nobody says how wide the terminal is, nor on a very wide one.
 _WIDTH, _WIDEST, _NARROWEST = 110, 140, 60
+MOST_LINES = 15
+"""What is read at a glance."""
 _COLOURS = {"✓": "32", "✗": "31", "!": "33"}
 _ASCII = str.maketrans({"✓": "+", "✗": "X", "·": ";", "±": "+"})
 
@@ -64,14 +66,28 @@ class Page:
         colour = terminal and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
         return cls(min(max(width, _NARROWEST), _WIDEST), colour, not _takes_marks(stream.encoding))
 
-    def rendered(self, headline: str, rows: Sequence[Row], commands: Sequence[str] = ()) -> str:
+    def rendered(
+        self, headline: str, rows: Sequence[Row], commands: Sequence[str] = (), spare: Sequence[str] = ()
+    ) -> str:
         """Return an answer as text.
 
         Args:
             headline: what it is about.
             rows: facts, one a line; a long one goes on below itself.
             commands: what to type next.
+            spare: labels of rows that say least, least first: left out as long as there are more than `MOST_LINES`
+                lines, unless the row has a mark.
         """
+        lines = self._lines(headline, rows, commands)
+        for label in spare:
+            if len(lines) <= MOST_LINES:
+                break
+            rows = [row for row in rows if row.label != label or row.mark is not Mark.NONE]
+            lines = self._lines(headline, rows, commands)
+        text = "\n".join(lines)
+        return text.translate(_ASCII) if self.plain else text
+
+    def _lines(self, headline: str, rows: Sequence[Row], commands: Sequence[str]) -> list[str]:
         label = max((len(row.label) for row in rows), default=0)
         lines = [headline, ""]
         for row in rows:
@@ -80,8 +96,7 @@ class Page:
             lines += [f"{'':{label + 6}}{line}" for line in more]
         if commands:
             lines += ["", f"  next: {'    '.join(commands)}"]
-        text = "\n".join(lines)
-        return text.translate(_ASCII) if self.plain else text
+        return lines
 
     def _marked(self, mark: Mark) -> str:
         colour = _COLOURS.get(mark.value) if self.colour else None

@@ -47,6 +47,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"{trial['at_rest_without_friction']} without friction; {_quietly(document)}; "
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
+        _settling(document["transient"]),
         rest_line(document["rest"]),
         *_unlike_the_proof(document["rest"], trial),
         *([] if coupling["runtime"]["state_feedback"] is None else _in_motion(felt)),
@@ -61,6 +62,14 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
 def _watched(trial: dict[str, Any]) -> str:
     """Say how long all are watched where hand and device alone swing for longer than a trial lasts."""
     return "" if trial["longest_s"] <= TRIAL_S else f"; all are watched for {number(trial['longest_s'])} s"
+
+
+def _settling(found: dict[str, Any]) -> str:
+    """Say how long a released device swings, and how the worst hand's oscillation is damped."""
+    free, held = found["released"], found["worst_hand"]
+    told = "not at all" if free["settling_s"] is None else f"in {number(free['settling_s'], 3)} s"
+    ringing = f"damping ratio {number(held['damping_ratio'], 2)} at {number(held['frequency_hz'], 3)} Hz"
+    return f"settling: released {told}; worst hand: {ringing if held['frequency_hz'] else 'no oscillation'}"
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:

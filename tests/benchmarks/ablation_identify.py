@@ -34,7 +34,7 @@ from buzzing_cases import CAUSES, case_of, healthy_case  # noqa: E402 - found be
 from measured_device import Truth, measured, multisine  # noqa: E402
 
 import avc_casadi.identification.diagnosis  # noqa: E402, F401 - its modules are looked up by name
-from avc_casadi._errors import AvcError  # noqa: E402
+from avc_casadi import AvcError  # noqa: E402
 from avc_casadi.identification.diagnosis.diagnose import diagnose  # noqa: E402
 from avc_casadi.identification.identify import identify  # noqa: E402
 from avc_casadi.identification.record import Columns, records_of  # noqa: E402

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 FIGURE = Path(__file__).parent / "figures" / "wall_pressed.png"
 DURATION_S = 1.0
-FREQUENCY_HZ = np.geomspace(0.5, 100.0, 120)
+FREQUENCY_HZ = np.geomspace(1.0, 100.0, 100)
 COLOURS = {"no coupling": "#b0b0b0", "static": "#7a9cc6", "adaptive": "#e1903e", "recommended": "#2a8f5c"}
 
 

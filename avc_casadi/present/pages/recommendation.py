@@ -51,7 +51,8 @@ def recommendation_page(
         onwards = f"avc recommend {shown} --out coupling.json"
     else:
         onwards = f"avc export {written} --c DIR"
-    return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"])
+    spare = (_force_label(problem), "With friction", "Settling", "Linear limit")
+    return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"], spare)
 
 
 def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: bool = False) -> list[Row]:
@@ -70,7 +71,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         _coupling(document, problem),
         *_rendered(document, problem),
         _stability(document, problem),
-        _settling(document["transient"]),
+        *([_settling(document["transient"])] if document["deployable"] else []),
         *_simulated(document),
     ]
     if briefly or not document["deployable"]:
@@ -224,7 +225,7 @@ def _outside(document: dict[str, Any]) -> list[Row]:
 
 def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     trial, limit, unit = document["trial"], document["coupling"]["max_force_n"], problem.units.unit
-    label = problem.units.key("force").capitalize()
+    label = _force_label(problem)
     reached, depth = quantity(trial["tap_force_n"], unit("N")), quantity(trial["tap_depth_m"], unit("m"))
     steps = document["felt"]["encoder_step_n"]
     spring, damping = (quantity(steps[part], unit("N")) for part in ("spring", "damping"))
@@ -236,6 +237,10 @@ def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
     told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}{coarse}"
     return [Row(label, told, Mark.CAUTION)]
+
+
+def _force_label(problem: Problem) -> str:
+    return problem.units.key("force").capitalize()
 
 
 def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi import InputError, UnsupportedError
 from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
