@@ -177,6 +177,10 @@ def sketch(made: Coupling) -> Path:
     places = (f"-I{CORE / 'arduino'}", f"-I{CORE.parent / 'variants' / 'standard'}", f"-I{folder / 'src'}")
     flags = (*UNO, "-Os", "-ffunction-sections", "-fdata-sections", *places)
     own = (folder / "src" / "avc_coupling.c", folder / "examples" / "wall" / "wall.ino")
+    # In front of the wall, where every sample takes the whole law: at 0 since the start a depth may be a clipped one.
+    text, count = own[1].read_text(encoding="ascii"), "static volatile long encoder_count"
+    assert f"{count};" in text
+    own[1].write_text(text.replace(f"{count};", f"{count} = -5;"), encoding="ascii")
     objects = []
     for source in (*(CORE / "arduino" / name for name in CORE_FILES), *own):
         c = source.suffix == ".c"

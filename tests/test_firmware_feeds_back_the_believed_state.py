@@ -31,6 +31,8 @@ LIMIT_N = 4.0
 TICKS = 1200
 # Counts: before the wall.
 OUTSIDE = -400
+# Ticks from there to where a motion begins.
+APPROACH = 60
 FEEDBACKS = [
     *(believer(seed) for seed in range(3)),
     *(dense_believer(states) for states in range(1, 9)),
@@ -59,9 +61,9 @@ def motions() -> Counts:
         np.zeros(TICKS),
     ]
     counts = np.rint(np.array(metres) / STEP_M).astype(np.int32)
-    ease = 0.5 - 0.5 * np.cos(np.pi * np.arange(60) / 60)
+    ease = 0.5 - 0.5 * np.cos(np.pi * np.arange(APPROACH) / APPROACH)
     approach = np.rint(OUTSIDE + ease * (counts[:, :1] - OUTSIDE)).astype(np.int32)
-    return np.concatenate([approach, counts[:, :-60]], axis=1)
+    return np.concatenate([approach, counts[:, :-APPROACH]], axis=1)
 
 
 def core_with(coupling: Coupling, *, safe: Gains | None = None) -> HostCore:
@@ -136,18 +138,18 @@ def test_firmware_feels_like_the_exported_coupling_for_any_gains(seed: int) -> N
 @pytest.mark.thorough
 def test_observer_begins_anew_with_every_table() -> None:
     """Given in contact: the table before runs on; where it is left, the forces are those of a fresh start."""
-    way = motions()[0]
+    way, touched = motions()[0], APPROACH + 15
     last = made(believer(3))
     for before in (made(None), made(believer(1)), made(believer(5)), made(dense_believer(8))):
         core, unchanged = core_with(before), core_with(before).tick(way)[0]
-        assert core.tick(way[:15])[0].max() > 0
+        assert core.tick(way[:touched])[0].max() > 0
         give(core, last)
-        at = 15
+        at = touched
         while core.state().swaps == 1:
             assert core.tick(way[at : at + 1])[0] == unchanged[at] or core.state().swaps == 2
             at += 1
         assert way[at - 1] <= 0
-        assert 15 < at < TICKS / 2
+        assert touched < at < TICKS / 2
         assert core.tick(way[at:])[0].tobytes() == exported(last, way[None, at - 1 :])[0, 1:].tobytes()
 
 
