@@ -21,6 +21,9 @@ _STEP_SHARE = 1e-3
 _LEAST_NOISE = 0.3
 # A current loop is damped as most are, 0.7, within a factor of e to this, whatever a log leaves open.
 _USUAL_RATIOS = 0.5
+# Terms whose rival widens intervals, and those whose rival does where it is sure.
+_BESIDE = ("amplifier", LOOP_DAMPING, "coulomb")
+_SURE_BESIDE = ("drift", "stribeck")
 # How the error divides into noise, rounding and disturbance is known to about this share of its square.
 _DIVIDED = 0.12
 
@@ -107,10 +110,11 @@ def _widened(
     """Return half an interval that also holds what richer models find that are not borne out and not excluded either.
 
     An amplifier's lag trades with a delay; a drift that is sure, but too small to better the prediction, moves the
-    constant force to which it belongs, by more than that force is known to. Dry friction that is not sure is damping
-    where it is left out. What a log of one frequency does not tell from mass, damping and delay is in these.
+    constant force to which it belongs, by more than that force is known to; friction from rest that is sure, and left
+    the model with a resonance that is not told, is in damping and dry friction. Dry friction that is not sure is
+    damping where it is left out. What a log of one frequency does not tell from mass, damping and delay is in these.
     """
-    for term in dict.fromkeys(("amplifier", LOOP_DAMPING, "drift", "coulomb", *sorted(inseparable))):
+    for term in dict.fromkeys((*_BESIDE, *_SURE_BESIDE, *sorted(inseparable))):
         rival = rivals.get(term)
         if rival is None or rival.rms_m > (1 + WORTH / 2) * fit.rms_m:
             continue
@@ -126,7 +130,9 @@ def _widened(
             continue
         place = places.index(name)
         moved = abs(float(rival.search[place]) - coordinate)
-        if term == "drift" and not (moved > half and compared(fit, rival, term).standard_errors > SURE):
+        if term == "drift" and moved <= half:
+            continue
+        if term in _SURE_BESIDE and compared(fit, rival, term).standard_errors <= SURE:
             continue
         if term != "amplifier":
             halves = spread_of(rival, ()).half_width

@@ -193,16 +193,19 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
 
     The linear part is exact. Dry friction takes a velocity to decay evenly over a sample: of damping that leaves out
     the second order, of a resonance the first. It matters in samples in which the motor turns, and as friction weighs
-    beside the force. Without friction, and as the sample time falls, nothing is left of it. What an amplifier's lag
+    beside the force; what friction from rest has more than that is gone, where it falls steeply with the speed, before
+    the sample ends. Without friction, and as the sample time falls, nothing is left of it. What an amplifier's lag
     gains a delay loses.
     """
     values, period = fit.values, fit.sample_time_s
-    dry = (values["coulomb_friction_n"] + values["breakaway_excess_n"]) / fit.structure.units["coulomb_friction_n"]
+    force, excess = fit.structure.units["coulomb_friction_n"], values["breakaway_excess_n"]
+    dry = (values["coulomb_friction_n"] + excess) / force
+    falls = (excess / values["stribeck_speed_m_per_s"] / values["mass_kg"] * period) ** 2
     angle = 0.0
     if fit.structure.present("resonance.frequency_hz"):
         angle = 2 * np.pi * values["resonance.frequency_hz"] * period
     bend = (values["damping_ns_per_m"] / values["mass_kg"] * period) ** 2 + angle**2
-    share = fit.turning * dry * bend / _BENT
+    share = fit.turning * (dry * bend + excess / force * min(falls, _BENT)) / _BENT
     # A pole and a zero move by this share of their distance from the origin.
     moved = {
         "mass_kg": share,
