@@ -142,7 +142,7 @@ def test_who_strikes_and_touches_lightly_too_ends_as_fast_as_in_the_fastest_moti
         (Press(end_m=5e-4, speed_m_per_s=0.03), smooth),
         (Press(end_m=2e-4, speed_m_per_s=0.03), rough),
     )
-    beyond = [Ends(PROBLEM, gains, people, [(((one, TRIAL_S),), how)])(laws_asked) for one, how in pressed]
+    beyond = [Ends(PROBLEM, gains, people, [((one, TRIAL_S), how)])(laws_asked) for one, how in pressed]
     calmly = ends_of(one, people, friction=False)(laws_asked)
     both = ends_of(one, people, friction=False, beyond=True)(laws_asked)
     np.testing.assert_array_equal(both, np.maximum.reduce([*beyond, calmly]))

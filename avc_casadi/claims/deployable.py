@@ -153,7 +153,7 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
             beside = () if problem.detent is None else (_UNJUDGED_DETENTS,)
             return Deployable(_feedback_claims(coupling) + beside)
         claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
-        claims += _detent_claims(problem, frequency, gains, progress) + _nothing_claim(gains)
+        claims += _detent_claims(problem, frequency, gains, progress) + _nothing_claim(problem, gains)
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
         advice = "shorten the delay, or judge the loop by other means"
@@ -163,9 +163,10 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     return Deployable(claims)
 
 
-def _nothing_claim(gains: FloatArray) -> tuple[DeployClaim, ...]:
-    """Return the claim that gains render nothing; none where they do."""
-    if np.any(gains != 0):
+def _nothing_claim(problem: Problem, gains: FloatArray) -> tuple[DeployClaim, ...]:
+    """Return the claim that gains render nothing of a wall; none where they do, or where there is no wall."""
+    wall = problem.environment
+    if np.any(gains != 0) or not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         return ()
     what = "nothing of the wall is rendered: b, k and b_p are 0"
     advice = "take a softer wall, a shorter sample time, or a method that is not bound to realism (avc recommend)"
