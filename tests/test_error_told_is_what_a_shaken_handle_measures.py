@@ -110,3 +110,13 @@ def test_it_is_shaken_from_a_quarter_to_three_quarters_of_the_force_limit():
     assert WALL * (found.depth_m - found.amplitude_m) == pytest.approx(2.0)
     assert WALL * (found.depth_m + found.amplitude_m) == pytest.approx(6.0)
     assert list(found.errors()) == ["1", "10", "50"]
+
+
+def test_ranges_and_what_is_late_or_lags_are_no_part_of_the_law():
+    mode = {"frequency_hz": 120.0, "damping_ratio": 0.05, "mass_ratio": 0.4}
+    ranges = {"delay_samples": [0.9, 1.1], "coulomb_friction_n": [0.1, 0.3], "max_force_n": [7.0, 9.0]}
+    known = {"delay_samples": 1, "coulomb_friction_n": 0.2, "amplifier_bandwidth_hz": 400.0, "resonance": mode}
+    whole = problem(**known, encoder_at="handle", range=ranges)
+    same = problem(**known, encoder_at="handle")
+    found, other = (shaken(Coupling.constant(one, Gains(0.0, 1e12, 5.0), "mine"), WALL) for one in (whole, same))
+    np.testing.assert_array_equal(found.error, other.error)

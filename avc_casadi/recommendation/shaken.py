@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.effects import ObserverEffect
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
@@ -42,7 +43,7 @@ _IDEAL: dict[str, Any] = {
     "max_force_n": None,
     "resonance": None,
     "encoder_at": "motor",
-    "range": {},
+    "range": DeviceRange(),
 }
 
 
@@ -108,7 +109,8 @@ def force_over_position(
         amplitude_m: of the sine.
         frequency_hz: of the sines, shape (n,).
     """
-    device, problem = coupling.problem.device, coupling.problem.changed(device=_IDEAL)
+    device = coupling.problem.device
+    problem = coupling.problem.changed(device=device.model_copy(update=_IDEAL))
     conditions = replace(
         Conditions.of(replace(coupling, problem=problem)),
         observer=_with_its_delay(coupling),
