@@ -120,3 +120,9 @@ def test_ranges_and_what_is_late_or_lags_are_no_part_of_the_law():
     same = problem(**known, encoder_at="handle")
     found, other = (shaken(Coupling.constant(one, Gains(0.0, 1e12, 5.0), "mine"), WALL) for one in (whole, same))
     np.testing.assert_array_equal(found.error, other.error)
+
+
+def test_where_there_is_no_wall_nothing_is_missed():
+    found = shaken(Coupling.constant(problem(wall=0.0), Gains(0.0, 100.0), "mine"), 0.0)
+    np.testing.assert_allclose(found.error, 0.0, atol=1e-12)
+    np.testing.assert_array_equal(found.mismatch, 0.0)

@@ -118,7 +118,9 @@ def of_force(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatA
 
 
 def _log_ratio(rendered: ComplexArray, wanted: NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
-    ratio = rendered / wanted
+    """Return |ln(rendered/wanted)|, of nothing for nothing 0."""
+    there = wanted != 0
+    ratio = np.where(there, rendered / np.where(there, wanted, 1.0), 1.0)
     return np.asarray(np.abs(np.log(np.where(np.abs(ratio) > _NOTHING, ratio, _NOTHING))))
 
 

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.model.device import DeviceRange
-from avc_casadi.model.effects import ObserverEffect
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
 from avc_casadi.recommendation.impedance_error import of_force
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.population.prepared import prepared
-from avc_casadi.simulation.population.trial import Conditions, engine_for
+from avc_casadi.simulation.population.trial import engine_for, on_device
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,18 +109,16 @@ def force_over_position(
         frequency_hz: of the sines, shape (n,).
     """
     device = coupling.problem.device
-    problem = coupling.problem.changed(device=device.model_copy(update=_IDEAL))
-    conditions = replace(
-        Conditions.of(replace(coupling, problem=problem)),
-        observer=_with_its_delay(coupling),
-        guarded=False,
-        steps_anywhere=False,
+    led, conditions = on_device(coupling, device.model_copy(update=_IDEAL))
+    conditions = replace(conditions, guarded=False, steps_anywhere=False)
+    fast, mass = (
+        2 * math.pi * max(_FASTER * float(np.max(frequency_hz)), _LEAST_HZ),
+        _HEAVY * (device.mass_kg + coupling.problem.hands.mass_kg[1]),
     )
-    fast, mass = 2 * math.pi * max(_FASTER * float(np.max(frequency_hz)), _LEAST_HZ), _HEAVY * device.mass_kg
     hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
     table = coupling.table
     gains = table.at_rest if table.constant else table
-    scene, parameters, held = prepared(problem, gains, hand, Hold(end_m=0.0), conditions, _END_S)
+    scene, parameters, held = prepared(led.problem, gains, hand, Hold(end_m=0.0), conditions, _END_S)
     t = device.sample_time_s
     time = t * np.arange(scene.samples + 1)
     ramp = depth_m * np.clip(time / _RAMP_S, 0.0, 1.0)
@@ -134,15 +131,8 @@ def force_over_position(
         run = execute(scene, parameters, inputs, engine=engine_for(1))
         last = slice(round(_SETTLED_S / t), None)
         wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(time[:-1][last]))
-        position, force = (run[name][0, last] for name in ("position_m", "force_n"))
+        position = run["position_m"][0, last]
+        # Nothing asks for a force where there is no wall.
+        force = run["force_n"][0, last] if "force_n" in run else np.zeros_like(position)
         found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
     return np.array(found)
-
-
-def _with_its_delay(coupling: Coupling) -> ObserverEffect | None:
-    """Return the observer as it runs on the device with its delay."""
-    mass, device = coupling.runtime.observer_mass_kg, coupling.problem.device
-    if mass is None:
-        return None
-    steps = device.encoder_resolution_m or None
-    return ObserverEffect(mass_kg=mass, resolution_m=steps, ahead_samples=device.delay_samples)
