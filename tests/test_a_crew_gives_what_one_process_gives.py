@@ -32,6 +32,7 @@ def broken():
     raise ValueError("this task fails")
 
 
+@pytest.mark.thorough
 def test_results_come_in_order_whoever_works_them_out():
     tasks = [partial(squared, number) for number in range(12)]
     with Crew(2) as crew:
@@ -70,6 +71,7 @@ def test_the_end_does_not_wait_for_a_helper():
     assert time.monotonic() - begun < 30
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_error_of_a_task_is_raised_where_its_result_is_asked_for(workers):
     with Crew(workers) as crew:

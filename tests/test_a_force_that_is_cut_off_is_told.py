@@ -28,6 +28,7 @@ def cut(record):
     return saturated_force_n([record], first_guess([record]).values["delay_samples"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("share", [0.2, 0.35, 0.55])
 def test_where_the_force_ends_is_found(seed, share):
@@ -37,6 +38,7 @@ def test_where_the_force_ends_is_found(seed, share):
     assert cut(excited(truth, share * largest, seed=seed)) == pytest.approx(share * largest, rel=0.25)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "unusual",
     [

@@ -59,6 +59,7 @@ def furthest_m(device: Moved, force_n: float, ticks: int, sample_time_s: float) 
     return most
 
 
+@pytest.mark.thorough
 @given(masses, dampings, frictions, decades(1.05, 20), decades(0.02, 1))
 @settings(max_examples=40)
 def test_the_way_of_a_pulse_is_that_of_its_equation_of_motion(
@@ -69,6 +70,7 @@ def test_the_way_of_a_pulse_is_that_of_its_equation_of_motion(
     assert device.way_m(over * friction, seconds) == pytest.approx(simulated, rel=0.02, abs=1e-9)
 
 
+@pytest.mark.thorough
 @given(
     masses, st.one_of(st.just(0.0), dampings), st.one_of(st.just(0.0), frictions), steps, decades(1.0, 30), st.data()
 )

@@ -31,6 +31,7 @@ CASES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_a_preload_does_not_sag_while_the_hand_moves(name: str) -> None:
     """Mean depth and mean force are those of the row of rest; the row of 8 Hz alone gives way."""

@@ -166,6 +166,7 @@ def test_energy_stays_where_nothing_pushes(made):
     assert energy(made, *np.split(state, 2)) == pytest.approx(before, rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_published_masses_of_the_premium():
     here = mobility(PREMIUM, PREMIUM.home[None])
     np.testing.assert_allclose(1e3 * np.diag(operational_inertia(here)[0]), [32, 77, 53], atol=0.8)
@@ -187,6 +188,7 @@ def test_held_tangent_is_never_lighter_than_free(angles, normal):
     assert free <= held * (1 + 1e-12)
 
 
+@pytest.mark.thorough
 @given(st.tuples(*[st.floats(0, 1)] * 3))
 def test_points_of_the_workspace_are_reached_or_said_not_to_be(shares):
     low, high = PREMIUM.box_m
@@ -355,6 +357,7 @@ def test_every_arm_of_the_catalogue_says_what_is_assumed():
         assert "ssumed" in file.source
 
 
+@pytest.mark.thorough
 def test_adam_is_loaded_for_models_alone():
     program = "import sys\nfrom avc_casadi.cli import main\nmain(['arm', 'pantograph', '--json'])\n"
     program += "assert not {'adam', 'mujoco'} & set(sys.modules)"

@@ -23,6 +23,7 @@ def run_in(folder, import_path):
     return done.stdout.split("\n")[:3]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("data", ["avc_casadi/_problems", "problems"], ids=["wheel", "checkout"])
 def test_the_catalogue_is_found(tmp_path, data):
     root, elsewhere = tmp_path / "root", tmp_path / "elsewhere"

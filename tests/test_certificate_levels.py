@@ -186,6 +186,7 @@ def test_catalogue_has_the_example_that_diverges():
     assert levels["L5"].detail["spectral_radius"] == pytest.approx(1.0114, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_device_known_to_a_range_is_judged_at_its_worst():
     case = problem(b_d=3.0, rows=3)
     lean = case.device.range.model_copy(update={"damping_ns_per_m": (1.0, 5.0), "mass_kg": (0.05, 0.2)})
@@ -324,6 +325,7 @@ def test_switching_is_proved_where_rows_hardly_differ_and_open_where_they_jump()
         assert (found["pairs"], found["proved"], found["pass"]) == (1, proved, bool(proved))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("amplifier", ["", "amplifier_bandwidth_hz=800.0\n"])
 def test_one_row_is_judged_where_it_runs(amplifier):
     """A constant coupling kept as one row of 1 Hz meets what the same gains at every frequency meet, and no more."""

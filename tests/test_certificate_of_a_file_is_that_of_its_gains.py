@@ -42,6 +42,7 @@ def assert_same_certificates(problem, gains):
     return back
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(4)
 @pytest.mark.parametrize("method", POINTWISE)
 @pytest.mark.parametrize("name", NAMES)

@@ -78,6 +78,7 @@ def test_a_loop_that_is_unstable_in_contact_is_refuted_by_its_hand():
     assert certify(coupling.problem, coupling).levels["L5"].passed is False
 
 
+@pytest.mark.thorough
 def test_what_a_proof_costs_in_stiffness_stands_beside_an_open_one():
     coupling = coupling_of(Gains(287.4, 2.913e6, 62.0), environment={"stiffness_n_per_m": 8.9e4})
     law = ContactLaw.of(coupling.problem, *vars(coupling.table.at_rest).values())
@@ -170,6 +171,7 @@ def test_the_command_proves_when_asked(tmp_path):
     assert files["L5.json"]["problem"]["device"] == coupling.problem.device.model_dump(mode="json")
 
 
+@pytest.mark.thorough
 def test_files_of_proofs_are_only_written_where_proofs_are_asked_for(tmp_path):
     done = command("certify", "spring", "nothing.json", "--proof-out", str(tmp_path / "proofs"))
     assert done.returncode == 2

@@ -99,6 +99,7 @@ def test_rows_that_are_stable_each_diverge_by_a_pattern(refuted):
         assert alone.high < 1
 
 
+@pytest.mark.thorough
 def test_nearer_rows_do_not_and_their_bounds_are_tight():
     found = prove_changes(SPRING, dampers(95.0, 105.0), most_cells=0)
     assert found.outcome == "open"
@@ -114,6 +115,7 @@ def test_near_rows_may_jump_with_every_hand_of_the_box():
     assert found.replays(SPRING)
 
 
+@pytest.mark.thorough
 def test_the_pattern_grows_in_a_simulator_of_its_own(refuted):
     """Pressed far into the wall, the distance from rest grows as it is told."""
     hand = {name: np.array([value]) for name, value in refuted.hand.items()}
@@ -272,6 +274,7 @@ def test_gains_that_wander_in_a_box_that_is_proved_come_to_rest():
     assert max(apart[-300:]) < 1e-3 * max(apart[:300])
 
 
+@pytest.mark.thorough
 def test_without_the_extra_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "clarabel", None)
     with pytest.raises(avc.MissingExtraError, match=r"avc-casadi\[proof\]"):

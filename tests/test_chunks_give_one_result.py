@@ -53,6 +53,7 @@ def test_dask_gives_the_bits_of_one_worker(alone):
         assert json_text(study().run(client.get_executor())) == json_text(alone)
 
 
+@pytest.mark.thorough
 def test_a_killed_worker_costs_its_chunk_only(tmp_path):
     count = 6
     whole = Chunked({}, killed_once, [(index, str(tmp_path)) for index in range(count)], list)

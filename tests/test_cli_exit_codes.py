@@ -271,6 +271,7 @@ def test_broken_pipe(arguments):
     assert done.stderr == b""
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is Linux's")
 @pytest.mark.parametrize("arguments", [("list",), ("--help",)], ids=" ".join)
 def test_full_disk(arguments):

@@ -38,6 +38,7 @@ def test_own_gains_pass_without_a_note(arguments, capsys):
     assert json.loads(out.out)["notes"] == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
 def test_another_sample_time_is_refused(arguments, gains, capsys):
     rewrite(gains | {"sample_time_s": 5e-4})
@@ -85,6 +86,7 @@ def test_constant_gains_are_read_at_no_frequency(tmp_path, monkeypatch, capsys):
     assert "the table at" not in out.out
 
 
+@pytest.mark.thorough
 def test_gains_that_are_infeasible_end_in_a_no(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["solve", "hard/infeasible-box", "--method", "exact", "--out", "gains.json"]) == 1

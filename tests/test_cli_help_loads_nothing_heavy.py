@@ -38,6 +38,7 @@ def test_help_of_verbs(verb):
     assert b"--json" in done.stdout
 
 
+@pytest.mark.thorough
 def test_plain_checkout_finds_the_hardware_module(tmp_path):
     """With the package's folder alone on the path, `python -m avc_casadi` finds avc_hardware beside it or installed."""
     root = Path(avc_casadi.__file__).resolve().parent.parent

@@ -26,6 +26,7 @@ console.answer(Answer({"samples": list(range(200000))}, ""))
 """
 
 
+@pytest.mark.thorough
 def test_the_answer_is_written_to_its_end():
     with subprocess.Popen(  # noqa: S603
         [sys.executable, "-c", LARGE], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT
@@ -89,6 +90,7 @@ def test_a_folder_that_was_made_goes_again_where_nothing_comes_of_it(tmp_path):
     assert [path.name for path in (tmp_path / "new" / "inner").iterdir()] == ["whole.json"]
 
 
+@pytest.mark.thorough
 def test_an_interrupt_after_the_answer_changes_nothing():
     program = """
 import os, signal, sys

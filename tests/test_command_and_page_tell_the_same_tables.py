@@ -63,6 +63,7 @@ def test_both_renderings_of_a_table_hold_the_same_cells(told):
             assert line.split() == " ".join(row).split()
 
 
+@pytest.mark.thorough
 def test_the_numbers_are_those_of_the_document(told):
     document, certificate, _ = told
     tables = comparison_tables(document)
@@ -79,6 +80,7 @@ def test_the_numbers_are_those_of_the_document(told):
     assert [row[-1] for row in safety] == ["no", "no", "no", "yes"]
 
 
+@pytest.mark.thorough
 def test_the_damped_structure_shows_its_contact_damper():
     problem = avc.load_problem("damped").changed(stability={"scope": "pointwise"}, frequency={"points": 5})
     tables = comparison_tables(comparison_document(avc.compare(problem)))
@@ -86,6 +88,7 @@ def test_the_damped_structure_shows_its_contact_damper():
     assert len({len(row) for row in tables.frequencies.rows} | {len(tables.frequencies.header)}) == 1
 
 
+@pytest.mark.thorough
 def test_cells_of_every_kind_are_written_one_way():
     table = Table(("a\nm", "b"), ((1.23456, "x<y"), (None, "z"), (np.nan, "")), left=(1,))
     assert [row[0] for row in cells(table.html())] == ["a, m", "1.235", "-", "-"]

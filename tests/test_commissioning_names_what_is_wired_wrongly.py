@@ -95,6 +95,7 @@ def test_the_emulated_board_tells_the_same(capsys: pytest.CaptureFixture[str]) -
     assert main(["commission", "reference-r1", "--port", "/dev/none", "--on-bench", "motor-dead"]) == 2
 
 
+@pytest.mark.thorough
 def test_a_hand_that_does_nothing_or_too_little_is_told() -> None:
     core = HostCore(host_library())
     with pytest.raises(LinkError, match=r"moved by 1\.99 mm only in 30 s"):

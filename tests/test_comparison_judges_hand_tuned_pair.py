@@ -50,6 +50,7 @@ def test_the_optimum_itself_is_a_tie():
     assert mine.meets_margin.all()
 
 
+@pytest.mark.thorough
 def test_outside_the_box_is_said():
     mine = avc.compare(PROBLEM, methods=("closed-form", "exact"), mine=(2e7, 10.0)).mine
     assert not mine.inside_box

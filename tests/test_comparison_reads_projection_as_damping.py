@@ -1,6 +1,7 @@
 """The projection is the desired wall, a damper and a virtual mass; computed here from z = exp(j theta) alone."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -35,6 +36,7 @@ def wall_and_hold(b, k):
 WALLS = {name: st.just(0.0) | st.floats(1e-9, most) for name, most in (("b", 100), ("k", 1e6), ("margin", 5))}
 
 
+@pytest.mark.thorough
 @given(**WALLS)
 def test_damper_and_mass_render_the_projection(b, k, margin):
     problem = problem_of(b, k, margin=margin)
@@ -49,6 +51,7 @@ def test_damper_and_mass_render_the_projection(b, k, margin):
     np.testing.assert_allclose(injection.virtual_mass_kg, injection.injected_damping_ns_per_m * t / 2, rtol=1e-9)
 
 
+@pytest.mark.thorough
 @given(**WALLS)
 def test_contact_damper_reaches_the_margin_and_errs_as_stated(b, k, margin):
     problem = problem_of(b, k, margin=margin)

@@ -79,6 +79,7 @@ def test_document_is_json_and_counts_add_up(documents, name):
         assert len(document[key]) == rows
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_direct_and_exact_agree(documents, name):
     check = documents[name]["cross_check"]
@@ -87,6 +88,7 @@ def test_direct_and_exact_agree(documents, name):
     assert check["only_one"] == 0
 
 
+@pytest.mark.thorough
 def test_negative_stiffness_is_not_realisable(documents):
     """The stiff wall of figure 5: the closed form asks for negative stiffness near 300 Hz."""
     document = documents["figure5"]
@@ -124,6 +126,7 @@ def one_row(status, error):
     return replace(gains, status=(status,), impedance=np.array([1 + error + 0j]), target=np.array([1 + 0j]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("closed", "optimum"), list(itertools.product(Status, Status)), ids=str)
 @pytest.mark.parametrize("better", [False, True], ids=["equal", "better"])
 def test_precedence(closed, optimum, better):
@@ -139,6 +142,7 @@ def test_precedence(closed, optimum, better):
         assert verdict == ("bound-active" if optimum is Status.ACTIVE_BOUND else "agree")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("methods", [(), ("direct",), ("closed-form",), ("exact", "direct")], ids=str)
 def test_what_cannot_be_compared_is_refused(methods):
     with pytest.raises(avc.InputError, match="closed-form and at least one of direct, exact"):

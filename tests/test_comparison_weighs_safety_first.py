@@ -55,6 +55,7 @@ def test_the_document_tells_what_each_method_is_safe_for(soft):
     assert document["mine"]["safer"] == "mine"
 
 
+@pytest.mark.thorough
 def test_a_level_that_is_refused_on_a_device_is_neither_passed_nor_failed():
     problem = avc.load_problem("soft").changed(device={"amplifier_bandwidth_hz": 1000.0}, frequency={"points": 4})
     document = comparison_document(avc.compare(problem))
@@ -98,6 +99,7 @@ def test_every_hand_weighs_more_than_let_go_and_that_more_than_passive(one, othe
         assert warned == (not safety.deployable), reason
 
 
+@pytest.mark.thorough
 def test_what_was_not_judged_is_not_safe():
     problem = PROBLEM.changed(device={"delay_samples": 100})
     gains = avc.solve(problem, "exact")

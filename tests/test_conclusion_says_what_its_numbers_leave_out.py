@@ -75,6 +75,7 @@ def test_hands_that_move_beyond_a_proof_are_told(document):
     assert lines_of(changed, "beyond the proof") == []
 
 
+@pytest.mark.thorough
 def test_how_long_those_are_watched_who_still_move_is_told_where_it_is_longer_than_usual(document):
     changed = copy.deepcopy(document)
     assert "watched" not in lines_of(changed, "trial")[0]

@@ -221,6 +221,7 @@ def test_constants_in_c_are_the_gains(regional):
         np.testing.assert_allclose(found, np.vstack([stiffness, damping]).T, rtol=1e-5)
 
 
+@pytest.mark.thorough
 def test_example_applies_them_along_the_axes_of_the_arm(regional):
     require("g++")
     gains, document = regional

@@ -232,6 +232,7 @@ def test_a_file_of_which_a_part_was_changed_is_refused(key, change, tmp_path):
     assert key in [fault.key for fault in caught.value.faults]
 
 
+@pytest.mark.thorough
 def test_another_problem_than_its_own_is_refused(tmp_path):
     path = tmp_path / "c.json"
     avc.write_coupling(Coupling.of(avc.load_problem("soft"), avc.solve("soft")), path)

@@ -117,6 +117,7 @@ def test_check_shows_doubts_and_what_is_declared(tmp_path, capsys):
     assert document["passive_limit_n_per_m"] is None
 
 
+@pytest.mark.thorough
 def test_check_and_certify_tell_the_same_passive_limit(tmp_path, capsys):
     case = problem({"damping_ns_per_m": 3.0, "range": {"damping_ns_per_m": [1.0, 5.0], "delay_samples": [0, 1]}})
     file = tmp_path / "vague.toml"

@@ -144,6 +144,7 @@ def test_what_no_numbers_make_of_the_image_is_refused(device: dict[str, float], 
         push(coupling(3, runtime=runtime, **device), "emulator")
 
 
+@pytest.mark.thorough
 def test_every_emulated_board_is_fresh() -> None:
     push(coupling(3), "emulator")
     first, *_ = monitor("emulator", seconds=0.1)

@@ -84,6 +84,7 @@ def test_stiff_wall_is_stable_with_the_schedule() -> None:
     assert (status.overruns, status.not_finite, status.frames_bad) == (0, 0, 0)
 
 
+@pytest.mark.thorough
 def test_stiff_wall_is_unstable_without_a_coupling() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(constant(1e4, 1e8, 0.0))
@@ -177,6 +178,7 @@ def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     assert loop.status().mode == "safe"  # still inside the wall: no force comes back there
 
 
+@pytest.mark.thorough
 def test_bench_refuses_what_it_does_not_have() -> None:
     with pytest.raises(UnsupportedError, match="coulomb-friction"):
         FirmwareInTheLoop(wall().changed(scene={"effects": (HandEffect(), WallEffect(), CoulombFrictionEffect())}))
@@ -292,6 +294,7 @@ def test_a_wall_that_only_state_feedback_holds_is_at_rest_in_the_firmware() -> N
     assert found.left_out == ()
 
 
+@pytest.mark.thorough
 def test_state_feedback_in_the_firmware_feels_like_the_scene() -> None:
     loop = FirmwareInTheLoop(believed())
     loop.push(believed())
@@ -302,6 +305,7 @@ def test_state_feedback_in_the_firmware_feels_like_the_scene() -> None:
     assert np.abs(difference).max() < 1e-5
 
 
+@pytest.mark.thorough
 def test_a_scene_with_the_coupling_s_own_state_feedback_is_tried_with_it() -> None:
     listed = (*believed().problem.scene.effects, *believed().runtime.effects(constant=True))
     problem = believed().problem.changed(scene={"effects": listed})

@@ -30,6 +30,7 @@ def device(mass: float, delay: float, mode: float, share: float) -> Device:
     )
 
 
+@pytest.mark.thorough
 @settings(max_examples=25, deadline=None)
 @given(st.floats(0.05, 1.0), st.floats(0.01, 3), st.floats(60, 300), st.floats(0.05, 0.4), st.integers(0, 2**31))
 def test_corners_come_first_and_the_rest_lies_within(mass, delay, mode, share, seed):

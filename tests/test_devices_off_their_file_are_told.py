@@ -52,6 +52,7 @@ def radius_let_go(device, stiffness, damping):
     return max(abs(np.linalg.eigvals(free + np.outer(push, law))))
 
 
+@pytest.mark.thorough
 def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     bare = before(WALL_N_PER_M)
     wall = 0.99 * stiffest_wall(bare.device, with_let_go(hand_corners(bare.hands))).stiffness_n_per_m

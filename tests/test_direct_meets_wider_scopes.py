@@ -86,6 +86,7 @@ def test_certificate_of_the_scope_passes() -> None:
         assert certify(problem, solve(problem)).document()["levels"][level]["pass"]
 
 
+@pytest.mark.thorough
 def test_infeasible_scope_says_by_how_much_and_relaxing_by_it_makes_it_feasible() -> None:
     problem = problem_with("band", {"coupling": {"stiffness_n_per_m": (5e4, 1e7), "damping_ns_per_m": (500.0, 1e4)}}, 5)
     gains = solve(problem)

@@ -136,6 +136,7 @@ def test_infeasible_problems_are_told_apart_from_failures():
         assert all("missed by" in reason for reason in schedule.reason)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["ipopt", "sqpmethod", "fatrop"])
 def test_random_problems_end_solved_or_failed_and_never_wrong(name):
     rng = np.random.default_rng(8)
@@ -205,6 +206,7 @@ def test_solving_works_outside_the_main_thread():
     assert set(kept[0].status) <= {"solved", "active-bound"}
 
 
+@pytest.mark.thorough
 def test_a_device_that_turns_is_solved_as_its_rim_is():
     """In N.m.s/rad a knob's impedances are below a solver's absolute tolerances."""
     knob = avc.load_problem("knob").changed(frequency={"points": 15})

@@ -23,6 +23,7 @@ def readings(seed, step, travel_steps, samples):
     return np.round(motion / step + random.uniform()) * step
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rounded", ROUNDED)
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -108,6 +108,7 @@ def needed(asked, there):
             assert main(arguments) == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("asked", ASKED)
 def test_it_takes_fifteen_lines_with_prefixes_and_the_terms_of_the_field(asked, folder, monkeypatch, capsys):
     if asked.split()[0] in {"commission", "push", "stream", "monitor", "device", "excite", "firmware", "run"}:

@@ -76,6 +76,7 @@ def spread(interval, scale, count):
     return np.clip(scale * share / (1 - share), low, high)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("structure", ["series", "damped"])
 def test_no_point_of_a_dense_grid_is_better(structure):
     rng = np.random.default_rng(5)

@@ -78,6 +78,7 @@ def test_forecast_is_what_happens():
         assert told["peak_speed_m_per_s"] <= found.speed_m_per_s[index, 0] * 1.02
 
 
+@pytest.mark.thorough
 def test_silent_host_stops_it_within_a_second():
     plan = planned()
     bench = Bench(device())

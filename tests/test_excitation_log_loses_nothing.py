@@ -67,6 +67,7 @@ def test_sines_of_the_device_are_sines():
     assert np.abs(chirp.units(4000) / FULL - np.sin(phase)).max() < 1e-3
 
 
+@pytest.mark.thorough
 def test_what_was_recorded_until_an_interrupt_is_kept(tmp_path):
     """Ctrl-C while records come in: those that did are the first of the whole log, and the device is stopped."""
 

@@ -259,6 +259,7 @@ def test_typed_gains_take_a_decimal_comma_and_are_drawn(page):
     assert len(curves) == page.execute_script("return document.querySelectorAll('#c-region svg path.line').length")
 
 
+@pytest.mark.thorough
 def test_an_address_that_holds_no_settings_says_so(page):
     for part in ("[]", "3", "null"):
         page.execute_script("location.hash = arguments[0]", part)

@@ -65,6 +65,7 @@ def test_the_page_feeds_back_the_believed_state_as_the_scene_does(page):
     np.testing.assert_allclose(moved[kept, 0], run.position_m[kept], rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_page_turns_a_knob_through_its_detents_as_the_scene_does(page):
     problem = avc.load_problem("knob").changed(
         scene={"duration_s": 0.4, "integrator": "projected", "substeps": 4},

@@ -107,6 +107,7 @@ RUNTIMES = {
 AGREES = {"single": (5e-2, 2e-3), "double": (1e-9, 1e-10)}
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize(("delay", "contact"), [(0, "gated"), (2, "gated"), (0, "clip-last"), (2, "clip-last")])
 @pytest.mark.parametrize("varies", [False, True], ids=["constant", "table"])

@@ -120,6 +120,7 @@ def test_an_observer_keeps_the_budget_of_what_adapts() -> None:
     assert max(tick.total for tick in tick_instructions(made, counts=motion, ticks=TICKS)) <= OBSERVED_BUDGET
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["avc_estimate_step", "avc_control_tick"])
 def test_every_part_of_the_tick_is_counted(name: str) -> None:
     require("unicorn")

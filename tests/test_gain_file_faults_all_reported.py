@@ -187,6 +187,7 @@ def read_or_refused(reader, *arguments):
     return None
 
 
+@pytest.mark.thorough
 @given(edited())
 def test_a_document_edited_at_random_is_read_or_refused(tmp_path_factory, document):
     found = read_or_refused(read, document, tmp_path_factory.getbasetemp())

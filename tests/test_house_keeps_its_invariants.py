@@ -77,6 +77,7 @@ def test_hardware_loads_neither_proofs_nor_simulation():
     assert not [name for name in found if ".prove" in name or ".simulation" in name]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "module",
     [

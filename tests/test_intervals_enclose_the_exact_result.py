@@ -38,6 +38,7 @@ def encloses(result, exact):
     )
 
 
+@pytest.mark.thorough
 @given(interval(), interval(), SHARE, SHARE)
 @settings(max_examples=300)
 def test_sums_products_and_quotients_are_enclosed(a, b, s, t):
@@ -71,6 +72,7 @@ def test_plain_numbers_count_as_exact(a, number, s):
         assert encloses(number / a, y / x)
 
 
+@pytest.mark.thorough
 @given(interval(), interval())
 @settings(max_examples=300)
 def test_no_end_is_more_than_some_units_away_from_the_best(a, b):
@@ -121,6 +123,7 @@ def test_extrema_of_sine_and_cosine_are_not_missed():
         assert np.all(np.where(turns % 2 == 0, around.high == 1.0, around.low == -1.0))
 
 
+@pytest.mark.thorough
 @given(interval(MODEST), interval(MODEST), interval(MODEST), interval(MODEST), SHARE, SHARE, SHARE, SHARE)
 @settings(max_examples=150)
 def test_complex_rectangles_enclose(a, b, c, d, s, t, u, v):

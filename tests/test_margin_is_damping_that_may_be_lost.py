@@ -91,6 +91,7 @@ def reserve(case, b, k):
     return low
 
 
+@pytest.mark.thorough
 def test_tuned_constant_gains_keep_it_in_reserve():
     """The one pair of a box is taken with a margin just below its reserve and refused just above."""
     b, k = 20.0, 1.2e4

@@ -88,6 +88,7 @@ def test_slopes_are_those_of_differences(predictor, side, order):
     assert_slopes(predictor, structure, VALUES)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("delay", np.linspace(1.01, 1.99, 15))
 def test_slopes_are_those_of_differences_wherever_in_a_sample_the_force_arrives(predictor, delay):
     """Where one of the times at which friction looks at the velocity leaves the sample, all of them changed places."""

@@ -125,6 +125,7 @@ def test_values_lie_in_the_half_plane_of_their_cell(proof):
             assert (value * np.conj(piece.cells.direction[i])).real > 0
 
 
+@pytest.mark.thorough
 def test_the_member_is_stable(proof):
     (piece,) = proof.pieces
     points = np.linspace(0.0, np.pi, 150)
@@ -139,6 +140,7 @@ def with_cells(proof, **changed):
     return replace(proof, pieces=(replace(piece, cells=replace(piece.cells, **changed)),))
 
 
+@pytest.mark.thorough
 def test_tampered_proofs_are_refused(proof):
     assert proof.replays()
     generator = np.random.default_rng(7)

@@ -66,6 +66,7 @@ def test_closed_form_injects_what_the_range_lacks():
     np.testing.assert_allclose(unknown.real_part[pushed], 1.2, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", [None, "ipopt"])
 def test_backends_of_direct_agree_on_it(solver):
     problem = ranged()

@@ -101,6 +101,7 @@ def test_rows_are_real_and_no_lattice_point_betters_them(
             assert not slack.met.any(), f"row {row}: {error[better][slack.met].min()} < {own}"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["direct", "schedule"])
 def test_reason_states_the_smallest_relaxation(method: str) -> None:
     problem = problem_with("jnd", "pointwise", {})
@@ -166,6 +167,7 @@ def test_comparison_stays_pointwise_and_says_what_is_demanded() -> None:
     assert comparison.scope == "pointwise, realism jnd"
 
 
+@pytest.mark.thorough
 def test_command_answers_with_the_reasons(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "real.toml"
     path.write_text(dump_problem(problem_with("jnd", "pointwise", {})), encoding="utf-8")

@@ -44,6 +44,7 @@ def said(arguments):
     return out.getvalue()
 
 
+@pytest.mark.thorough
 def test_it_tells_the_numbers_of_its_document(answers):
     text, _, document = answers
     rows = rows_of(text)
@@ -113,6 +114,7 @@ def test_where_nothing_is_deployable_the_reason_stands_first():
     assert "the device has no mass" in told
 
 
+@pytest.mark.thorough
 def test_a_device_that_turns_is_told_in_its_own_units():
     problem = avc.load_problem("knob")
     text = recommendation_page(avc.recommend(problem, hands=4).document(), problem, Page(), "knob")

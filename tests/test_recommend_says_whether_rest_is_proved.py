@@ -54,6 +54,7 @@ def test_the_recommended_coupling_carries_its_proof():
     assert sum(line.startswith("rest with every hand: proved: ") for line in recommendation_lines(document)) == 1
 
 
+@pytest.mark.thorough
 def test_an_open_one_says_where_proof_ends_and_there_it_is_proved(lean):
     coupling, rest = lean
     assert rest.word == "open"
@@ -104,6 +105,7 @@ def test_of_equals_those_with_a_proof_in_sight_come_first():
     assert proved_first([beside]) == [beside]
 
 
+@pytest.mark.thorough
 def test_the_promise_is_what_the_proof_keeps():
     outcomes = []
     for damping in np.linspace(40.0, 100.0, 4):

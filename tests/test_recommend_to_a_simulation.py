@@ -56,6 +56,7 @@ def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchang
             assert np.abs(np.diff(tool[-500:])).max() < 5e-6
 
 
+@pytest.mark.thorough
 def test_document_has_what_an_engine_is_given():
     document = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002"), hands=HANDS).document()
     json.dumps(document, allow_nan=False)
@@ -114,6 +115,7 @@ def test_engine_whose_own_contact_is_unstable_is_told_apart():
     assert "your engine" not in softer.reason
 
 
+@pytest.mark.thorough
 def test_felt_tool_is_what_a_driven_simulation_measures():
     """A handle moved by 1 mm: the force of a plain engine at the frequency of the motion, against what is told."""
     stated = problem("tool_mass_kg = 0.2\nstep_s = 0.005", device=DEVICE.replace("delay_samples = 1\n", ""))
@@ -139,6 +141,7 @@ def test_felt_tool_is_what_a_driven_simulation_measures():
         assert impedance.real == pytest.approx(felt.drag_ns_per_m, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
     """A spring of a game at 62.5 Hz and one frame late swings without a damper in the device's loop."""
     wheel = (
@@ -163,6 +166,7 @@ def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
     assert np.abs(swings(gains.local_damping_ns_per_m)[-500:]).max() < 1e-3
 
 
+@pytest.mark.thorough
 def test_file_of_a_coupling_to_a_simulation_reads_back(tmp_path):
     found = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002\nposition_scale = 10.0"), hands=HANDS)
     path = tmp_path / "c.json"

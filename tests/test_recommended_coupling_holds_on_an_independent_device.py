@@ -82,6 +82,7 @@ def unguided(force="0.0"):
     return WholeDevice(avc.load_problem("reference-r1").device, files)
 
 
+@pytest.mark.thorough
 def test_the_simulator_has_the_stated_physics():
     """Damped flight, a weight on friction, a constant force through the structure, all against closed forms."""
     free = unguided()
@@ -141,6 +142,7 @@ def test_as_many_hands_rest_as_the_trial_says():
     assert 0 < counts[3] < counts[2]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_let_go_the_device_rests(name):
     for velocity in (0.07, 0.3):
@@ -152,6 +154,7 @@ def test_let_go_the_device_rests(name):
         assert found.force == pytest.approx(weight, abs=bench(name).device.coulomb_friction_n)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_a_blow_without_any_friction_leaves_all_but_a_hand_at_rest(name):
     """A limit of what is recommended, bounded here: of 24 hands one may still move a little faster than rest."""
@@ -161,6 +164,7 @@ def test_a_blow_without_any_friction_leaves_all_but_a_hand_at_rest(name):
         assert fastest(found) < 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_lying_on_the_wall_without_hand_and_friction_it_stays_near(name):
     """A limit of what is recommended, bounded here: nothing damps a device alone inside the dead zone."""
@@ -168,6 +172,7 @@ def test_lying_on_the_wall_without_hand_and_friction_it_stays_near(name):
         assert fastest([bench(name).meets(leaning(weight), friction=0.0)]) < 0.06
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_every_motion_dies_out_where_the_loop_is_linear(name):
     """What `deployable` claims of all of the innovation: no friction, no encoder, and no dead zone."""
@@ -214,6 +219,7 @@ def test_without_friction_a_light_device_whose_structure_is_stiffer_than_its_fil
             assert fastest([light.meets(motion(hand), **other)]) < REST
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stiffness_told_is_that_of_the_simulator(name):
     """Median within 2 %, everybody within 8 %, at the motor; at the handle the structure gives way too."""
@@ -229,6 +235,7 @@ def test_the_stiffness_told_is_that_of_the_simulator(name):
         assert at_handle == pytest.approx(told * structure / (told + structure), rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stiffest_wall_is_where_the_simulator_says(name):
     """Without what is not linear: at 0.9 of the limit everything dies out, at 1.1 of it not."""

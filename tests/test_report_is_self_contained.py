@@ -84,6 +84,7 @@ def test_nothing_is_loaded_from_elsewhere(html):
                 assert not re.search(r"url\((?!#)", value)
 
 
+@pytest.mark.thorough
 def test_hostile_text_is_shown_as_text(html):
     page = Page(html)
     assert "script" not in page.tags
@@ -92,6 +93,7 @@ def test_hostile_text_is_shown_as_text(html):
     assert "the <b>device</b> & its limits" in "".join(page.text)
 
 
+@pytest.mark.thorough
 def test_it_tells_everything(contents, html):
     text = "".join(Page(html).text)
     for error in PAPER_ERRORS:
@@ -114,10 +116,12 @@ def test_it_tells_everything(contents, html):
     assert avc.__version__ in text
 
 
+@pytest.mark.thorough
 def test_it_repeats(contents, html):
     assert report_html(contents) == html
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("share", "headline"),
     [
@@ -132,6 +136,7 @@ def test_the_headline_says_how_much_of_the_wall_is_left(contents, share, headlin
     assert headline in " ".join(Page(page).text)
 
 
+@pytest.mark.thorough
 def test_the_headline_of_nothing_says_why_and_no_table_is_empty(contents):
     nothing = contents.deployment | {
         "coupling": None,

@@ -67,6 +67,7 @@ def test_nothing_sticks_out(page, size):
     assert figure > 0.75 * min(WIDTHS[size], 1200)
 
 
+@pytest.mark.thorough
 def test_paper_cuts_nothing_off(page):
     resize(page, PAPER_PX)
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
@@ -85,11 +86,13 @@ def test_axe_finds_nothing_serious(page, scheme):
     assert serious_violations(page) == []
 
 
+@pytest.mark.thorough
 def test_it_asks_nobody_and_complains_of_nothing(page):
     assert [url for url in requested(page) if not url.startswith(("file:", "data:"))] == []
     assert console_errors(page) == []
 
 
+@pytest.mark.thorough
 def test_the_conclusion_comes_first_and_its_verdict_is_a_word_and_a_mark(page, contents):
     verdict = page.find_element("css selector", "main h2 + p.verdict")
     assert verdict.text == "Deploy this coupling."
@@ -98,6 +101,7 @@ def test_the_conclusion_comes_first_and_its_verdict_is_a_word_and_a_mark(page, c
     assert contents.deployment["deployable"]
 
 
+@pytest.mark.thorough
 def test_figures_say_in_numbers_what_they_show(page, contents):
     said = page.find_element("css selector", "figure img").get_attribute("alt")
     counts = contents.comparison.counts()

@@ -36,6 +36,7 @@ def test_every_stylus_hand_of_the_box_is_proved_to_rest(proof):
     assert rest_proof_checker.accepts(proof.document(), hands=2)
 
 
+@pytest.mark.thorough
 def test_the_checker_refuses_what_is_not_proved(proof):
     document = proof.document()
     stiffer = document | {"law": document["law"] | {"wall_stiffness_n_per_m": 1.2e5}}

@@ -54,6 +54,7 @@ def test_the_papers_question_then_the_coupling_and_every_file(results):
     assert {path.name for path in (folder / "avc-figure5").iterdir()} == FILES
 
 
+@pytest.mark.thorough
 def test_the_device_gets_the_recommended_coupling(results):
     folder, _, again = results
     document = strict_json(again.stdout)
@@ -80,6 +81,7 @@ def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
     assert "read back equal" in text
 
 
+@pytest.mark.thorough
 def test_document(results):
     folder, _, again = results
     document = strict_json(again.stdout)
@@ -89,6 +91,7 @@ def test_document(results):
     assert document["passive_limit_n_per_m"] == pytest.approx(2 * 2.0 / 1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["gains.csv", *sorted(name for name in FILES if name.endswith((".png", ".svg")))])
 def test_files_repeat_byte_for_byte(results, name):
     folder = results[0]
@@ -101,6 +104,7 @@ def without_seconds(value):
     return [without_seconds(item) for item in value] if isinstance(value, list) else value
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["gains.json", "compare.json"])
 def test_documents_repeat_apart_from_times(results, name):
     first, second = (
@@ -109,6 +113,7 @@ def test_documents_repeat_apart_from_times(results, name):
     assert first == second
 
 
+@pytest.mark.thorough
 def test_gain_files_hold_the_direct_gains(results):
     expected = solve(load_problem("figure5"), "direct")
     for name in ("gains.json", "gains.csv"):
@@ -182,6 +187,7 @@ def test_infeasible_problem_still_leaves_everything_and_says_no(tmp_path):
     assert Path(tmp_path / "avc-hard-infeasible-box" / "gains.csv").read_text().count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_a_folder_that_cannot_be_written_is_found_before_the_work(tmp_path, monkeypatch, capsys):
     def worked(*_):
         raise AssertionError("the work began")

@@ -65,6 +65,7 @@ def test_no_text_covers_another(figure):
         assert not any(one.overlaps(other) for other in boxes[index + 1 :])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scene", ["duration_s = 1e-3\n", "duration_s = 0.05\n"])
 def test_runs_without_contact_or_length_are_drawn(scene):
     figure = draw_scene([simulate(scene_problem(EFFECTS, scene=scene), Gains(10.0, 7e3))])

@@ -87,6 +87,7 @@ def test_friction_alone_can_hold_a_loop_at_rest_and_is_said_to():
     assert calm.certificate()["pass"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("mass", "k", "force", "frequency_hz"),
     [

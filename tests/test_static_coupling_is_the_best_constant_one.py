@@ -35,6 +35,7 @@ def cost(case, b, k):
     return np.sqrt(np.mean(errors**2, axis=1))
 
 
+@pytest.mark.thorough
 @pytest.mark.one_of(3)
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
 @pytest.mark.parametrize("condition", ["llewellyn", "all"])
@@ -58,12 +59,14 @@ def test_no_allowed_pair_of_a_grid_is_better(model, condition, delay, objective)
     assert found.error <= cost(case, b[allowed], k[allowed]).min() * (1 + 1e-9)
 
 
+@pytest.mark.thorough
 def test_sampled_data_llewellyn_ends_at_the_passive_limit():
     found = static_coupling(problem(model="sampled-data"))
     assert found.stiffness_n_per_m == pytest.approx(2 * 2.0 / 1e-3, rel=1e-9)
     assert found.damping_ns_per_m == 0.0
 
 
+@pytest.mark.thorough
 def test_printed_hold_ends_on_the_edge_of_llewellyn():
     case = problem()
     found = static_coupling(case)

@@ -57,6 +57,7 @@ def damped():
     return case, tune_static(case, SMALL)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["series", "damped"])
 def test_tuned_gains_hold_for_hands_never_seen(name, request):
     case, found = request.getfixturevalue(name)

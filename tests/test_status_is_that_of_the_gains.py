@@ -6,6 +6,7 @@ import pytest
 from avc_casadi import load_problem, solve
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", ["ipopt", "sqpmethod"])
 def test_equal_gains_have_equal_status_whoever_found_them(solver):
     problem = load_problem("figure5")

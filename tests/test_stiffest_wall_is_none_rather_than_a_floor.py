@@ -21,6 +21,7 @@ def too_late():
     )
 
 
+@pytest.mark.thorough
 def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
     people = with_let_go(hand_corners(too_late.hands))
     found = stiffest_wall(too_late.device, people)
@@ -34,6 +35,7 @@ def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
     assert math.isnan(damping_range(too_late.device, people, softest).lowest_ns_per_m)
 
 
+@pytest.mark.thorough
 def test_what_helps_nothing_is_told_as_nothing(too_late):
     helps = what_would_help(too_late, hand_corners(too_late.hands))
     walls = {one.change: one.stiffest_wall_n_per_m for one in helps}
@@ -42,6 +44,7 @@ def test_what_helps_nothing_is_told_as_nothing(too_late):
     assert helps[0].change == "no delay"
 
 
+@pytest.mark.thorough
 def test_the_search_of_laws_ends_where_not_even_a_softer_wall_is_held(too_late):
     found = avc.solve(too_late.changed(environment={"stiffness_n_per_m": 1e4, "damping_ns_per_m": 0.0}), "robust")
     assert not found.usable.any()

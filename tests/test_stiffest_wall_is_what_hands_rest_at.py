@@ -67,6 +67,7 @@ def test_hands_that_had_no_part_in_it_rest_at_the_stiffest_wall():
     assert fresh.stable_without_friction.mean() > 0.9
 
 
+@pytest.mark.thorough
 def test_no_change_for_the_better_is_less_safe_or_softer_by_more_than_a_step():
     helps = {one["change"]: one for one in found()["what_would_help"]}
     for change in ("no play", "twice the force", "no delay"):
@@ -78,6 +79,7 @@ def test_no_change_for_the_better_is_less_safe_or_softer_by_more_than_a_step():
     assert order == sorted(order, reverse=True)
 
 
+@pytest.mark.thorough
 def test_a_change_is_told_by_the_way_that_leads_furthest():
     told = {one["change"]: one for one in found()["what_would_help"]}["no delay"]
     judged = [one for other, one in searched()[1] if other.delay_samples == 0 < device().device.delay_samples]
@@ -88,6 +90,7 @@ def test_a_change_is_told_by_the_way_that_leads_furthest():
     assert (safety(told), told["stiffest_wall_n_per_m"]) == max(reached)
 
 
+@pytest.mark.thorough
 def test_the_text_tells_all_of_it():
     text = "\n".join(stiffest_lines(found()))
     for one in (found(), *found()["what_would_help"]):
@@ -95,6 +98,7 @@ def test_the_text_tells_all_of_it():
     assert f"of {found()['confirmed']['hands']} hands that had no part in the choice" in text
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", ["encoder_resolution_m", "max_force_n"])
 def test_a_range_changes_with_its_value(key):
     low, high = 0.8 * DEVICE[key], 1.5 * DEVICE[key]
@@ -105,6 +109,7 @@ def test_a_range_changes_with_its_value(key):
     np.testing.assert_allclose(getattr(other.device.range, key), (factor * low, factor * high))
 
 
+@pytest.mark.thorough
 def test_a_wall_and_detents_of_the_problem_do_not_matter():
     knob = avc.load_problem("knob")
     reached, walled = _stiffest._out_of_reach(knob)
@@ -112,6 +117,7 @@ def test_a_wall_and_detents_of_the_problem_do_not_matter():
     assert walled.environment.stiffness_n_per_m > 100 * reached.stiffness_n_per_m
 
 
+@pytest.mark.thorough
 def test_a_device_that_nothing_holds_has_none():
     told = stiffest(avc.load_problem("hard/massless"), hands=3)
     assert told["stiffest_wall_n_per_m"] is None
@@ -119,6 +125,7 @@ def test_a_device_that_nothing_holds_has_none():
     assert "none was found" in "\n".join(stiffest_lines(told))
 
 
+@pytest.mark.thorough
 def test_the_device_as_it_is_is_searched_as_for_a_recommendation_and_more():
     """So that before a wall out of reach nothing stiffer is recommended, but for rounding."""
     (climbs, onwards), *beside = _stiffest._AS_IT_IS

@@ -35,6 +35,7 @@ def test_everybody_rests_without_friction(gains):
     assert found["error_at_hz"]["physical"]["10"] < found["error_at_hz"]["sampled"]["10"] < 0.1
 
 
+@pytest.mark.thorough
 def test_a_coarse_encoder_needs_the_observer(gains):
     coarse = Conditions(encoder_m=20e-6)
     assert reach(PROBLEM, gains, PEOPLE, with_observer(PROBLEM, coarse))["stable"] == 48

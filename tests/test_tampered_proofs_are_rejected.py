@@ -66,6 +66,7 @@ def test_they_are_accepted_and_survive_their_file(proofs):
             assert again.from_document(whole["proof"]).document() == whole["proof"]
 
 
+@pytest.mark.thorough
 def test_what_was_read_again_is_verified_and_not_believed(proofs):
     document = proofs["L7", "late"]["proof"]
     assert Rest.from_document(document).verified()

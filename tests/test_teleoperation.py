@@ -26,6 +26,7 @@ def problem(follower, hands=""):
     return avc.parse_problem(f"{LEADER}[follower]\n{follower}\n{hands}")
 
 
+@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(
     mass=st.floats(0.05, 1.0),

@@ -91,6 +91,7 @@ def test_a_continuation_ends_at_the_wanted_wall(step):
     assert max(hand.walls) == pytest.approx(3900)
 
 
+@pytest.mark.thorough
 def test_a_continuation_begins_softer_where_the_first_wall_is_too_stiff(step):
     hand = OneHand(lambda wall, _: 0.2 if wall < 1700 else 2.0)
     held = continuation(BEFORE_FAR, start_of(step), (3000.0, 3000.0), hand.at)

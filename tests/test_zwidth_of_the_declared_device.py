@@ -113,6 +113,7 @@ def test_the_edge_of_the_passive_walls_is_where_the_handle_loses_its_damping(nam
             assert (lowest > -2e-3) == passive
 
 
+@pytest.mark.thorough
 def test_every_passive_wall_is_stable():
     for name in CASES:
         passive = curve(name, "passive-sampled-data")

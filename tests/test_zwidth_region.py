@@ -55,6 +55,7 @@ def test_passive_regions_without_delay_are_the_closed_forms():
     assert region.passive_limit_n_per_m == pytest.approx(2 * 2.0 / T)
 
 
+@pytest.mark.thorough
 def test_passive_walls_are_stable_and_the_papers_region_is_not():
     region = region_of()
     found = curves(region)
