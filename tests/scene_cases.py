@@ -38,6 +38,17 @@ CASES = {
         (HAND, WALL, 'kind = "resonance"\nfrequency_hz = 180.0\ndamping_ratio = 0.02\nmass_ratio = 0.3', FRICTION),
         SOFT,
     ),
+    "structure": ((HAND, WALL, 'kind = "structure"\nfrequency_hz = 230.0'), SOFT),
+    "structure-beside-a-resonance": (
+        (
+            HAND,
+            WALL,
+            FRICTION,
+            'kind = "structure"\nfrequency_hz = 230.0\ndamping_ratio = 0.05\nmass_ratio = 0.4',
+            'kind = "resonance"\nfrequency_hz = 120.0\ndamping_ratio = 0.05\nmass_ratio = 0.5',
+        ),
+        SOFT,
+    ),
     "encoder": ((HAND, WALL, 'kind = "encoder"\nresolution_m = 2e-5'), SOFT),
     "noise": ((HAND, WALL, 'kind = "noise"\nrms_m = 1e-6\nseed = 4'), SERIES),
     "velocity-filter": ((HAND, WALL, 'kind = "velocity-filter"\ncutoff_hz = 150.0'), SOFT),
@@ -94,6 +105,10 @@ CASES = {
     ),
     "late": ((HAND, WALL, 'kind = "jitter"\nrms_s = 2e-4'), SOFT),
     "dropped": ((HAND, WALL, 'kind = "jitter"\nrms_s = 0.0\ndropped_share = 0.1\nseed = 2'), SOFT),
+    "dropped-and-a-part-late": (
+        (HAND, WALL, 'kind = "delay"\nsamples = 1.4', 'kind = "jitter"\nrms_s = 0.0\ndropped_share = 0.1\nseed = 2'),
+        SOFT,
+    ),
     "late-dropped-friction": ((HAND, WALL, 'kind = "jitter"\nrms_s = 2e-4\ndropped_share = 0.1', FRICTION), SOFT),
     "everything": (
         (

@@ -61,6 +61,16 @@ class Reference:
             self.m1 = device.mass_kg - self.m2
             reduced, omega = self.m1 * self.m2 / (self.m1 + self.m2), 2 * math.pi * mode.frequency_hz
             self.k12, self.b12 = reduced * omega**2, 2 * mode.damping_ratio * omega * reduced
+        self.m3, self.k13, self.b13 = 0.0, 0.0, 0.0
+        if "structure" in effects:
+            part = effects["structure"]
+            self.m3 = device.mass_kg * part.mass_ratio
+            omega, reduced = 2 * math.pi * part.frequency_hz, self.m3 * (1 - part.mass_ratio)
+            self.k13, self.b13 = reduced * omega**2, 2 * part.damping_ratio * omega * reduced
+            # The handle's share is taken of what is left.
+            whole, handle = device.mass_kg - self.m3, self.m2 / device.mass_kg
+            self.k12, self.b12 = (value * (1 - part.mass_ratio) for value in (self.k12, self.b12))
+            self.m1, self.m2 = whole * (1 - handle), whole * handle
         self.hand = None
         if "hand" in effects:
             table = effects["hand"]
@@ -80,14 +90,16 @@ class Reference:
             self.ratio = effects["amplifier"].damping_ratio or device.amplifier_damping_ratio
 
     def rates(self, y, force, xh, vh):
-        """Rates of [x1 v1 x2 v2 xs vs fa ra] without dry friction."""
-        x1, v1, x2, v2, xs, vs, fa, ra = y
+        """Rates of [x1 v1 x2 v2 xs vs fa ra x3 v3] without dry friction."""
+        x1, v1, x2, v2, xs, vs, fa, ra, x3, v3 = y
         w = self.bandwidth
         acting = fa if self.bandwidth else force
         on1, on2, ons = -acting - self.b1 * v1, 0.0, 0.0
         if self.m2:
             link = self.k12 * (x2 - x1) + self.b12 * (v2 - v1)
             on1, on2 = on1 + link, -link
+        part = self.k13 * (x3 - x1) + self.b13 * (v3 - v1)
+        on1 += part
         tip_x, tip_v = (x2, v2) if self.m2 else (x1, v1)
         pull = 0.0
         if self.hand:
@@ -106,6 +118,8 @@ class Reference:
             ons / self.stylus.mass_kg if self.stylus else 0.0,
             ra if self.order == 2 else w * (force - fa) if w else 0.0,
             w**2 * (force - fa) - 2 * self.ratio * w * ra if self.order == 2 else 0.0,
+            v3,
+            -part / self.m3 if self.m3 else 0.0,
         ]
 
     def move(self, y, force, k, begin, end):
@@ -178,7 +192,7 @@ class Reference:
             rest *= section.gain
         computer, line, before = Computer(self, rest), [0.0] * lag, 0.0
         believer = Believer(effects["state-feedback"]) if "state-feedback" in effects else None
-        y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0])
+        y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0, self.start, 0.0])
         out, self.handle = [], np.empty((2, samples))
         for k in range(samples):
             command = before

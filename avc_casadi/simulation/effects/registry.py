@@ -52,9 +52,11 @@ def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
     """Effects whose numbers do not go together."""
     messages = []
     delays = [effect.samples for effect in built if isinstance(effect, Delay)]
-    if any(samples != int(samples) for samples in delays) and any(isinstance(effect, Jitter) for effect in built):
+    late = any(isinstance(effect, Jitter) and effect.rms_s > 0 for effect in built)
+    if late and any(samples != int(samples) for samples in delays):
         messages.append(
-            f"delay of {delays[0]:g} samples and jitter exclude each other; allowed: whole samples, or no jitter"
+            f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
+            "samples, or jitter with rms_s = 0"
         )
     if any(isinstance(effect, Backlash) for effect in built) and any(effect.sensed_body == HANDLE for effect in built):
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")

@@ -1,0 +1,61 @@
+"""A further resonance of the device, of a part that the hand does not hold: a stage, a link, a cover."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, Self
+
+from avc_casadi._errors import Fault, InputError
+from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.plant import Plant
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.quantity import DampingRatio, Hertz, MassShare
+from avc_casadi.simulation.effects.base import SceneEffect, Station
+
+
+class StructureEffect(EffectTable):
+    """A part of the device on a spring of its own, beside the resonance of [device] if it has one.
+
+    Attributes:
+        frequency_hz: of motor and part against each other, nothing else being joined to them.
+        damping_ratio: of that oscillation.
+        mass_ratio: share of the device's mass that swings.
+    """
+
+    kind: Literal["structure"] = "structure"
+    frequency_hz: Hertz
+    damping_ratio: DampingRatio = 0.02
+    mass_ratio: MassShare = 0.3
+
+
+@dataclass(frozen=True)
+class Structure(SceneEffect):
+    """A share of the device's mass on a spring beside the motor; sensor, actuator and hand are not on it.
+
+    Attributes:
+        frequency_hz: frequency of motor and part against each other, nothing else being joined to them.
+        damping_ratio: damping of that mode, as a share of the critical.
+        mass_ratio: share of the device's mass that swings.
+    """
+
+    kind: ClassVar[str] = "structure"
+    keys: ClassVar[type[EffectTable]] = StructureEffect
+    rank: ClassVar[float] = 5
+    scene_alone: ClassVar[bool] = True
+    station: ClassVar[Station] = Station.MECHANICS
+
+    frequency_hz: float
+    damping_ratio: float
+    mass_ratio: float
+
+    @classmethod
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Take the table; a device without mass has no part that swings."""
+        if problem.device.mass_kg == 0:
+            message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
+            raise InputError([Fault(problem.name, None, place, message)])
+        return cls(table.frequency_hz, table.damping_ratio, table.mass_ratio)
+
+    def mechanics(self, plant: Plant) -> None:
+        """Move a share of the device's mass to a body of its own."""
+        plant.hang(self.kind, self.frequency_hz, self.damping_ratio, self.mass_ratio)
