@@ -14,9 +14,18 @@ from avc_casadi.model.corners import device_corners, device_set
 from avc_casadi.model.hands import Hand
 from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
 from avc_casadi.recommendation.rank import AS_STIFF, Judged, best_of
-from avc_casadi.recommendation.screening import SURELY, Group, Screening, elsewhere, off_file, together
+from avc_casadi.recommendation.screening import (
+    BEYOND_HANDS,
+    SURELY,
+    Group,
+    Screening,
+    beyond_file,
+    elsewhere,
+    off_file,
+    together,
+)
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
-from avc_casadi.simulation.population.operators import draw_hands, loose_hands
+from avc_casadi.simulation.population.operators import draw_hands, loose_hands, people_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -68,7 +77,9 @@ class Evaluator:
         draws = itertools.count(0, count)
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
         self._first, self._loose = people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed)
-        self._elsewhere = elsewhere(problem.device, (self._first, self._loose), seed)
+        self._asked = beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed))
+        few = beyond_file(problem, problem.robustness, self._first)
+        self._elsewhere = (*elsewhere(problem.device, (self._first, self._loose), seed), *few)
         self._off = off_file(problem.device, self._first, self._loose)
         self._candidates: list[Alternatives] = []
         self._restless: list[Alternatives] = []
@@ -196,6 +207,7 @@ class Evaluator:
             lean_on_friction=self._lean,
             executor=self._executor,
             search=self._search,
+            beyond=self._asked,
         )
         if len(judged) > len(self.judged):
             before, self.judged = self.judged, judged
@@ -212,6 +224,7 @@ def tried(
     lean_on_friction: bool,
     executor: Executor | None = None,
     search: str = "",
+    beyond: Sequence[Group] = (),
 ) -> list[Judged]:
     """Try those that are deployable, the stiffest first, but for those that could not win.
 
@@ -224,6 +237,7 @@ def tried(
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
         search: which one the candidates come from that are new, to be told.
+        beyond: who must rest on devices that the file does not tell of.
 
     Returns:
         What was judged before, and now.
@@ -243,6 +257,9 @@ def tried(
             found = Judged(one, try_coupling(one, people.pick(slice(FIRST)), seed, executor=executor), order)
             if found.safety <= int(lean_on_friction) and len(people) > FIRST:
                 found = replace(found, trial=try_coupling(one, people, seed, executor=executor))
+            if found.complete(lean_on_friction=lean_on_friction):
+                settled = [group.unrest([one], friction=lean_on_friction)[0] < 1 for group in beyond]
+                found = replace(found, beyond=tuple(settled))
             judged.append(found)
             if found.complete(lean_on_friction=lean_on_friction):
                 break

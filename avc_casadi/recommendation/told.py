@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi.recommendation.contact_onset import NOTICED_N
 from avc_casadi.simulation.population.motions import TRIAL_S
@@ -54,6 +55,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         *_edge(felt),
         *_limits(document),
         *_off_file(document["off_file"]),
+        *_beyond_file(document["beyond_file"]),
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
@@ -174,6 +176,28 @@ def _off_file(off: dict[str, Any] | None) -> list[str]:
         f"without friction{shaky if off['linearly_unstable'] else ''}{advice}"
     )
     return [line]
+
+
+def _beyond_file(found: list[dict[str, Any]]) -> list[str]:
+    """Say how those fare whose device is in one thing what its file does not say."""
+    parts = []
+    for one in found:
+        friction = "" if one["at_rest"] is None else f", {one['at_rest']} with friction"
+        plain = "" if one["plain"] is None else f"; {one['plain']} with a plain spring and damper"
+        asked = ", asked for" if one["asked"] else ""
+        rest = f"{one['at_rest_without_friction']} of {one['hands']} hands at rest without friction{friction}{plain}"
+        parts.append(f"{beyond_file_text(one)}{asked}: {rest}")
+    return [f"unmodelled: {part}" for part in parts]
+
+
+def beyond_file_text(one: dict[str, Any]) -> str:
+    """Return what a device has that its file does not say."""
+    value = one["value"]
+    return {
+        "mass_share": f"{percent(value)} less mass",
+        "dropped_share": f"{percent(value)} of samples dropped",
+        "mode_hz": f"a mode at {quantity(value, 'Hz')}",
+    }[one["key"]]
 
 
 def _listed(keys: list[str]) -> str:

@@ -8,6 +8,7 @@ from avc_casadi._util.quantity import percent, quantity
 from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 from avc_casadi.recommendation.preconditions import SLIP
+from avc_casadi.recommendation.told import beyond_file_text
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -206,7 +207,23 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
                 else _all(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
             )
         )
-    return rows
+    return [*rows, *_beyond_file(document["beyond_file"])]
+
+
+def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
+    """Tell how many settle where the device is what its file does not say, beside a plain coupling."""
+    if not found:
+        return []
+    settled, hands = [one["at_rest_without_friction"] for one in found], found[0]["hands"]
+    names = [beyond_file_text(one) for one in found]
+    if min(settled) == hands:
+        return [Row("Unmodelled", f"{hands} of {hands} settle without friction with {', '.join(names)}", Mark.PASS)]
+    told = ", ".join(f"{count} with {name}" for count, name in zip(settled, names, strict=True))
+    plain = [str(one["plain"]) for one in found if one["plain"] is not None]
+    beside = f" (a plain coupling: {', '.join(plain)})" if plain else ""
+    lacks = any(one["asked"] and count < hands for one, count in zip(found, settled, strict=True))
+    told = f"of {hands} hands settle without friction: {told}{beside}"
+    return [Row("Unmodelled", told, Mark.FAIL if lacks else Mark.CAUTION)]
 
 
 def _all(settled: int, free: int, hands: int) -> Mark:
