@@ -29,6 +29,7 @@ from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom, wit
 from avc_casadi.recommendation.perturbed_devices import PerturbedDevices, off_file
 from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used, nothing_rendered
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of, reason_of
+from avc_casadi.recommendation.ripple import ripple
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import Help, what_would_help
 from avc_casadi.recommendation.shaken import shaken
@@ -121,6 +122,7 @@ class Recommendation(Comparable):
             "friction_n": self.problem.device.coulomb_friction_n,
             "rest_error_m": self.problem.device.coulomb_friction_n / sensed if sensed else None,
             "encoder_step_n": self._encoder_step_n(),
+            "ripple": vars(ripple(self.coupling, self.trial.seed)),
         }
 
     def _encoder_step_n(self) -> dict[str, float]:

@@ -49,6 +49,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
         _settling(document["transient"]),
+        _ripple(felt["ripple"]),
         rest_line(document["rest"]),
         *_unlike_the_proof(document["rest"], trial),
         *([] if coupling["runtime"]["state_feedback"] is None else _in_motion(felt)),
@@ -72,6 +73,13 @@ def _settling(found: dict[str, Any]) -> str:
     told = "not at all" if free["settling_s"] is None else f"in {number(free['settling_s'], 3)} s"
     ringing = f"damping ratio {number(held['damping_ratio'], 2)} at {number(held['frequency_hz'], 3)} Hz"
     return f"settling: released {told}; worst hand: {ringing if held['frequency_hz'] else 'no oscillation'}"
+
+
+def _ripple(found: dict[str, Any]) -> str:
+    """Say what the steps of the encoder add to the force while the handle moves, and who feels it."""
+    told = " and ".join(f"{number(force, 3)} N rms at {speed} m/s" for speed, force in found["force_n"].items())
+    slowest = next(iter(found["force_n"]))
+    return f"ripple in motion: {told}; {found['quiet']} of {found['hands']} hands at {slowest} m/s feel no vibration"
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:

@@ -22,6 +22,8 @@ _ELSEWHERE_M, _STIFFER = 5e-4, 1.1
 _MOST_HELPS = 3
 # A wall that more hands than this share push through is told first.
 _PUSH_THROUGH = 0.5
+# Of those who are drawn along slowly so many may feel the steps of the encoder.
+_FEW_FEEL = 0.1
 # Steps of the force, and handles that stay short of where they are led, are told from here on.
 _NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
 _SHORT = {
@@ -73,7 +75,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         *_rendered(document, problem),
         _stability(document, problem),
         *([_settling(document["transient"])] if document["deployable"] else []),
-        *_simulated(document),
+        *_simulated(document, problem),
     ]
     if briefly or not document["deployable"]:
         return rows
@@ -182,18 +184,20 @@ def _stability(document: dict[str, Any], problem: Problem) -> Row:
     return Row("Stability", f"linearly stable with every hand and released; {told}", mark)
 
 
-def _simulated(document: dict[str, Any]) -> list[Row]:
+def _simulated(document: dict[str, Any], problem: Problem) -> list[Row]:
+    unit = problem.units.unit
     asked = [document["trial"], *([document["confirmed"]] if document["confirmed"] else [])]
     hands, settled, free, quiet = (
         sum(one[key] for one in asked) for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")
     )
-    rows = [
-        Row(
-            "Simulated",
-            f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold",
-            _all(settled, free, hands),
-        )
-    ]
+    mark, moving = _all(settled, free, hands), document["felt"]["ripple"]
+    loud, drawn = moving["hands"] - moving["quiet"], f"{moving['hands']} at 20 mm/s feel a ripple"
+    ripple = ""
+    if loud > _FEW_FEEL * moving["hands"]:
+        ripple = f"; {loud} of {drawn} ({quantity(moving['force_n']['0.02'], unit('N'))} rms)"
+        mark = Mark.CAUTION if mark is Mark.PASS else mark
+    told = f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold"
+    rows = [Row("Simulated", f"{told}{ripple}", mark)]
     off = document["off_file"]
     if off is not None:
         unstable = f"; linearly unstable on {off['linearly_unstable']}" if off["linearly_unstable"] else ""
