@@ -13,7 +13,8 @@ from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.robustness import USUAL, Robustness, unmodelled
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
-from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import draw_subjects, people_of
 from avc_casadi.simulation.population.settled import unrest
 
 COUPLINGS = Path(__file__).parent / "goldens" / "couplings"
@@ -113,3 +114,33 @@ def test_what_is_asked_for_and_not_reached_is_named_and_what_is_only_told_is_not
 def test_a_share_of_the_mass_that_is_none_is_refused(value):
     with pytest.raises(avc.InputError, match=r"robustness\.mass_share"):
         avc.load_problem("figure5").changed(robustness={"mass_share": value})
+
+
+STYLUS = """
+[device]
+mass_kg = 0.06
+damping_ns_per_m = 0.5
+delay_samples = 1
+encoder_resolution_m = 5.5e-5
+max_force_n = 3.3
+held = "{held}"
+[environment]
+stiffness_n_per_m = 0.0
+damping_ns_per_m = 5.0
+"""
+
+
+@pytest.mark.thorough
+def test_a_device_on_a_stylus_is_judged_by_hands_on_a_stylus():
+    gripped, held = (
+        avc.recommend(avc.parse_problem(STYLUS.format(held=how), name=how), hands=20) for how in ("grip", "stylus")
+    )
+    other = draw_subjects("B", 100, 7)
+    rests = [try_coupling(one.coupling, other, 7).stable_without_friction.mean() for one in (gripped, held)]
+    assert rests[0] < 0.9
+    assert rests[1] > 0.95
+    assert "on a stylus" in gripped.beside
+    assert list(held.beside) == ["one fingertip"]
+    (asked,) = (one for one in held.beyond_file if one.asked)
+    assert (asked.key, asked.value) == ("held", "stylus")
+    assert held.deployable == (asked.at_rest_without_friction == asked.hands)

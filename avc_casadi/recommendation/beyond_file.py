@@ -9,7 +9,7 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.robustness import USUAL, Robustness, unmodelled
 from avc_casadi.recommendation.generate import plain_candidates
-from avc_casadi.recommendation.screening import BEYOND_HANDS, beyond_file
+from avc_casadi.recommendation.screening import BEYOND_HANDS, beyond_file, held_otherwise
 from avc_casadi.simulation.population.operators import people_of
 
 if TYPE_CHECKING:
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Withstood:
-    """How hands fare on one device that its file does not tell of.
+    """How hands fare that [hands] or the file of the device does not tell of.
 
     Attributes:
-        key: of [robustness]: what is other than declared.
-        value: its number.
+        key: of [robustness], what is other than declared; or `held`, of [device].
+        value: of the key.
         asked: whether the problem asks for it.
         hands: how many tried it.
         at_rest_without_friction: how many of them settle in every motion without the declared dry friction.
@@ -35,7 +35,7 @@ class Withstood:
     """
 
     key: str
-    value: float
+    value: float | str
     asked: bool
     hands: int
     at_rest_without_friction: int
@@ -56,12 +56,17 @@ def margins(coupling: Coupling, limit: DampingRange, seed: int = 0) -> tuple[Wit
     people = people_of(problem.hands, BEYOND_HANDS, seed)
     plain = None if coupling.runtime.state_feedback is None else _plain(problem, limit)
     asked = Robustness(**(vars(USUAL) | given))
+    devices = unmodelled(problem.device, asked)
+    groups: list[tuple[str, float | str, Group]] = [
+        (one.key, one.value, group) for one, group in zip(devices, beyond_file(problem, asked, people), strict=True)
+    ]
+    groups += [("held", problem.device.held, group) for group in held_otherwise(problem, BEYOND_HANDS, seed)]
     found = []
-    for one, group in zip(unmodelled(problem.device, asked), beyond_file(problem, asked, people), strict=True):
+    for key, value, group in groups:
         free = _resting(coupling, group, friction=False)
-        rests = None if free == len(people) else _resting(coupling, group, friction=True)
+        rests = None if free == len(group.people) else _resting(coupling, group, friction=True)
         beside = None if plain is None else _resting(plain, group, friction=False)
-        found.append(Withstood(one.key, one.value, one.key in given, len(people), free, rests, beside))
+        found.append(Withstood(key, value, key in given or key == "held", len(group.people), free, rests, beside))
     return tuple(found)
 
 
@@ -76,9 +81,13 @@ def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
     for one in found:
         rest = one.at_rest if by_friction and one.at_rest is not None else one.at_rest_without_friction
         if one.asked and rest < one.hands:
-            short.append(f"{one.hands - rest} of {one.hands} hands do not settle with {one.key} = {one.value:g}")
+            short.append(f"{one.hands - rest} of {one.hands} hands do not settle with {one.key} = {one.value}")
     told = "; ".join(short)
-    return f"robustness that was asked for is not reached: {told}; ask for less, or for a softer wall" if short else ""
+    return (
+        f"what is asked for beyond [hands] is not withstood: {told}; ask for less, or for a softer wall"
+        if short
+        else ""
+    )
 
 
 def _resting(coupling: Coupling, group: Group, *, friction: bool) -> int:

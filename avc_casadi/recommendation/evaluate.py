@@ -21,6 +21,7 @@ from avc_casadi.recommendation.screening import (
     Screening,
     beyond_file,
     elsewhere,
+    held_otherwise,
     off_file,
     together,
 )
@@ -77,8 +78,14 @@ class Evaluator:
         draws = itertools.count(0, count)
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
         self._first, self._loose = people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed)
-        self._asked = beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed))
-        few = beyond_file(problem, problem.robustness, self._first)
+        self._asked = (
+            *beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed)),
+            *held_otherwise(problem, BEYOND_HANDS, seed),
+        )
+        few = (
+            *beyond_file(problem, problem.robustness, self._first),
+            *held_otherwise(problem, FIRST, seed),
+        )
         self._elsewhere = (*elsewhere(problem.device, (self._first, self._loose), seed), *few)
         self._off = off_file(problem.device, self._first, self._loose)
         self._candidates: list[Alternatives] = []
@@ -112,7 +119,7 @@ class Evaluator:
         """Return who tries a law first: now, as they may be others after the next ones were tried."""
         few = np.arange(len(self._loose)) % _ONE_IN == 0
         loose = Group(self._loose)
-        likely = Group(together(self._first, loose.pick(few).people))
+        likely = Group(together(self._first, self._loose.pick(np.flatnonzero(few))))
         others = loose.pick(~few)
         stages = ((likely,), self._elsewhere, (others,) if len(others.people) else ())
         return Screening(tuple(stage for stage in stages if stage), self._lean, self._off)

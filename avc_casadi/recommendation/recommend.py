@@ -34,14 +34,15 @@ from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import Help, what_would_help
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
-from avc_casadi.simulation.population.operators import Population, draw_subjects, people_of
+from avc_casadi.simulation.population.operators import HOLDING, draw_subjects, people_of
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.schedule import GainSchedule
 
 SCHEMA = "avc-recommend/1"
-OTHER_HANDS: dict[str, Population] = {"on a stylus": "B", "one fingertip": "fingertip"}
+OTHER_HANDS = {"stylus": "on a stylus", "fingertip": "one fingertip"}
+"""How hands may hold the device otherwise than [hands] says, as it is told."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -328,8 +329,9 @@ def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None
     """Let people try it who hold the device otherwise than [hands] says."""
     radius = coupling.problem.device.metres_per_unit
     return {
-        holding: try_coupling(
-            coupling, draw_subjects(population, hands, seed).at_handle(radius), seed, executor=executor
+        told: try_coupling(
+            coupling, draw_subjects(HOLDING[holding], hands, seed).at_handle(radius), seed, executor=executor
         )
-        for holding, population in OTHER_HANDS.items()
+        for holding, told in OTHER_HANDS.items()
+        if holding != coupling.problem.device.held
     }

@@ -10,8 +10,9 @@ import numpy as np
 
 from avc_casadi.design.robust.uncertainty_set import assumed_devices
 from avc_casadi.model.corners import device_corners, device_set, linear_values
-from avc_casadi.model.hands import Hand
+from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.robustness import Robustness, unmodelled
+from avc_casadi.simulation.population.operators import HOLDING, draw_subjects
 from avc_casadi.simulation.population.settled import ends_of, unrest
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class Group:
         slow: what they end at when they rest, over the speed below which a hand is at rest.
     """
 
-    people: Hand
+    people: Hand | StylusHand
     device: Device | None = None
     slow: float = 1.0
     effects: tuple[Effect, ...] = ()
@@ -183,6 +184,20 @@ def beyond_file(problem: Problem, asked: Robustness, people: Hand) -> tuple[Grou
         people: who they are.
     """
     return tuple(Group(people, one.device, effects=one.effects) for one in unmodelled(problem.device, asked))
+
+
+def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]:
+    """Return people who hold the device as it is made for, where that is not as [hands] says.
+
+    Args:
+        problem: with its device.
+        count: how many.
+        seed: of their draw.
+    """
+    device = problem.device
+    if device.held == "grip":
+        return ()
+    return (Group(draw_subjects(HOLDING[device.held], count, seed).at_handle(device.metres_per_unit)),)
 
 
 def _far_apart(corners: IndexArray, random: np.random.Generator) -> list[int]:

@@ -201,6 +201,8 @@ def _beyond_file(found: list[dict[str, Any]]) -> list[str]:
 def beyond_file_text(one: dict[str, Any]) -> str:
     """Return what a device has that its file does not say."""
     value = one["value"]
+    if one["key"] == "held":
+        return "one fingertip" if value == "fingertip" else f"hands on a {value}"
     return {
         "mass_share": f"{percent(value)} less mass",
         "dropped_share": f"{percent(value)} of samples dropped",
