@@ -30,7 +30,7 @@ class Ripple:
     """What the steps of the encoder add to the force on a handle that moves steadily in the wall.
 
     Attributes:
-        force_n: rms of the ripple by speed, m/s.
+        force_n: rms of the ripple by speed of the device, m/s.
         hands: how many are drawn along at the lowest of these.
         quiet: how many of them feel no vibration.
     """
@@ -52,10 +52,11 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     """
     problem = coupling.problem
     radius = problem.device.metres_per_unit
-    found = {f"{speed:g}": _of_steady_motion(coupling, speed / radius) for speed in SPEEDS_M_PER_S}
+    speeds = [speed / radius for speed in SPEEDS_M_PER_S]
+    found = {f"{speed:g}": _of_steady_motion(coupling, speed) for speed in speeds}
     people = people_of(problem.hands, _HANDS, seed)
     gains: Any = coupling.table.at_rest if coupling.table.constant else coupling.table
-    slowest = SPEEDS_M_PER_S[0] / radius
+    slowest = speeds[0]
     drawn = Press(start_m=0.0, end_m=2 * slowest * _DRAWN_S, speed_m_per_s=slowest)
     felt = [part.vibration for part in traces(problem, gains, people, drawn, Conditions.of(coupling), _DRAWN_S)]
     return Ripple(found, len(people), int((np.concatenate(felt) < QUIET).sum()))

@@ -191,10 +191,11 @@ def _simulated(document: dict[str, Any], problem: Problem) -> list[Row]:
         sum(one[key] for one in asked) for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")
     )
     mark, moving = _all(settled, free, hands), document["felt"]["ripple"]
-    loud, drawn = moving["hands"] - moving["quiet"], f"{moving['hands']} at 20 mm/s feel a ripple"
+    loud, (speed, force) = moving["hands"] - moving["quiet"], next(iter(moving["force_n"].items()))
     ripple = ""
     if loud > _FEW_FEEL * moving["hands"]:
-        ripple = f"; {loud} of {drawn} ({quantity(moving['force_n']['0.02'], unit('N'))} rms)"
+        drawn = f"{moving['hands']} at {quantity(float(speed), unit('m/s'))}"
+        ripple = f"; {loud} of {drawn} feel a ripple ({quantity(force, unit('N'))} rms)"
         mark = Mark.CAUTION if mark is Mark.PASS else mark
     told = f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold"
     rows = [Row("Simulated", f"{told}{ripple}", mark)]
