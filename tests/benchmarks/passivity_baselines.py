@@ -117,7 +117,7 @@ def measured(loop: Loop, made: Callable[[int], Law], hands: Floats) -> dict[str,
     lanes = len(deeds.mass_kg)
     found = simulated(device, made(lanes), deeds, phases(lanes), seconds_for(device, hands))
     rests = np.asarray(found.speed_m_per_s < REST_M_PER_S)
-    settled = rests[: 6 * count].reshape(2, 3, count).all(axis=1)
+    settled = np.logical_and.reduce(rests[: 6 * count].reshape(2, 3, count), axis=1)
     pressed = slice(3 * count, 4 * count)
     free = rests[pressed] & (found.force_n[pressed] < LIMIT_SHARE * (device.max_force_n or np.inf))
     stiffness = (found.force_n / found.depth_m)[pressed][free]
