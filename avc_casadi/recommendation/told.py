@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import starmap
 from typing import Any
 
 from avc_casadi._util.text import number
@@ -48,6 +49,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
         _settling(document["transient"]),
+        f"margins at the actuator: {'; '.join(starmap(_margins, document['margins'].items()))}",
         rest_line(document["rest"]),
         *_unlike_the_proof(document["rest"], trial),
         *([] if coupling["runtime"]["state_feedback"] is None else _in_motion(felt)),
@@ -70,6 +72,18 @@ def _settling(found: dict[str, Any]) -> str:
     told = "not at all" if free["settling_s"] is None else f"in {number(free['settling_s'], 3)} s"
     ringing = f"damping ratio {number(held['damping_ratio'], 2)} at {number(held['frequency_hz'], 3)} Hz"
     return f"settling: released {told}; worst hand: {ringing if held['frequency_hz'] else 'no oscillation'}"
+
+
+def _margins(who: str, found: dict[str, Any]) -> str:
+    """Say by how much the actuator's force may be wrong, released or with the worst hand of each."""
+    units = (("gain", " times", "gain_hz"), ("phase_deg", " degrees", "phase_hz"), ("delay_samples", " samples", "delay_hz"))
+    told = ", ".join(
+        f"{key.partition('_')[0]} without limit"
+        if found[key] is None
+        else f"{key.partition('_')[0]} {number(found[key], 3)}{unit} at {number(found[hz], 3)} Hz"
+        for key, unit, hz in units
+    )
+    return f"{who.replace('_', ' ')} {told}"
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:
