@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi
-from avc_casadi._util.quantity import quantity, read_quantity
 from avc_casadi.cli import main
 from avc_casadi.files.new_problem import NewProblem
+from avc_casadi.files.typed_quantity import read_quantity
+from avc_casadi.present.pages.subject import quantities
 
 # What people write for a quantity, and how much it is of the unit of the file.
 LINEAR = {
@@ -68,7 +69,8 @@ def test_a_device_that_turns_is_read_back(tmp_path_factory, drawn, radius):
 
 @given(st.floats(1e-9, 1e9), st.sampled_from(["N", "N/m", "N.s/m", "kg", "m", "s", "N.m/rad", "kg.m2", "rad", "Hz"]))
 def test_what_is_printed_may_be_typed(value, unit):
-    assert read_quantity(quantity(value, unit, digits=14), unit) == pytest.approx(value, rel=1e-11)
+    told = quantities(avc_casadi.load_problem("soft").units, digits=14)
+    assert read_quantity(told(value, unit), unit) == pytest.approx(value, rel=1e-11)
 
 
 @pytest.mark.parametrize(

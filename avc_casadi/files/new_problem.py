@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.quantity import quantity, read_quantity
+from avc_casadi._util.quantity import quantity
 from avc_casadi._util.units import units_for
 from avc_casadi.files.catalogue import device_names
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.files.questions import HAND_RANGES, HOLDS, OWN_RANGES, QUESTIONS, RADIUS, Question
+from avc_casadi.files.typed_quantity import read_quantity
 from avc_casadi.model.hands import FINGERTIP
 
 if TYPE_CHECKING:

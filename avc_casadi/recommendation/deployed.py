@@ -88,11 +88,11 @@ def deployed(coupling: Coupling) -> Deployed:
         shaken=shaken(coupling, felt_at_rest_n_per_m(coupling), _SHAKEN_HZ),
         hands=hands,
         worst=int(np.argmin([one.damping_ratio for one in each[:-1]])),
-        press_s=period * np.arange(pressed.shape[-1]),
+        press_s=np.asarray(period * np.arange(pressed.shape[-1])),
         press_m=pressed,
         loop=loop,
         frequency_hz=turn / (2 * np.pi * period),
         gain=loop.gain(turn),
-        struck_s=period * np.arange(samples),
+        struck_s=np.asarray(period * np.arange(samples)),
         struck_m=loop.struck(STRUCK_M_PER_S / device.metres_per_unit, samples),
     )

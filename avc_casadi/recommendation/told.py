@@ -76,7 +76,11 @@ def _settling(found: dict[str, Any]) -> str:
 
 def _margins(who: str, found: dict[str, Any]) -> str:
     """Say by how much the actuator's force may be wrong, released or with the worst hand of each."""
-    units = (("gain", " times", "gain_hz"), ("phase_deg", " degrees", "phase_hz"), ("delay_samples", " samples", "delay_hz"))
+    units = (
+        ("gain", " times", "gain_hz"),
+        ("phase_deg", " degrees", "phase_hz"),
+        ("delay_samples", " samples", "delay_hz"),
+    )
     told = ", ".join(
         f"{key.partition('_')[0]} without limit"
         if found[key] is None

@@ -182,9 +182,7 @@ class OpenLoop:
             crossed, there, real, ~alone, slice(-1)
         )
 
-    def _least(
-        self, crossed: FloatArray, there: ComplexArray, real: BoolArray, some: BoolArray, who: slice
-    ) -> Margins:
+    def _least(self, crossed: FloatArray, there: ComplexArray, real: BoolArray, some: BoolArray, who: slice) -> Margins:
         """Return the smallest margins of some hands from the crossings of their loops."""
         poles = self.poles[who].ravel()
         # Before a wall without a spring a device rests anywhere.

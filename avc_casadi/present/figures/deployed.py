@@ -9,13 +9,14 @@ import numpy as np
 from avc_casadi._util.quantity import quantity
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import frequency_axis, styled
+from avc_casadi.recommendation.deployed import STRUCK_M_PER_S, Deployed, deployed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.recommendation.deployed import Deployed
+    from avc_casadi.coupling import Coupling
 
 _WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
 _WORST: dict[str, Any] = {"color": "#08306b", "linewidth": 1.5, "zorder": 5}
@@ -23,21 +24,23 @@ _RELEASED: dict[str, Any] = {"color": "#d1600a", "linewidth": 1.4, "linestyle": 
 _OTHERS: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "zorder": 3}
 _MARGIN: dict[str, Any] = {"color": "#8a0f5c", "linewidth": 2.2, "zorder": 7}
 _TURNED: dict[str, Any] = {**_MARGIN, "color": "#2f7d32", "marker": "o", "markersize": 3.5}
-# Where Bode and Nyquist are looked at, in decades about a gain of 1, and as far as the point -1 matters.
-_DECADES, _NEAR = 2.0, 2.2
+# Where Bode and Nyquist are looked at: decades about a gain of 1, and Re and Im about the point -1, so that the circle
+# is round in panels of this figure's shape.
+_DECADES, _NEAR = 2.0, ((-3.2, 2.0), (-1.7, 1.7))
 
 
 @styled
-def draw_rendered(found: Deployed, axes: GivenAxes = None) -> Figure:
+def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     """Draw what is rendered against what was wanted: the stiffness of a shaken handle, and presses against time.
 
     Args:
-        found: of `deployed`.
+        found: a coupling, or its answers as `deployed` gives them.
         axes: 2 axes to draw in; None makes a figure.
 
     Raises:
         InputError: another number of axes.
     """
+    found = found if isinstance(found, Deployed) else deployed(found)
     titles = ("(a) stiffness that a shaken handle measures", "(b) hands press the wall, simulated")
     panels = Panels.of(axes, titles, 2.9, lambda figure: figure.subplots(1, 2).ravel())
     wall, shaken = found.coupling.problem.environment, found.shaken
@@ -83,16 +86,17 @@ def _pressed(axes: Axes, found: Deployed) -> None:
 
 
 @styled
-def draw_loop(found: Deployed, axes: GivenAxes = None) -> Figure:
+def draw_loop(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     """Draw the loop broken at the actuator, Bode and Nyquist with gain and phase margin, and the wall that is struck.
 
     Args:
-        found: of `deployed`.
+        found: a coupling, or its answers as `deployed` gives them.
         axes: 4 axes to draw in, row by row; None makes a figure.
 
     Raises:
         InputError: another number of axes.
     """
+    found = found if isinstance(found, Deployed) else deployed(found)
     titles = ("(a) loop gain |L|", "(b) Nyquist plot of L", "(c) phase of L", "(d) wall struck, linear")
     panels = Panels.of(axes, titles, 5.6, lambda figure: figure.subplots(2, 2).ravel())
     size, circle, phase, struck = panels.axes
@@ -148,9 +152,8 @@ def _nyquist(axes: Axes) -> None:
     around = np.linspace(0, 2 * np.pi, 200)
     axes.plot(np.cos(around), np.sin(around), color="0.5", linewidth=0.8, zorder=1)
     axes.plot([-1], [0], marker="+", markersize=9, color="black", zorder=8)
-    axes.set_xlim(-_NEAR, 1.2)
-    axes.set_ylim(-1.7, 1.7)
-    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(*_NEAR[0])
+    axes.set_ylim(*_NEAR[1])
     axes.set_xlabel("Re L")
     axes.set_ylabel("Im L")
 
@@ -162,7 +165,7 @@ def _struck(axes: Axes, found: Deployed) -> None:
     axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
     axes.set_xlim(0, found.struck_s[-1])
     axes.set_xlabel("time (s)")
-    speed = quantity(0.1 / found.coupling.problem.device.metres_per_unit, "m/s")
+    speed = quantity(STRUCK_M_PER_S / found.coupling.problem.device.metres_per_unit, "m/s")
     axes.set_ylabel(f"position (mm), struck at {speed}")
 
 
