@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import Crew
+from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
 from avc_casadi.claims.deployable import certified, deployable
@@ -44,7 +44,7 @@ OTHER_HANDS: dict[str, Population] = {"on a stylus": "B", "one fingertip": "fing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recommendation(Comparable):
+class Recommendation(Printed):
     """The coupling to deploy and what is known of it.
 
     Attributes:
