@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import Crew
+from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
 from avc_casadi.claims.deployable import certified, deployable
+from avc_casadi.claims.stability.margins import OpenLoop
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
@@ -46,7 +47,7 @@ OTHER_HANDS = {"stylus": "on a stylus", "fingertip": "one fingertip"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recommendation(Comparable):
+class Recommendation(Printed):
     """The coupling to deploy and what is known of it.
 
     Attributes:
@@ -148,6 +149,18 @@ class Recommendation(Comparable):
             for who, one in found
         }
 
+    def margins(self) -> dict[str, Any]:
+        """Return by how much the force of the actuator may be wrong: released, and the smallest with a hand.
+
+        Of gain as a factor, up and down, of phase in degrees, of delay in samples; None without a limit, and nothing
+        without a coupling.
+        """
+        if self.coupling is None:
+            return {}
+        found = zip(("released", "worst_hand"), OpenLoop.of(self.coupling).margins(), strict=True)
+        margins: dict[str, Any] = plain({who: vars(one) for who, one in found})
+        return margins
+
     def document(self) -> dict[str, Any]:
         """Return the `recommend` document: JSON values only."""
         found: dict[str, Any] = plain(
@@ -160,6 +173,7 @@ class Recommendation(Comparable):
                 "coupling": None if self.coupling is None else coupling_document(self.coupling),
                 "felt": self.felt(),
                 "transient": self.transient(),
+                "margins": self.margins(),
                 "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
                 "plain_wall_n_per_m": self.plain_wall_n_per_m,
                 "with_friction_n_per_m": self.with_friction_n_per_m,

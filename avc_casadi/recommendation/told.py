@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import starmap
 from typing import Any
 
 from avc_casadi._util.quantity import percent, quantity
@@ -50,6 +51,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         ),
         _settling(document["transient"]),
         _ripple(felt["ripple"]),
+        f"margins at the actuator: {'; '.join(starmap(_margins, document['margins'].items()))}",
         rest_line(document["rest"]),
         *_unlike_the_proof(document["rest"], trial),
         *([] if coupling["runtime"]["state_feedback"] is None else _in_motion(felt)),
@@ -80,6 +82,22 @@ def _ripple(found: dict[str, Any]) -> str:
     told = " and ".join(f"{number(force, 3)} N rms at {speed} m/s" for speed, force in found["force_n"].items())
     slowest = next(iter(found["force_n"]))
     return f"ripple in motion: {told}; {found['quiet']} of {found['hands']} hands at {slowest} m/s feel no vibration"
+
+
+def _margins(who: str, found: dict[str, Any]) -> str:
+    """Say by how much the actuator's force may be wrong, released or with the worst hand of each."""
+    units = (
+        ("gain", " times", "gain_hz"),
+        ("phase_deg", " degrees", "phase_hz"),
+        ("delay_samples", " samples", "delay_hz"),
+    )
+    told = ", ".join(
+        f"{key.partition('_')[0]} without limit"
+        if found[key] is None
+        else f"{key.partition('_')[0]} {number(found[key], 3)}{unit} at {number(found[hz], 3)} Hz"
+        for key, unit, hz in units
+    )
+    return f"{who.replace('_', ' ')} {told}"
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
@@ -54,7 +55,7 @@ def recommendation_page(
         onwards = f"avc recommend {shown} --out coupling.json"
     else:
         onwards = f"avc export {written} --c DIR"
-    spare = (_force_label(problem), "With friction", "Settling", "Linear limit")
+    spare = (_force_label(problem), "With friction", "Settling", "Margins", "Linear limit")
     return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"], spare)
 
 
@@ -74,7 +75,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         _coupling(document, problem),
         *_rendered(document, problem),
         _stability(document, problem),
-        *([_settling(document["transient"])] if document["deployable"] else []),
+        *([_settling(document["transient"]), _margins(document["margins"])] if document["deployable"] else []),
         *_simulated(document, problem),
     ]
     if briefly or not document["deployable"]:
@@ -166,6 +167,20 @@ def _settling(found: dict[str, Any]) -> Row:
         ringing = "no oscillation"
     slow = free["settling_s"] is None or free["settling_s"] > _SLOW_S
     return Row("Settling", f"released in {told}; worst hand {ringing}", Mark.CAUTION if slow else Mark.NONE)
+
+
+def _margins(found: dict[str, Any]) -> Row:
+    """Tell the smallest margins of gain, phase and delay, released or with a hand."""
+    gain, phase, late = (
+        min((one[key] for one in found.values() if one[key] is not None), default=None)
+        for key in ("gain", "phase_deg", "delay_samples")
+    )
+    told = [
+        "gain without limit" if gain is None else f"gain {gain:.3g} ({20 * math.log10(gain):.1f} dB)",
+        "phase without limit" if phase is None else f"phase {phase:.3g} deg",
+        "delay without limit" if late is None else f"delay {late:.2g} sample{'' if late == 1 else 's'}",
+    ]
+    return Row("Margins", ", ".join(told))
 
 
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
