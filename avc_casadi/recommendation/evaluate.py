@@ -152,6 +152,10 @@ class Evaluator:
         """Return the stiffest of what is safe and quiet, if anything is."""
         return max(self._enough(), key=lambda one: one.felt_n_per_m, default=None)
 
+    def nearest(self) -> Judged | None:
+        """Return what is nearest to the wall of what is safe and quiet, if anything is."""
+        return min(self._enough(), key=lambda one: one.distance, default=None)
+
     def may_win(self, alternatives: Alternatives) -> bool:
         """Whether couplings that nobody tried yet are as stiff as what is safe and quiet, or nearer to the wall."""
         enough = self._enough()
