@@ -262,14 +262,14 @@ class Foaw(VelocityEstimator):
         way = [position - one for one in before]
         # Samples of an encoder may lie on the edge of the band itself.
         band = self.band_m * (1 + 1e-9)
-        moved, holds = way[0], None
+        moved, holds = way[0], ca.SX(1)
         for n in range(2, len(way) + 1):
             slope = way[n - 1] / n
             if self.best:
                 slope = 6 / (n * (n + 1) * (n + 2)) * sum((2 * j - n) * way[j - 1] for j in range(1, n + 1))
             inside = [ca.fabs(slope * j - way[j - 1]) <= band for j in range(1, n + self.best)]
             for one in inside:
-                holds = one if holds is None else ca.logic_and(holds, one)
+                holds = ca.logic_and(holds, one)
             moved = ca.if_else(holds, slope, moved)
         following = dict(zip(state, [position, *before[:-1]], strict=True))
         return following, moved / self.sample_time_s, position

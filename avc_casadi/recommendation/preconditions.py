@@ -178,7 +178,7 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     wall = problem.environment
     if _far_end(problem) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         unused.append(f"environment (a wall in the device's own loop: leave [{_far_end(problem)}] out for it)")
-    known = {"velocity-filter": "known to avc simulate and avc zwidth alone"}
+    known = {"velocity-filter": "known to avc simulate and, if linear, to avc zwidth alone"}
     return (
         *unused,
         *(f"scene.effects: {kind} ({known.get(kind, 'simulated by avc simulate alone')})" for kind in listed),
