@@ -19,7 +19,6 @@ import numpy as np
 from published import FINGERS, MEASURED, SLOW_RAD_PER_S, paddle_problem
 from script_arguments import script_arguments
 from studied import about, write_rows
-
 from velocity_estimators_page import page
 
 import avc_casadi as avc
@@ -153,17 +152,16 @@ def cases() -> list[tuple[str, str, Keys, float, float]]:
 # The paddle
 
 FINGER = Hand(*(np.array(column) for column in zip(FINGERS["light"], FINGERS["firm"], strict=True)))
-# What the firmware is known to run beside the difference; the settings of the others are not published: those of 3 to
-# 3000 rad/s2 that held most at the dampings below.
-_SLIDING: Keys = {"estimator": "levant", "acceleration_m_per_s2": 10.0, "discretisation": "explicit"}
-_STEADY: Keys = {"estimator": "kalman", "acceleration_m_per_s2": 30.0}
+# What the firmware is known to run, and others: their settings are not published. Of accelerations
+# from 3 to 3000 rad/s2 those nearest to the measured column.
+_BOUND, _POSITION = {"discretisation": "explicit"}, {"position": "estimated"}
 PADDLE: dict[str, Keys] = {
     "difference, 50 Hz": {"estimator": "first-order", "cutoff_hz": 50.0},
     "foaw": {"estimator": "foaw"},
-    "levant": _SLIDING,
-    "levant, its position": {**_SLIDING, "position": "estimated"},
-    "kalman": _STEADY,
-    "kalman, its position": {**_STEADY, "position": "estimated"},
+    "levant": {"estimator": "levant", "acceleration_m_per_s2": 10.0, **_BOUND},
+    "levant, its position": {"estimator": "levant", "acceleration_m_per_s2": 500.0, **_BOUND, **_POSITION},
+    "kalman": {"estimator": "kalman", "acceleration_m_per_s2": 100.0},
+    "kalman, its position": {"estimator": "kalman", "acceleration_m_per_s2": 100.0, **_POSITION},
 }
 TRIED = tuple(0.25 * math.sqrt(2) ** step for step in range(14))
 # What might hold the real one back, each alone, with these estimators at these dampings.
@@ -177,6 +175,7 @@ CHANGES: dict[str, dict[str, Any]] = {
         "device": {"resonance": {"frequency_hz": 60.0, "damping_ratio": 0.03, "mass_ratio": 0.5}}
     },
     "no dry friction": {"friction": False},
+    "rest is below 0.35 rad/s": {"slow": 5 * SLOW_RAD_PER_S},
 }
 CHANGED, CHANGED_AT = ("difference, 50 Hz", "foaw"), (0.004, 0.012)
 
@@ -203,7 +202,7 @@ def paddle_search(case: tuple[str, Keys, float, str]) -> Row:
                 friction=changes.get("friction", True),
             )
         for who, speed in enumerate(found.peak_velocity_m_per_s):
-            going[who] = going[who] and bool(speed < SLOW_RAD_PER_S)
+            going[who] = going[who] and bool(speed < changes.get("slow", SLOW_RAD_PER_S))
             rows[who] = stiffness if going[who] else rows[who]
         if not any(going):
             break

@@ -88,7 +88,10 @@ def every(devices: list[Row]) -> str:
         dampings = sorted({row["damping_ns_per_m"] for row in devices if row["device"] == device} - {0.0})
         for estimator in names(devices, "estimator")[1:]:
             found = [best(devices, device, estimator, b) for b in dampings]
-            texts = [f"{rounded(b)}: {told(row)}, {rounded(row['noise_n'])} N" for b, row in zip(dampings, found, strict=True)]
+            texts = [
+                f"{rounded(b)}: {told(row)}, {rounded(row['noise_n'])} N"
+                for b, row in zip(dampings, found, strict=True)
+            ]
             lines.append([device, estimator, *texts])
     return table(["device", "estimator", "half", "one", "two"], lines)
 
@@ -126,3 +129,6 @@ def changed(paddle: list[Row]) -> str:
         lines.append([change, *(f"{ends(row['light'])} / {ends(row['firm'])}" for row in found)])
     lines.append(["**measured**", *(f"**{MEASURED[b][_MEASURED_AS[name]]:g}**" for name, b in cases)])
     return table(["changed", *(f"{name}, B = {b:g}" for name, b in cases)], lines)
+
+
+_HEAD = _SUMMARY = _LEARNT = _EVERY = _PADDLE = _COLUMNS = _PARTS = ""
