@@ -75,25 +75,26 @@ def summary(devices: list[Row]) -> str:
         for estimator in names(devices, "estimator")[1:]:
             row = best(devices, device, estimator)
             said = f" ({settings(row)})" if settings(row) else ""
-            line.append(f"{told(row)}{said}; {rounded(row['noise_n'])} N" if row["stiffness_n_per_m"] else "-")
+            line.append(f"{told(row)}{said}; {rounded(row['noise_n'], 2)} N" if row["stiffness_n_per_m"] else "-")
         lines.append([*line, rounded(walls[device])])
     heads = ["B = 0" if name == "none" else name for name in names(devices, "estimator")]
     return table(["device", *heads, "recommended"], lines)
 
 
 def every(devices: list[Row]) -> str:
-    """Stiffest wall and noise by damping."""
+    """Stiffest wall, linear limit and noise of each setting by damping."""
     lines = []
     for device in names(devices, "device"):
-        dampings = sorted({row["damping_ns_per_m"] for row in devices if row["device"] == device} - {0.0})
-        for estimator in names(devices, "estimator")[1:]:
-            found = [best(devices, device, estimator, b) for b in dampings]
+        some = [row for row in devices if row["device"] == device and row["damping_ns_per_m"]]
+        for case in dict.fromkeys((row["estimator"], settings(row)) for row in some):
+            found = [row for row in some if (row["estimator"], settings(row)) == case]
             texts = [
-                f"{rounded(b)}: {told(row)}, {rounded(row['noise_n'])} N"
-                for b, row in zip(dampings, found, strict=True)
+                f"{rounded(row['damping_ns_per_m'])}: {told(row)} ({rounded(row['linear_n_per_m'])}); "
+                f"{rounded(row['noise_n'], 2)}"
+                for row in sorted(found, key=lambda row: row["damping_ns_per_m"])
             ]
-            lines.append([device, estimator, *texts])
-    return table(["device", "estimator", "half", "one", "two"], lines)
+            lines.append([device, " ".join(case), *texts, *["" for _ in range(3 - len(texts))]])
+    return table(["device", "estimator", "first", "second", "third"], lines)
 
 
 def measured(paddle: list[Row]) -> str:
@@ -131,4 +132,80 @@ def changed(paddle: list[Row]) -> str:
     return table(["changed", *(f"{name}, B = {b:g}" for name, b in cases)], lines)
 
 
-_HEAD = _SUMMARY = _LEARNT = _EVERY = _PADDLE = _COLUMNS = _PARTS = ""
+_HEAD = """
+A wall F = K x + B v rendered directly, v by an estimator: the backward difference, the same behind a first-order low
+pass, a steady Kalman filter of a body with white acceleration, FOAW, Levant's differentiator ([keys and
+sources](../../avc_casadi/simulation/README.md#scenes)). Scenes have all that the device declares. **Stiffest wall**:
+doubled from a quarter of the linear limit of B = 0 until one of the 32 corners of the hands does not rest at the end
+of a press (5 mm/s, last half second), then halved twice: a wall 19 % stiffer does not hold. Walls above that one are
+not looked at. **f**: not without the declared dry friction; **t**: not after a tap.
+"""
+
+_SUMMARY = """
+N/m, at the best of the dampings and of the settings (in brackets, where there are several or where they matter); then
+the noise in N: rms above 20 Hz of B v for a handle moved 5 mm to and fro once a second over the encoder.
+*Recommended* is what `avc recommend` renders by other studies ([catalogue](RESULTS_catalogue.md), `recommended.py`;
+`--stiffest` on the reference devices; on figure5 of the 100 kN/m asked for): it must also hold without friction, in
+three motions, with 100 hands. A harder test, not the same one, and made by older commits.
+"""
+
+_LEARNT = """
+- **Delay and resonance (reference devices): none of them.** The best plain walls are 8.1, 3.6 and 4.0 kN/m and lean
+  on dry friction; recommended couplings render 15.4, 11.5 and 8.1 without it. An estimator adds lag where lag is what
+  stops.
+- **No delay, fine encoder (figure5): Kalman's, and only with a simulation beside it.** Above a tracking index of
+  about 1 it extrapolates to the end of the sample, which is a lead: 227 kN/m at 10 m/s² where the difference holds
+  113; the exact boundary says 215 and 109. At 100 m/s² the boundary says 254, and scenes hold 6 at most: 0.5 to 1.9 N
+  of noise.
+- **FOAW is quiet, not stiff.** Its wall is the difference's or a little softer, its noise a sixth on figure5 and a
+  twentieth and less elsewhere. Over the last steps before rest its window is at its longest and late by half of it:
+  dry friction must end what is left. On the frictionless coarse encoder of teaching-one-axis it holds no wall that
+  was tried.
+- **Levant's by the implicit step is the difference** while 1.1 C T² is more than a step of the encoder, and a limit
+  of its slope beyond. By the explicit step, which is what is mostly run, it chatters: no wall on figure5.
+- **A low pass costs stiffness as its lag does** (30 Hz on figure5: a quarter is left) and pays where noise is heard.
+
+| device | take |
+| --- | --- |
+| fine encoder, no delay | Kalman's at a tracking index near 10, checked by `avc simulate`; else the difference |
+| coarse encoder, dry friction | the difference for the stiffest wall, FOAW where its noise is felt |
+| coarse encoder, no friction | the difference or a low pass at small B; not FOAW |
+| delay, resonance | none: the recommended coupling, whose observer knows the forces |
+"""
+
+_EVERY = """
+B in N.s/m: stiffest wall in N/m, in brackets what is linearly stable with all hands (`avc zwidth`; FOAW and Levant's
+have no such boundary); noise in N. Dampings are shares of that of the stiffest wall that is linearly stable with the
+difference: half, one, two (figure5); one, eight (reference devices, whose resonance makes it small); 1/32, 1/8 (the
+last two, on whose encoders more damping holds nothing).
+"""
+
+_PADDLE = """
+The paddle of [the published comparison](RESULTS_published.md#a-measured-region-a-haptic-paddle): K in N.m/deg, B in
+N.m.s/deg, **measured** first, then scenes with the light and the firm finger, assumed as there (rest is below 0.07
+rad/s; walls by steps of 1.41). The difference has the firmware's 50 Hz, FOAW a band of one step and 15 intervals.
+Accelerations are not published: of some from 3 to 3000 rad/s² the nearest to the measured columns (10 for Levant's,
+explicit; 500 where it gives the position; 100 for Kalman's). *Its position*: the spring acts on the estimator's
+position, as in the firmware.
+"""
+
+_COLUMNS = """
+What may hold the real one back, each alone:
+"""
+
+_PARTS = """
+- **At B = 0** no velocity matters. Scenes hold 4 and 5.7 there; FOAW's 5.4 and Levant's 5.2 lie between, the
+  difference's 1.8 does not. So the measured columns differ by something beside the velocity. Kalman's own position
+  explains its 3: scenes hold 2 and 2.8, and the firm finger then goes about as that column does.
+- **Levant's lasts longest** with B in both (4 at 0.016), with a bound chosen for it; by larger bounds it chatters.
+- **The order is not reproduced.** Measured at B = 0.004: difference, Kalman's, FOAW, Levant's. Scenes with the firm
+  finger: FOAW and Kalman's, Levant's, difference. FOAW holds 4 where 5.8 was measured, and falls earlier with B.
+- **What was too kind** is the filtered difference: 8 in scenes, 2.8 measured. One sample of delay halves it, two, a
+  cable that rings or no dry friction bring it to 2 to 2.8, a torque loop of 100 Hz below. None of these is known.
+  FOAW falls by them too, and further below its column.
+- **What counts as rest** weighs as much: with 0.35 in place of 0.07 rad/s FOAW goes from 4 to 8 and from 1 to 8. Near
+  the edge the wall hunts by a few steps of the encoder; who calls that unstable is not published. Without that,
+  finger and torque loop, a measured edge of quantisation is not predicted better than by a factor of two to three.
+- The script's names of all four columns have "50hz": whether a low pass followed each estimator is not known. None
+  does here.
+"""
