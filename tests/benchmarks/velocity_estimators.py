@@ -58,7 +58,7 @@ MORE: dict[str, tuple[Keys, ...]] = {
 # so small that estimators hardly matter there. The last two have coarse encoders and no friction: they hold far less.
 SHARES = {"figure5": (0.5, 1.0, 2.0)} | dict.fromkeys(PROBLEMS[1:], (1.0, 8.0)) | dict.fromkeys(FILED, (0.03125, 0.125))
 SOFTEST, DOUBLINGS, HALVINGS = 0.25, 8, 2
-SECONDS, WORKERS = 2.0, 2
+SECONDS, WORKERS, PRESS_M = 2.0, 2, 0.01
 
 
 def device_problem(name: str) -> avc.Problem:
@@ -75,6 +75,10 @@ def with_estimator(problem: avc.Problem, keys: Keys, motion: str = "press") -> a
     effects = [effect.model_dump(exclude_none=True) for effect in declared_effects(problem)]
     effects += [{"kind": "velocity-filter", **keys}] if keys else []
     scene = {"effects": effects, "coupling": "none", "duration_s": SECONDS, "motion": {"kind": motion}}
+    limit, hand = problem.device.max_force_n, max(problem.hands.stiffness_n_per_m)
+    if motion == "press" and limit is not None and limit < PRESS_M * hand:
+        # Beyond its limit the force is constant, and any wall holds.
+        scene["motion"] = {"kind": motion, "end_m": 0.8 * limit / hand}
     return problem.changed(scene=scene | {"integrator": "projected", "substeps": 4})
 
 

@@ -93,7 +93,7 @@ def every(devices: list[Row]) -> str:
                 f"{rounded(row['noise_n'], 2)}"
                 for row in sorted(found, key=lambda row: row["damping_ns_per_m"])
             ]
-            lines.append([device, " ".join(case), *texts, *["" for _ in range(3 - len(texts))]])
+            lines.append([device, " ".join(case).strip(), *texts, *["" for _ in range(3 - len(texts))]])
     return table(["device", "estimator", "first", "second", "third"], lines)
 
 
