@@ -79,6 +79,9 @@ def with_estimator(problem: avc.Problem, keys: Keys, motion: str = "press") -> a
     if motion == "press" and limit is not None and limit < PRESS_M * hand:
         # Beyond its limit the force is constant, and any wall holds.
         scene["motion"] = {"kind": motion, "end_m": 0.8 * limit / hand}
+    if motion == "tap":
+        # Hands that swing in free space take longer than a second.
+        scene |= {"duration_s": 2 * SECONDS, "motion": {"kind": motion, "rest_s": 2.5}}
     return problem.changed(scene=scene | {"integrator": "projected", "substeps": 4})
 
 
