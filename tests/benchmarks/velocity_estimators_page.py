@@ -134,7 +134,7 @@ def changed(paddle: list[Row]) -> str:
 _HEAD = """
 A wall F = K x + B v rendered directly, v by an estimator: the backward difference, the same behind a first-order low
 pass, a steady Kalman filter of a body with white acceleration, FOAW, Levant's differentiator ([keys and
-sources](../../avc_casadi/simulation/README.md#scenes)). Scenes have all that the device declares. **Stiffest wall**:
+sources](../../avc_casadi/simulation/README.md)). Scenes have all that the device declares. **Stiffest wall**:
 doubled from a quarter of the linear limit of B = 0 until one of the 32 corners of the hands does not rest at the end
 of a press (5 mm/s, last half second), then halved twice: a wall 19 % stiffer does not hold. Walls above that one are
 not looked at. A press goes 10 mm into the wall, or as far as the stiffest hand reaches with 80 % of the force limit.
