@@ -12,8 +12,9 @@ the three. Six calls answer most questions:
     avc.simulate("scenes/stiff-wall-pressed")      # what a hand would feel
     avc.zwidth("figure5")                          # which walls the device can render at all
 
-Results print themselves in a line, show a table in a notebook, and give their columns with ``to_dict()`` and
-``to_pandas()``; ``avc.figures`` draws them. Errors derive from `AvcError` and say what is wrong, where, and what to do.
+``print`` shows a recommendation as the command does; other results print a line and show a table in a notebook. All
+give their columns with ``to_dict()`` and ``to_pandas()`` where they have some; ``avc.figures`` draws them. Errors
+derive from `AvcError` and say what is wrong, where, and what to do.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-_ROOMS = ("avc_casadi", "hardware", "problems", "tests/benchmarks")
+_ROOMS = ("avc_casadi", "hardware", "joss", "problems", "tests/benchmarks")
 PAGES = sorted(
     {*ROOT.glob("*.md")}
     | {path for room in _ROOMS for path in (ROOT / room).rglob("*.md") if not {"packaging", "docs"} & set(path.parts)},

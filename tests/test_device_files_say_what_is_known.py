@@ -31,7 +31,7 @@ CATALOGUE = (
     "teaching-one-axis",
     "excalibur",
 )
-HOW_MEANT = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "range"}
+HOW_MEANT = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "held", "range"}
 # Most amplifiers are lags, which have no damping ratio.
 QUANTITIES = set(Device.model_fields) - HOW_MEANT - {"amplifier_damping_ratio"}
 WALL = "[environment]\ndamping_ns_per_m = 0.0\nstiffness_n_per_m = 5e3\n"

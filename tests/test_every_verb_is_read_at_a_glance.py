@@ -30,6 +30,8 @@ OLD_WORDS = (
 LONG = ("list", "monitor")
 SLOW = pytest.mark.thorough
 ASKED = [
+    "new stylus.toml --mass 120g --wall 3kN/m",
+    "new rim.toml --like direct-drive-wheel --wall 30N.m/rad --held wheel",
     "check figure5",
     "check knob",
     "check devices/reference-r3",
@@ -143,6 +145,6 @@ def test_help_lists_every_verb_under_its_question(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
     listed = re.findall(r"^  ([a-z]+) +\S", text.partition("judge it:")[0].partition("design")[2], re.MULTILINE)
-    assert listed == ["recommend", "run", "solve", "compare"]
+    assert listed == ["new", "recommend", "run", "solve", "compare"]
     assert [verb for verb in VERBS if re.search(rf"^  {verb} +[A-Z]", text, re.MULTILINE)] == list(VERBS)
     assert not [verb for verb in OLD_VERBS if re.search(rf"^  {verb} ", text, re.MULTILINE)]

@@ -20,6 +20,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
 from avc_hardware.codegen.packages import PACKAGES
 
+ROOT = Path(__file__).parents[1]
 CORE = Path("/usr/share/arduino/hardware/arduino/avr/cores")
 LIBRARIES = ("arduino", "platformio", "cmake", "esp-idf", "zephyr")
 
@@ -42,19 +43,66 @@ def test_packages_stand_round_the_same_two_files() -> None:
         export_c(made, packages=["cmake", "conan"])
 
 
-def test_manifests_say_what_arduino_and_platformio_ask_for() -> None:
-    files = export_c(drawn(2), packages=("arduino", "platformio"))
+# Of the registries' published rules: Arduino's library specification 2.2 with arduino-lint, PlatformIO's manifest.
+CATEGORIES = ("Display", "Communication", "Signal Input/Output", "Sensors", "Device Control", "Timing")
+CATEGORIES += ("Data Storage", "Data Processing", "Other")
+NEEDED = {"name", "version", "author", "maintainer", "sentence", "paragraph", "category", "url", "architectures"}
+OPTIONAL = {"depends", "dot_a_linkage", "includes", "precompiled", "ldflags"}
+RELEASE = r"\d+\.\d+\.\d+"
+
+
+@pytest.mark.parametrize("name", ["avc_coupling", "soft"])
+def test_a_package_has_what_the_registry_of_arduino_asks_for(name: str) -> None:
+    files = export_c(drawn(2), packages=("arduino",), name=name)
     properties = dict(line.split("=", 1) for line in files["library.properties"].splitlines())
-    asked = {"name", "version", "author", "maintainer", "sentence", "paragraph", "category", "url", "architectures"}
-    assert asked <= properties.keys()
-    assert properties["category"] == "Device Control"
+    assert NEEDED <= properties.keys() <= NEEDED | OPTIONAL
+    assert all(properties.values())
+    assert re.fullmatch(r"[a-zA-Z][\w.-]{,62}", properties["name"])
+    assert "arduino" not in properties["name"].lower()
+    assert re.fullmatch(RELEASE, properties["version"])
+    assert properties["version"] == avc_casadi.__version__
+    assert properties["category"] in CATEGORIES
+    assert re.fullmatch(r"https://[\w.-]+/\S+", properties["url"])
+    assert not properties["paragraph"].startswith(properties["sentence"])
+    header = files[f"src/{properties['includes']}"]
+    assert properties["includes"] == f"{properties['name']}.h"
+    assert {"README.md", "LICENSE", "keywords.txt"} <= files.keys()
+    for place in files:
+        if place.startswith("examples/"):
+            _, folder, sketch = place.split("/")
+            assert sketch == f"{folder}.ino"
+    words = [line.split("\t") for line in files["keywords.txt"].splitlines() if line and not line.startswith("#")]
+    assert {kind for _, kind in words} <= {"KEYWORD1", "KEYWORD2", "LITERAL1"}
+    assert all(re.search(rf"\b{word}\b", header) for word, _ in words)
+    declared = set(re.findall(rf"\b{name}_\w+(?=\()", header)) | set(re.findall(rf"\b{name}_\w*t(?=;)", header))
+    assert declared <= {word for word, _ in words}
+
+
+@pytest.mark.parametrize("name", ["avc_coupling", "soft"])
+def test_a_package_has_what_the_registry_of_platformio_asks_for(name: str) -> None:
+    files = export_c(drawn(2), packages=("platformio",), name=name)
     manifest = json.loads(files["library.json"])
-    assert manifest["version"] == properties["version"] == avc_casadi.__version__
-    assert re.fullmatch(r"[a-z][a-z0-9-]*[a-z0-9]", manifest["name"])
-    assert len(manifest["description"]) <= 255
+    assert re.fullmatch(r"[a-z][a-z0-9]*(-[a-z0-9]+)*", manifest["name"])
+    assert len(manifest["name"]) <= 50
+    assert re.fullmatch(RELEASE, manifest["version"])
+    assert 0 < len(manifest["description"]) <= 255
+    assert all(re.fullmatch(r"[a-z0-9][a-z0-9 +-]{1,49}", word) for word in manifest["keywords"])
+    assert manifest["license"] == "MIT"
+    assert manifest["repository"]["type"] == "git"
+    assert all(url.startswith("https://") for url in (manifest["homepage"], manifest["repository"]["url"]))
+    assert any(author["name"] and author.get("maintainer") for author in manifest["authors"])
     assert f"src/{manifest['headers']}" in files
+    assert {"README.md", "LICENSE"} <= files.keys()
     for example in manifest["examples"]:
-        assert all(f"{example['base']}/{name}" in files for name in example["files"])
+        assert all(f"{example['base']}/{file}" in files for file in example["files"])
+
+
+def test_the_license_of_a_package_is_the_projects_and_its_placeholders_are_told() -> None:
+    files = export_c(drawn(2), packages=("arduino", "platformio"))
+    assert files["LICENSE"] == (ROOT / "LICENSE").read_text(encoding="utf-8")
+    left = [place for place, text in files.items() if "example.org" in text]
+    assert sorted(left) == ["README.md", "library.json", "library.properties"]
+    assert all(f"`{place}`" in files["README.md"] for place in left if place != "README.md")
 
 
 CONSUMER = """

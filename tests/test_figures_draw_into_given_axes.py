@@ -28,6 +28,7 @@ from avc_casadi.design.comparison.pareto import Pareto, Point
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Columns, Record
+from avc_casadi.model.gains import Gains
 from avc_casadi.present import figures
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
@@ -36,6 +37,7 @@ DAMPED = avc.load_problem("damped").changed(stability={"scope": "pointwise"}, fr
 COMPARISON = avc.compare(PROBLEM, ("closed-form", "exact"), mine=(7000.0, 10.0))
 REGION = avc.zwidth(PROBLEM)
 OF_DAMPED = avc.compare(DAMPED, ("closed-form", "exact"))
+COUPLING = avc.Coupling.constant(DAMPED, Gains(0.0, 8e3, 10.0), "by hand")
 RUNS = [avc.simulate("scenes/stiff-wall-pressed"), avc.simulate("scenes/free-motion")]
 
 
@@ -117,6 +119,8 @@ CALLS = {
     "draw_estimators": (4, lambda axes: draw_estimators(_estimates(), axes)),
     "draw_correlations": (1, lambda axes: figures.draw_correlations(_identified(), axes)),
     "draw_identification": (6, lambda axes: figures.draw_identification(_identified(), axes)),
+    "draw_loop": (4, lambda axes: figures.draw_loop(COUPLING, axes)),
+    "draw_rendered": (2, lambda axes: figures.draw_rendered(COUPLING, axes)),
     "draw_frontier": (4, lambda axes: draw_frontier(_frontier(), axes)),
     "draw_pareto": (6, lambda axes: draw_pareto(_pareto(), axes)),
     "draw_perceived": (5, lambda axes: figures.draw_perceived(COMPARISON, axes)),

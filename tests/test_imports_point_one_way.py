@@ -40,6 +40,7 @@ ROOMS = (
     "arm",
     "present.terminal",
     "present.pages",
+    "present.results",
     "present.figures",
     "present.report",
     "present.explore",
@@ -57,8 +58,10 @@ SHARED = {
     "simulation.contact": "simulation.runtime",
     "simulation.advance": "simulation",
 }
-# What a problem file names and rooms above declare: folders that are scanned when they are asked for.
+# What a problem file names and rooms above declare: folders that are scanned when they are asked for. What a result
+# prints is asked for by name too.
 PLUGGED = {
+    ("avc_casadi._util.printed", "avc_casadi.present.results"),
     ("avc_casadi.model.registries", "avc_casadi.design.method"),
     ("avc_casadi.model.registries", "avc_casadi.simulation.effects"),
 }

@@ -49,6 +49,7 @@ EFFECTS = {
         "dead_zone_m": 1e-5,
     },
     "delay": {"samples": 2.5},
+    "structure": {"frequency_hz": 250.0, "mass_ratio": 0.2},
     "jitter": {"rms_s": 1e-5, "dropped_share": 0.01},
     "amplifier": {"bandwidth_hz": 300.0, "order": 2},
     "saturation": {"force_n": 5.0},

@@ -39,8 +39,9 @@ def masses_asked(one, monkeypatch):
     """Return the masses of those who try a law first, and of those who follow."""
     groups = []
 
-    def noted(_, people, *, friction, beyond, device, racing):
+    def noted(_, people, *, friction, beyond, device, effects, racing):
         assert beyond
+        assert effects == ()
         assert racing
         assert device is None
         assert not friction

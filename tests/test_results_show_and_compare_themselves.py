@@ -3,6 +3,7 @@
 import re
 import sys
 from dataclasses import replace
+from html import escape
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ import avc_casadi as avc
 from avc_casadi._util.arrays import Comparable, same
 from avc_casadi._util.text import short
 from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.cli import main
 from avc_casadi.design.comparison.pareto import Pareto, Point
 from avc_casadi.design.scene_coupling import scene_coupling
 from avc_casadi.model.gains import GainTable
@@ -60,6 +62,14 @@ def test_a_notebook_shows_a_small_escaped_table(name):
     assert html.count("<table>") == html.count("</table>") == 1
     assert 2 <= html.count("<tr>") <= 41
     assert not re.search(r"<(?!/?(?:p|table|thead|tbody|tr|th|td)\b)", html)
+
+
+@pytest.mark.parametrize("name", ["spring", pytest.param("tool/unity-60hz", marks=pytest.mark.thorough)])
+def test_a_recommendation_prints_what_the_command_prints(name, capsys):
+    assert main(["recommend", name, "--hands", "4"]) == 0
+    found = avc.recommend(name, hands=4)
+    assert str(found) + "\n" == capsys.readouterr().out
+    assert escape(str(found)) in found._repr_html_()
 
 
 def test_what_people_wrote_is_escaped():

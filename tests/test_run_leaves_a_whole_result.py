@@ -17,7 +17,11 @@ FILES = {
     "gains.csv",
     "compare.json",
     "report.html",
-    *(f"{name}{ending}" for name in ("boundaries", "perceived", "comparison") for ending in (".png", ".svg")),
+    *(
+        f"{name}{ending}"
+        for name in ("boundaries", "perceived", "comparison", "rendered", "loop")
+        for ending in (".png", ".svg")
+    ),
 }
 
 # A wall that a contact damper holds, so that the coupling to deploy is found at once.
@@ -39,7 +43,7 @@ def test_the_papers_question_then_the_coupling_and_every_file(results):
     assert done.stderr == b""
     lines = done.stdout.decode().splitlines()
     labels = ("CasADi, direct", "Closed form", "Exact optimum", "Verdicts", "Coupling", "Rendered", "Impedance error")
-    labels += ("Stability", "Simulated", "Mismatch", "Device", "Written")
+    labels += ("Stability", "Margins", "Simulated", "Mismatch", "Device", "Written")
     assert len(lines) <= 15
     assert lines[0].startswith("figure5   wall 100 kN/m, 10.0 N.s/m · device 100 g, 1.00 kHz")
     told = {label: next(line for line in lines if line[4:].startswith(label)) for label in labels}

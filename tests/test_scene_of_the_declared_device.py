@@ -174,7 +174,7 @@ def test_a_delay_that_tends_to_whole_samples_tends_to_the_whole_delay():
 @pytest.mark.parametrize(
     ("effects", "words"),
     [
-        (('kind = "delay"\nsamples = 0.5', 'kind = "jitter"\nrms_s = 1e-4'), "whole samples, or no jitter"),
+        (('kind = "delay"\nsamples = 0.5', 'kind = "jitter"\nrms_s = 1e-4'), "whole samples, or jitter with rms_s = 0"),
         (('kind = "encoder"\nresolution_m = 1e-5\nat = "handle"',), "beside the effect resonance"),
         (('kind = "resonance"\nfrequency_hz = 100.0',), "device.resonance.damping_ratio"),
         (('kind = "backlash"',), "device.backlash_m"),

@@ -26,6 +26,10 @@ _DEVICE = (
     "resonance",
     "ratio",
     "share",
+    "part",
+    "part_ratio",
+    "part_share",
+    "dropped",
 )
 _DEED = (
     "mass",
@@ -58,11 +62,11 @@ def declared(device, **changed):
         "delay": device.delay_samples,
         "friction": device.coulomb_friction_n,
         "encoder": device.encoder_resolution_m,
-        "bandwidth": device.amplifier_bandwidth_hz,
+        "bandwidth": device.amplifier_bandwidth_hz or math.inf,
         "limit": device.max_force_n or math.inf,
-        "resonance": mode.frequency_hz,
-        "ratio": mode.damping_ratio,
-        "share": mode.mass_ratio,
+        "resonance": mode.frequency_hz if mode else 0.0,
+        "ratio": mode.damping_ratio if mode else 0.0,
+        "share": mode.mass_ratio if mode else 0.0,
     }
     return _Device(**(numbers | changed))
 
@@ -134,13 +138,14 @@ class WholeDevice:
         return found
 
 
-def rests_as_tried(bench, device, hands, friction=None, longest_s=TRIAL_SECONDS):
+def rests_as_tried(bench, device, hands, friction=None, longest_s=TRIAL_SECONDS, **others):
     """Whether each hand, motor and handle rest in the three motions of a trial of `recommend`, shape (hands,).
 
     The device may be another one than that of the bench's exported files. Who still moves is watched for so long.
+    `others` are numbers that a problem's device does not have.
     """
     changed = {name: getattr(declared(device), name) for name in _DEVICE}
-    changed |= {} if friction is None else {"friction": friction}
+    changed |= others | ({} if friction is None else {"friction": friction})
     motions = (lambda hand: held(hand, 0.07), striking_again, grasped)
 
     def rests(deed):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
+    from collections.abc import Callable
 
     from avc_casadi._util.units import Units
     from avc_casadi.identification.units import Layout
@@ -63,7 +64,14 @@ class _Worded(argparse.Action):
         namespace.worded = {**getattr(namespace, "worded", {}), self.dest: (option, self.option_strings)}
 
 
-def add_worded(parser: _ActionsContainer, linear: str, rotary: str, metavar: str, text: str) -> None:
+def add_worded(
+    parser: _ActionsContainer,
+    linear: str,
+    rotary: str,
+    metavar: str,
+    text: str,
+    read: Callable[[str], Any] = positive,
+) -> None:
     """Declare an option that devices that turn have in their own unit.
 
     Args:
@@ -72,8 +80,9 @@ def add_worded(parser: _ActionsContainer, linear: str, rotary: str, metavar: str
         rotary: the same for a device that turns.
         metavar: of the value.
         text: help.
+        read: from what is typed to the value.
     """
-    parser.add_argument(linear, rotary, action=_Worded, type=positive, metavar=metavar, help=text)
+    parser.add_argument(linear, rotary, action=_Worded, type=read, metavar=metavar, help=text)
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:

@@ -37,7 +37,7 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
 
     Args:
         text: the argument.
-        key: its option, for the message.
+        key: its option, for the message; a name in capitals where it has none.
         endings: allowed file endings, with the dot.
 
     Raises:
@@ -45,7 +45,7 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
     """
     from avc_casadi._util.files import clear_unfinished
 
-    path = Path(text)
+    path, own = Path(text), f"--{key.removeprefix('--').lower()}"
     if path.suffix.lower() not in endings:
         raise InputError.of(f"{text!r} ends in {path.suffix!r}; allowed: {', '.join(endings)}", key=key)
     if path.is_dir():
@@ -54,7 +54,7 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
         raise InputError.of(f"{text!r}: there is no folder {str(path.parent)!r}; make it first", key=key)
     if not all(os.access(one, os.W_OK) for one in (path, path.parent) if one.exists()):
         raise InputError.of(f"{text!r} may not be written by this user; choose another place", key=key)
-    if path.exists() and any(_same(path, word) for option, word in _given.get() if option != key):
+    if path.exists() and any(_same(path, word) for option, word in _given.get() if option != own):
         raise InputError.of(f"{text!r} is a file that this command was given; choose another name", key=key)
     clear_unfinished(path.parent)
     return path

@@ -34,6 +34,7 @@ _CAPTIONS = {
     "perceived": "Perceived impedance with an enlarged part, the gains, and the real part that (12) constrains.",
     "comparison": "Errors of the methods and the verdict at each frequency.",
 }
+_OF_COUPLING = ("rendered", "loop")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -95,17 +96,19 @@ def _worked_through(
     coupling: Coupling | None = deployment.pop("of")
     if coupling is not None:
         files["coupling.json"] = json_text(coupling_document(coupling))
-    with console.step("device"):
+    with meanwhile(_deployed, (deployment, coupling, problem.units)) as drawn, console.step("device"):
         push = push_or_say(coupling, unsafe=args.unsafe)
+        deployed = _written(drawn(), folder)
     summary = summarise(problem, comparison, gains, certificate, push)
     conclusion = [*conclusion_lines(deployment), *([push["unsafe"]] if push.get("unsafe") else [])]
     contents = ReportContents(
-        problem, comparison, summary, certificate, figures, package_versions(), conclusion, deployment
+        problem, comparison, summary, certificate, figures, package_versions(), conclusion, deployment, deployed
     )
     files["report.html"] = report_html(contents)
     for name, text in files.items():
         write_text(folder / name, text, "--out")
-    written = sorted([*files, *(f"{name}{ending}" for name in _CAPTIONS for ending in (".png", ".svg"))])
+    names = [*_CAPTIONS, *(_OF_COUPLING if coupling is not None else ())]
+    written = sorted([*files, *(f"{name}{ending}" for name in names for ending in (".png", ".svg"))])
     document = {"schema": "avc-run/2", "folder": str(shown), "files": written, "deploy": deployment} | summary
     where = f"{shown / 'report.html'} and {len(written) - 1} files beside it"
     text = run_page(document, problem, console.page, args.problem, where)
@@ -151,6 +154,26 @@ def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
     draws = {"boundaries": draw_boundaries, "perceived": draw_perceived, "comparison": draw_comparison}
     with speaking(units):
         return {name: Picture.with_png(draw, comparison, _CAPTIONS[name], words[name]) for name, draw in draws.items()}
+
+
+def _deployed(task: tuple[dict[str, Any], Coupling | None, Units]) -> dict[str, tuple[bytes, Picture]]:
+    """Return the figures of the coupling to deploy in the same way; none without one."""
+    from avc_casadi._util.units import speaking
+    from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
+    from avc_casadi.present.report.frame import Picture
+    from avc_casadi.present.report.page import deployed_words
+    from avc_casadi.recommendation.deployed import deployed
+
+    deployment, coupling, units = task
+    if coupling is None:
+        return {}
+    found = deployed(coupling)
+    words = deployed_words(deployment, found)
+    with speaking(units):
+        return {
+            name: Picture.with_png(draw, found, *words[name])
+            for name, draw in zip(_OF_COUPLING, (draw_rendered, draw_loop), strict=True)
+        }
 
 
 def _written(drawn: dict[str, tuple[bytes, Picture]], folder: Path) -> list[Picture]:

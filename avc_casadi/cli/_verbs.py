@@ -6,7 +6,7 @@ A verb module has a docstring (its first line is the help), ``add_arguments(pars
 from __future__ import annotations
 
 QUESTIONS: dict[str, tuple[str, ...]] = {
-    "design a coupling": ("recommend", "run", "solve", "compare"),
+    "design a coupling": ("new", "recommend", "run", "solve", "compare"),
     "judge it": ("certify", "simulate", "trial", "zwidth"),
     "measure a device": ("excite", "identify", "diagnose", "commission"),
     "deploy": ("export", "push", "stream", "monitor", "device", "firmware"),

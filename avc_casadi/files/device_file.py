@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
 # These say how another key is meant and are no quantities.
-_NO_QUANTITY = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "range"}
+_NO_QUANTITY = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "held", "range"}
 _QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTITY)
 # A lag has none, and most files give a lag.
 _NEED_NOT_BE_SAID = {"amplifier_damping_ratio"}

@@ -36,7 +36,7 @@ def declared(problem: Problem) -> tuple[str, ...]:
         names those of them that it does not use.
     """
     device, range_ = problem.device, problem.device.range
-    stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "range"}
+    stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "held", "range"}
     whole = set(type(device).model_fields) - stated
     # These say nothing alone.
     if device.amplifier_bandwidth_hz is None:

@@ -137,6 +137,7 @@ class Device(Table):
         backlash_m: play of the measured position; nothing beyond a resonance with the encoder at the handle.
         resonance: motor and handle joined by a spring; None: rigid.
         encoder_at: the side of the resonance on which the position is measured.
+        held: by a hand that grips it, as [hands] says; as well by hands on a stylus, or by a fingertip.
         range: how well the device is known.
     """
 
@@ -156,6 +157,7 @@ class Device(Table):
     backlash_m: Length = 0.0
     resonance: Resonance | None = None
     encoder_at: Literal["motor", "handle"] = "motor"
+    held: Literal["grip", "stylus", "fingertip"] = "grip"
     range: DeviceRange = DeviceRange()
 
     @property
@@ -169,9 +171,11 @@ class Device(Table):
         return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
     @model_serializer(mode="wrap")
-    def _says_only_what_turns(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
-        """Leave out of a linear device what only one that turns has to say."""
+    def _says_what_is_not_usual(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        """Leave out of a linear device what only one that turns has to say, and that a hand grips it."""
         kept = whole(self)
+        if self.held == "grip":
+            kept.pop("held", None)
         if self.motion == "linear":
             for key in ("motion", "handle_radius_m"):
                 kept.pop(key, None)

@@ -22,6 +22,7 @@ from avc_casadi.model.quantity import (
     LoopDampingRatio,
     Mass,
     MassRatio,
+    MassShare,
     Place,
     Places,
     Rate,
@@ -174,6 +175,21 @@ class ResonanceEffect(EffectTable):
     frequency_hz: Hertz | None = None
     damping_ratio: DampingRatio | None = None
     mass_ratio: MassRatio | None = None
+
+
+class StructureEffect(EffectTable):
+    """A part of the device on a spring of its own, beside the resonance of [device] if it has one.
+
+    Attributes:
+        frequency_hz: of motor and part against each other, nothing else being joined to them.
+        damping_ratio: of that oscillation.
+        mass_ratio: share of the device's mass that swings.
+    """
+
+    kind: Literal["structure"] = "structure"
+    frequency_hz: Hertz
+    damping_ratio: DampingRatio = 0.02
+    mass_ratio: MassShare = 0.3
 
 
 class BacklashEffect(EffectTable):

@@ -37,6 +37,7 @@ from avc_casadi.model.quantity import (
     Weight,
     refusal,
 )
+from avc_casadi.model.robustness import Robustness
 from avc_casadi.model.rotary_defaults import with_turned_defaults
 from avc_casadi.model.rules import RULES, Values, broken_rules, dotted
 from avc_casadi.model.scene import Scene
@@ -249,6 +250,7 @@ class Problem(Table):
     realism: Realism = Realism()
     schedule: ScheduleSettings = ScheduleSettings()
     hands: Hands = Hands()
+    robustness: Robustness = Robustness()
     detent: Detent | None = None
     simulation: VirtualTool | None = None
     follower: Follower | None = None

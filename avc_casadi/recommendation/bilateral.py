@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
@@ -53,7 +53,7 @@ _SEARCH = ToolSearchOptions(dampers=7, local_ratios=(0.2, 0.5, 1.0), precision=0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BilateralRecommendation(Comparable):
+class BilateralRecommendation(Printed):
     """The coupling of a teleoperator that may be deployed, and what is known of it.
 
     Attributes:

@@ -14,9 +14,19 @@ from avc_casadi.model.corners import device_corners, device_set
 from avc_casadi.model.hands import Hand
 from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
 from avc_casadi.recommendation.rank import AS_STIFF, Judged, best_of
-from avc_casadi.recommendation.screening import SURELY, Group, Screening, elsewhere, off_file, together
+from avc_casadi.recommendation.screening import (
+    BEYOND_HANDS,
+    SURELY,
+    Group,
+    Screening,
+    beyond_file,
+    elsewhere,
+    held_otherwise,
+    off_file,
+    together,
+)
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
-from avc_casadi.simulation.population.operators import draw_hands, loose_hands
+from avc_casadi.simulation.population.operators import draw_hands, loose_hands, people_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -68,7 +78,15 @@ class Evaluator:
         draws = itertools.count(0, count)
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
         self._first, self._loose = people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed)
-        self._elsewhere = elsewhere(problem.device, (self._first, self._loose), seed)
+        self._asked = (
+            *beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed)),
+            *held_otherwise(problem, BEYOND_HANDS, seed),
+        )
+        few = (
+            *beyond_file(problem, problem.robustness, self._first),
+            *held_otherwise(problem, FIRST, seed),
+        )
+        self._elsewhere = (*elsewhere(problem.device, (self._first, self._loose), seed), *few)
         self._off = off_file(problem.device, self._first, self._loose)
         self._candidates: list[Alternatives] = []
         self._restless: list[Alternatives] = []
@@ -101,7 +119,7 @@ class Evaluator:
         """Return who tries a law first: now, as they may be others after the next ones were tried."""
         few = np.arange(len(self._loose)) % _ONE_IN == 0
         loose = Group(self._loose)
-        likely = Group(together(self._first, loose.pick(few).people))
+        likely = Group(together(self._first, self._loose.pick(np.flatnonzero(few))))
         others = loose.pick(~few)
         stages = ((likely,), self._elsewhere, (others,) if len(others.people) else ())
         return Screening(tuple(stage for stage in stages if stage), self._lean, self._off)
@@ -133,10 +151,6 @@ class Evaluator:
     def stiffest(self) -> Judged | None:
         """Return the stiffest of what is safe and quiet, if anything is."""
         return max(self._enough(), key=lambda one: one.felt_n_per_m, default=None)
-
-    def nearest(self) -> Judged | None:
-        """Return what is nearest to the wall of what is safe and quiet, if anything is."""
-        return min(self._enough(), key=lambda one: one.distance, default=None)
 
     def may_win(self, alternatives: Alternatives) -> bool:
         """Whether couplings that nobody tried yet are as stiff as what is safe and quiet, or nearer to the wall."""
@@ -196,6 +210,7 @@ class Evaluator:
             lean_on_friction=self._lean,
             executor=self._executor,
             search=self._search,
+            beyond=self._asked,
         )
         if len(judged) > len(self.judged):
             before, self.judged = self.judged, judged
@@ -212,6 +227,7 @@ def tried(
     lean_on_friction: bool,
     executor: Executor | None = None,
     search: str = "",
+    beyond: Sequence[Group] = (),
 ) -> list[Judged]:
     """Try those that are deployable, the stiffest first, but for those that could not win.
 
@@ -224,6 +240,7 @@ def tried(
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
         search: which one the candidates come from that are new, to be told.
+        beyond: who must rest on devices that the file does not tell of.
 
     Returns:
         What was judged before, and now.
@@ -243,6 +260,9 @@ def tried(
             found = Judged(one, try_coupling(one, people.pick(slice(FIRST)), seed, executor=executor), order)
             if found.safety <= int(lean_on_friction) and len(people) > FIRST:
                 found = replace(found, trial=try_coupling(one, people, seed, executor=executor))
+            if found.complete(lean_on_friction=lean_on_friction):
+                settled = [group.unrest([one], friction=lean_on_friction)[0] < 1 for group in beyond]
+                found = replace(found, beyond=tuple(settled))
             judged.append(found)
             if found.complete(lean_on_friction=lean_on_friction):
                 break

@@ -178,6 +178,8 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     wall = problem.environment
     if _far_end(problem) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         unused.append(f"environment (a wall in the device's own loop: leave [{_far_end(problem)}] out for it)")
+    if _far_end(problem) and any(value is not None for value in vars(problem.robustness).values()):
+        unused.append("robustness (known for a wall in the device's own loop alone)")
     known = {"velocity-filter": "known to avc simulate and, if linear, to avc zwidth alone"}
     return (
         *unused,

@@ -17,6 +17,7 @@ from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 from avc_casadi.simulation.population.settled import exact_interval
 
 if TYPE_CHECKING:
+    from avc_casadi._util.arrays import BoolArray
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
@@ -42,6 +43,7 @@ class Judged:
         others: how people fared who had no part in the choice; None before they were asked.
         asked: these people.
         devices: among which they were dealt out in turn.
+        beyond: who rests on each device that the file does not tell of and that is asked for.
     """
 
     coupling: Coupling
@@ -50,14 +52,20 @@ class Judged:
     others: CouplingTrial | None = None
     asked: Hand | None = None
     devices: tuple[Device, ...] = ()
+    beyond: tuple[BoolArray, ...] = ()
 
     @cached_property
     def safety(self) -> int:
         """0: everybody rests without dry friction and with it; 1: with the declared friction; 2: not everybody."""
-        everybody = all(bool(trial.stable.all()) for trial in self.trials)
+        everybody = all(bool(trial.stable.all()) for trial in self.trials) and self.withstands
         if everybody and all(bool(trial.stable_without_friction.all()) for trial in self.trials):
             return 0
         return 1 if everybody else 2
+
+    @property
+    def withstands(self) -> bool:
+        """Whether all rest on the devices that the file does not tell of, if any are asked for."""
+        return all(bool(rests.all()) for rests in self.beyond)
 
     @property
     def trials(self) -> tuple[CouplingTrial, ...]:
@@ -67,7 +75,8 @@ class Judged:
     @property
     def at_rest(self) -> float:
         """Share of the hands that come to rest."""
-        return sum(int(one.stable.sum()) for one in self.trials) / sum(one.hands for one in self.trials)
+        rests = [*(one.stable for one in self.trials), *self.beyond]
+        return float(np.concatenate(rests).mean())
 
     @property
     def quiet(self) -> bool:

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import Crew
+from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
 from avc_casadi.claims.deployable import certified, deployable
+from avc_casadi.claims.stability.margins import OpenLoop
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
@@ -22,28 +23,31 @@ from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import AnyProblem, with_wall
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
 from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom, with_rest
 from avc_casadi.recommendation.perturbed_devices import PerturbedDevices, off_file
 from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used, nothing_rendered
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of, reason_of
+from avc_casadi.recommendation.ripple import ripple
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import Help, what_would_help
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
-from avc_casadi.simulation.population.operators import Population, draw_subjects, people_of
+from avc_casadi.simulation.population.operators import HOLDING, draw_subjects, people_of
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.schedule import GainSchedule
 
 SCHEMA = "avc-recommend/1"
-OTHER_HANDS: dict[str, Population] = {"on a stylus": "B", "one fingertip": "fingertip"}
+OTHER_HANDS = {"stylus": "on a stylus", "fingertip": "one fingertip"}
+"""How hands may hold the device otherwise than [hands] says, as it is told."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recommendation(Comparable):
+class Recommendation(Printed):
     """The coupling to deploy and what is known of it.
 
     Attributes:
@@ -54,6 +58,8 @@ class Recommendation(Comparable):
         beside: how others fared, of whom nothing is promised, by how they hold the device.
         off_file: how the corner hands fared on devices a tenth off their file; None without a coupling, or where every
             number of the device has a range.
+        beyond_file: how hands fared on devices that differ from the file in one thing each: lighter, with missed
+            samples, with one more resonance.
         deployable: whether the coupling may go into the device.
         rest: what is known of rest with every hand, making and breaking contact; None without a coupling.
         stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
@@ -79,6 +85,7 @@ class Recommendation(Comparable):
     confirmed: CouplingTrial | None
     beside: Mapping[str, CouplingTrial]
     off_file: PerturbedDevices | None
+    beyond_file: tuple[Withstood, ...]
     deployable: bool
     rest: LimitCycleFreedom | None
     stiffest_wall_n_per_m: float
@@ -117,6 +124,7 @@ class Recommendation(Comparable):
             "friction_n": self.problem.device.coulomb_friction_n,
             "rest_error_m": self.problem.device.coulomb_friction_n / sensed if sensed else None,
             "encoder_step_n": self._encoder_step_n(),
+            "ripple": vars(ripple(self.coupling, self.trial.seed)),
         }
 
     def _encoder_step_n(self) -> dict[str, float]:
@@ -141,6 +149,18 @@ class Recommendation(Comparable):
             for who, one in found
         }
 
+    def margins(self) -> dict[str, Any]:
+        """Return by how much the force of the actuator may be wrong: released, and the smallest with a hand.
+
+        Of gain as a factor, up and down, of phase in degrees, of delay in samples; None without a limit, and nothing
+        without a coupling.
+        """
+        if self.coupling is None:
+            return {}
+        found = zip(("released", "worst_hand"), OpenLoop.of(self.coupling).margins(), strict=True)
+        margins: dict[str, Any] = plain({who: vars(one) for who, one in found})
+        return margins
+
     def document(self) -> dict[str, Any]:
         """Return the `recommend` document: JSON values only."""
         found: dict[str, Any] = plain(
@@ -153,6 +173,7 @@ class Recommendation(Comparable):
                 "coupling": None if self.coupling is None else coupling_document(self.coupling),
                 "felt": self.felt(),
                 "transient": self.transient(),
+                "margins": self.margins(),
                 "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
                 "plain_wall_n_per_m": self.plain_wall_n_per_m,
                 "with_friction_n_per_m": self.with_friction_n_per_m,
@@ -160,6 +181,7 @@ class Recommendation(Comparable):
                 "confirmed": None if self.confirmed is None else self.confirmed.counts(),
                 "other_hands": {holding: trial.counts() for holding, trial in self.beside.items()},
                 "off_file": None if self.off_file is None else self.off_file.document(),
+                "beyond_file": [vars(one) for one in self.beyond_file],
                 "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
                 "what_would_help": [vars(one) for one in self.helps],
                 "considered": self.considered,
@@ -204,7 +226,7 @@ def judged_as_recommended(
     tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
-    limit = float(stiffest_wall(problem.device, with_let_go(extreme)).stiffness_n_per_m)
+    limit = stiffest_wall(problem.device, with_let_go(extreme))
     return Recommendation(
         problem=problem,
         coupling=found.with_trial(tried.document()),
@@ -212,10 +234,11 @@ def judged_as_recommended(
         confirmed=None,
         beside=_beside(found, hands, seed),
         off_file=off_file(found, seed),
+        beyond_file=margins(found, limit, seed),
         deployable=verdict.passed,
         rest=rest,
-        stiffest_wall_n_per_m=limit,
-        plain_wall_n_per_m=limit,
+        stiffest_wall_n_per_m=limit.stiffness_n_per_m,
+        plain_wall_n_per_m=limit.stiffness_n_per_m,
         with_friction_n_per_m=None,
         helps=what_would_help(problem, extreme),
         considered=1,
@@ -282,13 +305,17 @@ def recommend(
         best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
         declared_n = problem.device.coulomb_friction_n
         leaning = best_of(judged, lean_on_friction=True, stiffest=True) if judged and declared_n > 0 else None
-        coupling, rest, beside, off = None, None, {}, None
+        coupling, rest, beside, off, lacks = None, None, {}, None, ""
+        beyond: tuple[Withstood, ...] = ()
         if best is not None:
             told_off = crew.begin(partial(off_file, best.coupling, seed))
+            told_beyond = crew.begin(partial(margins, best.coupling, limit, seed))
             known = certified(best.coupling, progress, prove=prove)
             known, rest = with_rest(known, felt_at_rest_n_per_m(known), progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             beside, off = _beside(best.coupling, hands, seed, executor), told_off()
+            beyond = told_beyond()
+            lacks = missed(beyond, by_friction=lean_on_friction or best.safety == 1)
         held = [felt_at_rest_n_per_m(one.coupling) for one in judged]
         nothing = "" if best is None else nothing_rendered(problem, felt_at_rest_n_per_m(best.coupling), best.trial)
         return Recommendation(
@@ -298,14 +325,15 @@ def recommend(
             confirmed=None if best is None else best.others,
             beside=beside,
             off_file=off,
-            deployable=best is not None and not nothing,
+            beyond_file=beyond,
+            deployable=best is not None and not nothing and not lacks,
             rest=rest,
             stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *held]),
             plain_wall_n_per_m=limit.stiffness_n_per_m,
             with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
             helps=() if why_none else helps(),
             considered=considered,
-            reason=why_none or nothing or reason_of(best, judged, considered),
+            reason=why_none or nothing or lacks or reason_of(best, judged, considered),
             assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
             not_used=not_used(problem),
         )
@@ -315,8 +343,9 @@ def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None
     """Let people try it who hold the device otherwise than [hands] says."""
     radius = coupling.problem.device.metres_per_unit
     return {
-        holding: try_coupling(
-            coupling, draw_subjects(population, hands, seed).at_handle(radius), seed, executor=executor
+        told: try_coupling(
+            coupling, draw_subjects(HOLDING[holding], hands, seed).at_handle(radius), seed, executor=executor
         )
-        for holding, population in OTHER_HANDS.items()
+        for holding, told in OTHER_HANDS.items()
+        if holding != coupling.problem.device.held
     }

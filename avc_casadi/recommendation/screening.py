@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi.design.robust.uncertainty_set import assumed_devices
 from avc_casadi.model.corners import device_corners, device_set, linear_values
-from avc_casadi.model.hands import Hand
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.robustness import Robustness, unmodelled
+from avc_casadi.simulation.population.operators import HOLDING, draw_subjects
 from avc_casadi.simulation.population.settled import ends_of, unrest
 
 if TYPE_CHECKING:
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.robust.cma_continuation import ResidualSpeed
     from avc_casadi.model.device import Device
+    from avc_casadi.model.effects import Effect
+    from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.simulation.population.trial import Ends
 
@@ -26,6 +30,8 @@ _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
 # On every device that is a little off its file so many of each kind of people try a law: corners of the hands, and
 # of those who hold on loosely some.
 _OFF_FIRST, _OFF_LOOSE = 8, 60
+BEYOND_HANDS = 60
+"""So many hands try a coupling on each device that the file does not tell of."""
 SURELY = 0.7
 """Who ends at less than this share of the speed below which a hand is at rest is so in another simulation too."""
 
@@ -37,12 +43,14 @@ class Group:
     Attributes:
         people: who they are.
         device: on which; None is that of the problem.
+        effects: what is simulated beside what the device declares.
         slow: what they end at when they rest, over the speed below which a hand is at rest.
     """
 
-    people: Hand
+    people: Hand | StylusHand
     device: Device | None = None
     slow: float = 1.0
+    effects: tuple[Effect, ...] = ()
 
     def pick(self, moving: BoolArray) -> Group:
         """Return some of them."""
@@ -50,12 +58,13 @@ class Group:
 
     def unrest(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
         """Return how fast they end with couplings, over what they rest at, shape (couplings, people)."""
-        return unrest(couplings, self.people, friction=friction, beyond=True, device=self.device) / self.slow
+        how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
+        return unrest(couplings, self.people, **how) / self.slow
 
     def ends(self, coupling: Coupling, *, friction: bool) -> _Asked:
         """Prepare to ask that with laws of the structure of one, until somebody moves."""
-        ends = ends_of(coupling, self.people, friction=friction, beyond=True, device=self.device, racing=True)
-        return _Asked(ends, self.slow)
+        how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
+        return _Asked(ends_of(coupling, self.people, racing=True, **how), self.slow)
 
 
 @dataclass(frozen=True)
@@ -164,6 +173,31 @@ def off_file(device: Device, corners: Hand, loose: Hand) -> tuple[Group, ...]:
         rows = np.arange(place * _OFF_LOOSE, (place + 1) * _OFF_LOOSE) % len(loose)
         found.append(Group(together(corners.pick(slice(_OFF_FIRST)), loose.pick(rows)), one, SURELY))
     return tuple(found)
+
+
+def beyond_file(problem: Problem, asked: Robustness, people: Hand) -> tuple[Group, ...]:
+    """Let people try a coupling on each device that its file does not tell of.
+
+    Args:
+        problem: with its device.
+        asked: which these are.
+        people: who they are.
+    """
+    return tuple(Group(people, one.device, effects=one.effects) for one in unmodelled(problem.device, asked))
+
+
+def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]:
+    """Return people who hold the device as it is made for, where that is not as [hands] says.
+
+    Args:
+        problem: with its device.
+        count: how many.
+        seed: of their draw.
+    """
+    device = problem.device
+    if device.held == "grip":
+        return ()
+    return (Group(draw_subjects(HOLDING[device.held], count, seed).at_handle(device.metres_per_unit)),)
 
 
 def _far_apart(corners: IndexArray, random: np.random.Generator) -> list[int]:

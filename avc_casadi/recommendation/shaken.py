@@ -108,31 +108,47 @@ def force_over_position(
         amplitude_m: of the sine.
         frequency_hz: of the sines, shape (n,).
     """
-    device = coupling.problem.device
-    led, conditions = on_device(coupling, device.model_copy(update=_IDEAL))
-    conditions = replace(conditions, guarded=False, steps_anywhere=False)
-    fast, mass = (
-        2 * math.pi * max(_FASTER * float(np.max(frequency_hz)), _LEAST_HZ),
-        _HEAVY * (device.mass_kg + coupling.problem.hands.mass_kg[1]),
-    )
-    hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
-    table = coupling.table
-    gains = table.at_rest if table.constant else table
-    scene, parameters, held = prepared(led.problem, gains, hand, Hold(end_m=0.0), conditions, _END_S)
-    t = device.sample_time_s
-    time = t * np.arange(scene.samples + 1)
+    period = coupling.problem.device.sample_time_s
+    time = period * np.arange(round(_END_S / period) + 1)
     ramp = depth_m * np.clip(time / _RAMP_S, 0.0, 1.0)
+    last = slice(round(_SETTLED_S / period), None)
     found = []
     for hz in frequency_hz:
-        target = ramp + amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - _RAMP_S, 0.0))
-        inputs = held.copy()
-        inputs[scene.inputs.index("target_position_m")] = target[:-1]
-        inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(target) / t
-        run = execute(scene, parameters, inputs, engine=engine_for(1))
-        last = slice(round(_SETTLED_S / t), None)
-        wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(time[:-1][last]))
-        position = run["position_m"][0, last]
-        # Nothing asks for a force where there is no wall.
-        force = run["force_n"][0, last] if "force_n" in run else np.zeros_like(position)
+        goes = ramp + amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - _RAMP_S, 0.0))
+        position, force = (part[last] for part in led(coupling, goes, float(np.max(frequency_hz))))
+        wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(position))
         found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
     return np.array(found)
+
+
+def led(
+    coupling: Coupling, position_m: FloatArray, fastest_hz: float = 0.0, *, exact: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Lead the measured position as no force of the device can prevent; what stands behind the command is ideal.
+
+    Args:
+        coupling: as for `shaken`.
+        position_m: where it goes, at each sample and at the end, shape (samples + 1,).
+        fastest_hz: that is in it.
+        exact: whether the position is read without the steps of the encoder.
+
+    Returns:
+        Its position, and the force that is asked for, shape (samples,) each.
+    """
+    device = coupling.problem.device
+    read = {"encoder_resolution_m": 0.0} if exact else {}
+    met, conditions = on_device(coupling, device.model_copy(update=_IDEAL | read))
+    conditions = replace(conditions, guarded=False, steps_anywhere=False)
+    fast = 2 * math.pi * max(_FASTER * fastest_hz, _LEAST_HZ)
+    mass = _HEAVY * (device.mass_kg + coupling.problem.hands.mass_kg[1])
+    hand = Hand(*(np.array([value]) for value in (mass, 2 * mass * fast, mass * fast**2)))
+    table, t = coupling.table, device.sample_time_s
+    gains = table.at_rest if table.constant else table
+    samples = len(position_m) - 1
+    scene, parameters, held = prepared(met.problem, gains, hand, Hold(end_m=0.0), conditions, samples * t)
+    inputs = held.copy()
+    inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
+    inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t
+    run = execute(scene, parameters, inputs, engine=engine_for(1))
+    # Nothing asks for a force where there is no wall.
+    return run["position_m"][0], run["force_n"][0] if "force_n" in run else np.zeros(samples)

@@ -19,7 +19,7 @@ from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of
 from avc_casadi.recommendation.recommend import SCHEMA
-from avc_casadi.recommendation.search_schedule import CLIMBS, ONWARDS, judged_candidates
+from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import linear_changes, simulated_changes
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _FAR = 1e3
 # Climbs, by their numbers, and those on from what they hold: of a recommendation for such a wall, and of another
 # search beside it, on the device as it is; and one on a changed device.
-_AS_IT_IS, _ONCE = ((CLIMBS, ONWARDS), (range(CLIMBS.stop, CLIMBS.stop + 2), range(1))), range(1)
+_AS_IT_IS, _ONCE = ((range(3), range(2)), (range(3, 5), range(1))), range(1)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import starmap
 from typing import Any
 
+from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi.recommendation.contact_onset import NOTICED_N
 from avc_casadi.simulation.population.motions import TRIAL_S
@@ -48,12 +50,15 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
         _settling(document["transient"]),
+        _ripple(felt["ripple"]),
+        f"margins at the actuator: {'; '.join(starmap(_margins, document['margins'].items()))}",
         rest_line(document["rest"]),
         *_unlike_the_proof(document["rest"], trial),
         *([] if coupling["runtime"]["state_feedback"] is None else _in_motion(felt)),
         *_edge(felt),
         *_limits(document),
         *_off_file(document["off_file"]),
+        *_beyond_file(document["beyond_file"]),
         f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
@@ -70,6 +75,29 @@ def _settling(found: dict[str, Any]) -> str:
     told = "not at all" if free["settling_s"] is None else f"in {number(free['settling_s'], 3)} s"
     ringing = f"damping ratio {number(held['damping_ratio'], 2)} at {number(held['frequency_hz'], 3)} Hz"
     return f"settling: released {told}; worst hand: {ringing if held['frequency_hz'] else 'no oscillation'}"
+
+
+def _ripple(found: dict[str, Any]) -> str:
+    """Say what the steps of the encoder add to the force while the handle moves, and who feels it."""
+    told = " and ".join(f"{number(force, 3)} N rms at {speed} m/s" for speed, force in found["force_n"].items())
+    slowest = next(iter(found["force_n"]))
+    return f"ripple in motion: {told}; {found['quiet']} of {found['hands']} hands at {slowest} m/s feel no vibration"
+
+
+def _margins(who: str, found: dict[str, Any]) -> str:
+    """Say by how much the actuator's force may be wrong, released or with the worst hand of each."""
+    units = (
+        ("gain", " times", "gain_hz"),
+        ("phase_deg", " degrees", "phase_hz"),
+        ("delay_samples", " samples", "delay_hz"),
+    )
+    told = ", ".join(
+        f"{key.partition('_')[0]} without limit"
+        if found[key] is None
+        else f"{key.partition('_')[0]} {number(found[key], 3)}{unit} at {number(found[hz], 3)} Hz"
+        for key, unit, hz in units
+    )
+    return f"{who.replace('_', ' ')} {told}"
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:
@@ -174,6 +202,30 @@ def _off_file(off: dict[str, Any] | None) -> list[str]:
         f"without friction{shaky if off['linearly_unstable'] else ''}{advice}"
     )
     return [line]
+
+
+def _beyond_file(found: list[dict[str, Any]]) -> list[str]:
+    """Say how those fare whose device is in one thing what its file does not say."""
+    parts = []
+    for one in found:
+        friction = "" if one["at_rest"] is None else f", {one['at_rest']} with friction"
+        plain = "" if one["plain"] is None else f"; {one['plain']} with a plain spring and damper"
+        asked = ", asked for" if one["asked"] else ""
+        rest = f"{one['at_rest_without_friction']} of {one['hands']} hands at rest without friction{friction}{plain}"
+        parts.append(f"{beyond_file_text(one)}{asked}: {rest}")
+    return [f"unmodelled: {part}" for part in parts]
+
+
+def beyond_file_text(one: dict[str, Any]) -> str:
+    """Return what a device has that its file does not say."""
+    value = one["value"]
+    if one["key"] == "held":
+        return "one fingertip" if value == "fingertip" else f"hands on a {value}"
+    return {
+        "mass_share": f"{percent(value)} less mass",
+        "dropped_share": f"{percent(value)} of samples dropped",
+        "mode_hz": f"a mode at {quantity(value, 'Hz')}",
+    }[one["key"]]
 
 
 def _listed(keys: list[str]) -> str:

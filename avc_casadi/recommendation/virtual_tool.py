@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
@@ -64,7 +64,7 @@ _FIRST, _HARDEST = 16, ("touch", "free")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ToolRecommendation(Comparable):
+class ToolRecommendation(Printed):
     """The coupling to a simulation that may be deployed, and what is known of it.
 
     Attributes:

@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import baseline_page
 import documented_guide as guide
 import documented_hardware as hardware
 import numpy as np
@@ -327,6 +328,9 @@ BLOCKS: Mapping[str, ResultBlock] = {
     "reference-walls": ResultBlock("recommended", reference_walls),
     "figure5-recommended": ResultBlock("recommended", figure5_recommended, quiet=True),
     "what-would-help": ResultBlock("recommended", what_would_help),
+    "baselines": ResultBlock("passivity_baselines", baseline_page.guide),
+    "joss-baselines": ResultBlock("passivity_baselines", baseline_page.lessons, quiet=True),
+    "joss-random-devices": ResultBlock("random_devices", random_devices, quiet=True),
     "random-devices": ResultBlock("random_devices", random_devices),
     "recommend-time": ResultBlock("random_devices", recommend_time, quiet=True),
     "table1": ResultBlock("table1", table1),

@@ -14,7 +14,7 @@ from avc_casadi.claims.registry import CLAIMS
 
 ROOT = Path(__file__).parents[2]
 _BLOCK = re.compile(r"(<!-- (results|keys): ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
-_ROOMS = ("avc_casadi", "hardware", "problems", "tests/benchmarks")
+_ROOMS = ("avc_casadi", "hardware", "joss", "problems", "tests/benchmarks")
 
 
 def levels_table() -> str:

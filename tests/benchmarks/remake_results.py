@@ -64,6 +64,7 @@ STUDIES = (
     Study("arms.py", 1.2, ("arms",)),
     Study("exported_rest.py", 1.6, ("exported_rest",)),
     Study("sensor_faults.py", 1.2, ("sensor_faults",)),
+    Study("passivity_baselines.py", 10, ("passivity_baselines",)),
     Study("proof_contradictions.py", 2.3, ("proof_contradictions",)),
     Study("recommended.py", 12, ("recommended",)),
     Study("tampered_proofs.py", 5.4, ("tampered_proofs",)),

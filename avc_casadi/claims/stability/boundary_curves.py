@@ -24,12 +24,13 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.claims.stability.frozen_loop import mechanics
+from avc_casadi.model.hands import Hand
 from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.velocity import PLAIN, Poles, low_pass
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_casadi.model.hands import Hand
+    from avc_casadi.model.hands import StylusHand
 
 # The curves begin here: softer walls than m (theta/T)^2 of all that moves are taken as this one.
 _LOWEST_ANGLE = 1e-7
@@ -68,7 +69,10 @@ class Stretches:
 
 
 def stable_walls(
-    corners: Sequence[Device], hands: Hand, damping_ns_per_m: FloatArray, poles: Poles = PLAIN
+    corners: Sequence[Device],
+    hands: Hand | StylusHand,
+    damping_ns_per_m: FloatArray,
+    poles: Poles = PLAIN,
 ) -> Stretches:
     """Find the stiffnesses with which a wall is stable with every hand at every corner of a device.
 
@@ -121,10 +125,11 @@ class _Loops:
     poles: Poles
 
     @classmethod
-    def of(cls, corners: Sequence[Device], hands: Hand, poles: Poles) -> _Loops | None:
+    def of(cls, corners: Sequence[Device], hands: Hand | StylusHand, poles: Poles) -> _Loops | None:
         """Take all that can move; None where a device with a hand has no equation of motion."""
         first, h = corners[0], len(hands)
-        if rigid(first):
+        back = hands.stiffness_n_per_m if isinstance(hands, Hand) else hands.arm_stiffness_n_per_m
+        if rigid(first) and isinstance(hands, Hand):
             parts = [_rigid(corner, hands) for corner in corners]
             matrix, new, old = (np.concatenate(part) for part in zip(*parts, strict=True))
             measured = 0
@@ -145,7 +150,7 @@ class _Loops:
             old=old,
             whole_delay=np.repeat([math.floor(corner.delay_samples) for corner in corners], h).astype(np.float64),
             measured=measured,
-            free=np.tile(np.broadcast_to(np.asarray(hands.stiffness_n_per_m) == 0, (h,)), len(corners)),
+            free=np.tile(np.broadcast_to(np.asarray(back) == 0, (h,)), len(corners)),
             sample_time_s=first.sample_time_s,
             poles=poles,
         )

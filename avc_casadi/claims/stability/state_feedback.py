@@ -136,7 +136,7 @@ def force_over_innovation(
         F/e and s_m/e, each of shape (laws, f): F/x is F/e over 1 + s_m/e.
     """
     z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
-    wall = _rendered(rendering, z)
+    wall = force_over_position(rendering, z)
     gain = laws.innovation[:, None, :]
     closed = (
         laws.state[:, None] + wall[:, None, None] * (laws.force_m_per_n[:, :, None] * laws.feedback[:, None])[:, None]
@@ -150,11 +150,16 @@ def force_over_innovation(
 
 def stiffness_at_rest(rendering: Rendering) -> float:
     """Return the stiffness of a rendering at rest."""
-    return float(_rendered(rendering, np.ones(1, dtype=np.complex128))[0].real)
+    return float(force_over_position(rendering, np.ones(1, dtype=np.complex128))[0].real)
 
 
-def _rendered(rendering: Rendering, z: ComplexArray) -> ComplexArray:
-    """Return force over the position that is seen."""
+def force_over_position(rendering: Rendering, z: ComplexArray) -> ComplexArray:
+    """Return the force of one rendering over the position that it sees, N/m.
+
+    Args:
+        rendering: one.
+        z: where, of any shape.
+    """
     now, before, own = rendering.force[0]
     state = rendering.state[0]
     inner = (state[0] + state[1] / z) / (z - state[2]) if own else 0.0

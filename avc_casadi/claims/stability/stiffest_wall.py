@@ -9,12 +9,13 @@ stiffer wall: it only softens it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
+from avc_casadi.claims.stability.boundary_curves import stable_walls
 from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import Rendering
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
@@ -30,8 +31,12 @@ _HALVINGS = 40
 # Up to so many devices with hands all are looked at every time; of more those alone that once decided, the others at
 # the end.
 _FEW = 32
-# Of few, those that were the worst somewhere say which of so many dampings are looked at first with all.
-_PROBED, _PROMISING = 9, 4
+# Those decide first that are the worst with one of so many dampings.
+_PROBED = 9
+# The damping of the stiffest wall is looked for among so many, then so often among so many about the best.
+_COARSE, _FINE, _ZOOMS = 61, 61, 2
+# What is told stays so far below the boundary, as a share, that the eigenvalues say so too.
+_BELOW = 5e-5
 
 
 def loop_radius(
@@ -78,7 +83,6 @@ class _Loops:
         sample_time_s: T.
         most_damping_ns_per_m: more no wall can have: 2 m/T of all that moves.
         deciding: the pairs that are looked at every time.
-        worst_seen: pairs of few that were the worst somewhere.
     """
 
     matrix: FloatArray
@@ -87,7 +91,6 @@ class _Loops:
     sample_time_s: float
     most_damping_ns_per_m: float
     deciding: set[int]
-    worst_seen: set[int] = field(default_factory=set)
 
     @classmethod
     def of(cls, device: Device, subjects: Hand | StylusHand) -> _Loops:
@@ -135,30 +138,6 @@ class _Loops:
             every = self.radius(np.full(len(damping), stiffness_n_per_m), damping)
             self.deciding.update(int(pair) for pair in np.argmax(every, axis=1))
 
-    def least(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> tuple[int, float]:
-        """Return with which of some dampings the worst pair has the smallest radius, and that radius.
-
-        All pairs are looked at only where those that were the worst elsewhere leave less than is found already.
-        """
-
-        def radii(rows: IndexArray, pairs: IndexArray | None = None) -> FloatArray:
-            damping = damping_ns_per_m[rows]
-            return self.radius(np.full(len(damping), stiffness_n_per_m), damping, pairs)
-
-        every = np.arange(len(damping_ns_per_m))
-        if not self.worst_seen:
-            self.worst_seen.update(np.argmax(radii(every[:: len(every) // _PROBED]), axis=1).tolist())
-        at_least = radii(every, np.array(sorted(self.worst_seen))).max(axis=1)
-        found = np.full(len(every), np.inf)
-        rows = np.argsort(at_least, kind="stable")[:_PROMISING]
-        while len(rows):
-            all_pairs = radii(rows)
-            found[rows] = all_pairs.max(axis=1)
-            self.worst_seen.update(np.argmax(all_pairs, axis=1).tolist())
-            rows = every[(at_least <= found.min()) & np.isinf(found)]
-        best = int(np.argmin(found))
-        return best, float(found[best])
-
 
 @dataclass(frozen=True)
 class DampingRange:
@@ -183,10 +162,10 @@ def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m
     return _damping_range(_Loops.of(device, subjects), stiffness_n_per_m)
 
 
-def _damping_range(loops: _Loops, stiffness_n_per_m: float) -> DampingRange:
+def _damping_range(loops: _Loops, stiffness_n_per_m: float, known_ns_per_m: float | None = None) -> DampingRange:
     radius = loops.worst(stiffness_n_per_m)
     while True:
-        scan, inside = _stable_dampings(loops, stiffness_n_per_m)
+        scan, inside = _stable_dampings(loops, stiffness_n_per_m, known_ns_per_m)
         if len(inside) == 0:
             return DampingRange(stiffness_n_per_m, np.nan, np.nan)
         low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
@@ -196,13 +175,19 @@ def _damping_range(loops: _Loops, stiffness_n_per_m: float) -> DampingRange:
             return DampingRange(stiffness_n_per_m, float(low), float(high))
 
 
-def _stable_dampings(loops: _Loops, stiffness_n_per_m: float) -> tuple[FloatArray, IndexArray]:
-    """Return a scan of dampings and which of them are stable; finer about the least radius where none is."""
+def _stable_dampings(
+    loops: _Loops, stiffness_n_per_m: float, known_ns_per_m: float | None
+) -> tuple[FloatArray, IndexArray]:
+    """Return a scan of dampings and which of them are stable; finer about the least radius where none is.
+
+    The scan is as short as can be where one damping is known to be.
+    """
+    most = loops.most_damping_ns_per_m
+    first = np.linspace(0.0, most, _SCAN) if known_ns_per_m is None else np.array([0.0, known_ns_per_m, most])
     loops.start(stiffness_n_per_m)
     radius = loops.worst(stiffness_n_per_m)
     while True:
-        scan = np.linspace(0.0, loops.most_damping_ns_per_m, _SCAN)
-        found = radius(scan)
+        scan, found = first, radius(first)
         if not (found < 1).any():
             scan = _about(scan, int(np.argmin(found)))
             found = radius(scan)
@@ -214,15 +199,6 @@ def _stable_dampings(loops: _Loops, stiffness_n_per_m: float) -> tuple[FloatArra
 def _about(scan: FloatArray, best: int) -> FloatArray:
     """Scan finer between the neighbours of the best."""
     return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
-
-
-def _stable(loops: _Loops, stiffness_n_per_m: float) -> bool:
-    """Whether `_stable_dampings` finds any."""
-    if len(loops.deciding) < len(loops.matrix):
-        return len(_stable_dampings(loops, stiffness_n_per_m)[1]) > 0
-    scan = np.linspace(0.0, loops.most_damping_ns_per_m, _SCAN)
-    best, least = loops.least(stiffness_n_per_m, scan)
-    return least < 1 or loops.least(stiffness_n_per_m, _about(scan, best))[1] < 1
 
 
 def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
@@ -243,18 +219,18 @@ def softest_wall_n_per_m(device: Device) -> float:
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
     """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %.
 
-    It is 0, and the damping not a number, where nothing has a mass, or no damping holds 1 N/m at the hand.
+    For each damping the boundary curves tell up to which stiffness walls are stable. It is 0, and the damping not a
+    number, where nothing has a mass, or no damping holds 1 N/m at the hand.
     """
+    none = DampingRange(0.0, np.nan, np.nan)
     if device.mass_kg + float(np.min(subjects.mass_kg)) == 0:
-        return DampingRange(0.0, np.nan, np.nan)
-    loops = _Loops.of(device, subjects)
-    low, high = softest_wall_n_per_m(device), 4 * loops.most_damping_ns_per_m / device.sample_time_s
-    if not _stable(loops, low):
-        return DampingRange(0.0, np.nan, np.nan)
-    while high > 1.0001 * low:
-        middle = float(np.sqrt(low * high))
-        if _stable(loops, middle):
-            low = middle
-        else:
-            high = middle
-    return _damping_range(loops, low)
+        return none
+    loops, corners = _Loops.of(device, subjects), device_corners(device, LINEAR_KEYS)
+    damping, stiffest, best = np.linspace(0.0, loops.most_damping_ns_per_m, _COARSE), 0.0, 0
+    for _ in range(1 + _ZOOMS):
+        largest = np.nan_to_num(stable_walls(corners, subjects, damping).first_n_per_m)
+        best = int(np.argmax(largest))
+        stiffest, known = float(largest[best]), float(damping[best])
+        damping = np.linspace(damping[max(best - 1, 0)], damping[min(best + 1, len(damping) - 1)], _FINE)
+    stiffest *= 1 - _BELOW
+    return none if stiffest < softest_wall_n_per_m(device) else _damping_range(loops, stiffest, known)

@@ -22,6 +22,7 @@ from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.design.registry import METHODS
+from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
 from avc_casadi.files.gain_file import gain_csv
@@ -76,6 +77,8 @@ def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
         ],
         "live": list(LIVE),
         "slow": list(SLOW),
+        # A file of one's own is asked about for what to deploy; the catalogue shows the paper's question.
+        "opens": "direct" if explorer.source in catalogue_names() else "recommend",
         "papers": [name for name, one in METHODS.items() if one.answers_paper],
     }
 

@@ -9,6 +9,8 @@ changes lines, scales, limits and labels, and nothing else of their figure:
 
 from avc_casadi.present.figures.comparison import draw_boundaries as draw_boundaries
 from avc_casadi.present.figures.comparison import draw_comparison as draw_comparison
+from avc_casadi.present.figures.deployed import draw_loop as draw_loop
+from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
 from avc_casadi.present.figures.diagnosis import draw_diagnosis as draw_diagnosis
 from avc_casadi.present.figures.identification import draw_correlations as draw_correlations
 from avc_casadi.present.figures.identification import draw_identification as draw_identification

@@ -61,6 +61,34 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
 
 
+def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `new` document as a headline and rows: what was written, what is not known and what is unlikely.
+
+    Args:
+        document: of `avc new --json`.
+        problem: what was written, read back.
+        page: where it is printed.
+        shown: the file as the user names it.
+    """
+    units, told, hands = problem.units, quantities(problem.units), problem.hands
+    ranges = (
+        (f"{told(low, unit)} to {told(high, unit)}")
+        for (low, high), unit in (
+            (hands.mass_kg, "kg"),
+            (hands.damping_ns_per_m, "N.s/m"),
+            (hands.stiffness_n_per_m, "N/m"),
+        )
+    )
+    not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in document["not_known"]]
+    rows = [
+        Row("Written", document["file"], Mark.PASS),
+        Row("Hands", ", ".join(ranges)),
+        *(Row("Not known", units.text(one), Mark.CAUTION) for one in not_known),
+        *(Row("Warning", units.text(f"{one['key']} {one['message']}"), Mark.CAUTION) for one in document["warnings"]),
+    ]
+    return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
+
+
 def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
     """Return the `check` document of a device as a headline and rows, a value each with its range and grade.
 

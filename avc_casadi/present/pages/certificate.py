@@ -41,7 +41,6 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
         *(_proof(name, level, problem, page) for name, level in levels.items() if level["outcome"]),
         *_switching(levels["L5"]),
         _per_frequency(levels),
-        _claimed(document, problem),
         passive_limit(document["passive_limit_n_per_m"], problem.units),
         *(Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]),
     ]
@@ -120,13 +119,6 @@ def _per_frequency(levels: Mapping[str, Any]) -> Row:
     return Row("Passivity", f"{told}; deployment does not need it (-v)")
 
 
-def _claimed(document: Mapping[str, Any], problem: Problem) -> Row:
-    level, name = document["levels"][document["claimed"]], document["claimed"]
-    scope = f"scope {problem.stability.scope}, model {problem.stability.model}"
-    mark = Mark.PASS if level["pass"] else Mark.NONE
-    return Row("Asked for", f"{name} by the problem file ({scope}): {answered(level)}", mark)
-
-
 def answered(level: Mapping[str, Any]) -> str:
     """Return whether a claim is met, in the words of the table.
 
@@ -145,9 +137,11 @@ def certificate_lines(document: dict[str, Any], problem: Problem) -> list[str]:
         document: of `avc certify --json`.
         problem: what it was judged against.
     """
-    table, hands = levels_table(document), document["levels"]["L5"]
+    table, hands, claimed = levels_table(document), document["levels"]["L5"], document["claimed"]
+    scope = f"scope {problem.stability.scope}, model {problem.stability.model}"
     return [
         document["deployable"]["sentence"],
+        f"asked for by the problem file ({scope}): {claimed}, {answered(document['levels'][claimed])}",
         f"{problem.name}: {rows_text(len(document['frequency_hz']))} of {document['gains']}, {document['judged']}",
         table.text(),
         *(f"  {note}" for note in table.notes),

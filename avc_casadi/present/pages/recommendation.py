@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 from avc_casadi.recommendation.preconditions import SLIP
+from avc_casadi.recommendation.told import beyond_file_text
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -21,6 +23,8 @@ _ELSEWHERE_M, _STIFFER = 5e-4, 1.1
 _MOST_HELPS = 3
 # A wall that more hands than this share push through is told first.
 _PUSH_THROUGH = 0.5
+# Of those who are drawn along slowly so many may feel the steps of the encoder.
+_FEW_FEEL = 0.1
 # Steps of the force, and handles that stay short of where they are led, are told from here on.
 _NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
 _SHORT = {
@@ -51,7 +55,7 @@ def recommendation_page(
         onwards = f"avc recommend {shown} --out coupling.json"
     else:
         onwards = f"avc export {written} --c DIR"
-    spare = (_force_label(problem), "With friction", "Settling", "Linear limit")
+    spare = (_force_label(problem), "With friction", "Settling", "Margins", "Linear limit")
     return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"], spare)
 
 
@@ -71,8 +75,8 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         _coupling(document, problem),
         *_rendered(document, problem),
         _stability(document, problem),
-        *([_settling(document["transient"])] if document["deployable"] else []),
-        *_simulated(document),
+        *([_settling(document["transient"]), _margins(document["margins"])] if document["deployable"] else []),
+        *_simulated(document, problem),
     ]
     if briefly or not document["deployable"]:
         return rows
@@ -165,6 +169,20 @@ def _settling(found: dict[str, Any]) -> Row:
     return Row("Settling", f"released in {told}; worst hand {ringing}", Mark.CAUTION if slow else Mark.NONE)
 
 
+def _margins(found: dict[str, Any]) -> Row:
+    """Tell the smallest margins of gain, phase and delay, released or with a hand."""
+    gain, phase, late = (
+        min((one[key] for one in found.values() if one[key] is not None), default=None)
+        for key in ("gain", "phase_deg", "delay_samples")
+    )
+    told = [
+        "gain without limit" if gain is None else f"gain {gain:.3g} ({20 * math.log10(gain):.1f} dB)",
+        "phase without limit" if phase is None else f"phase {phase:.3g} deg",
+        "delay without limit" if late is None else f"delay {late:.2g} sample{'' if late == 1 else 's'}",
+    ]
+    return Row("Margins", ", ".join(told))
+
+
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
     claims, rest = document["certificate"]["deployable"]["claims"], document["rest"]["word"]
     failed = [claim["sentence"] for claim in claims if not claim["pass"]]
@@ -181,18 +199,21 @@ def _stability(document: dict[str, Any], problem: Problem) -> Row:
     return Row("Stability", f"linearly stable with every hand and released; {told}", mark)
 
 
-def _simulated(document: dict[str, Any]) -> list[Row]:
+def _simulated(document: dict[str, Any], problem: Problem) -> list[Row]:
+    unit = problem.units.unit
     asked = [document["trial"], *([document["confirmed"]] if document["confirmed"] else [])]
     hands, settled, free, quiet = (
         sum(one[key] for one in asked) for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")
     )
-    rows = [
-        Row(
-            "Simulated",
-            f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold",
-            _all(settled, free, hands),
-        )
-    ]
+    mark, moving = _all(settled, free, hands), document["felt"]["ripple"]
+    loud, (speed, force) = moving["hands"] - moving["quiet"], next(iter(moving["force_n"].items()))
+    ripple = ""
+    if loud > _FEW_FEEL * moving["hands"]:
+        drawn = f"{moving['hands']} at {quantity(float(speed), unit('m/s'))}"
+        ripple = f"; {loud} of {drawn} feel a ripple ({quantity(force, unit('N'))} rms)"
+        mark = Mark.CAUTION if mark is Mark.PASS else mark
+    told = f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold"
+    rows = [Row("Simulated", f"{told}{ripple}", mark)]
     off = document["off_file"]
     if off is not None:
         unstable = f"; linearly unstable on {off['linearly_unstable']}" if off["linearly_unstable"] else ""
@@ -206,7 +227,23 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
                 else _all(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
             )
         )
-    return rows
+    return [*rows, *_beyond_file(document["beyond_file"])]
+
+
+def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
+    """Tell how many settle where the device is what its file does not say, beside a plain coupling."""
+    if not found:
+        return []
+    settled, hands = [one["at_rest_without_friction"] for one in found], found[0]["hands"]
+    names = [beyond_file_text(one) for one in found]
+    if min(settled) == hands:
+        return [Row("Unmodelled", f"{hands} of {hands} settle without friction with {', '.join(names)}", Mark.PASS)]
+    told = ", ".join(f"{count} with {name}" for count, name in zip(settled, names, strict=True))
+    plain = [str(one["plain"]) for one in found if one["plain"] is not None]
+    beside = f" (a plain coupling: {', '.join(plain)})" if plain else ""
+    lacks = any(one["asked"] and count < hands for one, count in zip(found, settled, strict=True))
+    told = f"of {hands} hands settle without friction: {told}{beside}"
+    return [Row("Unmodelled", told, Mark.FAIL if lacks else Mark.CAUTION)]
 
 
 def _all(settled: int, free: int, hands: int) -> Mark:

@@ -14,6 +14,7 @@ from avc_casadi.claims.certificate import levels_table
 from avc_casadi.design.comparison.document import comparison_document, comparison_tables
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.present.pages.recommendation import recommendation_rows
 from avc_casadi.present.report.frame import Picture, filled, items_html, page_html, table_html
 from avc_casadi.present.report.summary import device_line, injection_line, scope_line, summary_lines
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.model.problem import Problem
+    from avc_casadi.present.terminal import Row
+    from avc_casadi.recommendation.deployed import Deployed
 
 
 def picture_words(comparison: Comparison) -> Mapping[str, str]:
@@ -93,6 +96,7 @@ class ReportContents:
         versions: versions by package.
         conclusion: what to deploy and why, or that nothing can be; one sentence a line.
         deployment: the `recommend` document behind it.
+        deployed: the figures of the coupling, what it renders and its loop; none where nothing can be deployed.
     """
 
     problem: Problem
@@ -103,6 +107,7 @@ class ReportContents:
     versions: Mapping[str, str]
     conclusion: Sequence[str]
     deployment: Mapping[str, Any]
+    deployed: Sequence[Picture] = ()
 
 
 def report_html(contents: ReportContents) -> str:
@@ -114,6 +119,9 @@ def report_html(contents: ReportContents) -> str:
     body = filled(
         "page",
         verdict=_verdict(contents.deployment),
+        rendered="\n".join(figure.html() for figure in contents.deployed[:1]),
+        rows=_rows(recommendation_rows(dict(contents.deployment), contents.problem)),
+        loop="\n".join(figure.html() for figure in contents.deployed[1:]),
         conclusion=_conclusion([*contents.conclusion, *_undelivered(contents.deployment, push)]),
         deployment=_deployment(contents.deployment),
         summary=items_html(summary_lines(contents.summary)),
@@ -123,7 +131,7 @@ def report_html(contents: ReportContents) -> str:
         injection=escape(f"The closed form: {injection_line(contents.summary)}."),
         comparison=table_html(tables.frequencies),
         certificate="\n".join(map(table_html, (levels_table(contents.certificate), tables.safety, tables.realism))),
-        rows=str(len(best["frequency_hz"])),
+        counted=str(len(best["frequency_hz"])),
         method=escape(comparison["delivered"]),
         gains=_gains(best),
         device=escape(device_line(push)),
@@ -139,6 +147,64 @@ def report_html(contents: ReportContents) -> str:
     return page_html(
         title, contents.problem.source, with_problem(body, escape(_file(contents.problem))), contents.versions
     )
+
+
+def _rows(rows: Iterable[Row]) -> str:
+    """Return the rows of a page of the terminal as a table, their marks as those of verdicts."""
+    lines = (
+        f'<tr><td class="{row.mark.name.lower()}">{escape(row.label)}</td><td>{escape(row.text)}</td></tr>'
+        for row in rows
+    )
+    return (
+        f'<div class="wide" tabindex="0" role="region" aria-label="at a glance">\n<table>{"".join(lines)}</table></div>'
+    )
+
+
+def deployed_words(document: Mapping[str, Any], found: Deployed) -> Mapping[str, tuple[str, str]]:
+    """Return the caption and a sentence for each of the figures rendered and loop.
+
+    Args:
+        document: the `recommend` document.
+        found: what they draw.
+    """
+    felt, shaken, margins = document["felt"], found.shaken, document["margins"]
+    hand = found.hands.values(found.worst)
+    least = ", ".join(
+        f"{number(hand[key], 3)} {unit}"
+        for key, unit in (("mass_kg", "kg"), ("damping_ns_per_m", "N.s/m"), ("stiffness_n_per_m", "N/m"))
+    )
+    told = "; ".join(
+        f"{who.replace('_', ' ')} gain {_limit(one['gain'])}, phase {_limit(one['phase_deg'])} degrees, delay "
+        f"{_limit(one['delay_samples'])} samples"
+        for who, one in margins.items()
+    )
+    stiffness = ", ".join(
+        f"{number(stiff, 3)} N/m at {hz:g} Hz"
+        for hz, stiff in zip(shaken.frequency_hz, shaken.stiffness_n_per_m, strict=True)
+    )
+    static = (
+        "nothing at rest" if felt["stiffness_n_per_m"] is None else f"{number(felt['stiffness_n_per_m'])} N/m at rest"
+    )
+    rendered = (
+        f"Two charts. A handle that is shaken measures {stiffness}; {static}, where "
+        f"{number(found.coupling.problem.environment.stiffness_n_per_m)} N/m are wanted. Simulated hands press the "
+        f"wall; the least damped one has {least}."
+    )
+    loop = (
+        "Four charts: size and phase of the loop gain over frequency, its Nyquist plot, and where the device is after "
+        f"it struck the wall. Margins: {told}."
+    )
+    return {
+        "rendered": (
+            "What is rendered against what was wanted: to a shaken handle, and to hands that press.",
+            rendered,
+        ),
+        "loop": (f"The loop broken at the actuator; smallest margins: {told}. Least damped hand: {least}.", loop),
+    }
+
+
+def _limit(margin: float | None) -> str:
+    return "without limit" if margin is None else number(margin, 3)
 
 
 def _file(problem: Problem) -> str:

@@ -3,29 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.effects import EffectTable, StructureEffect
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.quantity import DampingRatio, Hertz, MassShare
 from avc_casadi.simulation.effects.base import SceneEffect, Station
-
-
-class StructureEffect(EffectTable):
-    """A part of the device on a spring of its own, beside the resonance of [device] if it has one.
-
-    Attributes:
-        frequency_hz: of motor and part against each other, nothing else being joined to them.
-        damping_ratio: of that oscillation.
-        mass_ratio: share of the device's mass that swings.
-    """
-
-    kind: Literal["structure"] = "structure"
-    frequency_hz: Hertz
-    damping_ratio: DampingRatio = 0.02
-    mass_ratio: MassShare = 0.3
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from avc_casadi.model.hands import FINGERTIP, STYLUS_RANGES, Hand, StylusHand, h
 from avc_casadi.model.problem import Hands
 
 Population = Literal["A", "B", "arm", "fingertip"]
+HOLDING: dict[str, Population] = {"stylus": "B", "fingertip": "fingertip"}
+"""How a device may be held otherwise than [hands] says, and who holds it so."""
 Split = Literal["training", "test"]
 
 ARM = Hand(0.554, 6.45, 135.0)

@@ -23,6 +23,7 @@ from avc_casadi.simulation.population.trial import Conditions, Ends, on_device, 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
+    from avc_casadi.model.effects import Effect
     from avc_casadi.model.hands import Hand, StylusHand
 
 
@@ -155,6 +156,7 @@ def unrest(
     friction: bool = True,
     beyond: bool = False,
     device: Device | None = None,
+    effects: tuple[Effect, ...] = (),
 ) -> FloatArray:
     """Return how fast each of many ends the motion that ends fastest, with constant gains.
 
@@ -166,6 +168,7 @@ def unrest(
         friction: False leaves the declared dry friction out.
         beyond: whether they also strike the wall, and touch it lightly; the lightest with the declared friction.
         device: on which; None is that of each coupling.
+        effects: what is simulated beside what the device declares.
 
     Returns:
         Largest speed over that at which a hand is no longer at rest, shape (couplings, people).
@@ -173,7 +176,7 @@ def unrest(
     found = [np.zeros((0, len(people)))]
     for _, group in groupby(couplings, _but_for_numbers):
         alike = list(group)
-        ends = ends_of(alike[0], people, friction=friction, beyond=beyond, device=device)
+        ends = ends_of(alike[0], people, friction=friction, beyond=beyond, device=device, effects=effects)
         found.append(ends([one.runtime.state_feedback for one in alike]))
     return np.concatenate(found)
 
@@ -185,6 +188,7 @@ def ends_of(
     friction: bool = True,
     beyond: bool = False,
     device: Device | None = None,
+    effects: tuple[Effect, ...] = (),
     racing: bool = False,
 ) -> Ends:
     """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback.
@@ -195,9 +199,10 @@ def ends_of(
         friction: as for `unrest`.
         beyond: as for `unrest`.
         device: as for `unrest`.
+        effects: as for `unrest`.
         racing: as for `Ends`.
     """
-    coupling, conditions = on_device(coupling, device)
+    coupling, conditions = on_device(coupling, device, effects)
     gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()
     # Who moves at all mostly does so after a tap.

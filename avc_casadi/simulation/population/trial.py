@@ -135,8 +135,21 @@ class Conditions:
         return tuple(listed)
 
 
-def on_device(coupling: Coupling, device: Device | None) -> tuple[Coupling, Conditions]:
-    """Return a coupling that was made for one device on another one, and what is simulated; None is its own."""
+def on_device(
+    coupling: Coupling, device: Device | None, effects: tuple[Effect, ...] = ()
+) -> tuple[Coupling, Conditions]:
+    """Return a coupling that was made for one device on another one, and what is simulated.
+
+    Args:
+        coupling: as it was made.
+        device: which it meets; None is its own.
+        effects: what is simulated beside what the device declares.
+    """
+    met, conditions = _on_device(coupling, device)
+    return met, replace(conditions, others=(*conditions.others, *effects))
+
+
+def _on_device(coupling: Coupling, device: Device | None) -> tuple[Coupling, Conditions]:
     conditions = Conditions.of(coupling)
     if device is None:
         return coupling, conditions

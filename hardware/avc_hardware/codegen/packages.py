@@ -49,11 +49,13 @@ def checked_name(name: str) -> str:
 
 _FOLDER = Path(__file__).resolve().parent.parent / "packaging"
 _SKETCH = {"examples/wall/wall.ino": "wall.ino"}
+# Whatever a registry asks for beside its manifest; the license is that of the project, whose words the C is made of.
+_PUBLISHED = {"README.md": "library.md", "LICENSE": "LICENSE", **_SKETCH}
 _WALL = {"examples/avc_wall.hpp": "avc_wall.hpp"}
 # Of each package, where a file goes and what it is called in the folder above.
 _FILES = {
-    "arduino": {"library.properties": "library.properties", **_SKETCH},
-    "platformio": {"library.json": "library.json", **_SKETCH},
+    "arduino": {"library.properties": "library.properties", "keywords.txt": "keywords.txt", **_PUBLISHED},
+    "platformio": {"library.json": "library.json", **_PUBLISHED},
     "cmake": {"CMakeLists.txt": "CMakeLists.txt"},
     "esp-idf": {"CMakeLists.txt": "CMakeLists.txt", "idf_component.yml": "idf_component.yml"},
     "zephyr": {"zephyr/module.yml": "zephyr_module.yml", "zephyr/CMakeLists.txt": "zephyr_CMakeLists.txt"},

@@ -374,6 +374,7 @@ async function copyCommand() {
 async function begin() {
   about = await client.ask("start", {});
   if (!about) return;
+  FRESH.method = about.opens;
   speak(about.words);
   if (turns()) get("toy-about").textContent = "Your pointer, or the arrow keys left and right, is the hand at the rim: to the right it turns towards the wall, which begins in the middle.";
   state = readAddress(location.hash);
@@ -394,6 +395,7 @@ async function begin() {
     width = window.innerWidth;
   });
   restate();
+  if (current().method === about.opens) watchWork(true);
 }
 
 begin();

@@ -1,0 +1,22 @@
+"""Results that print as the command does: the page of the terminal, loaded when somebody prints."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from avc_casadi._util.arrays import Comparable
+
+PAGES = "avc_casadi.present.results"
+"""Who renders a result, asked when it is printed: results stand below what shows them."""
+
+
+class Printed(Comparable):
+    """Base of results that know their problem: ``print`` shows the rows of the command, a notebook the same."""
+
+    def __str__(self) -> str:
+        text: Any = import_module(PAGES).text_of(self)
+        return str(text)
+
+    def _repr_html_(self) -> str:
+        return str(import_module(PAGES).html_of(self))

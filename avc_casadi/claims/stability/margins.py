@@ -1,0 +1,235 @@
+"""Gain, phase and delay margins of the loop in contact, broken at the actuator: by how much its force may be wrong.
+
+The loop gain L(z) = -C(z) P(z) goes from the force of the actuator round to the force that is asked for: P from that
+force to the measured position, with delay, amplifier, structure and hand; C from there to the force, with coupling,
+wall, and an observer with state feedback. The loop closes where 1 + L = 0 (Nyquist; Franklin, Powell and Workman,
+Digital Control of Dynamic Systems, 1998, section 7.5).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
+from avc_casadi.claims.stability.eigenvalues import eigenvalues
+from avc_casadi.claims.stability.frozen_loop import frozen_rendering
+from avc_casadi.claims.stability.state_feedback import (
+    Laws,
+    force_over_innovation,
+    force_over_position,
+    state_feedback_loop,
+)
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.stability.frozen_loop import Rendering
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.runtime import StateFeedback
+
+# Angles of z from the lowest that matters to half the sample rate, and so many about each pole, in its bandwidths.
+_POINTS, _ABOUT = 200, np.sinh(np.linspace(-4.0, 4.0, 17))
+_LOWEST_TURN = 1e-5
+# A pole so near to 1 is that of a position that nothing holds.
+_ANYWHERE = 1e-9
+# Steps to a crossing between two angles, whose number of right digits each of them doubles.
+_STEPS = 10
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far some loops are from the edge of stability; 1 and 0 where one is not stable, infinite without a limit.
+
+    Attributes:
+        gain: factor by which the loop gain may rise, the smallest of the loops.
+        gain_down: factor to which it may fall, the largest of the loops; 0 where it may vanish.
+        phase_deg: by which the force may turn, either way.
+        delay_samples: by which it may be late, beside the delay that is declared.
+        gain_hz: where the smallest gain margin lies; 0 where there is none, as for the others.
+        phase_hz: where the smallest phase margin lies.
+        delay_hz: where the smallest delay margin lies.
+    """
+
+    gain: float
+    gain_down: float
+    phase_deg: float
+    delay_samples: float
+    gain_hz: float
+    phase_hz: float
+    delay_hz: float
+
+
+@dataclass(frozen=True, eq=False)
+class OpenLoop:
+    """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none.
+
+    Linear: gains at rest, the whole innovation of a law passing; an observer between encoder steps is left out.
+
+    Attributes:
+        law: observer with state feedback, or None.
+        rendering: coupling and wall.
+        matrix: A of the plant with each hand, shape (h, s, s).
+        new: B_new of `SampledPlant`, shape (h, s).
+        old: B_old, shape (h, s).
+        measured: row of the measured position, shape (s,).
+        whole_delay: samples of delay.
+        closed: the closed loops, shape (h, n, n), the states of the plant first, velocities counted by the sample.
+        moving: which states are velocities of masses, shape (n,).
+        poles: of the closed loops, shape (h, n).
+        sample_time_s: T.
+    """
+
+    law: StateFeedback | None
+    rendering: Rendering
+    matrix: FloatArray
+    new: FloatArray
+    old: FloatArray
+    measured: FloatArray
+    whole_delay: int
+    closed: FloatArray
+    moving: BoolArray
+    poles: ComplexArray
+    sample_time_s: float
+
+    @classmethod
+    def of(cls, coupling: Coupling) -> Self:
+        """Take the loop of a coupling, gains with what runs beside them."""
+        problem, law, gains = coupling.problem, coupling.runtime.state_feedback, coupling.table.at_rest
+        corners = hand_corners(problem.hands.model_copy(update={"let_go": False}))
+        plant = sampled_plant(problem.device, with_let_go(corners))
+        rendering = frozen_rendering(
+            problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
+        )
+        plants = plants_with_forces(plant)
+        loops = (closed_loop(*plants, rendering) if law is None else state_feedback_loop(plants, law, rendering))[0]
+        moving = np.array([name.endswith("velocity_m_per_s") for name in plant.names])
+        return cls(
+            law=law,
+            rendering=rendering,
+            matrix=plant.matrix[0],
+            new=plant.new[0],
+            old=plant.old[0],
+            measured=plant.measured,
+            whole_delay=int(plant.whole_delay[0]),
+            closed=loops,
+            moving=np.pad(moving, (0, loops.shape[-1] - len(moving))),
+            poles=eigenvalues(loops),
+            sample_time_s=problem.device.sample_time_s,
+        )
+
+    def gain(self, turn: FloatArray, who: IndexArray | slice = slice(None)) -> ComplexArray:
+        """Return L at z = exp(j turn).
+
+        Args:
+            turn: angles of z, shape (n,) for all, or (h, n).
+            who: the hands, h of them.
+
+        Returns:
+            Shape (h, n).
+        """
+        angles = np.broadcast_to(turn, (len(self.matrix[who]), np.shape(turn)[-1]))
+        z = np.exp(1j * angles)
+        force = (self.new[who][:, None] + self.old[who][:, None] / z[..., None]) * z[..., None] ** -self.whole_delay
+        pencil = z[..., None, None] * np.eye(len(self.measured)) - self.matrix[who][:, None]
+        position = np.linalg.solve(pencil, force[..., None])[..., 0] @ self.measured
+        if self.law is None:
+            return np.asarray(-force_over_position(self.rendering, z) * position)
+        hz = angles.ravel() / (2 * math.pi * self.sample_time_s)
+        asked, believed = force_over_innovation(Laws.of(self.law), self.rendering, hz, self.sample_time_s)
+        return np.asarray(-(asked[0] / (1 + believed[0])).reshape(angles.shape) * position)
+
+    def turns(self) -> FloatArray:
+        """Return angles of z at which L is looked at, dense where it or 1/(1 + L) has a peak, shape (n,)."""
+        poles = np.concatenate([self.poles.ravel(), np.linalg.eigvals(self.matrix).ravel()])
+        poles = poles[np.abs(poles) > _LOWEST_TURN]
+        about = np.abs(np.angle(poles))[:, None] + np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN)[:, None] * _ABOUT
+        about = about[(about > _LOWEST_TURN) & (about < math.pi)]
+        return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, _POINTS), about]))
+
+    def struck(self, speed_m_per_s: float, samples: int) -> FloatArray:
+        """Return where the device is that meets its wall at a speed, the wall acting on both sides, shape (h, samples).
+
+        Args:
+            speed_m_per_s: of device and hand, whose target rests at the face of the wall.
+            samples: how many.
+        """
+        state = np.broadcast_to(self.moving * speed_m_per_s * self.sample_time_s, self.poles.shape)
+        found = np.empty((len(state), samples))
+        for sample in range(samples):
+            found[:, sample] = state[:, : len(self.measured)] @ self.measured
+            state = (self.closed @ state[..., None])[..., 0]
+        return found
+
+    def margins(self) -> tuple[Margins, Margins]:
+        """Return the margins of the device released, and the smallest of those with hands."""
+        turn = self.turns()
+        gain = self.gain(turn)
+        of_phase = np.stack([np.sign(gain.imag), np.sign(np.abs(gain) - 1)])
+        kind, who, place = np.nonzero(of_phase[..., :-1] * of_phase[..., 1:] < 0)
+        crossed = self._crossings(kind == 0, who, turn[place], turn[place + 1])
+        there = self.gain(crossed[:, None], who)[:, 0] if len(who) else np.empty(0, dtype=np.complex128)
+        # Half the sample rate is the end, where L is real.
+        everyone = np.arange(len(gain))
+        crossed, who = np.append(crossed, np.full(len(gain), math.pi)), np.append(who, everyone)
+        there, real = np.append(there, gain[:, -1]), np.append(kind == 0, everyone >= 0)
+        alone = who == len(gain) - 1
+        return self._least(crossed, there, real, alone, slice(-1, None)), self._least(
+            crossed, there, real, ~alone, slice(-1)
+        )
+
+    def _least(self, crossed: FloatArray, there: ComplexArray, real: BoolArray, some: BoolArray, who: slice) -> Margins:
+        """Return the smallest margins of some hands from the crossings of their loops."""
+        poles = self.poles[who].ravel()
+        # Before a wall without a spring a device rests anywhere.
+        if np.abs(poles[np.abs(poles - 1) > _ANYWHERE]).max(initial=0.0) >= 1:
+            return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        hz = 1 / (2 * math.pi * self.sample_time_s)
+        with np.errstate(divide="ignore"):  # nothing is rendered
+            at, factor = crossed[some & real] * hz, -1 / there[some & real].real
+        up = np.where(factor > 1, factor, np.inf)
+        lag = (np.angle(there[some & ~real]) + math.pi) % (2 * math.pi)
+        phase = np.append(np.degrees(np.minimum(lag, 2 * math.pi - lag)), np.inf)
+        late, where = np.append(lag / crossed[some & ~real], np.inf), np.append(crossed[some & ~real] * hz, 0.0)
+        return Margins(
+            gain=float(up.min()),
+            gain_down=float(np.max(factor, where=(factor > 0) & (factor <= 1), initial=0.0)),
+            phase_deg=float(phase.min()),
+            delay_samples=float(late.min()),
+            gain_hz=float(at[up.argmin()]) if np.isfinite(up).any() else 0.0,
+            phase_hz=float(where[phase.argmin()]),
+            delay_hz=float(where[late.argmin()]),
+        )
+
+    def _crossings(self, real: BoolArray, who: IndexArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the angles between two at which L of a hand becomes real, or of size 1, by Ridders' method."""
+
+        def value(turn: FloatArray) -> FloatArray:
+            gain = self.gain(turn[:, None], who)[:, 0]
+            return np.where(real, gain.imag / np.abs(gain), np.log(np.abs(gain)))
+
+        if len(who) == 0:
+            return low
+        below, above = value(low), value(high)
+        for _ in range(_STEPS):
+            half = (low + high) / 2
+            middle = value(half)
+            slope = np.sqrt(middle**2 - below * above)
+            new = half + (half - low) * np.sign(below) * middle / np.where(slope > 0, slope, 1.0)
+            found = value(new)
+            # The pair among the four that is nearest about the crossing.
+            ordered = np.sort(np.stack([half, new]), axis=0)
+            first = np.where(half <= new, middle, found)
+            second = np.where(half <= new, found, middle)
+            before, behind = np.sign(first) != np.sign(below), np.sign(second) == np.sign(below)
+            low, high, below, above = (
+                np.where(before, low, np.where(behind, ordered[1], ordered[0])),
+                np.where(before, ordered[0], np.where(behind, high, ordered[1])),
+                np.where(before, below, np.where(behind, second, first)),
+                np.where(before, first, np.where(behind, above, second)),
+            )
+        return np.where(np.abs(below) < np.abs(above), low, high)

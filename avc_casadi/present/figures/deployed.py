@@ -1,0 +1,182 @@
+"""The coupling that is deployed: what it renders against what was wanted, and its loop with gain and phase margin."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.quantity import quantity
+from avc_casadi.present.figures.layout import GivenAxes, Panels
+from avc_casadi.present.figures.style import frequency_axis, styled
+from avc_casadi.recommendation.deployed import STRUCK_M_PER_S, Deployed, deployed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from avc_casadi._util.arrays import ComplexArray, FloatArray
+    from avc_casadi.coupling import Coupling
+
+_WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "zorder": 2}
+_WORST: dict[str, Any] = {"color": "#08306b", "linewidth": 1.5, "zorder": 5}
+_RELEASED: dict[str, Any] = {"color": "#d1600a", "linewidth": 1.4, "linestyle": (0, (5, 1.6)), "zorder": 6}
+_OTHERS: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "zorder": 3}
+_MARGIN: dict[str, Any] = {"color": "#8a0f5c", "linewidth": 2.2, "zorder": 7}
+_TURNED: dict[str, Any] = {**_MARGIN, "color": "#2f7d32", "marker": "o", "markersize": 3.5}
+# Where Bode and Nyquist are looked at: decades about a gain of 1, and Re and Im about the point -1, so that the circle
+# is round in panels of this figure's shape.
+_DECADES, _NEAR = 2.0, ((-3.2, 2.0), (-1.7, 1.7))
+
+
+@styled
+def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
+    """Draw what is rendered against what was wanted: the stiffness of a shaken handle, and presses against time.
+
+    Args:
+        found: a coupling, or its answers as `deployed` gives them.
+        axes: 2 axes to draw in; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    found = found if isinstance(found, Deployed) else deployed(found)
+    titles = ("(a) stiffness that a shaken handle measures", "(b) hands press the wall, simulated")
+    panels = Panels.of(axes, titles, 2.9, lambda figure: figure.subplots(1, 2).ravel())
+    wall, shaken = found.coupling.problem.environment, found.shaken
+    left, right = panels.axes
+    hz = shaken.frequency_hz
+    wanted = np.abs(wall.stiffness_n_per_m + 2j * np.pi * hz * wall.damping_ns_per_m)
+    left.plot(hz, wanted, label="wanted", **_WANTED)
+    left.plot(hz, shaken.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_WORST)
+    frequency_axis(left, hz)
+    left.set_xlabel("frequency (Hz)")
+    top = 1.3 * float(max(wanted.max(), np.median(shaken.stiffness_n_per_m)))
+    left.set_ylim(0, max(top, 1.05 * float(np.quantile(shaken.stiffness_n_per_m, 0.8))))
+    left.set_ylabel("stiffness (N/m)")
+    _pressed(right, found)
+    handles, labels = left.get_legend_handles_labels()
+    for handle, label in zip(*right.get_legend_handles_labels(), strict=True):
+        if label not in labels:
+            handles.append(handle)
+            labels.append(label)
+    panels.legend(handles, labels, 4)
+    return panels.figure
+
+
+def _pressed(axes: Axes, found: Deployed) -> None:
+    """Draw where hands are that press, and where the worst of them would come to rest in the wall itself."""
+    others = np.delete(found.press_m, found.worst, axis=0)
+    axes.plot(found.press_s, 1e3 * others.T, label="_", **_OTHERS)
+    axes.plot([], [], label="other hands of the box", **_OTHERS)
+    worst = 1e3 * found.press_m[found.worst]
+    axes.plot(found.press_s, worst, label="least damped hand", **_WORST)
+    wall = found.coupling.problem.environment.stiffness_n_per_m
+    spring = float(np.atleast_1d(found.hands.stiffness_n_per_m)[found.worst])
+    aim = 10.0 / found.coupling.problem.device.metres_per_unit
+    if wall > 0:
+        axes.axhline(aim * spring / (wall + spring), label="wanted", **_WANTED)
+    axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+    deepest = float(np.max(1e3 * found.press_m, initial=0.0))
+    if np.isfinite(deepest) and deepest > 0:
+        axes.set_ylim(-0.6 * deepest, 1.15 * min(deepest, aim))
+    axes.set_xlim(0, found.press_s[-1])
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel("depth in the wall (mm)")
+
+
+@styled
+def draw_loop(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
+    """Draw the loop broken at the actuator, Bode and Nyquist with gain and phase margin, and the wall that is struck.
+
+    Args:
+        found: a coupling, or its answers as `deployed` gives them.
+        axes: 4 axes to draw in, row by row; None makes a figure.
+
+    Raises:
+        InputError: another number of axes.
+    """
+    found = found if isinstance(found, Deployed) else deployed(found)
+    titles = ("(a) loop gain |L|", "(b) Nyquist plot of L", "(c) phase of L", "(d) wall struck, linear")
+    panels = Panels.of(axes, titles, 5.6, lambda figure: figure.subplots(2, 2).ravel())
+    size, circle, phase, struck = panels.axes
+    released, held = found.loop.margins()
+    gain = min((released.gain, released.gain_hz), (held.gain, held.gain_hz))
+    turn = min((released.phase_deg, released.phase_hz), (held.phase_deg, held.phase_hz))
+    curves = [(found.gain[found.worst], _WORST, "least damped hand"), (found.gain[-1], _RELEASED, "released")]
+    curves += [(one, _OTHERS, "_") for row, one in enumerate(found.gain[:-1]) if row != found.worst]
+    for curve, style, label in curves:
+        size.plot(found.frequency_hz, np.abs(curve), label=label, **style)
+        phase.plot(found.frequency_hz, _degrees(curve), label=label, **style)
+        circle.plot(curve.real, curve.imag, label=label, **style)
+    size.set_yscale("log")
+    size.set_ylim(10**-_DECADES, 10**_DECADES)
+    size.axhline(1, color="0.5", linewidth=0.8, zorder=1)
+    phase.axhline(-180, color="0.5", linewidth=0.8, zorder=1)
+    if np.isfinite(gain[0]) and gain[0] > 1:
+        told = f"gain margin {gain[0]:.3g} ({20 * np.log10(gain[0]):.1f} dB)"
+        size.plot([gain[1]] * 2, [1 / gain[0], 1], label=told, **_MARGIN)
+        circle.plot([-1, -1 / gain[0]], [0, 0], **_MARGIN)
+    if np.isfinite(turn[0]) and turn[0] > 0:
+        sign = _side(found, turn[1])
+        told = f"phase margin {turn[0]:.3g} deg"
+        phase.plot([turn[1]] * 2, [-180, -180 + sign * turn[0]], label=told, **_TURNED)
+        arc = np.radians(np.linspace(-180, -180 + sign * turn[0], 30))
+        circle.plot(np.cos(arc), np.sin(arc), **(_TURNED | {"marker": ""}))
+    _bode(size, phase, found)
+    _nyquist(circle)
+    _struck(struck, found)
+    handles, labels = size.get_legend_handles_labels()
+    for handle, label in zip(*phase.get_legend_handles_labels(), strict=True):
+        if label not in labels:
+            handles.append(handle)
+            labels.append(label)
+    handles.append(struck.plot([], [], **_OTHERS)[0])
+    labels.append("other hands of the box")
+    panels.legend(handles, labels, 3)
+    return panels.figure
+
+
+def _bode(size: Axes, phase: Axes, found: Deployed) -> None:
+    shown = found.frequency_hz[found.frequency_hz >= min(1.0, found.frequency_hz[-1] / 100)]
+    for axes in (size, phase):
+        frequency_axis(axes, shown)
+        axes.set_xlabel("frequency (Hz)")
+    size.set_ylabel("|L|")
+    phase.set_ylabel("phase (deg)")
+    phase.set_ylim(-360, 0)
+    phase.set_yticks(range(-360, 1, 90))
+
+
+def _nyquist(axes: Axes) -> None:
+    around = np.linspace(0, 2 * np.pi, 200)
+    axes.plot(np.cos(around), np.sin(around), color="0.5", linewidth=0.8, zorder=1)
+    axes.plot([-1], [0], marker="+", markersize=9, color="black", zorder=8)
+    axes.set_xlim(*_NEAR[0])
+    axes.set_ylim(*_NEAR[1])
+    axes.set_xlabel("Re L")
+    axes.set_ylabel("Im L")
+
+
+def _struck(axes: Axes, found: Deployed) -> None:
+    """Draw where the device is that meets the wall at a speed, with the least damped hand and released."""
+    for row, style in ((found.worst, _WORST), (-1, _RELEASED)):
+        axes.plot(found.struck_s, 1e3 * found.struck_m[row], **style)
+    axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
+    axes.set_xlim(0, found.struck_s[-1])
+    axes.set_xlabel("time (s)")
+    speed = quantity(STRUCK_M_PER_S / found.coupling.problem.device.metres_per_unit, "m/s")
+    axes.set_ylabel(f"position (mm), struck at {speed}")
+
+
+def _degrees(curve: ComplexArray) -> FloatArray:
+    """Return the phase, which begins between -360 and 0."""
+    degrees = np.degrees(np.unwrap(np.angle(curve)))
+    return np.asarray(degrees - 360 * np.ceil(degrees[0] / 360))
+
+
+def _side(found: Deployed, hz: float) -> int:
+    """Return on which side of -180 the phase lies there, of the curve whose size is nearest to 1."""
+    place = int(np.argmin(np.abs(found.frequency_hz - hz)))
+    row = int(np.argmin(np.abs(np.log(np.abs(found.gain[:, place])))))
+    return 1 if (np.degrees(np.angle(found.gain[row, place])) % 360) > 180 else -1

@@ -1,0 +1,76 @@
+"""What the steps of the encoder do while the handle moves: ripple of the force, and whether a hand feels it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi.model.scene import Press
+from avc_casadi.recommendation.shaken import led
+from avc_casadi.simulation.population.motions import QUIET
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.trial import Conditions, traces
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+
+SPEEDS_M_PER_S = (0.02, 0.05)
+"""Slow motions of a hand: at a higher speed the steps of the encoder follow each other faster, and less is felt."""
+# The handle is led for so long, of which the last part counts; hands are drawn along as long.
+_LED_S, _COUNTS_S, _DRAWN_S = 1.0, 0.5, 1.5
+# From first to last the led handle becomes faster by that share.
+_FASTER = 0.2
+_HANDS = 16
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """What the steps of the encoder add to the force on a handle that moves steadily in the wall.
+
+    Attributes:
+        force_n: rms of the ripple by speed of the device, m/s.
+        hands: how many are drawn along at the lowest of these.
+        quiet: how many of them feel no vibration.
+    """
+
+    force_n: dict[str, float]
+    hands: int
+    quiet: int
+
+
+def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
+    """Move the handle steadily, led as by a motor, then by hands whose target moves on.
+
+    With a damper of b behind a step of the encoder q the force has pulses of b q/T, for b sqrt(q v/T - v^2) rms while
+    the handle passes less than a step in a sample.
+
+    Args:
+        coupling: what runs.
+        seed: of the hands.
+    """
+    problem = coupling.problem
+    radius = problem.device.metres_per_unit
+    speeds = [speed / radius for speed in SPEEDS_M_PER_S]
+    found = {f"{speed:g}": _of_steady_motion(coupling, speed) for speed in speeds}
+    people = people_of(problem.hands, _HANDS, seed)
+    gains: Any = coupling.table.at_rest if coupling.table.constant else coupling.table
+    slowest = speeds[0]
+    drawn = Press(start_m=0.0, end_m=2 * slowest * _DRAWN_S, speed_m_per_s=slowest)
+    felt = [part.vibration for part in traces(problem, gains, people, drawn, Conditions.of(coupling), _DRAWN_S)]
+    return Ripple(found, len(people), int((np.concatenate(felt) < QUIET).sum()))
+
+
+def _of_steady_motion(coupling: Coupling, speed_per_s: float) -> float:
+    """Return the rms of what the encoder adds to the force; at one speed alone its steps may fall on the samples."""
+    device = coupling.problem.device
+    if device.encoder_resolution_m == 0:
+        return 0.0
+    period = device.sample_time_s
+    time = period * np.arange(round(_LED_S / period) + 1)
+    goes = speed_per_s * time * (1 + _FASTER * (time / (2 * _LED_S) - 0.5))
+    last = slice(-max(8, round(_COUNTS_S / period)), None)
+    added = led(coupling, goes)[1][last] - led(coupling, goes, exact=True)[1][last]
+    line = np.polynomial.Polynomial.fit(time[:-1][last], added, 1)
+    return float(np.std(added - line(time[:-1][last])))

@@ -1,0 +1,110 @@
+"""Laws of others and the plant on which they are compared: against another simulator, and against what they promise."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hardware_bench import export_c, with_gains
+from whole_device import WholeDevice, held, thrown
+
+import avc_casadi as avc
+
+sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
+from baseline_laws import BASELINES, Exported, Loop
+from baseline_plant import Deeds, shaken, simulated
+
+STEP = 2e-5
+DRY_N, SECONDS = 0.1, 1.5
+
+
+def device(**changed):
+    found = avc.load_device("reference-r1").device
+    return found.model_copy(update={"delay_samples": 0, "encoder_resolution_m": STEP} | changed)
+
+
+def wandering(samples, lanes, seed=3):
+    """Readings of an encoder that wanders in and out of the wall at all speeds."""
+    random = np.random.default_rng(seed)
+    sizes = np.exp(random.uniform(np.log(0.2 * STEP), np.log(50 * STEP), (samples, lanes)))
+    steps = sizes * random.choice((-1.0, 1.0), (samples, lanes))
+    return STEP * np.round((np.cumsum(steps, axis=0) % 0.02 - 0.005) / STEP)
+
+
+def played(law, seen):
+    return np.array([law(row) for row in seen])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("rigid", [False, True], ids=["structure", "rigid"])
+def test_the_plant_does_what_another_simulator_does(rigid):
+    """Motor and force at the end of presses and strikes, and of a device thrown at the wall, from one exported C."""
+    problem = avc.load_problem("reference-r1").changed(
+        device={"encoder_resolution_m": 0.0}, environment={"stiffness_n_per_m": 800.0, "damping_ns_per_m": 0.0}
+    )
+    files = export_c(with_gains(problem, 0.0, 1e8, 1.0))
+    hands, speeds = [(0.05, 3.0, 200.0), (0.3, 20.0, 800.0)], (0.07, 0.3)
+    each = [(*hand, speed, False, DRY_N, 0.0) for hand in hands for speed in speeds]
+    each.append((0.0, 0.0, 0.0, 1.0, False, DRY_N, 0.2))
+    mass, damping, stiffness, speed, taps, friction, velocity = np.array(each).T
+    deeds = Deeds(mass, damping, stiffness, speed, taps > 0, friction, velocity)
+    mine = problem.device.model_copy(update={"resonance": None} if rigid else {})
+    found = simulated(mine, Exported(files).lanes(len(each)), deeds, np.zeros(len(each)), SECONDS)
+    changed = {"friction": DRY_N} | ({"resonance": 0.0} if rigid else {})
+    other = WholeDevice(problem.device, files)
+    told = [other.meets(held(hand, speed), SECONDS, **changed) for hand in hands for speed in speeds]
+    told.append(other.meets(thrown(0.2), SECONDS, **changed))
+    np.testing.assert_allclose(found.depth_m, [one.motor for one in told], rtol=5e-3, atol=2e-5)
+    np.testing.assert_allclose(found.force_n, [one.force for one in told], rtol=5e-3, atol=1e-2)
+    assert max(one.force for one in told) > 3
+
+
+def test_a_shaken_spring_and_damper_are_told_as_their_impedance():
+    wall, hz = Loop(device(encoder_resolution_m=0.0, max_force_n=None), 2e3, 3.0), np.array([1.0, 10.0])
+    rendered = shaken(wall.device, BASELINES["the wall itself"](wall, 2), 1e-3, hz, np.zeros(2))
+    t, s = wall.device.sample_time_s, 2j * np.pi * hz
+    exact = (2e3 + 3.0 * (1 - np.exp(-s * t)) / t) * (1 - np.exp(-s * t)) / (s * t)
+    np.testing.assert_allclose(rendered, exact, rtol=1e-3)
+
+
+def test_energy_bounding_gives_out_no_more_than_the_damper_takes():
+    """At every moment: of the held force along its way, and of a damper on the straightest way between the samples."""
+    loop = Loop(device(), 1e5, 0.0)
+    seen = wandering(4000, 50)
+    force, moved = played(BASELINES["energy bounding"](loop, 50), seen), np.diff(seen, axis=0)
+    lost = loop.device.damping_ns_per_m * moved**2 / loop.device.sample_time_s
+    balance = np.cumsum(force[:-1] * moved + lost, axis=0)
+    assert balance.min() > -1e-12
+    plain = played(BASELINES["the wall itself"](loop, 50), seen)
+    assert np.cumsum(plain[:-1] * moved + lost, axis=0).min() < -1e-2
+    assert force.max() > 1
+
+
+def test_a_passivity_controller_without_a_largest_damper_pays_its_debt_in_a_sample():
+    """In a steady motion: back after the next sample, by the work of the force itself, is what was given too much."""
+    loop = Loop(device(max_force_n=None), 2e4, 0.0, np.inf)
+    step, turn = 7 * STEP, 40
+    way = step * (np.concatenate([np.arange(-5, turn), np.arange(turn, -10, -1)])[:, None] + 0.5)
+    moved, depth = np.diff(way, axis=0)[:, 0], np.maximum(way[1:, 0], 0)
+
+    def taken(name):
+        return np.cumsum(played(BASELINES[name](loop, 1), way)[:-1, 0] * moved)
+
+    assert taken("the wall itself")[-1] < -1e-3
+    assert taken("PO/PC")[-1] == pytest.approx(0, abs=1e-12)
+    # Held over a step the spring itself is behind k x^2/2 by this: no more is owed than of the last sample.
+    behind = 0.5 * loop.stiffness_n_per_m * depth**2 - taken("PO/PC with reference energy")
+    steady = np.abs(np.arange(len(behind)) - (turn + 5)) > 2
+    assert behind[steady].max() < 0.5 * loop.stiffness_n_per_m * step**2 * (1 + 1e-9)
+
+
+def test_force_augmentation_nears_the_wall_going_in_and_is_soft_coming_out():
+    loop = Loop(device(), 2e4, 0.0, 1.0)
+    inward = STEP * np.arange(-5, 500)
+    way = np.concatenate([inward, inward[::-1]])[:, None]
+    force = played(BASELINES["force augmentation"](loop, 1), way)[:, 0]
+    top = len(inward) - 1
+    assert force[top] == pytest.approx(2e4 * inward[-1], rel=0.02)
+    out = np.diff(force[top + 1 : top + 400]) / np.diff(way[top + 1 : top + 400, 0])
+    np.testing.assert_allclose(out, loop.passive_n_per_m, rtol=1e-6)
+    assert force[-1] == 0

@@ -1,0 +1,253 @@
+"""`avc new` writes what was typed, in any unit that fits, and the reader of all files reads it back."""
+
+import io
+import math
+import sys
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import avc_casadi
+from avc_casadi.cli import main
+from avc_casadi.files.new_problem import NewProblem
+from avc_casadi.files.typed_quantity import read_quantity
+from avc_casadi.present.pages.subject import quantities
+
+# What people write for a quantity, and how much it is of the unit of the file.
+LINEAR = {
+    "device.mass_kg": {"kg": 1, "g": 1e-3, "mg": 1e-6},
+    "device.damping_ns_per_m": {"N.s/m": 1, "Ns/m": 1, "N s/mm": 1e3, "mN*s/m": 1e-3, "kg/s": 1},
+    "device.encoder_resolution_m": {"m": 1, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9, "in": 0.0254},
+    "device.max_force_n": {"N": 1, "mN": 1e-3, "kN": 1e3},
+    "device.amplifier_bandwidth_hz": {"Hz": 1, "kHz": 1e3},
+    "environment.stiffness_n_per_m": {"N/m": 1, "N/mm": 1e3, "kN/m": 1e3, "MN/m": 1e6, "N/cm": 1e2},
+}
+ROTARY = {
+    "device.mass_kg": {"kg.m2": 1, "kg.m^2": 1, "g.cm2": 1e-7, "gcm2": 1e-7, "kg·m²": 1},
+    "device.damping_ns_per_m": {"N.m.s/rad": 1, "mN.m.s/rad": 1e-3, "Nms/rad": 1, "N.m.s": 1},
+    "device.encoder_resolution_m": {"rad": 1, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
+    "device.max_force_n": {"N.m": 1, "Nm": 1, "mN.m": 1e-3, "N.cm": 1e-2},
+    "environment.stiffness_n_per_m": {"N.m/rad": 1, "Nm/rad": 1, "N.m/deg": 180 / math.pi, "mN.m/rad": 1e-3},
+}
+TYPED = ["--mass", "120 g", "--wall", "3 kN/m"]
+
+
+@st.composite
+def answers(draw, units):
+    values = draw(st.fixed_dictionaries({key: st.floats(1e-3, 0.9) for key in units}))
+    named = {key: draw(st.sampled_from(sorted(of))) for key, of in units.items()}
+    typed = {key: f"{value / units[key][named[key]]!r} {named[key]}" for key, value in values.items()}
+    return values, typed
+
+
+@given(answers(LINEAR))
+def test_a_linear_device_is_read_back(tmp_path_factory, drawn):
+    values, typed = drawn
+    read = NewProblem(tmp_path_factory.getbasetemp() / "p.toml", answers=typed).problem()
+    for key, value in values.items():
+        table, _, name = key.partition(".")
+        assert getattr(getattr(read, table), name) == pytest.approx(value, rel=1e-13)
+
+
+@given(answers(ROTARY), st.floats(3e-3, 5))
+def test_a_device_that_turns_is_read_back(tmp_path_factory, drawn, radius):
+    values, typed = drawn
+    typed["device.handle_radius_m"] = f"{1e3 * radius!r} mm"
+    new = NewProblem(tmp_path_factory.getbasetemp() / "p.toml", motion="rotary", held="fingertip", answers=typed)
+    read = new.problem()
+    assert read.device.motion == "rotary"
+    assert read.device.handle_radius_m == pytest.approx(radius, rel=1e-13)
+    for key, value in values.items():
+        table, _, name = key.partition(".")
+        assert getattr(getattr(read, table), name) == pytest.approx(value, rel=1e-13)
+    # A finger of 20 to 100 g at that radius is an inertia.
+    assert read.hands.mass_kg == pytest.approx((0.02 * radius**2, 0.1 * radius**2), rel=1e-12)
+    assert new.faults() == []
+
+
+@given(st.floats(1e-9, 1e9), st.sampled_from(["N", "N/m", "N.s/m", "kg", "m", "s", "N.m/rad", "kg.m2", "rad", "Hz"]))
+def test_what_is_printed_may_be_typed(value, unit):
+    told = quantities(avc_casadi.load_problem("soft").units, digits=14)
+    assert read_quantity(told(value, unit), unit) == pytest.approx(value, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("typed", "unit", "value"),
+    [
+        ("1 kHz", "s", 1e-3),
+        ("0.5ms", "s", 5e-4),
+        ("450 dpi", "m", 0.0254 / 450),
+        ("20 counts/mm", "m", 5e-5),
+        ("4096 counts", "rad", 2 * math.pi / 4096),
+        ("4096 counts/turn", "rad", 2 * math.pi / 4096),
+        ("2 samples", "samples", 2.0),
+        ("-1e-3", "m", -1e-3),
+    ],
+)
+def test_counts_and_rates_are_steps_and_times(typed, unit, value):
+    assert read_quantity(typed, unit) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize("typed", ["", "mm", "5 N", "5 min", "1,5 mm", "0x10 m", "nan m", "1e999 m", "3 mmm", "0 1/m"])
+def test_what_is_no_such_quantity_is_refused(typed):
+    with pytest.raises(ValueError, match=r"no number|another unit"):
+        read_quantity(typed, "m")
+
+
+def test_options_write_a_file_that_says_what_is_not_known(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    asked = [
+        "new",
+        "wall.toml",
+        *TYPED,
+        "--delay",
+        "2ms",
+        "--rate",
+        "2 kHz",
+        "--encoder",
+        "55 um",
+        "--friction",
+        "unknown",
+    ]
+    assert main(asked) == 0
+    said = capsys.readouterr().out
+    assert "avc recommend wall.toml" in said
+    assert "amplifier_bandwidth_hz: taken as ideal" in said
+    tables = tomllib.loads((tmp_path / "wall.toml").read_text(encoding="utf-8"))
+    assert tables == {
+        "device": {
+            "mass_kg": 0.12,
+            "damping_ns_per_m": 0.0,
+            "sample_time_s": 5e-4,
+            "delay_samples": 4,
+            "encoder_resolution_m": 5.5e-5,
+        },
+        "environment": {"stiffness_n_per_m": 3000.0, "damping_ns_per_m": 0.0},
+    }
+
+
+def test_a_device_of_the_catalogue_keeps_what_was_not_typed(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "a.toml", "--like", "phantom-touch", *TYPED]) == 0
+    known = avc_casadi.load_device("phantom-touch").device
+    found = avc_casadi.load_problem("a.toml").device
+    assert (found.mass_kg, found.max_force_n, found.delay_samples) == (0.12, known.max_force_n, known.delay_samples)
+    assert found.range.mass_kg is None
+    assert found.range.damping_ns_per_m == known.range.damping_ns_per_m
+    # A file of one's own stands relative to the problem.
+    (tmp_path / "mine.toml").write_text("[device]\nmass_kg = 0.2\ndamping_ns_per_m = 1.0\n", encoding="utf-8")
+    (tmp_path / "sub").mkdir()
+    assert main(["new", "sub/b.toml", "--like", "mine.toml", "--wall", "1 N/mm"]) == 0
+    assert avc_casadi.load_problem("sub/b.toml").device.mass_kg == 0.2
+    capsys.readouterr()
+
+
+def piped(monkeypatch, *lines):
+    monkeypatch.setattr(sys, "stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
+
+
+def test_answers_are_piped_in_and_a_slip_of_the_unit_is_questioned(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    given_answers = [
+        "linear",
+        "120",
+        "120 g",
+        "unknown",
+        "",
+        "",
+        "0.1 N",
+        "0.055 m",
+        "0.055 mm",
+        "8 N",
+        "",
+        "3 kN/m",
+        "",
+    ]
+    piped(monkeypatch, *given_answers, "foot", "0.5 to 2 kg", "10..40 N.s/m", "300 N/m to 2 kN/m")
+    assert main(["new", "wall.toml"]) == 0
+    asked = capsys.readouterr().err
+    assert "is 120: usual" in asked
+    assert "is 0.055: usual" in asked
+    found = avc_casadi.load_problem("wall.toml")
+    assert (found.device.mass_kg, found.device.encoder_resolution_m) == (0.12, 5.5e-5)
+    assert found.hands.mass_kg == (0.5, 2.0)
+    assert found.hands.damping_ns_per_m == (10.0, 40.0)
+    assert found.hands.stiffness_n_per_m == (300.0, 2000.0)
+
+
+def test_who_types_it_again_means_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    piped(
+        monkeypatch,
+        "rotary",
+        "20 mm",
+        "3 kg.m2",
+        "3 kg.m2",
+        "",
+        "",
+        "",
+        "",
+        "4096 counts",
+        "200 mN.m",
+        "",
+        "1 N.m/rad",
+        "",
+    )
+    assert main(["new", "knob.toml"]) == 0
+    assert avc_casadi.load_problem("knob.toml").device.mass_kg == 3.0
+    assert "inertia_kgm2 is 3: usual" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "key", "said"),
+    [
+        (["--wall", "1 N/m"], "--mass", "must be known"),
+        (["--mass", "120 g"], "--wall", "must be known"),
+        ([*TYPED, "--mass", "120 N"], "--mass", "another unit"),
+        ([*TYPED, "--rate", "0 Hz"], "--rate", "allowed"),
+        ([*TYPED, "--delay", "1 km"], "--delay", "another unit"),
+        ([*TYPED, "--damping=-1"], "--damping", "allowed"),
+        ([*TYPED, "--max-force", "0 N"], "--max-force", "allowed"),
+        ([*TYPED, "--torque", "1 N"], "", "unrecognized"),
+        ([*TYPED, "--inertia", "3 g.m2"], "--radius", "must be known"),
+        (["--like", "phantom-tuch", "--wall", "1 N/m"], "phantom-tuch", "near: phantom-touch"),
+        (["--like", "smartknob", *TYPED], "--inertia", "was given as 'mass'"),
+        (["--like", "smartknob", "--radius", "1 m", "--wall", "1 N.m/rad"], "--radius", "leave it out"),
+        ([*TYPED, "--hand-mass", "1 kg"], "--hand-mass", "--held foot"),
+        ([*TYPED, "--held", "foot"], "--hand-stiffness", "must be known"),
+        ([*TYPED, "--held", "other", "--hand-mass", "2 to 1 kg"], "--hand-mass", "reversed"),
+        ([*TYPED, "--held", "nose"], "--held", "invalid choice"),
+    ],
+)
+def test_a_fault_is_told_under_its_option_and_nothing_is_written(options, key, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "wall.toml", *options]) == 2
+    told = capsys.readouterr().err
+    assert [line for line in told.splitlines() if key in line and said in line], told
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_faults_are_told_at_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "wall.toml", "--mass", "1 N", "--encoder", "2 m", "--wall=-1 N/m", "--hand-mass", "1 kg"]) == 2
+    told = capsys.readouterr().err
+    assert all(f"{option}: " in told for option in ("--mass", "--encoder", "--wall", "--hand-mass"))
+
+
+def test_a_file_that_is_there_stays_unless_forced(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wall.toml").write_text("mine", encoding="utf-8")
+    assert main(["new", "wall.toml", *TYPED]) == 2
+    assert (tmp_path / "wall.toml").read_text(encoding="utf-8") == "mine"
+    assert main(["new", "wall.toml", *TYPED, "--force"]) == 0
+    assert avc_casadi.load_problem("wall.toml").device.mass_kg == 0.12
+    capsys.readouterr()
+
+
+def test_no_answers_are_faults(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    piped(monkeypatch)
+    assert main(["new", "wall.toml"]) == 2
+    assert "--mass: must be known" in capsys.readouterr().err
