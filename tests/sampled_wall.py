@@ -41,8 +41,8 @@ def mechanics(device, hand):
     return whole, drive, measured
 
 
-def spectral_radius(device, hand, damping, stiffness, filter_share=0.0):
-    """Return the largest eigenvalue of the loop with K x + B v, v the filtered backward difference, held for T."""
+def spectral_radius(device, hand, damping, stiffness, poles=(0.0, 0.0)):
+    """Return the largest eigenvalue of the loop with K x + B v held for T, v a difference behind two poles."""
     a, push, measured = mechanics(device, hand)
     n, period = len(a), device.sample_time_s
     whole = math.floor(device.delay_samples)
@@ -54,19 +54,19 @@ def spectral_radius(device, hand, damping, stiffness, filter_share=0.0):
         moved = expm(augmented * time)
         return moved[:n, :n], moved[:n, n]
 
-    # States: mechanics, forces asked for in the last samples, position and velocity of the sample before.
+    # States: mechanics, forces asked for in the last samples, position and two velocities of those before.
     forces, before, velocity = n, n + whole + 1, n + whole + 2
-    rate = np.zeros(n + whole + 3)
-    rate[measured], rate[before] = (1 - filter_share) / period, -(1 - filter_share) / period
-    rate[velocity] = filter_share
+    rate = np.zeros(n + whole + 4)
+    rate[measured], rate[before] = (1 + sum(poles)) / period, -(1 + sum(poles)) / period
+    rate[velocity : velocity + 2] = -poles[0], -poles[1]
     asked = damping * rate
     asked[measured] += stiffness
-    queue = [asked, *np.eye(n + whole + 3)[forces : forces + whole + 1]]
+    queue = [asked, *np.eye(n + whole + 4)[forces : forces + whole + 1]]
     (first, first_push), (second, second_push) = step(late * period), step((1 - late) * period)
-    loop = np.zeros((n + whole + 3, n + whole + 3))
+    loop = np.zeros((n + whole + 4, n + whole + 4))
     loop[:n, :n] = second @ first
     loop[:n] += np.outer(second_push, queue[whole]) + np.outer(second @ first_push, queue[whole + 1])
     loop[forces : forces + whole + 1] = queue[: whole + 1]
     loop[before, measured] = 1.0
-    loop[velocity] = rate
+    loop[velocity], loop[velocity + 1, velocity] = rate, 1.0
     return float(np.abs(np.linalg.eigvals(loop)).max())

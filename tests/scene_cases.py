@@ -13,6 +13,7 @@ FEEDBACK = (
     "force_m_per_n = [-3.3e-6, -6.6e-6, 0.0]\ninnovation = [0.4, 0.08, 0.003]\nfeedback = [1.0, 3.0, 0.2]\n"
     "positions = [0]\ndead_zone_m = 1.5e-5\nface_m = 1e-5"
 )
+ENCODER = 'kind = "encoder"\nresolution_m = 2e-5'
 QUICK = 'kind = "press"\nspeed_m_per_s = 0.2\nstart_m = -0.002\n'
 
 CASES = {
@@ -53,6 +54,27 @@ CASES = {
     "noise": ((HAND, WALL, 'kind = "noise"\nrms_m = 1e-6\nseed = 4'), SERIES),
     "velocity-filter": ((HAND, WALL, 'kind = "velocity-filter"\ncutoff_hz = 150.0'), SOFT),
     "velocity-filter-rigid": ((HAND, WALL, 'kind = "velocity-filter"\ncutoff_hz = 150.0'), Gains(math.inf, 0.0, 20.0)),
+    "kalman": (
+        (HAND, WALL, 'kind = "velocity-filter"\nestimator = "kalman"\nacceleration_m_per_s2 = 5.0\nnoise_rms_m = 5e-6'),
+        SERIES,
+    ),
+    "foaw": (
+        (HAND, WALL, ENCODER, 'kind = "velocity-filter"\nestimator = "foaw"\nwindow_samples = 7'),
+        Gains(math.inf, 0.0, 5.0),
+    ),
+    "levant": (
+        (HAND, WALL, 'kind = "velocity-filter"\nestimator = "levant"\nacceleration_m_per_s2 = 20.0'),
+        Gains(math.inf, 0.0, 5.0),
+    ),
+    "levant-gives-the-position": (
+        (
+            HAND,
+            WALL,
+            ENCODER,
+            'kind = "velocity-filter"\nestimator = "levant"\ndiscretisation = "explicit"\nposition = "estimated"',
+        ),
+        NO_COUPLING,
+    ),
     "delay": ((HAND, WALL, 'kind = "delay"\nsamples = 3'), SOFT),
     "saturation": ((HAND, WALL, 'kind = "saturation"'), SERIES),
     "saturation-both-ways": (

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import plain_velocity
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from scipy.signal import bilinear
@@ -287,18 +288,43 @@ class Computer:
         self.one_sided = "environment" not in effects
         self.gated = self.one_sided and problem.coupling.contact == "gated"
         self.absent = not ("wall" in effects or "environment" in effects) or self.k_e == self.b_e == 0
-        self.share = 0.0
+        self.share, self.estimator, self.gains_of_kalman = 0.0, None, None
         if "velocity-filter" in effects:
-            self.share = math.exp(-2 * math.pi * effects["velocity-filter"].cutoff_hz * self.T)
+            self.choose(effects["velocity-filter"], effects, start)
         depth = self.depth(start)
         # Value and rate of the last sample.
         self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [start, 0.0]
+
+    def choose(self, table, effects, start):
+        """Take the share of a first-order lag, the gains of a Kalman filter, or what estimates the velocity of x."""
+        bound = table.acceleration_m_per_s2 or 30.0  # 3 N on 0.1 kg
+        if table.estimator == "first-order":
+            self.share = math.exp(-2 * math.pi * table.cutoff_hz * self.T)
+        elif table.estimator == "kalman":
+            self.gains_of_kalman = plain_velocity.Kalman(self.T, 0.0, bound, table.noise_rms_m).gains
+        elif table.estimator == "foaw":
+            self.estimator = plain_velocity.Foaw(self.T, start, effects["encoder"].resolution_m, table.window_samples)
+        else:
+            self.estimator = plain_velocity.Levant(self.T, start, bound, table.discretisation)
+        self.believes = table.position == "estimated"
 
     def depth(self, x):
         return max(x, 0.0) if self.gated else x
 
     def rate(self, value, memory):
+        if self.estimator is not None:
+            return self.velocity
+        if self.gains_of_kalman is not None:
+            return memory[1] + self.gains_of_kalman[1] * (value - memory[0] - self.T * memory[1])
         return (1 - self.share) * (value - memory[0]) / self.T + self.share * memory[1]
+
+    def kept(self, value, memory):
+        """Value and rate; of a Kalman filter the position that it believes."""
+        rate = self.rate(value, memory)
+        if self.gains_of_kalman is not None:
+            coming = memory[0] + self.T * memory[1]
+            value = coming + self.gains_of_kalman[0] * (value - coming)
+        return [value, rate]
 
     def wall_force(self, tool):
         if self.gated and tool <= 0:
@@ -314,6 +340,9 @@ class Computer:
     def force(self, x):
         if self.absent:
             return 0.0
+        if self.estimator is not None:
+            self.velocity = self.estimator(x)
+            x = self.estimator.position if self.believes else x
         gains, tool = self.gains, x
         command = self.wall_force(x) if gains.rigid else 0.0
         if not gains.rigid and (gains.stiffness_n_per_m or gains.damping_ns_per_m):
@@ -325,10 +354,10 @@ class Computer:
             command = self.coupling_force(x, tool)
         if self.gated:
             command = max(command, 0.0)
-        self.stretch = [x - tool, self.rate(x - tool, self.stretch)]
-        self.surface = [self.depth(tool), self.rate(self.depth(tool), self.surface)]
+        self.stretch = self.kept(x - tool, self.stretch)
+        self.surface = self.kept(self.depth(tool), self.surface)
         if gains.contact_damping_ns_per_m:
-            self.contact = [x, self.rate(x, self.contact)]
+            self.contact = self.kept(x, self.contact)
             command += gains.contact_damping_ns_per_m * self.contact[1]
             if self.gated:
                 command = max(command, 0.0) if x > 0 else 0.0

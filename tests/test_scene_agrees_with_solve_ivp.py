@@ -16,7 +16,7 @@ from avc_casadi.simulation.scene import settled
 def both(problem, gains, samples):
     """Traces of the scene and of the reference, which draws nothing itself."""
     run = simulate(problem, gains)
-    scene = compile_scene(problem)
+    scene = compile_scene(problem, coupled=not gains.rigid)
     inputs = dict(zip(scene.inputs, scene.input_values(), strict=True))
     reference = Reference(problem, gains, scene.target.position_m, scene.target.device_start_m).run(
         samples, inputs.get("noise_m"), inputs.get("late_share"), inputs.get("dropped")

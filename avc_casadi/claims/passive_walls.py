@@ -19,6 +19,7 @@ from avc_casadi.claims.passivity.worst_frequency import quadratic_stretch, refin
 from avc_casadi.claims.passivity.worst_port import frequencies_hz, wave
 from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
 from avc_casadi.model.hands import Hand
+from avc_casadi.model.velocity import PLAIN, Poles, low_pass
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -34,7 +35,7 @@ def passive_walls(
     model: Model,
     *,
     ideal: bool,
-    filter_share: float = 0.0,
+    poles: Poles = PLAIN,
     more_delay: int = 0,
 ) -> Stretches:
     """Find the softest stretch of stiffnesses with which a wall is passive at every corner of a device.
@@ -45,7 +46,7 @@ def passive_walls(
         model: hold and discretisation of the spring.
         ideal: whether all corners are rigid, with an ideal amplifier and whole samples of delay. Then the worst
             frequency is refined; else it is that of a scan (as in L3), and the wall is stable with a passive hand too.
-        filter_share: share of the old velocity in that of a filter, 0 without one.
+        poles: a1 and a2 of a linear estimator of the velocity.
         more_delay: samples on top of those of the device.
     """
     low, high = np.zeros(len(damping_ns_per_m)), np.full(len(damping_ns_per_m), np.inf)
@@ -55,7 +56,7 @@ def passive_walls(
             def ends(hz: FloatArray, corner: Device = corner) -> tuple[FloatArray, FloatArray]:
                 turns = hz * corner.sample_time_s
                 late = np.exp(-2j * np.pi * turns * (corner.delay_samples + more_delay))
-                damper, spring = (late * one for one in _waves(turns, corner.sample_time_s, model, filter_share))
+                damper, spring = (late * one for one in _waves(turns, corner.sample_time_s, model, poles))
                 free = corner.damping_ns_per_m + damping_ns_per_m[:, None] * damper.real
                 return quadratic_stretch(np.zeros_like(free), spring.real + 0 * free, free)
 
@@ -68,31 +69,33 @@ def passive_walls(
             stiffest = ends(refine_minima(lambda hz, ends=ends: ends(hz)[1], every, order))[1]  # type: ignore[misc]
         else:
             port = handle_port(corner, frequencies_hz(corner))
-            damper, spring = _waves(port.turns, corner.sample_time_s, model, filter_share)
+            damper, spring = _waves(port.turns, corner.sample_time_s, model, poles)
             wall = damping_ns_per_m[:, None] * damper
             bend = -port.excess * np.abs(spring) ** 2 + 0 * wall.real
             slope = 2 * (spring * port.centre).real - 2 * port.excess * (wall * spring.conj()).real
             free = 1 + 2 * (wall * port.centre).real - port.excess * np.abs(wall) ** 2
             softest, stiffest = quadratic_stretch(*(np.where(port.damped, one, -1.0) for one in (bend, slope, free)))
-            held = _held(corner, damping_ns_per_m, filter_share)
+            held = _held(corner, damping_ns_per_m, poles)
             low, high = np.maximum(low, held.lowest_n_per_m[:, 0]), np.minimum(high, held.first_n_per_m)
         low, high = np.maximum(low, softest.max(axis=1)), np.minimum(high, stiffest.min(axis=1))
     none = ~(high > low)
     return Stretches(np.where(none, np.nan, low)[:, None], np.where(none, np.nan, high)[:, None])
 
 
-def _waves(turns: FloatArray, period: float, model: Model, share: float) -> tuple[ComplexArray, ComplexArray]:
+def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tuple[ComplexArray, ComplexArray]:
     """W of a wall of 1 N.s/m and of one of 1 N/m."""
     nothing, one = np.zeros(1), np.ones(1)
-    damper = Fractions(one - share, nothing, one * share * (1 - share), one * share, one - share, one > 0)
+    damper = Fractions(one, nothing, nothing, nothing, one, one > 0)
     direct = period / 2 if model == "paper" else period
-    spring = replace(damper, direct=one * direct, integral=one * period, decaying=nothing)
-    return wave(damper, nothing, turns, model), wave(spring, nothing, turns, model)
+    spring = replace(damper, direct=one * direct, integral=one * period)
+    back = 2 * np.sin(np.pi * turns) * np.exp(1j * np.pi * (0.5 - turns))
+    filtered = wave(damper, nothing, turns, model) * low_pass(back, poles)
+    return filtered, wave(spring, nothing, turns, model)
 
 
-def _held(corner: Device, damping: FloatArray, share: float) -> Stretches:
+def _held(corner: Device, damping: FloatArray, poles: Poles) -> Stretches:
     """Return the walls that are stable with one passive hand; those of them that are passive are so with any."""
     time = corner.sample_time_s
     mass = max(corner.mass_kg, corner.damping_ns_per_m * time, 1e-6)
     hand = Hand(*(np.array([value]) for value in (mass, mass / (10 * time), mass / (10 * time) ** 2)))
-    return stable_walls([corner], hand, damping, share)
+    return stable_walls([corner], hand, damping, poles)

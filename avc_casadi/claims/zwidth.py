@@ -26,6 +26,7 @@ from avc_casadi.model.device import whole_delay
 from avc_casadi.model.effects import VelocityFilterEffect
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.registries import EFFECTS
+from avc_casadi.model.velocity import PLAIN, Poles, velocity_estimator
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 
@@ -193,12 +194,13 @@ class ZWidth(Tabular):
 def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     """Compute the region for the problem's device and hands; its environment and coupling do not enter.
 
-    Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of
-    the encoder; a velocity filter of [scene] acts on the damper. Where the device has no delay the passive region of
-    one sample of delay stands beside the others. The stable regions are exact, by the curves of their boundary. On a
-    rigid device with an ideal amplifier and whole samples of delay the passive ones are so too; on another the
-    sampled-data one comes from a scan of frequencies (as L3). That with the paper's hold is refused there, and with a
-    filter. A region is told up to the first stiffness, from soft walls on, that does not meet the claim.
+    Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side
+    of the encoder; a linear velocity filter of [scene] acts on the damper, and of another the claims say that it does
+    not. Where the device has no delay the passive region of one sample of delay stands beside the others. The stable
+    regions are exact, by the curves of their boundary. On a rigid device with an ideal amplifier and whole samples of
+    delay the passive ones are so too; on another the sampled-data one comes from a scan of frequencies (as L3). That
+    with the paper's hold is refused there, and with a filter. A region is told up to the first stiffness, from soft
+    walls on, that does not meet the claim.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
@@ -219,9 +221,9 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     # The last row is that of the wall that is wanted.
     rows = np.append(damping, wall.damping_ns_per_m)
     hands = hand_set(problem.hands)
-    share = _filter_share(problem)
-    claims, refused = _passivity(device, corners, share)
-    at = _at(device, len(corners), share)
+    poles, beside = _estimator(problem)
+    claims, refused = _passivity(device, corners, poles, beside)
+    at = _at(device, len(corners), beside)
     claims |= {
         "stable-released": (f"linearly stable without a hand{at}", partial(stable_walls, corners, no_hand())),
         "stable-hands": (f"linearly stable with every hand{at}", partial(stable_walls, corners, hands)),
@@ -229,7 +231,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     curves: list[Curve] = []
     for key, (claim, walls) in claims.items():
         progress.advance(len(curves), len(claims), claim)
-        found = walls(rows, filter_share=share)
+        found = walls(rows, poles=poles)
         late = device.delay_samples + (key == "passive-delayed")
         wanted = found.holds(-1, wall.stiffness_n_per_m)
         curves.append(Curve(key, claim, late, found.first_n_per_m[:-1], wanted))
@@ -255,21 +257,26 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     )
 
 
-def _filter_share(problem: Problem) -> float:
-    """Return the share of the old velocity in that of the scene's filter; 0 without one."""
+def _estimator(problem: Problem) -> tuple[Poles, str]:
+    """Return the poles of the scene's velocity filter, and what a claim says of it; nothing without one."""
     filters = [one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)]
-    return filters[-1].old_share(problem.device.sample_time_s) if filters else 0.0
+    if not filters:
+        return PLAIN, ""
+    poles = velocity_estimator(problem, filters[-1]).poles
+    if poles is None:
+        return PLAIN, f", by the backward difference, not by the scene's estimator {filters[-1].estimator}"
+    return poles, ", with the velocity filter of the scene"
 
 
 _Claims = dict[str, tuple[str, partial[Stretches]]]
 
 
-def _passivity(device: Device, corners: Sequence[Device], filter_share: float) -> tuple[_Claims, tuple[str, ...]]:
+def _passivity(device: Device, corners: Sequence[Device], poles: Poles, beside: str) -> tuple[_Claims, tuple[str, ...]]:
     """Return the claims of passivity, and those that have no proof on this device."""
-    at, known = _at(device, len(corners), filter_share), ideal(device)
+    at, known = _at(device, len(corners), beside), ideal(device)
     walls = partial(passive_walls, corners, ideal=known)
     sampled = {"passive-sampled-data": (f"passive, sampled-data{at}", partial(walls, model="sampled-data"))}
-    if not known or filter_share:
+    if not known or poles != PLAIN:
         what = "a velocity filter" if known else what_is_declared(device)
         why = (
             f"passive with the paper's hold: no proof on a device with {what}, for which that hold gives no loop from "
@@ -283,12 +290,11 @@ def _passivity(device: Device, corners: Sequence[Device], filter_share: float) -
     return claims, ()
 
 
-def _at(device: Device, corners: int, filter_share: float) -> str:
+def _at(device: Device, corners: int, beside: str) -> str:
     """Say what beside the claim itself is meant."""
     late = device.delay_samples
     delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
-    delay += ", with the velocity filter of the scene" if filter_share else ""
-    return delay + (f", at {corners} corners of the device" if corners > 1 else "")
+    return delay + beside + (f", at {corners} corners of the device" if corners > 1 else "")
 
 
 def _encoder_limit(device: Device) -> float | None:
@@ -308,5 +314,12 @@ def _keys(problem: Problem, *, bounded: bool) -> tuple[tuple[str, ...], tuple[st
     simulated = {effect.kind for effect in declared_effects(problem)}
     for effect in problem.scene.effects:
         if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated:
-            (used if isinstance(effect, VelocityFilterEffect) else unused).append(f"scene.effects: {effect.kind}")
+            name = f"scene.effects: {effect.kind}"
+            if not isinstance(effect, VelocityFilterEffect):
+                unused.append(name)
+            elif velocity_estimator(problem, effect).poles is not None:
+                used.append(name)
+            else:
+                said = "not linear" if effect.position != "estimated" else "gives the spring its position too"
+                unused.append(f"{name} (estimator {effect.estimator}: {said}, judged by avc simulate alone)")
     return tuple(used), tuple(unused)

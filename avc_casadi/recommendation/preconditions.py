@@ -180,7 +180,7 @@ def not_used(problem: Problem) -> tuple[str, ...]:
         unused.append(f"environment (a wall in the device's own loop: leave [{_far_end(problem)}] out for it)")
     if _far_end(problem) and any(value is not None for value in vars(problem.robustness).values()):
         unused.append("robustness (known for a wall in the device's own loop alone)")
-    known = {"velocity-filter": "known to avc simulate and avc zwidth alone"}
+    known = {"velocity-filter": "known to avc simulate and, if linear, to avc zwidth alone"}
     return (
         *unused,
         *(f"scene.effects: {kind} ({known.get(kind, 'simulated by avc simulate alone')})" for kind in listed),

@@ -194,7 +194,7 @@ def compile_scene(
         coupled=coupled and not adapted,
         damped=damped and not adapted,
         environment=environment,
-        rate_gain_per_s=(1.0 - tick.filter_share) / sample_time_s,
+        rate_gain_per_s=tick.rate_gain_per_s,
         target=target,
         sample_time_s=sample_time_s,
         samples=samples,

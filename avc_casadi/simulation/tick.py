@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.velocity import PLAIN, Poles
 
 # A CasADi SX expression; CasADi ships no types.
 Expr = Any
@@ -66,7 +67,8 @@ class Tick:
         position: true position of the device, then what the sensing makes of it, m.
         command: force that the computer asks for, N, positive against +x; None in free space.
         command_before: the force that still acts while the new one is late; None where forces are never late.
-        filter_share: share of the old velocity in the filtered one (0: no filter).
+        poles: of the low pass behind every backward difference (`model.velocity`; PLAIN: none).
+        velocity: estimated velocity of the measured position, in place of its differences; None without.
         late: share of the sample during which the old force still acts; None where forces are never late.
         asked: force that the computer asks for before any delay; None without a delay.
         dropped: 1 where the computer misses the sample; None where it never does.
@@ -84,7 +86,8 @@ class Tick:
     position: Expr = None
     command: Expr = None
     command_before: Expr = None
-    filter_share: float = 0.0
+    poles: Poles = PLAIN
+    velocity: Expr = None
     late: Expr = None
     asked: Expr = None
     dropped: Expr = None
@@ -102,6 +105,11 @@ class Tick:
     _next: dict[str, Expr] = field(default_factory=dict)
     _computed: set[str] = field(default_factory=set)
     _owner: str = "loop"
+
+    @property
+    def rate_gain_per_s(self) -> float:
+        """What a velocity gains by the newest value, 1/T without a filter."""
+        return (1.0 + self.poles[0] + self.poles[1]) / self.sample_time_s
 
     @contextmanager
     def owned_by(self, owner: str) -> Iterator[None]:
@@ -183,7 +191,7 @@ class Tick:
 
 
 class Rate:
-    """Velocity as the computer takes it: backward difference, low-passed where the scene has a velocity filter.
+    """Velocity as the computer takes it: backward difference, or what the scene's estimator makes of it.
 
     The value may be unknown when the rate is needed (an implicit force law): rate = gain * value - offset.
 
@@ -207,11 +215,16 @@ class Rate:
         self._name = name
         before = seen(tick.state(f"{name}_before_m", initial))
         self.before = before
-        self.gain = (1.0 - tick.filter_share) / tick.sample_time_s
+        self.gain = tick.rate_gain_per_s
         self.offset: Expr = self.gain * before
-        self._filtered = tick.filter_share > 0
-        if self._filtered:
-            self.offset -= tick.filter_share * tick.state(f"{name}_rate_m_per_s")
+        self._rates: list[tuple[str, Expr]] = []
+        if tick.velocity is not None:
+            # The value is the measured position, or the depth of it where the wall has any force.
+            self.offset = self.gain * tick.position - tick.velocity
+        for name_of, pole in zip(("rate", "older_rate"), tick.poles, strict=True):
+            if pole:
+                self._rates.append((f"{name}_{name_of}_m_per_s", tick.state(f"{name}_{name_of}_m_per_s")))
+                self.offset += pole * self._rates[-1][1]
 
     def forget(self, keeps: Expr) -> None:
         """Forget the past where `keeps` is 0."""
@@ -221,6 +234,8 @@ class Rate:
         """Set the value of this sample and return its rate."""
         rate = self.gain * value - self.offset
         self._tick.follow(f"{self._name}_before_m", value)
-        if self._filtered:
-            self._tick.follow(f"{self._name}_rate_m_per_s", rate)
+        following = rate
+        for name, now in self._rates:
+            self._tick.follow(name, following)
+            following = now
         return rate

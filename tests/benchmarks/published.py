@@ -114,7 +114,7 @@ def passive() -> list[Row]:
         tau = 0.0 if hz is None else 1 / (2 * math.pi * hz)
         share = tau / (tau + T)
         device = Device(mass_kg=MASS, damping_ns_per_m=LOSSY, sample_time_s=T, delay_samples=delay)
-        wall = passive_walls([device], np.array([damping]), "sampled-data", ideal=True, filter_share=share)
+        wall = passive_walls([device], np.array([damping]), "sampled-data", ideal=True, poles=(-share, 0.0))
         ours = float(wall.first_n_per_m[0])
         row = {"part": "passive", "damping_ns_per_m": damping, "filter_hz": hz, "delay_samples": delay}
         row |= {"published_n_per_m": (LOSSY - damping * T / (T + 2 * tau)) / ((0.5 + delay) * T), "ours_n_per_m": ours}
@@ -307,7 +307,7 @@ def paddle() -> list[Row]:
         hand = Hand(*(np.array([value]) for value in finger))
         for inertia in INERTIAS_KGM2:
             device = Device(mass_kg=inertia, damping_ns_per_m=PADDLE_DAMPING, sample_time_s=PADDLE_T)
-            found = stable_walls([device], hand, damping, share).first_n_per_m * DEGREE
+            found = stable_walls([device], hand, damping, (-share, 0.0)).first_n_per_m * DEGREE
             limits.setdefault(who, []).append([_number(value) for value in found])
     rows = []
     for place, (b, measured) in enumerate(MEASURED.items()):
@@ -544,8 +544,8 @@ _PADDLE_PARTS = """
   which adds a fifteenth of the torque before.
 - `avc zwidth` alone would mislead here. Its encoder limit is one of springs; walls with B on a coarse encoder need a
   trial.
-- FOAW, Levant's and Kalman estimators are not in the package; each held walls as stiff as the backward difference's
-  or stiffer.
+- FOAW, Levant's and Kalman's each held walls as stiff as the backward difference's or stiffer; scenes with each of them
+  stand beside these columns in [velocity estimators](RESULTS_velocity_estimators.md#the-measured-paddle).
 """
 
 

@@ -2,13 +2,14 @@
 
 On z = exp(j theta) the characteristic equation of the sampled loop is linear in K and B:
 
-    K + B q(z) = L(z),   q = (1 - 1/z)(1 - sigma)/(T (1 - sigma/z)),   L = 1/G,
+    K + B q(z) = L(z),   q = (1 - 1/z)(1 + a1 + a2)/(T (1 + a1/z + a2/z^2)),   L = 1/G,
 
-G from the commanded force to the sampled position, with hold, delay, amplifier, resonance and hand, sigma the share of
-the old velocity in a velocity filter's. Real and imaginary part give one wall (B, K) for each 0 < theta < pi; theta =
-pi gives a line, theta = 0 one at K = -k_h. Where B(theta) rises through the B of a wall, a pair of poles leaves the
-unit circle as K grows; where it falls, a pair comes back. So the stable K of each B follow from all crossings, sorted,
-and the number of poles outside at K = 0, which is counted in the same way along B from the device alone.
+G from the commanded force to the sampled position, with hold, delay, amplifier, resonance and hand, a1 and a2 those of
+a linear estimator of the velocity (`model.velocity`). Real and imaginary part give one wall (B, K) for each 0 < theta <
+pi; theta = pi gives a line, theta = 0 one at K = -k_h. Where Im(L - B q) rises through 0 (where B(theta) rises through
+the B of a wall, if Im q > 0), a pair of poles leaves the unit circle as K grows; where it falls, a pair comes back. So
+the stable K of each B follow from all crossings, sorted, and the number of poles outside at K = 0, which is counted in
+the same way along B from the device alone.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.claims.stability.frozen_loop import mechanics
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.velocity import PLAIN, Poles, low_pass
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -70,7 +72,7 @@ def stable_walls(
     corners: Sequence[Device],
     hands: Hand | StylusHand,
     damping_ns_per_m: FloatArray,
-    filter_share: float = 0.0,
+    poles: Poles = PLAIN,
 ) -> Stretches:
     """Find the stiffnesses with which a wall is stable with every hand at every corner of a device.
 
@@ -78,10 +80,10 @@ def stable_walls(
         corners: of one device, each known exactly.
         hands: h hands.
         damping_ns_per_m: B >= 0, shape (n,).
-        filter_share: share of the old velocity in that of a filter, 0 without one.
+        poles: a1 and a2 of a linear estimator of the velocity.
     """
     rows = len(damping_ns_per_m)
-    loops = _Loops.of(corners, hands, filter_share)
+    loops = _Loops.of(corners, hands, poles)
     if loops is None:
         return Stretches(np.full((rows, 1), np.nan), np.full((rows, 1), np.nan))
     nodes = _nodes(loops, corners, float(damping_ns_per_m.max(initial=0.0)))
@@ -94,7 +96,7 @@ def stable_walls(
         inverse, damper = part.response(nodes[some])
         curve = inverse.imag / damper.imag
         outside += _outside_without_spring(part, nodes[some], (inverse / damper).imag, curve, damping_ns_per_m)
-        events += _crossings(part, nodes[some], curve, damping_ns_per_m)
+        events += _crossings(part, nodes[some], inverse.imag, damper.imag, damping_ns_per_m)
     return _stretches(outside, *(np.concatenate(column) for column in zip(*events, strict=True)))
 
 
@@ -110,7 +112,7 @@ class _Loops:
         measured: index of the state that is measured.
         free: where nothing calls the device back, shape (cases,).
         sample_time_s: T.
-        filter_share: sigma.
+        poles: a1 and a2.
     """
 
     change: FloatArray
@@ -120,10 +122,10 @@ class _Loops:
     measured: int
     free: BoolArray
     sample_time_s: float
-    filter_share: float
+    poles: Poles
 
     @classmethod
-    def of(cls, corners: Sequence[Device], hands: Hand | StylusHand, filter_share: float) -> _Loops | None:
+    def of(cls, corners: Sequence[Device], hands: Hand | StylusHand, poles: Poles) -> _Loops | None:
         """Take all that can move; None where a device with a hand has no equation of motion."""
         first, h = corners[0], len(hands)
         back = hands.stiffness_n_per_m if isinstance(hands, Hand) else hands.arm_stiffness_n_per_m
@@ -150,14 +152,14 @@ class _Loops:
             measured=measured,
             free=np.tile(np.broadcast_to(np.asarray(back) == 0, (h,)), len(corners)),
             sample_time_s=first.sample_time_s,
-            filter_share=filter_share,
+            poles=poles,
         )
 
     def pick(self, cases: IndexArray | slice) -> _Loops:
         """Take some of the cases."""
         return _Loops(
             self.change[cases], self.new[cases], self.old[cases], self.whole_delay[cases], self.measured,
-            self.free[cases], self.sample_time_s, self.filter_share,
+            self.free[cases], self.sample_time_s, self.poles,
         )  # fmt: skip
 
     def response(self, angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -165,8 +167,8 @@ class _Loops:
         case = (slice(None), *(None,) * (angle.ndim - 1))
         step = np.empty(angle.shape, dtype=np.complex128)
         step.real, step.imag = -2 * np.sin(angle / 2) ** 2, np.sin(angle)
-        back, share = -step.conj(), self.filter_share
-        damper = back * ((1 - share) / self.sample_time_s) / (1 - share + share * back if share else 1.0)
+        back = -step.conj()
+        damper = back / self.sample_time_s * low_pass(back, self.poles)
         change = self.change
         if change.shape[-1] == 2:
             a, b, c, d = (change[:, i, j][case] for i in (0, 1) for j in (0, 1))
@@ -265,17 +267,17 @@ def _root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: Fl
 
 
 def _crossings(
-    loops: _Loops, angle: FloatArray, curve: FloatArray, damping: FloatArray
+    loops: _Loops, angle: FloatArray, inverse_imag: FloatArray, damper_imag: FloatArray, damping: FloatArray
 ) -> list[tuple[IndexArray, FloatArray, IndexArray]]:
     """Return rows of B, stiffnesses and the poles that leave the circle there as K grows."""
-    above = curve > damping[:, None, None]
+    above = inverse_imag > damping[:, None, None] * damper_imag
     flips = above[..., 1:] != above[..., :-1]
     row, case, index = np.unravel_index(np.flatnonzero(flips), flips.shape)
     some, b = loops.pick(case), damping[row]
 
     def beyond(at: FloatArray) -> FloatArray:
         inverse, damper = some.response(at)
-        return np.asarray(inverse.imag / damper.imag - b)
+        return np.asarray(inverse.imag - b * damper.imag)
 
     inverse, damper = some.response(_root(beyond, angle[case, index], angle[case, index + 1]))
     stiffness = inverse.real - b * damper.real

@@ -1,4 +1,4 @@
-"""A low pass on the velocities that the computer takes from positions."""
+"""Filters on the measured position, and estimators of its velocity."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Self
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.effects import CompensatorEffect, EffectTable, NotchEffect, VelocityFilterEffect
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.velocity import VelocityEstimator, velocity_estimator
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.tick import Tick
 
@@ -123,10 +124,10 @@ class Notch(SceneEffect):
 
 @dataclass(frozen=True)
 class VelocityFilter(SceneEffect):
-    """First-order low pass on every backward difference: of the coupling, the environment and the contact damper.
+    """Estimator of the velocity: of coupling, environment and contact damper; one that is not linear knows x alone.
 
     Attributes:
-        table: its keys.
+        estimator: its numbers.
     """
 
     kind: ClassVar[str] = "velocity-filter"
@@ -135,13 +136,21 @@ class VelocityFilter(SceneEffect):
     scene_alone: ClassVar[bool] = True
     station: ClassVar[Station] = Station.COMPUTATION
 
-    table: VelocityFilterEffect
+    estimator: VelocityEstimator
 
     @classmethod
-    def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take the table."""
-        return cls(table)
+    def build(cls, table: Any, problem: Problem, place: str) -> Self:
+        """Settle the numbers."""
+        return cls(velocity_estimator(problem, table, place))
 
     def sample(self, tick: Tick) -> None:
-        """Set the share of the old velocity."""
-        tick.filter_share = self.table.old_share(tick.sample_time_s)
+        """Set the poles, or estimate the velocity of the measured position."""
+        if self.estimator.poles is not None:
+            tick.poles = self.estimator.poles
+            return
+        names = self.estimator.initial(tick.start_m)
+        state = {name: tick.state(f"estimated_{name}", value) for name, value in names.items()}
+        following, tick.velocity, tick.position = self.estimator.step(tick.position, state)
+        for name, value in following.items():
+            tick.follow(f"estimated_{name}", value)
+        tick.trace("estimated_m_per_s", tick.velocity)

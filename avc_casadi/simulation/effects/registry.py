@@ -58,6 +58,8 @@ def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
             f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
             "samples, or jitter with rms_s = 0"
         )
+    if {"simulation", "velocity-filter"} <= {effect.kind for effect in built}:
+        messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
     if any(isinstance(effect, Backlash) for effect in built) and any(effect.sensed_body == HANDLE for effect in built):
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
     return [Fault(problem.name, None, "scene.effects", message) for message in messages]
