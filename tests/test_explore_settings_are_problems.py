@@ -242,6 +242,11 @@ def test_a_range_without_its_value_names_the_field():
     assert "holds mass = 0.1 kg" in fault["message"]
 
 
+def test_a_file_of_ones_own_opens_on_the_recommended_coupling():
+    opens = {source: answer(Explorer(BASE, source), PARTS["start"], {})["opens"] for source in ("figure5", "wall.toml")}
+    assert opens == {"figure5": "direct", "wall.toml": "recommend"}
+
+
 def test_a_device_file_that_is_wrong_says_where():
     found = answer(
         Explorer(BASE, "figure5"), PARTS["device"], {"text": "[device]\nmass_kg = -1\n", "file": "mine.toml"}
