@@ -251,3 +251,11 @@ def test_no_answers_are_faults(tmp_path, monkeypatch, capsys):
     piped(monkeypatch)
     assert main(["new", "wall.toml"]) == 2
     assert "--mass: must be known" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("held", "device"), [("stylus", "stylus"), ("grip", "grip"), ("wheel", "grip")])
+def test_a_device_on_a_stylus_says_so(held, device, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "p.toml", "--mass", "120g", "--wall", "3 kN/m", "--held", held]) == 0
+    capsys.readouterr()
+    assert avc_casadi.load_problem("p.toml").device.held == device

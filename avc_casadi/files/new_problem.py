@@ -150,6 +150,8 @@ class NewProblem:
             yield f'from = "{Path(named).as_posix()}"'
         elif table == "device" and not self.units.linear:
             yield 'motion = "rotary"'
+        if table == "device" and self.held == "stylus":
+            yield 'held = "stylus"'
         for question in asked:
             yield from self._line(question)
         if table == "hands" and not asked:

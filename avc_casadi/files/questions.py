@@ -139,7 +139,7 @@ QUESTIONS = (
 HOLDS = {
     "grip": "the hands of a file without [hands], assumed: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m at the handle",
     "wheel": "hands at the rim: those of a grip there",
-    "stylus": "those of a grip; hands on a stylus (15 subjects of Fu and Cavusoglu 2012) are tried beside them",
+    "stylus": "those of a grip; hands on a stylus (15 subjects of Fu and Cavusoglu 2012) must settle too",
     "fingertip": "one finger, assumed: lighter and less damped than a hand that holds",
     "foot": "no impedance of feet is known here: its ranges must be given",
     "other": "by its ranges",
