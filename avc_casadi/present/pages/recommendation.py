@@ -76,7 +76,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         *_rendered(document, problem),
         _stability(document, problem),
         *([_settling(document["transient"]), _margins(document["margins"])] if document["deployable"] else []),
-        *_simulated(document, problem),
+        *_simulated(document),
     ]
     if briefly or not document["deployable"]:
         return rows
@@ -199,21 +199,18 @@ def _stability(document: dict[str, Any], problem: Problem) -> Row:
     return Row("Stability", f"linearly stable with every hand and released; {told}", mark)
 
 
-def _simulated(document: dict[str, Any], problem: Problem) -> list[Row]:
-    unit = problem.units.unit
+def _simulated(document: dict[str, Any]) -> list[Row]:
     asked = [document["trial"], *([document["confirmed"]] if document["confirmed"] else [])]
     hands, settled, free, quiet = (
         sum(one[key] for one in asked) for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")
     )
-    mark, moving = _all(settled, free, hands), document["felt"]["ripple"]
-    loud, (speed, force) = moving["hands"] - moving["quiet"], next(iter(moving["force_n"].items()))
-    ripple = ""
-    if loud > _FEW_FEEL * moving["hands"]:
-        drawn = f"{moving['hands']} at {quantity(float(speed), unit('m/s'))}"
-        ripple = f"; {loud} of {drawn} feel a ripple ({quantity(force, unit('N'))} rms)"
-        mark = Mark.CAUTION if mark is Mark.PASS else mark
-    told = f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold"
-    rows = [Row("Simulated", f"{told}{ripple}", mark)]
+    rows = [
+        Row(
+            "Simulated",
+            f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold",
+            _all(settled, free, hands),
+        )
+    ]
     off = document["off_file"]
     if off is not None:
         unstable = f"; linearly unstable on {off['linearly_unstable']}" if off["linearly_unstable"] else ""
@@ -237,12 +234,12 @@ def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
     settled, hands = [one["at_rest_without_friction"] for one in found], found[0]["hands"]
     names = [beyond_file_text(one) for one in found]
     if min(settled) == hands:
-        return [Row("Unmodelled", f"{hands} of {hands} settle without friction with {', '.join(names)}", Mark.PASS)]
+        return [Row("Unmodelled", f"{hands} of {hands} settle with {', '.join(names)}", Mark.PASS)]
     told = ", ".join(f"{count} with {name}" for count, name in zip(settled, names, strict=True))
     plain = [str(one["plain"]) for one in found if one["plain"] is not None]
     beside = f" (a plain coupling: {', '.join(plain)})" if plain else ""
     lacks = any(one["asked"] and count < hands for one, count in zip(found, settled, strict=True))
-    told = f"of {hands} hands settle without friction: {told}{beside}"
+    told = f"of {hands} settle: {told}{beside}"
     return [Row("Unmodelled", told, Mark.FAIL if lacks else Mark.CAUTION)]
 
 
@@ -264,16 +261,25 @@ def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     trial, limit, unit = document["trial"], document["coupling"]["max_force_n"], problem.units.unit
     label = _force_label(problem)
     reached, depth = quantity(trial["tap_force_n"], unit("N")), quantity(trial["tap_depth_m"], unit("m"))
-    steps = document["felt"]["encoder_step_n"]
-    spring, damping = (quantity(steps[part], unit("N")) for part in ("spring", "damping"))
-    coarse = ""
-    if sum(steps.values()) > _NOTICED_STEP_N * problem.device.metres_per_unit:
-        coarse = f"; an encoder step is {spring}, and {damping} of damping in motion"
+    coarse = _steps(document["felt"], problem)
     if limit is None or trial["tap_force_n"] < _AT_LIMIT * limit:
         return [Row(label, f"a tap reaches {reached}, {depth} deep{coarse}")]
     presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
     told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}{coarse}"
     return [Row(label, told, Mark.CAUTION)]
+
+
+def _steps(felt: dict[str, Any], problem: Problem) -> str:
+    """Tell what a step of the encoder does to the force, where that is much or felt by hands that move slowly."""
+    unit, ripple, steps = problem.units.unit, felt["ripple"], felt["encoder_step_n"]
+    loud = ripple["hands"] - ripple["quiet"]
+    noticed = sum(steps.values()) > _NOTICED_STEP_N * problem.device.metres_per_unit
+    if not noticed and loud <= _FEW_FEEL * ripple["hands"]:
+        return ""
+    speed, force = next(iter(ripple["force_n"].items()))
+    feel = f", felt by {loud} of {ripple['hands']}" if loud else ""
+    moving = f"ripple {quantity(force, unit('N'))} rms at {quantity(float(speed), unit('m/s'))}{feel}"
+    return f"; an encoder step is {quantity(steps['spring'], unit('N'))}, {moving}"
 
 
 def _force_label(problem: Problem) -> str:
