@@ -117,6 +117,7 @@ def test_a_pulse_little_above_the_friction_moves_the_device(force_n: float, fric
     assert 3e-4 < found.pulse_m < 2e-3
 
 
+@pytest.mark.thorough
 def test_what_no_device_can_do_is_refused_before_it_is_touched(capsys: pytest.CaptureFixture[str]) -> None:
     asked = ["commission", "reference-r1", "--port", "/dev/absent", "--by-hand-m", "100", "--force-n", "0.24"]
     assert main(asked) == 2

@@ -52,6 +52,7 @@ def test_a_force_that_a_sign_switches_is_named(law):
     assert (found.verdict, found.cause) == ("named", "relay")
 
 
+@pytest.mark.thorough
 def test_a_switched_wall_of_a_slow_loop_is_named():
     law = lambda _, z, __: -7.6 * np.sign(z - 0.002)  # noqa: E731
     log = held_log(law, mass=0.3, damping=0.5, friction=0.1, period=0.01, ticks=800, delay=1, start=0.01)

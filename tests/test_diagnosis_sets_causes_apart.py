@@ -188,6 +188,7 @@ def test_a_residual_that_repeats_itself_tells_less_than_its_samples():
     assert sizes["slow"] > 60
 
 
+@pytest.mark.thorough
 def test_a_toggle_that_its_force_cannot_make_felt_is_nothing_wrong():
     time = np.arange(1600) * 1e-3
     position = 3e-3 + 2.6e-6 * (np.sin(2 * np.pi * 130 * time) > 0)

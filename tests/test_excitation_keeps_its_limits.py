@@ -93,6 +93,7 @@ def test_silent_host_stops_it_within_a_second():
     assert part.made == plan.silent_ticks + 1
 
 
+@pytest.mark.thorough
 def test_stop_takes_the_force_away_at_the_next_tick():
     bench = Bench(device())
     connection = Connection(bench.link)

@@ -268,6 +268,7 @@ def test_an_address_that_holds_no_settings_says_so(page):
         until(lambda: by_id(page, "address-says").text == "")
 
 
+@pytest.mark.thorough
 def test_an_address_is_read_though_the_page_was_about_to_write_its_own(page):
     wanted = '{"a": {"values": {"environment.stiffness_n_per_m": 7000}}}'
     page.execute_script("location.hash = arguments[0]; history.replaceState(null, '', '#%7B%7D')", wanted)

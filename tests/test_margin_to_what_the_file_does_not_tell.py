@@ -69,6 +69,7 @@ def test_missed_samples_move_nobody_where_another_plant_sees_nobody_move():
     assert told(found, Robustness(dropped_share=1e-3), hands.pick(slice(8))).all()
 
 
+@pytest.mark.thorough
 def test_what_is_told_is_counted_one_difference_at_a_time():
     found = coupling()
     problem = found.problem

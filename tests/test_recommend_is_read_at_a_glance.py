@@ -58,6 +58,7 @@ def test_it_tells_the_numbers_of_its_document(answers):
     assert "proved (L7)" in rows["Stability"][1]
 
 
+@pytest.mark.thorough
 def test_it_takes_fifteen_lines_at_most_and_says_all_with_v(answers):
     text, longer, document = answers
     assert len(text.splitlines()) <= 15

@@ -105,6 +105,7 @@ def test_limit_with_the_heaviest_damper_is_searched_as_finely_as_others():
     assert growth(1.02) > 1
 
 
+@pytest.mark.thorough
 def test_engine_whose_own_contact_is_unstable_is_told_apart():
     text = "tool_mass_kg = 0.2\nstep_s = 0.002\ncontact_stiffness_n_per_m = [0.0, 5e5]\ncontact_damping_ns_per_m = 0.0"
     found = avc.recommend(problem(text), hands=HANDS)

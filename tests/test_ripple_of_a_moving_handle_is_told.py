@@ -26,6 +26,7 @@ def damper(step, period, damping, **device):
     return Coupling.constant(problem, Gains(0.0, near_rigid_n_per_m(problem.device)), "none")
 
 
+@pytest.mark.thorough
 @settings(max_examples=12)
 @given(step=st.floats(1e-5, 2e-4), period=st.sampled_from([5e-4, 1e-3, 2e-3]), damping=st.floats(0.5, 8.0))
 def test_ripple_of_a_damper_is_that_of_its_pulses(step, period, damping):

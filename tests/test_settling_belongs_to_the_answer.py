@@ -69,6 +69,7 @@ def test_it_is_the_time_that_a_simulated_device_takes(hand):
     assert t * float(np.diff(peaks).mean()) == pytest.approx(0.5 / found.frequency_hz, rel=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("limit", [8.0, 5.0])
 def test_a_wheel_is_damped_until_it_settles(limit):
     """With the least damping that is stable it swings for seven seconds."""
@@ -79,11 +80,13 @@ def test_a_wheel_is_damped_until_it_settles(limit):
     assert document["transient"]["released"]["settling_s"] < 1.0
 
 
+@pytest.mark.thorough
 def test_a_handle_that_friction_holds_short_is_told():
     document = avc.recommend(avc.parse_problem(TRIGGER), hands=10).document()
     assert document["felt"]["rest_error_m"] == pytest.approx(0.09 / 0.3, rel=0.02)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.02}, {"max_force_n": 0.0033}]
 )
@@ -105,6 +108,7 @@ def test_gains_that_are_all_nothing_are_not_deployable():
     assert avc.deployable(Coupling.constant(problem, Gains(0.0, 100.0), "static")).passed
 
 
+@pytest.mark.thorough
 def test_a_value_that_is_hardly_meant_is_told_first(capsys, tmp_path):
     file = tmp_path / "mine.toml"
     device = "mass_kg = 0.1\ndamping_ns_per_m = 0.5\nencoder_resolution_m = 0.004"

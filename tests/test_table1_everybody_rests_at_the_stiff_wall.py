@@ -50,6 +50,7 @@ def test_series_gains_give_half_of_the_wall():
     assert found["error_within_hz"]["physical"] == 0
 
 
+@pytest.mark.thorough
 def test_nothing_is_tuned_beyond_reach():
     assert tuned(PROBLEM, scheduled=False, margin_ns_per_m=300.0) is None
 

@@ -21,6 +21,7 @@ def axes_of(figure):
     return {axes.get_title(loc="left")[:3]: axes for part in figure.subfigs for axes in part.axes}
 
 
+@pytest.mark.thorough
 def test_panels_hold_the_numbers(document, tmp_path):
     figure = draw_frontier(document)
     panels = axes_of(figure)

@@ -74,6 +74,7 @@ def test_what_was_read_again_is_verified_and_not_believed(proofs):
     assert not Rest.from_document(document | {"multiplier": weak}).verified()
 
 
+@pytest.mark.thorough
 def test_a_proof_over_hands_is_stored_in_a_few_kilobytes(proofs):
     sizes = {case: len(json.dumps(whole["proof"])) for (level, case), whole in proofs.items() if level == "L5"}
     assert max(sizes.values()) < 20_000, sizes

@@ -207,6 +207,7 @@ def test_scaled_follower_keeps_its_force_limit_and_encoder():
     assert (follower.max_force_n, follower.encoder_resolution_m) == (5.0, pytest.approx(5e-5))
 
 
+@pytest.mark.thorough
 def test_soft_coupling_is_damped_beside_a_contact_that_rings_by_itself():
     """The contact's own ratio, 0.1, is the least of all, whatever damps the two devices against each other."""
     soft = recommend_bilateral(
@@ -215,6 +216,7 @@ def test_soft_coupling_is_damped_beside_a_contact_that_rings_by_itself():
     assert soft.deployable, soft.reason
 
 
+@pytest.mark.thorough
 def test_passivity_counts_the_least_damping_that_is_known():
     def margin(keys):
         text = f"{LEADER}{keys}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n"
@@ -225,6 +227,7 @@ def test_passivity_counts_the_least_damping_that_is_known():
     assert unsure.passivity_margin_ns_per_m < sure.passivity_margin_ns_per_m - 0.05
 
 
+@pytest.mark.thorough
 def test_command_answers_in_a_page_and_as_json(tmp_path, capsys):
     file = tmp_path / "arm.toml"
     file.write_text(f"{LEADER}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n")
