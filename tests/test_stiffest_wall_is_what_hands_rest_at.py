@@ -129,5 +129,6 @@ def test_a_device_that_nothing_holds_has_none():
 def test_the_device_as_it_is_is_searched_as_for_a_recommendation_and_more():
     """So that before a wall out of reach nothing stiffer is recommended, but for rounding."""
     (climbs, onwards), *beside = _stiffest._AS_IT_IS
-    assert (climbs, onwards) == (CLIMBS, ONWARDS)
+    assert {*CLIMBS} <= {*climbs}
+    assert {*ONWARDS} <= {*onwards}
     assert all(not set(others) & set(climbs) for others, _ in beside)

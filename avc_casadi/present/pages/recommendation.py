@@ -277,7 +277,7 @@ def _steps(felt: dict[str, Any], problem: Problem) -> str:
     if not noticed and loud <= _FEW_FEEL * ripple["hands"]:
         return ""
     speed, force = next(iter(ripple["force_n"].items()))
-    feel = f", felt by {loud} of {ripple['hands']}" if loud else ""
+    feel = f", noticed by {loud} of {ripple['hands']} hands" if loud else ""
     moving = f"ripple {quantity(force, unit('N'))} rms at {quantity(float(speed), unit('m/s'))}{feel}"
     return f"; an encoder step is {quantity(steps['spring'], unit('N'))}, {moving}"
 
