@@ -240,7 +240,7 @@ def test_the_stiffness_told_is_that_of_the_simulator(name):
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_the_stiffest_wall_is_where_the_simulator_says(name):
-    """Without what is not linear: at 0.9 of the limit everything dies out, at 1.1 of it not; slowly, by 1.5 1/s or so."""
+    """Without what is not linear: at 0.9 of the limit everything dies out, by 1.5 1/s or so; at 1.1 of it not."""
     limit, damping = limit_of(name)
     problem = recommended(name).problem
     deeds = [*(held(hand, 0.07) for hand in people(problem.hands, 0, 0)), leaning(3.0)]

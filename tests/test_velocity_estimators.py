@@ -10,7 +10,6 @@ from scene_cases import HAND, QUICK
 from scene_reference import scene_problem
 
 import avc_casadi as avc
-from avc_casadi._errors import InputError
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.model.effects import VelocityFilterEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains
@@ -122,14 +121,14 @@ def test_an_encoder_at_rest_moves_foaw_less_than_the_difference():
 def test_what_is_missing_or_not_its_own_is_told(keys, told):
     free = scene_problem((HAND, 'kind = "wall"')).changed(device={"max_force_n": None})
     effects = [{"kind": "wall"}, {"kind": "velocity-filter", **keys}]
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(avc.InputError) as caught:
         simulate(free.changed(scene={"effects": effects}), NO_COUPLING)
     assert told in str(caught.value)
 
 
 def test_a_coupling_between_needs_a_linear_estimator():
     effects = (HAND, 'kind = "wall"', 'kind = "encoder"', 'kind = "velocity-filter"\nestimator = "foaw"')
-    with pytest.raises(InputError, match="the deflection of a coupling is none"):
+    with pytest.raises(avc.InputError, match="the deflection of a coupling is none"):
         simulate(scene_problem(effects, motion=QUICK), Gains(10.0, 7e3))
 
 

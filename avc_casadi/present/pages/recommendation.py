@@ -82,6 +82,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         return rows
     return [
         *rows,
+        *_beyond_file(document["beyond_file"]),
         *_outside(document),
         *_force(document, problem),
         *_onset(document, problem),
@@ -224,7 +225,7 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
                 else _all(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
             )
         )
-    return [*rows, *_beyond_file(document["beyond_file"])]
+    return rows
 
 
 def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
