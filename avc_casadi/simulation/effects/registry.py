@@ -11,8 +11,10 @@ from avc_casadi.model.plant import HANDLE
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.effects.base import SceneEffect
+from avc_casadi.simulation.effects.filters import VelocityFilter
 from avc_casadi.simulation.effects.mechanics import Backlash
 from avc_casadi.simulation.effects.sensing import Delay, Jitter
+from avc_casadi.simulation.effects.virtual_tool import Engine
 
 
 def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
@@ -58,7 +60,8 @@ def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
             f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
             "samples, or jitter with rms_s = 0"
         )
-    if {"simulation", "velocity-filter"} <= {effect.kind for effect in built}:
+    filtered = any(isinstance(effect, VelocityFilter) for effect in built)
+    if filtered and any(isinstance(effect, Engine) for effect in built):
         messages.append("the engine of simulation sees plain differences; allowed: leave velocity-filter out")
     if any(isinstance(effect, Backlash) for effect in built) and any(effect.sensed_body == HANDLE for effect in built):
         messages.append("backlash and an encoder at the handle exclude each other; allowed: one of them")
