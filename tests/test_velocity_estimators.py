@@ -11,9 +11,9 @@ from scene_reference import scene_problem
 
 import avc_casadi as avc
 from avc_casadi.design.scene_coupling import simulate
-from avc_casadi.model.effects import VelocityFilterEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.velocity import VELOCITY_ESTIMATORS, Foaw, Kalman, velocity_estimator
+from avc_casadi.model.velocity_keys import VelocityFilterEffect
 
 T, STEP = 1e-3, 2e-5
 PLAIN = {
@@ -116,6 +116,7 @@ def test_an_encoder_at_rest_moves_foaw_less_than_the_difference():
         ({"estimator": "levant"}, "acceleration_m_per_s2: is missing; allowed: above 0 here, or device.max_force_n"),
         ({"estimator": "foaw"}, "band_m: is missing; allowed: above 0 here, or an encoder in the scene"),
         ({"estimator": "kalman", "acceleration_m_per_s2": 3.0}, "noise_rms_m: is missing"),
+        ({"estimator": "kalman"}, "has no acceleration_m_per_s2"),
     ],
 )
 def test_what_is_missing_or_not_its_own_is_told(keys, told):
@@ -140,7 +141,7 @@ def test_zwidth_takes_the_linear_ones_and_says_what_it_leaves_out():
     )
     plain = avc.zwidth(avc.parse_problem(text.partition("[scene]")[0], name="p"))
     for name in VELOCITY_ESTIMATORS:
-        keys = "cutoff_hz = 80.0\n" if name == "first-order" else ""
+        keys = {"first-order": "cutoff_hz = 80.0\n", "kalman": "acceleration_m_per_s2 = 5.0\n"}.get(name, "")
         region = avc.zwidth(avc.parse_problem(text.format(name) + keys, name="p"))
         linear = name in {"first-order", "kalman"}
         same = np.array_equal(region.curves[-1].stiffness_n_per_m, plain.curves[-1].stiffness_n_per_m, equal_nan=True)

@@ -23,10 +23,10 @@ from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
-from avc_casadi.model.effects import VelocityFilterEffect
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.velocity import PLAIN, Poles, velocity_estimator
+from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 

@@ -4,12 +4,9 @@ A new effect has its keys in its own file. A value that is None is taken from th
 when the scene is built.
 """
 
-from typing import Annotated, Any, Literal, Self
-
-from pydantic import BeforeValidator, model_validator
+from typing import Any, Literal
 
 from avc_casadi.model.quantity import (
-    Acceleration,
     Damping,
     DampingRatio,
     DelaySamples,
@@ -33,12 +30,7 @@ from avc_casadi.model.quantity import (
     Table,
     Threshold,
     Wait,
-    Window,
-    one_of,
-    refusal,
-    shown,
 )
-from avc_casadi.model.velocity import VELOCITY_ESTIMATORS
 
 
 class EffectTable(Table):
@@ -227,58 +219,6 @@ class NoiseEffect(EffectTable):
     kind: Literal["noise"] = "noise"
     rms_m: Length | None = None
     seed: Seed = 0
-
-
-class _Estimators:
-    """Validator of the name of a velocity estimator."""
-
-    choices = tuple(VELOCITY_ESTIMATORS)
-
-    def __call__(self, value: Any) -> str:
-        """Return the name, or refuse it."""
-        if value not in self.choices:
-            raise refusal(f"is {shown(value)}; allowed: {one_of(self.choices, value)}")
-        return str(value)
-
-
-class VelocityFilterEffect(EffectTable):
-    """Estimator of the velocity in place of the backward difference; each has its own keys.
-
-    Attributes:
-        estimator: which; foaw and levant, and what gives the position, need the wall rendered directly.
-        cutoff_hz: first-order: where it has 3 dB less; must be there.
-        band_m: foaw: how far samples may lie from the line; None: a step of the encoder.
-        window_samples: foaw: intervals of the longest window; None: 15.
-        fit: foaw: slope by least squares or through the ends; None: best.
-        acceleration_m_per_s2: levant: its bound; kalman: its rms; None: force limit over the device's mass.
-        noise_rms_m: kalman: of the measured position; None: a step of the encoder over sqrt(12), and the noise.
-        discretisation: levant: Euler's implicit or explicit step; None: implicit.
-        position: kalman, levant: whether the spring acts on the measured position or theirs; None: measured.
-    """
-
-    kind: Literal["velocity-filter"] = "velocity-filter"
-    estimator: Annotated[str, BeforeValidator(_Estimators())] = "first-order"
-    cutoff_hz: Hertz | None = None
-    band_m: Length | None = None
-    window_samples: Window | None = None
-    fit: Literal["best", "end"] | None = None
-    acceleration_m_per_s2: Acceleration | None = None
-    noise_rms_m: Length | None = None
-    discretisation: Literal["implicit", "explicit"] | None = None
-    position: Literal["measured", "estimated"] | None = None
-
-    @model_validator(mode="after")
-    def _keys_of_its_own(self) -> Self:
-        """Refuse keys of other estimators, which would be ignored, and missing ones."""
-        one = VELOCITY_ESTIMATORS[self.estimator]
-        told = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
-        for key in told:
-            if key not in one.keys:
-                raise refusal(f'has {key}, no key of estimator "{self.estimator}"; allowed: {", ".join(one.keys)}')
-        for key in one.required:
-            if key not in told:
-                raise refusal(f'has no {key}; allowed: with it, which estimator "{self.estimator}" needs')
-        return self
 
 
 class NotchEffect(EffectTable):

@@ -32,10 +32,11 @@ import avc_casadi as avc
 import avc_hardware
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.tuning import tuned
-from avc_casadi.model.effects import NotchEffect, VelocityFilterEffect
+from avc_casadi.model.effects import NotchEffect
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_casadi.simulation.judge import Judgement
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_subjects

@@ -25,10 +25,10 @@ import avc_casadi as avc
 from avc_casadi.claims.stability.boundary_curves import stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared_effects
-from avc_casadi.model.effects import VelocityFilterEffect
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, hand_set
 from avc_casadi.model.velocity import PLAIN, velocity_estimator
+from avc_casadi.model.velocity_keys import VelocityFilterEffect
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "velocity_estimators.json"

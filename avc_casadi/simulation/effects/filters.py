@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.model.effects import CompensatorEffect, EffectTable, NotchEffect, VelocityFilterEffect
+from avc_casadi.model.effects import CompensatorEffect, EffectTable, NotchEffect
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.velocity import VelocityEstimator, velocity_estimator
+from avc_casadi.model.velocity import PLAIN, RunningEstimator, VelocityEstimator, velocity_estimator
+from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.tick import Tick
 
@@ -145,12 +146,13 @@ class VelocityFilter(SceneEffect):
 
     def sample(self, tick: Tick) -> None:
         """Set the poles, or estimate the velocity of the measured position."""
-        if self.estimator.poles is not None:
-            tick.poles = self.estimator.poles
+        one = self.estimator
+        if one.poles is not None or not isinstance(one, RunningEstimator):
+            tick.poles = one.poles or PLAIN
             return
-        names = self.estimator.initial(tick.start_m)
+        names = one.initial(tick.start_m)
         state = {name: tick.state(f"estimated_{name}", value) for name, value in names.items()}
-        following, tick.velocity, tick.position = self.estimator.step(tick.position, state)
+        following, tick.velocity, tick.position = one.step(tick.position, state)
         for name, value in following.items():
             tick.follow(f"estimated_{name}", value)
         tick.trace("estimated_m_per_s", tick.velocity)
