@@ -227,6 +227,8 @@ def judged_as_recommended(
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_let_go(extreme))
+    beyond = margins(found, limit, seed)
+    lacks = missed(beyond, by_friction=False)
     return Recommendation(
         problem=problem,
         coupling=found.with_trial(tried.document()),
@@ -234,15 +236,15 @@ def judged_as_recommended(
         confirmed=None,
         beside=_beside(found, hands, seed),
         off_file=off_file(found, seed),
-        beyond_file=margins(found, limit, seed),
-        deployable=verdict.passed,
+        beyond_file=beyond,
+        deployable=verdict.passed and not lacks,
         rest=rest,
         stiffest_wall_n_per_m=limit.stiffness_n_per_m,
         plain_wall_n_per_m=limit.stiffness_n_per_m,
         with_friction_n_per_m=None,
         helps=what_would_help(problem, extreme),
         considered=1,
-        reason=f"the gains of {gains.method}, as asked for; {verdict.sentence}",
+        reason=f"the gains of {gains.method}, as asked for; {lacks or verdict.sentence}",
         assumed=assumed(problem, found),
         not_used=not_used(problem),
     )

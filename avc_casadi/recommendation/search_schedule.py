@@ -42,7 +42,7 @@ CLIMBS, ONWARDS = range(2), range(0)
 """Continuations, by their numbers, and those that go on from what is held.
 
 Of seven devices drawn at random a third continuation and two onwards brought none nearer to the wall, for half as much
-time again; one continuation left three farther from it.
+time again, though two of them stiffer at rest, by an eighth; one continuation left three farther from it.
 """
 # Of the walls of a continuation the next that is asked about is so much softer.
 _LESS = 0.96
