@@ -247,3 +247,21 @@ def test_a_mistyped_key_is_told_with_the_nearest_of_a_turn(tmp_path, capsys):
         (line,) = (line for line in said.splitlines() if f"{key}:" in line)
         assert line.endswith(f"; did you mean {nearest}?"), line
     assert "detent.pitch_rad: is missing; allowed: 1e-6 to 10 rad, or per_turn" in said
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value", "inner"),
+    [
+        ("noise", "rms_rad", 1e-4, "rms_m"),
+        ("encoder", "resolution_rad", 1e-3, "resolution_m"),
+        ("backlash", "gap_rad", 2e-3, "gap_m"),
+        ("viscous-friction", "damping_nms_per_rad", 1e-3, "damping_ns_per_m"),
+    ],
+)
+def test_keys_of_effects_are_those_of_the_turn(kind, key, value, inner):
+    text = KNOB + f'[[scene.effects]]\nkind = "hand"\n[[scene.effects]]\nkind = "{kind}"\n{key} = {value}\n'
+    problem = avc.parse_problem(text, name="knob")
+    assert getattr(problem.scene.effects[1], inner) == value
+    written = avc.dump_problem(problem)
+    assert f"{key} = " in written
+    assert avc.parse_problem(written, name="knob") == problem

@@ -15,6 +15,7 @@ from typing import Any
 
 from avc_casadi._util.units import LINEAR, ROTARY, Units, units_for
 from avc_casadi.model.quantity import shown
+from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rules import BELONGS_IN, UNKNOWN, Path
 
 _Finding = tuple[Path, str]
@@ -73,6 +74,13 @@ def _unknown(path: Path, message: str) -> str:
 @lru_cache(maxsize=1)
 def _known() -> frozenset[str]:
     """Keys whose name changes with the motion, as they are called inside."""
+    of_effects = {key for effect in EFFECTS.values() for key in effect.keys.model_fields}
+    return _of_tables() | {key for key in of_effects if ROTARY.key(key) != key}
+
+
+@lru_cache(maxsize=1)
+def _of_tables() -> frozenset[str]:
+    """Those of the tables of a problem; effects bring their own, which files of 0.2 name as a linear device does."""
     from avc_casadi.model.problem import Problem  # noqa: PLC0415 - stands on this file
 
     def keys(schema: Any) -> Iterator[str]:
@@ -115,7 +123,7 @@ def inner_table(table: Any, units: Units, path: Path, findings: list[_Finding], 
             if capstan:
                 message = f"is a key of what turns; allowed: {name}, as all but [device] is linear beside {CAPSTAN}"
             findings.append((place, message))
-        elif not units.linear and key in _known():
+        elif not units.linear and key in _of_tables():
             message = f'is a key of a linear device; allowed: {ROTARY.key(key)}, as device.motion is "rotary"'
             findings.append((place, message))
             if ROTARY.key(key) in table:
