@@ -7,7 +7,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import cache, partial
 from multiprocessing import active_children, current_process, get_context, parent_process
 from multiprocessing.process import BaseProcess
@@ -171,18 +170,6 @@ def _end_after_parent() -> None:
 
 
 T = TypeVar("T")
-
-
-@contextmanager
-def meanwhile(work: Callable[[T], R], task: T) -> Iterator[Callable[[], R]]:
-    """Do a task in a process beside what the block does; what is given waits for the result.
-
-    Args:
-        work: function of a module.
-        task: what to call it with.
-    """
-    with Processes(1) as executor:
-        yield executor.submit(work, task).result
 
 
 def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R]]:

@@ -63,11 +63,11 @@ def _worked_through(
 ) -> Answer:
     """Do all of it, with files in one folder, told as files of another."""
     from avc_casadi._util.json_values import json_text
-    from avc_casadi._util.parallel import meanwhile
+    from avc_casadi._util.parallel import Processes
     from avc_casadi.design.comparison.comparison import with_delivered
     from avc_casadi.design.comparison.document import comparison_document
     from avc_casadi.files.coupling_file import coupling_document
-    from avc_casadi.files.gain_file import gain_csv, gain_document
+    from avc_casadi.files.gain_file import gain_document
     from avc_casadi.present.pages.run import run_page
     from avc_casadi.present.report.page import ReportContents, report_html
     from avc_casadi.present.report.summary import summarise, summary_lines
@@ -78,27 +78,25 @@ def _worked_through(
         with console.step(f"direct, scope {comparison.scope}"):
             comparison = with_delivered(comparison, problem, avc.solve(problem, progress=console))
     gains = comparison.methods[comparison.delivered]
-    with meanwhile(_drawn, (comparison, problem.units)) as drawn:
+    with Processes(1) as helper:
+        drawn = helper.submit(_drawn, (comparison, problem.units))
         with console.step("certificate"):
             certificate = avc.certify(problem, gains, progress=console).document()
         with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
             deployment = (
                 _recommended(problem, console) if args.method is None else _by_method(problem, args.method, console)
             )
+        coupling: Coupling | None = deployment.pop("of")
+        also_drawn = helper.submit(_deployed, (deployment, coupling, problem.units))
         with console.step("figures"):
-            figures = _written(drawn(), folder)
+            figures = _written(drawn.result(), folder)
+        with console.step("device"):
+            push = push_or_say(coupling, unsafe=args.unsafe)
+            deployed = _written(also_drawn.result(), folder)
     compare = comparison_document(comparison)
-    files = {
-        "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
-        "gains.csv": gain_csv(gains),
-        "compare.json": json_text(compare),
-    }
-    coupling: Coupling | None = deployment.pop("of")
+    files = _tables(gains, certificate, compare)
     if coupling is not None:
         files["coupling.json"] = json_text(coupling_document(coupling))
-    with meanwhile(_deployed, (deployment, coupling, problem.units)) as drawn, console.step("device"):
-        push = push_or_say(coupling, unsafe=args.unsafe)
-        deployed = _written(drawn(), folder)
     summary = summarise(problem, comparison, gains, certificate, push)
     conclusion = [*conclusion_lines(deployment), *([push["unsafe"]] if push.get("unsafe") else [])]
     contents = ReportContents(
@@ -114,21 +112,37 @@ def _worked_through(
     text = run_page(document, problem, console.page, args.problem, where)
     more = "\n".join([titled(problem.name, problem.title), *conclusion, *summary_lines(summary)[1:]])
     scoped = comparison.delivered != comparison.optimum
-    complaints = [without_gains(gain_document(gains)) if scoped else infeasible(compare)]
+    by_frequency = without_gains(gain_document(gains)) if scoped else infeasible(compare)
+    complaint = "\n".join(filter(None, [by_frequency, _refused(problem.name, deployment, coupling, push)]))
+    return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
+
+
+def _refused(name: str, deployment: dict[str, Any], coupling: Coupling | None, push: dict[str, Any]) -> str:
+    """Say why nothing runs on the device; empty where it does."""
     if not deployment["deployable"] and not push.get("unsafe"):
         what = "no coupling is deployable" if coupling is None else "not deployable, push refused"
-        complaints.append(f"avc: {problem.name}: {what}")
-    elif "refused" in push:
-        complaints.append(f"avc: {problem.name}: push refused")
-    complaint = "\n".join(filter(None, complaints))
-    return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
+        return f"avc: {name}: {what}"
+    return f"avc: {name}: push refused" if "refused" in push else ""
+
+
+def _tables(gains: avc.GainSchedule, certificate: dict[str, Any], compare: dict[str, Any]) -> dict[str, str]:
+    """Return the files of the gains by frequency."""
+    from avc_casadi._util.json_values import json_text
+    from avc_casadi.files.gain_file import gain_csv, gain_document
+
+    return {
+        "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
+        "gains.csv": gain_csv(gains),
+        "compare.json": json_text(compare),
+    }
 
 
 def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:
     """Return the `recommend` document, and the coupling itself as ``of``."""
+    from avc_casadi._util.parallel import processors
     from avc_casadi.recommendation.recommend import recommend
 
-    found = recommend(problem, versions=package_versions(), progress=console)
+    found = recommend(problem, versions=package_versions(), workers=min(2, processors()), progress=console)
     return recommend_document(found) | {"of": found.coupling}
 
 

@@ -12,7 +12,8 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 _KEPT = 1024
 # To begin a thread takes as long as some runs do.
 _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
+_COMPILING = ThreadPoolExecutor(processors(), thread_name_prefix="compile")
 LANES = 16
 """Runs side by side."""
 # Nothing fused; no errno, for which a root would leave its lanes. -O2 compiles half as long again and is no faster.
@@ -180,7 +182,7 @@ class NativeScene:
 
     def __init__(self, scene: CompiledScene) -> None:
         self._traces = int(scene.function.numel_out(1))
-        self._run = _compiled(scene.function, len(scene.speeds)).avc_run
+        self._run = _compiled(scene.function, len(scene.speeds)).result().avc_run
         self._run.restype = ctypes.c_int
         self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
 
@@ -263,10 +265,20 @@ def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
             other.result()
 
 
+def compile_ahead(scene: CompiledScene) -> None:
+    """Begin to compile a scene that is run later, beside what is done until then.
+
+    Args:
+        scene: the compiled scene; one that has no form in lanes is told when it is run.
+    """
+    with suppress(LookupError):
+        _compiled(scene.function, len(scene.speeds))
+
+
 @lru_cache(maxsize=_KEPT)
-def _compiled(function: Any, speeds: int) -> ctypes.CDLL:
-    """Return the loop of a sample, once for each: the text of its C takes as long as some runs."""
-    return library(_code(function, speeds))
+def _compiled(function: Any, speeds: int) -> Future[ctypes.CDLL]:
+    """Begin to compile the loop of a sample, once for each: the text of its C takes as long as some runs."""
+    return _begun(_code(function, speeds), compiler())
 
 
 @lru_cache(maxsize=1)
@@ -330,17 +342,24 @@ def library(source: str) -> ctypes.CDLL:
         FileNotFoundError: there is no compiler.
         CalledProcessError: it refuses.
     """
-    try:
-        return _library(source, (*_FLAGS, _VECTORS))
-    except subprocess.CalledProcessError:
-        return _library(source, _FLAGS)
+    return _begun(source, compiler()).result()
 
 
-@lru_cache(maxsize=64)
-def _library(source: str, flags: tuple[str, ...]) -> ctypes.CDLL:
-    found = compiler()
+@lru_cache(maxsize=_KEPT)
+def _begun(source: str, found: str | None) -> Future[ctypes.CDLL]:
+    return _COMPILING.submit(_library, source, found)
+
+
+def _library(source: str, found: str | None) -> ctypes.CDLL:
     if found is None:
         raise FileNotFoundError("no C compiler: neither $CC nor cc is there")
+    try:
+        return _built(found, source, (*_FLAGS, _VECTORS))
+    except subprocess.CalledProcessError:
+        return _built(found, source, _FLAGS)
+
+
+def _built(found: str, source: str, flags: tuple[str, ...]) -> ctypes.CDLL:
     folder = Path(tempfile.mkdtemp(prefix="avc-scene-"))
     try:
         code, shared = folder / "sample.c", folder / "sample.so"

@@ -9,7 +9,6 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi.claims.stability.declared_device import whole_stability
@@ -88,6 +87,8 @@ def _kept(table: _Table) -> Any:
 
 def _spline(axes: list[FloatArray], values: FloatArray) -> Any:
     """Return CasADi's interpolating cubic spline; its coefficients come one axis after another, 300 times as fast."""
+    from scipy.interpolate import make_interp_spline  # noqa: PLC0415 - half a second that few designs need
+
     knots, coefficients = [], values
     for place, axis in enumerate(axes):
         along = make_interp_spline(axis, np.moveaxis(coefficients, place, 0), k=_DEGREE)

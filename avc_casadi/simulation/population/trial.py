@@ -30,7 +30,7 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.gains import Gains
 from avc_casadi.simulation.execute import Engine, execute, execute_to_speed
 from avc_casadi.simulation.judge import Judgement, judge
-from avc_casadi.simulation.native import compiler
+from avc_casadi.simulation.native import compile_ahead, compiler
 from avc_casadi.simulation.population.motions import Watched, felt_vibration, motions_at
 from avc_casadi.simulation.population.prepared import prepared, with_law
 
@@ -314,6 +314,9 @@ class Ends:
             prepared(problem, gains, subjects, motion, conditions, duration_s)
             for (motion, duration_s), conditions in motions
         ]
+        if engine_for(self.people) == "native":
+            for compiled, *_ in self._scenes:
+                compile_ahead(compiled)
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
         """Return the largest speed as of `execute_to_speed` in the motions asked about, shape (laws, people)."""
