@@ -274,7 +274,7 @@ class GainTable(Tabular):
     def constant(self) -> bool:
         """Whether the gains are the same at every frequency, so that nothing needs to follow it."""
         gains = self.rows[:, 1:]
-        return bool(np.all(np.abs(gains - gains[0]) <= _SAME * np.abs(gains).max(axis=0)))
+        return len(gains) == 1 or bool(np.all(np.abs(gains - gains[0]) <= _SAME * np.abs(gains).max(axis=0)))
 
     @property
     def rest_hz(self) -> float:

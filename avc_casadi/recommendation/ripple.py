@@ -15,6 +15,7 @@ from avc_casadi.simulation.population.trial import Conditions, traces
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_casadi.model.effects import Effect
 
 SPEEDS_M_PER_S = (0.02, 0.05)
 """Slow motions of a hand: at a higher speed the steps of the encoder follow each other faster, and less is felt."""
@@ -53,7 +54,7 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     problem = coupling.problem
     radius = problem.device.metres_per_unit
     speeds = [speed / radius for speed in SPEEDS_M_PER_S]
-    found = {f"{speed:g}": _of_steady_motion(coupling, speed) for speed in speeds}
+    found = {f"{speed:g}": ripple_n(coupling, speed) for speed in speeds}
     people = people_of(problem.hands, _HANDS, seed)
     gains: Any = coupling.table.at_rest if coupling.table.constant else coupling.table
     slowest = speeds[0]
@@ -62,8 +63,14 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     return Ripple(found, len(people), int((np.concatenate(felt) < QUIET).sum()))
 
 
-def _of_steady_motion(coupling: Coupling, speed_per_s: float) -> float:
-    """Return the rms of what the encoder adds to the force; at one speed alone its steps may fall on the samples."""
+def ripple_n(coupling: Coupling, speed_per_s: float, effects: tuple[Effect, ...] = ()) -> float:
+    """Return the rms of what the encoder adds to the force on a handle that is led in the wall.
+
+    Args:
+        coupling: what runs.
+        speed_per_s: of the device, about which it varies: at one speed alone steps may fall on the samples.
+        effects: what runs beside it.
+    """
     device = coupling.problem.device
     if device.encoder_resolution_m == 0:
         return 0.0
@@ -71,6 +78,6 @@ def _of_steady_motion(coupling: Coupling, speed_per_s: float) -> float:
     time = period * np.arange(round(_LED_S / period) + 1)
     goes = speed_per_s * time * (1 + _FASTER * (time / (2 * _LED_S) - 0.5))
     last = slice(-max(8, round(_COUNTS_S / period)), None)
-    added = led(coupling, goes)[1][last] - led(coupling, goes, exact=True)[1][last]
+    added = led(coupling, goes, effects)[1][last] - led(coupling, goes, effects, exact=True)[1][last]
     line = np.polynomial.Polynomial.fit(time[:-1][last], added, 1)
     return float(np.std(added - line(time[:-1][last])))

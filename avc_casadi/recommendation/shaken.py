@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from avc_casadi._util.arrays import ComplexArray, FloatArray
     from avc_casadi.coupling import Coupling
+    from avc_casadi.model.effects import Effect
+    from avc_casadi.model.problem import Problem
 
 TOLD_HZ = (1.0, 10.0, 50.0)
 """Frequencies at which a coupling's error is told."""
@@ -75,7 +77,14 @@ class Shaken:
         return {f"{hz:g}": float(one) for hz, one in zip(self.frequency_hz, self.stiffness_n_per_m, strict=True)}
 
 
-def shaken(coupling: Coupling, felt_n_per_m: float, frequency_hz: Sequence[float] | FloatArray = TOLD_HZ) -> Shaken:
+def shaken(
+    coupling: Coupling,
+    felt_n_per_m: float,
+    frequency_hz: Sequence[float] | FloatArray = TOLD_HZ,
+    *,
+    effects: tuple[Effect, ...] = (),
+    wanted: Problem | None = None,
+) -> Shaken:
     """Shake the handle of a coupling's device in its wall.
 
     The force at the frequency of the motion counts (a describing function: Gelb and Vander Velde 1968); dry friction,
@@ -85,6 +94,8 @@ def shaken(coupling: Coupling, felt_n_per_m: float, frequency_hz: Sequence[float
         coupling: gains, or a table, which then follows the motion; with what runs beside it.
         felt_n_per_m: stiffness at rest.
         frequency_hz: where; those above a quarter of the sample rate are left out, and that is taken if none is left.
+        effects: what runs beside it in the scene.
+        wanted: with the wall that should be felt; None is that of the coupling.
     """
     device = coupling.problem.device
     quarter_hz = 0.25 / device.sample_time_s
@@ -92,13 +103,17 @@ def shaken(coupling: Coupling, felt_n_per_m: float, frequency_hz: Sequence[float
     press_n = PRESS_N * device.metres_per_unit
     mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2
     depth = mean_n / felt_n_per_m if felt_n_per_m > 0 else _DEPTH_M / device.metres_per_unit
-    force = force_over_position(coupling, depth, _SHARE * depth, heard)
-    found = of_force(coupling.problem, force, heard)
+    force = force_over_position(coupling, depth, _SHARE * depth, heard, effects)
+    found = of_force(wanted or coupling.problem, force, heard)
     return Shaken(depth, _SHARE * depth, heard, **vars(found))
 
 
 def force_over_position(
-    coupling: Coupling, depth_m: float, amplitude_m: float, frequency_hz: FloatArray
+    coupling: Coupling,
+    depth_m: float,
+    amplitude_m: float,
+    frequency_hz: FloatArray,
+    effects: tuple[Effect, ...] = (),
 ) -> ComplexArray:
     """Lead the measured position along sines and return the force asked for over it, N/m, shape (n,).
 
@@ -107,6 +122,7 @@ def force_over_position(
         depth_m: mean depth.
         amplitude_m: of the sine.
         frequency_hz: of the sines, shape (n,).
+        effects: as for `shaken`.
     """
     period = coupling.problem.device.sample_time_s
     time = period * np.arange(round(_END_S / period) + 1)
@@ -115,20 +131,26 @@ def force_over_position(
     found = []
     for hz in frequency_hz:
         goes = ramp + amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - _RAMP_S, 0.0))
-        position, force = (part[last] for part in led(coupling, goes, float(np.max(frequency_hz))))
+        position, force = (part[last] for part in led(coupling, goes, effects, float(np.max(frequency_hz))))
         wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(position))
         found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
     return np.array(found)
 
 
 def led(
-    coupling: Coupling, position_m: FloatArray, fastest_hz: float = 0.0, *, exact: bool = False
+    coupling: Coupling,
+    position_m: FloatArray,
+    effects: tuple[Effect, ...] = (),
+    fastest_hz: float = 0.0,
+    *,
+    exact: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Lead the measured position as no force of the device can prevent; what stands behind the command is ideal.
 
     Args:
         coupling: as for `shaken`.
         position_m: where it goes, at each sample and at the end, shape (samples + 1,).
+        effects: as for `shaken`.
         fastest_hz: that is in it.
         exact: whether the position is read without the steps of the encoder.
 
@@ -137,7 +159,7 @@ def led(
     """
     device = coupling.problem.device
     read = {"encoder_resolution_m": 0.0} if exact else {}
-    met, conditions = on_device(coupling, device.model_copy(update=_IDEAL | read))
+    met, conditions = on_device(coupling, device.model_copy(update=_IDEAL | read), effects)
     conditions = replace(conditions, guarded=False, steps_anywhere=False)
     fast = 2 * math.pi * max(_FASTER * fastest_hz, _LEAST_HZ)
     mass = _HEAVY * (device.mass_kg + coupling.problem.hands.mass_kg[1])

@@ -1,0 +1,204 @@
+"""What other laws render on the same device to the same hands: velocity estimators, passivity controllers.
+
+A wall F = K x + B v is rendered directly, with the velocity of each estimator (`VELOCITY_ESTIMATORS`), with the time
+domain passivity controller (Hannaford and Ryu 2002), and through the coupling of the method static, which Llewellyn's
+criterion holds (Adams and Hannaford 1999). All are simulated with what the device declares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._errors import AvcError
+from avc_casadi._util.parallel import Crew
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.stability.stiffest_wall import damping_range
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.methods import solve
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable, near_rigid_n_per_m
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.runtime import GUARD_METHODS, Runtime
+from avc_casadi.model.velocity import VELOCITY_ESTIMATORS
+from avc_casadi.model.velocity_keys import VelocityFilterEffect
+from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.ripple import ripple_n
+from avc_casadi.recommendation.shaken import shaken
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.settled import unrest
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.effects import Effect
+    from avc_casadi.model.problem import Problem
+
+DIFFERENCE, GUARDED, PASSIVE = "backward difference", "passivity controller", "static"
+"""Laws beside the velocity estimators."""
+# Cut-offs of the low pass over the sample rate, and accelerations of a hand, m/s2, for those that want one.
+_CUTOFFS, _ACCELERATIONS_M_PER_S2 = (0.03, 0.1, 0.3), (10.0, 100.0)
+# Damping of a wall in the interval that is linearly stable with the backward difference.
+_SHARES = (0.5, 0.1, 0.02)
+# A wall is halved until one is held, then the way back halved.
+_SOFTER, _BACK = 8, 2
+# So many hands, the corners of [hands], search; the speed of the ripple that is told.
+_SEARCH, _SLOWLY_M_PER_S = 32, 0.02
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A law of others at the stiffest wall with which all hands settle in every motion without dry friction.
+
+    Attributes:
+        law: a velocity estimator, `DIFFERENCE`, `GUARDED` or `PASSIVE`.
+        settings: keys of the estimator, those of several with which the stiffest wall is held.
+        stiffness_n_per_m: static, of that wall; 0 where none is held.
+        damping_ns_per_m: of that wall, or of the coupling.
+        error: |Z_h - Z|/|Z| before the wall that is wanted, by frequency; without the controller of `GUARDED`, which
+            acts on a handle that is not led.
+        ripple_n: rms of the force on a handle that moves at 20 mm/s.
+        settled: how many of the hands settle with that wall.
+        settled_at_wall: how many settle with the wall that is wanted, with the best of the same dampings.
+        hands: how many tried.
+    """
+
+    law: str
+    settings: dict[str, Any]
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+    error: dict[str, float]
+    ripple_n: float | None
+    settled: int
+    settled_at_wall: int
+    hands: int
+
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        return asdict(self)
+
+
+def baselines(
+    problem: Problem, hands: int = 100, seed: int = 0, *, workers: int = 1, progress: Progress = SILENT
+) -> list[Baseline]:
+    """Search the stiffest wall that each law of others holds, on one device and before one wall.
+
+    Args:
+        problem: device, wall and hands; no [simulation] and no [follower].
+        hands: how many try it; the corners of [hands] search.
+        seed: of their draw.
+        workers: processes, as for `recommend`.
+        progress: told of the laws.
+    """
+    tasks: list[Callable[[], Baseline | None]] = [partial(_passive, problem, hands, seed)]
+    laws = [*_estimators(problem.device), (GUARDED, None)]
+    tasks += [partial(_stiffest, problem, law, table, hands, seed) for law, table in laws]
+    found: dict[str, Baseline] = {}
+    with Crew(workers) as crew:
+        for done, one in enumerate(crew.each(tasks), 1):
+            if one is not None:
+                before = found.get(one.law)
+                if before is None or one.stiffness_n_per_m > before.stiffness_n_per_m:
+                    found[one.law] = one
+            progress.advance(done, len(tasks), "laws")
+    order = [DIFFERENCE, *VELOCITY_ESTIMATORS, GUARDED, PASSIVE]
+    return sorted(found.values(), key=lambda one: order.index(one.law))
+
+
+def _stiffest(problem: Problem, law: str, table: VelocityFilterEffect | None, hands: int, seed: int) -> Baseline:
+    return _Law(problem, law, table, hands, seed).stiffest()
+
+
+def _estimators(device: Device) -> Iterator[tuple[str, VelocityFilterEffect | None]]:
+    yield DIFFERENCE, None
+    for cutoff in _CUTOFFS:
+        yield "first-order", VelocityFilterEffect(cutoff_hz=cutoff / device.sample_time_s)
+    # The others reckon with the steps of an encoder, told here so that a handle without steps meets the same ones.
+    step = device.encoder_resolution_m
+    own: dict[str, Any] = {"noise_rms_m": step / math.sqrt(12), "band_m": step}
+    for name, estimator in VELOCITY_ESTIMATORS.items() if step > 0 else ():
+        fixed: dict[str, Any] = {key: own[key] for key in own if key in estimator.keys}
+        if "acceleration_m_per_s2" in estimator.keys:
+            for acceleration in _ACCELERATIONS_M_PER_S2:
+                rate = acceleration / device.metres_per_unit
+                yield name, VelocityFilterEffect(estimator=name, acceleration_m_per_s2=rate, **fixed)
+        elif not estimator.required:
+            yield name, VelocityFilterEffect(estimator=name, **fixed)
+
+
+class _Law:
+    """A law that renders walls directly, and those who try it."""
+
+    def __init__(self, problem: Problem, law: str, table: VelocityFilterEffect | None, hands: int, seed: int) -> None:
+        self._problem, self._law, self._hands = problem, law, hands
+        self._effects: tuple[Effect, ...] = () if table is None else (table,)
+        self._runtime = Runtime(guard=GUARD_METHODS[0]) if law == GUARDED else Runtime()
+        self._settings = {} if table is None else table.model_dump(exclude_none=True, exclude={"kind", "estimator"})
+        self._people = people_of(problem.hands, hands, seed)
+        self._first = people_of(problem.hands, min(_SEARCH, hands), seed)
+        self._extreme = with_let_go(hand_corners(problem.hands))
+
+    def stiffest(self) -> Baseline:
+        """Halve the wall until one is held, then the way back."""
+        wall = self._problem.environment.stiffness_n_per_m
+        low, high, held = wall, math.inf, self._held(wall)
+        for _ in range(_SOFTER):
+            if held is not None:
+                break
+            low, high = low / 2, low
+            held = self._held(low)
+        if held is not None and high < math.inf:
+            for _ in range(_BACK):
+                middle = math.sqrt(low * high)
+                better = self._held(middle)
+                low, high, held = (low, middle, held) if better is None else (middle, high, better)
+        at_wall = max(self._settled(one, len(self._people)) for one in self._walls(wall))
+        if held is None:
+            return Baseline(self._law, self._settings, 0.0, 0.0, {}, None, 0, at_wall, self._hands)
+        error = shaken(held, low, effects=self._effects, wanted=self._problem).errors()
+        noise = ripple_n(held, _SLOWLY_M_PER_S / self._problem.device.metres_per_unit, self._effects)
+        settled = self._settled(held, len(self._people))
+        damping = held.table.at_rest.contact_damping_ns_per_m
+        return Baseline(self._law, self._settings, low, damping, error, noise, settled, at_wall, self._hands)
+
+    def _held(self, stiffness_n_per_m: float) -> Coupling | None:
+        """Return a wall of some stiffness with which those who search settle, the least damped of those that do."""
+        walls = self._walls(stiffness_n_per_m)
+        return next((one for one in walls if self._settled(one, len(self._first)) == len(self._first)), None)
+
+    def _walls(self, stiffness_n_per_m: float) -> list[Coupling]:
+        """Return a wall with some dampings, the least damped first; with its own where the difference holds none."""
+        device = self._problem.device
+        stable = damping_range(device, self._extreme, stiffness_n_per_m)
+        low, high = stable.lowest_ns_per_m, stable.highest_ns_per_m
+        dampings = {self._problem.environment.damping_ns_per_m}
+        dampings |= set() if math.isnan(low) else {low + share * (high - low) for share in _SHARES}
+        wall = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": stiffness_n_per_m}
+        softer, rigid = self._problem.changed(environment=wall), near_rigid_n_per_m(device)
+        found: list[Coupling] = []
+        for damping in sorted(dampings):
+            # Nothing that has a deflection stands before the wall, and its damper is a number of the scene.
+            table = GainTable.constant_gains(replace(NO_COUPLING, contact_damping_ns_per_m=damping))
+            gains = Gains(0.0, rigid, damping)
+            found.append(replace(Coupling.constant(softer, gains, "none", self._runtime), table=table))
+        return found
+
+    def _settled(self, wall: Coupling, count: int) -> int:
+        people = self._people if count == len(self._people) else self._first
+        return int((unrest([wall], people, friction=False, beyond=True, effects=self._effects)[0] < 1).sum())
+
+
+def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
+    """Return the static coupling; None where the method has none."""
+    try:
+        coupling = Coupling.of(problem, solve(problem, "static"))
+    except AvcError:
+        return None
+    rendered = felt_at_rest_n_per_m(coupling)
+    people = people_of(problem.hands, hands, seed)
+    settled = int((unrest([coupling], people, friction=False, beyond=True)[0] < 1).sum())
+    error = shaken(coupling, rendered).errors()
+    noise = ripple_n(coupling, _SLOWLY_M_PER_S / problem.device.metres_per_unit)
+    damping = coupling.table.at_rest.damping_ns_per_m
+    return Baseline(PASSIVE, {}, rendered, damping, error, noise, settled, settled, len(people))
