@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.packages import arm_gains_c as arm_gains_c
     from avc_hardware.codegen.teleoperator_export import export_teleoperator_c as export_teleoperator_c
     from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
+    from avc_hardware.codegen.velocity_export import export_velocity_c as export_velocity_c
     from avc_hardware.emulator.bench import BenchDevice as BenchDevice
     from avc_hardware.emulator.bench import Wiring as Wiring
     from avc_hardware.emulator.board import EmulatedBoard as EmulatedBoard
@@ -77,6 +78,7 @@ else:
         "codegen.packages": ("arm_gains_c",),
         "codegen.teleoperator_export": ("export_teleoperator_c",),
         "codegen.tool_export": ("export_tool_c",),
+        "codegen.velocity_export": ("export_velocity_c",),
         "emulator.bench": ("BenchDevice", "Wiring"),
         "emulator.board": ("EmulatedBoard",),
         "in_the_loop": ("FirmwareInTheLoop", "LoopResult", "LoopTrace", "tried_in_the_loop"),

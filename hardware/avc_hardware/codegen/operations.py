@@ -104,6 +104,9 @@ def operations(ca: Any, precision: Precision) -> dict[int, Operation]:
         ca.OP_INV: arithmetic("{one} / {0}", lambda a: np.float32(1) / a),
         ca.OP_SQ: arithmetic("{0} * {0}", lambda a: a * a),
         ca.OP_TWICE: arithmetic("{0} + {0}", lambda a: a + a),
+        ca.OP_SIGN: arithmetic("{0} > {zero} ? {one} : ({0} < {zero} ? -{one} : {zero})", np.sign),
+        # IEEE asks for the nearest number, from C's library too.
+        ca.OP_SQRT: arithmetic(f"sqrt{precision.suffix}({{0}})", np.sqrt),
         ca.OP_FABS: arithmetic("{0} < {zero} ? -{0} : {0}", lambda a: np.where(a < 0, -a, a)),
         ca.OP_FMAX: arithmetic("{0} > {1} ? {0} : {1}", lambda a, b: np.where(a > b, a, b)),
         ca.OP_FMIN: arithmetic("{0} < {1} ? {0} : {1}", lambda a, b: np.where(a < b, a, b)),
