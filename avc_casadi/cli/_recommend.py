@@ -60,6 +60,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend, write and show; 1 if nothing can be deployed."""
+    if args.stiffest and args.out is not None:
+        raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
+    for given, key in ((args.prove, "--prove"), (args.compare, "--compare")):
+        if args.stiffest and given:
+            raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key=key)
+    hands = _HANDS if args.hands is None else args.hands
+    out = None if args.out is None else output_file(args.out, "--out", (".json",))
+    with console.step(args.problem):
+        problem = load_problem(args.problem)
+    if problem.simulation is not None or problem.follower is not None:
+        return _to_other_end(args, console, problem, hands, out)
+    return _before_wall(args, console, problem, hands, out)
+
+
+def _before_wall(
+    args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
+) -> Answer:
+    """Recommend a coupling to a wall, or tell the stiffest one, write and show it; 1 if none can be deployed."""
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
@@ -71,18 +89,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.recommendation.stiffest import stiffest
     from avc_casadi.simulation.native import compiler
 
-    if args.stiffest and args.out is not None:
-        raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
-    for given, key in ((args.prove, "--prove"), (args.compare, "--compare")):
-        if args.stiffest and given:
-            raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key=key)
-    hands = _HANDS if args.hands is None else args.hands
-    out = None if args.out is None else output_file(args.out, "--out", (".json",))
-    problem = load_problem(args.problem)
     if compiler() is None:
         console.notice(_NO_COMPILER)
-    if problem.simulation is not None or problem.follower is not None:
-        return _to_other_end(args, console, problem, hands, out)
     workers = min(2, processors())
     if args.stiffest:
         document = stiffest(problem, hands, lean_on_friction=args.lean_on_friction, workers=workers, progress=console)

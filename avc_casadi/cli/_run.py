@@ -52,7 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
-    problem = load_problem(args.problem)
+    with console.step(args.problem):
+        problem = load_problem(args.problem)
     asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(asked, "--out") as folder:
         return _worked_through(problem, args, console, folder, Path(asked))
