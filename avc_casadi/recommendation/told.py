@@ -223,8 +223,8 @@ def beyond_file_text(one: dict[str, Any]) -> str:
         return "one fingertip" if value == "fingertip" else f"hands on a {value}"
     return {
         "mass_share": f"{percent(value)} less mass",
-        "dropped_share": f"{percent(value)} of samples dropped",
-        "mode_hz": f"a mode at {quantity(value, 'Hz')}",
+        "dropped_share": f"{percent(value)} of samples lost",
+        "mode_hz": f"a {quantity(value, 'Hz')} mode",
     }[one["key"]]
 
 

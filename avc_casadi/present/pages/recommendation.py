@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _SOFTER, _AT_LIMIT = 0.2, 0.97
 # Frequencies up to this are those of hands; what takes longer to settle is worth a mark.
 _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
+# Half of what is usually asked for, 6 dB and 20 degrees.
+_THIN_GAIN, _THIN_DEG = 10 ** (3 / 20), 10.0
 # The wall begins noticeably elsewhere than at its face, m; leaning on friction is worth a row.
 _ELSEWHERE_M, _STIFFER = 5e-4, 1.1
 _MOST_HELPS = 3
@@ -55,7 +57,7 @@ def recommendation_page(
         onwards = f"avc recommend {shown} --out coupling.json"
     else:
         onwards = f"avc export {written} --c DIR"
-    spare = (_force_label(problem), "With friction", "Settling", "Margins", "Linear limit")
+    spare = (_force_label(problem), "With friction", "Linear limit")
     return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"], spare)
 
 
@@ -75,7 +77,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         _coupling(document, problem),
         *_rendered(document, problem),
         _stability(document, problem),
-        *([_settling(document["transient"]), _margins(document["margins"])] if document["deployable"] else []),
+        *([_damped(document["margins"], document["transient"])] if document["deployable"] else []),
         *_simulated(document),
     ]
     if briefly or not document["deployable"]:
@@ -137,7 +139,9 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
             what = "nothing: no press ends below the force limit"
         return [Row("Rendered", what, Mark.FAIL)]
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
-    at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m'))} at the handle"
+    # The unit of the first number goes for those after it.
+    shown = quantity(sensed, unit("N/m")).partition(" ")[2]
+    at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m')).removesuffix(f' {shown}')} at the handle"
     low, high = trial["stiffness_n_per_m"]["nine_in_ten"]
     spread = ""
     if not 0.9 * sensed <= low <= high <= 1.1 * sensed:
@@ -145,7 +149,7 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     softer = felt["complex_error"].get("1", 0.0) > max(_SOFTER, 1 - felt["share_of_wall"])
     static = f"{quantity(sensed, unit('N/m'))} static ({percent(felt['share_of_wall'])} of the wall)"
     moving = "".join(
-        f", {quantity(stiffness, unit('N/m'))} at {hz} Hz"
+        f", {quantity(stiffness, unit('N/m')).removesuffix(f' {shown}')} at {hz} Hz"
         for hz, stiffness in felt["stiffness_in_motion_n_per_m"].items()
         if float(hz) <= _OF_HANDS_HZ
     )
@@ -159,29 +163,25 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     ]
 
 
-def _settling(found: dict[str, Any]) -> Row:
-    """Tell the time to settle when released, and the least damped oscillation of the worst hand."""
-    free, held = found["released"], found["worst_hand"]
-    told = "not at all" if free["settling_s"] is None else quantity(free["settling_s"], "s")
-    ringing = f"damping ratio {held['damping_ratio']:.2g} at {quantity(held['frequency_hz'], 'Hz')}"
+def _damped(margins: dict[str, Any], transient: dict[str, Any]) -> Row:
+    """Tell the smallest margins, released or with a hand, the time to settle and the least damped oscillation."""
+    gain, phase, late = (
+        min((one[key] for one in margins.values() if one[key] is not None), default=None)
+        for key in ("gain", "phase_deg", "delay_samples")
+    )
+    free, held = transient["released"], transient["worst_hand"]
+    told = [
+        "gain unlimited" if gain is None else f"gain {20 * math.log10(gain):.1f} dB",
+        "phase unlimited" if phase is None else f"phase {phase:.2g} deg",
+        "delay unlimited" if late is None else f"delay {late:.2g} T",
+    ]
+    settles = "never settles" if free["settling_s"] is None else f"settles in {quantity(free['settling_s'], 's')}"
+    ringing = f"damping {held['damping_ratio']:.2g} at {quantity(held['frequency_hz'], 'Hz')}"
     if held["frequency_hz"] == 0:
         ringing = "no oscillation"
     slow = free["settling_s"] is None or free["settling_s"] > _SLOW_S
-    return Row("Settling", f"released in {told}; worst hand {ringing}", Mark.CAUTION if slow else Mark.NONE)
-
-
-def _margins(found: dict[str, Any]) -> Row:
-    """Tell the smallest margins of gain, phase and delay, released or with a hand."""
-    gain, phase, late = (
-        min((one[key] for one in found.values() if one[key] is not None), default=None)
-        for key in ("gain", "phase_deg", "delay_samples")
-    )
-    told = [
-        "gain without limit" if gain is None else f"gain {gain:.3g} ({20 * math.log10(gain):.1f} dB)",
-        "phase without limit" if phase is None else f"phase {phase:.3g} deg",
-        "delay without limit" if late is None else f"delay {late:.2g} sample{'' if late == 1 else 's'}",
-    ]
-    return Row("Margins", ", ".join(told))
+    thin = (gain is not None and gain < _THIN_GAIN) or (phase is not None and phase < _THIN_DEG)
+    return Row("Margins", f"{', '.join(told)}; {settles}, {ringing}", Mark.CAUTION if slow or thin else Mark.NONE)
 
 
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
@@ -238,9 +238,9 @@ def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
         return [Row("Unmodelled", f"{hands} of {hands} settle with {', '.join(names)}", Mark.PASS)]
     told = ", ".join(f"{count} with {name}" for count, name in zip(settled, names, strict=True))
     plain = [str(one["plain"]) for one in found if one["plain"] is not None]
-    beside = f" (a plain coupling: {', '.join(plain)})" if plain else ""
+    beside = f" (plain {', '.join(plain)})" if plain else ""
     lacks = any(one["asked"] and count < hands for one, count in zip(found, settled, strict=True))
-    told = f"of {hands} settle: {told}{beside}"
+    told = f"of {hands}: {told}{beside}"
     return [Row("Unmodelled", told, Mark.FAIL if lacks else Mark.CAUTION)]
 
 

@@ -30,7 +30,7 @@ def run_page(document: dict[str, Any], problem: Problem, page: Page, shown: str,
         _device(document["push"], problem.units),
         Row("Written", written),
     ]
-    return page.rendered(headline(problem, shown), rows, spare=("Settling", "Margins"))
+    return page.rendered(headline(problem, shown), rows, spare=("Margins",))
 
 
 def _question(document: dict[str, Any], problem: Problem) -> list[Row]:
