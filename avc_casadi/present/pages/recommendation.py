@@ -266,7 +266,7 @@ def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     if limit is None or trial["tap_force_n"] < _AT_LIMIT * limit:
         return [Row(label, f"a tap reaches {reached}, {depth} deep{coarse}")]
     presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
-    told = f"a tap reaches the limit of {quantity(limit, unit('N'))}, beyond which nothing is stiffer{presses}{coarse}"
+    told = f"a tap reaches the {quantity(limit, unit('N'))} limit{presses}{coarse}"
     return [Row(label, told, Mark.CAUTION)]
 
 
@@ -277,10 +277,10 @@ def _steps(felt: dict[str, Any], problem: Problem) -> str:
     noticed = sum(steps.values()) > _NOTICED_STEP_N * problem.device.metres_per_unit
     if not noticed and loud <= _FEW_FEEL * ripple["hands"]:
         return ""
-    speed, force = next(iter(ripple["force_n"].items()))
-    feel = f", noticed by {loud} of {ripple['hands']} hands" if loud else ""
-    moving = f"ripple {quantity(force, unit('N'))} rms at {quantity(float(speed), unit('m/s'))}{feel}"
-    return f"; an encoder step is {quantity(steps['spring'], unit('N'))}, {moving}"
+    force = next(iter(ripple["force_n"].values()))
+    noticed_by = f", noticed by {loud} of {ripple['hands']}" if loud else ""
+    moving = f"ripple {quantity(force, unit('N'))}{noticed_by}"
+    return f"; encoder step {quantity(steps['spring'], unit('N'))}, {moving}"
 
 
 def _force_label(problem: Problem) -> str:
