@@ -17,6 +17,7 @@ from avc_casadi.claims.stability.stiffest_wall import DampingRange, damping_rang
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.design.robust.cma_continuation import continuation, refined
+from avc_casadi.design.robust.known_laws import from_known
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.solve import FIRST
 from avc_casadi.design.robust.uncertainty_set import why_no_law
@@ -134,11 +135,12 @@ class RobustCandidates:
 
         Args:
             asked: who must all settle.
-            numbers: of the continuations: from each of the places where laws begin in turn, and with other draws.
+            numbers: of the continuations: from the known laws, then from each of the places where laws begin in turn,
+            and with other draws.
         """
         if not self._possible:
             return
-        first, starts = self._first, Space(self._problem.device, self._problem.hands).starts
+        first, starts = self._first, (None, *Space(self._problem.device, self._problem.hands).starts[1:])
         how: dict[str, Any] = {"close": _ROUGHLY}
         if self._start is not None:
             first, starts, how = self._start.stiffness_n_per_m, (self._start.best.logarithms,), how | _NEAR
@@ -201,15 +203,26 @@ def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
         off = asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law])
         sure = [step]
         if not (off < 1).all():
-            sure = _continued(problem, best.logarithms, (wall, wall), everybody, softer=0)
+            known, _ = from_known(problem, wall, _residual_speed_at(problem, everybody))
+            from_here = partial(_continued, problem, best.logarithms, (wall, wall), everybody, softer=0)
+            sure = from_here() if known is None else [known]
         if sure:
             return [refined(problem, sure[-1], _residual_speed_at(problem, everybody))]
     return [refined(problem, step, _residual_speed_at(problem, asked))]
 
 
 def _continued(
-    problem: Problem, point: FloatArray, walls_n_per_m: tuple[float, float], asked: Screening, **how: Any
+    problem: Problem, point: FloatArray | None, walls_n_per_m: tuple[float, float], asked: Screening, **how: Any
 ) -> list[Step]:
+    """Continue from a point; without one take a known law that holds the last wall, or begin at the nearest to it."""
+    first, last = walls_n_per_m
+    if point is None:
+        step, _ = from_known(problem, last, _residual_speed_at(problem, asked))
+        if step is not None:
+            return [step]
+        _, point = from_known(problem, first)
+    if point is None:
+        point = Space(problem.device, problem.hands).starts[0]
     with suppress(np.linalg.LinAlgError):
         return continuation(problem, point, walls_n_per_m, _residual_speed_at(problem, asked), **how)
     return []

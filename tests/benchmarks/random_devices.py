@@ -49,9 +49,9 @@ QUIET_SHARE = 0.9
 STIFF_SHARES, SOFT_SHARES, DAMPER_SHARES = (0.98, 0.85, 0.6), (0.5, 0.3, 0.15), (0.1, 0.4)
 
 
-def drawn(index: int) -> Problem:
+def drawn(index: int, seed: int = SEED) -> Problem:
     """Draw a device and a wall; the same for an index whatever the count."""
-    random = np.random.default_rng([SEED, index])
+    random = np.random.default_rng([seed, index])
 
     def log(low: float, high: float) -> float:
         return float(f"{np.exp(random.uniform(np.log(low), np.log(high))):.3g}")

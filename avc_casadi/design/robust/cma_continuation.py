@@ -60,9 +60,10 @@ _PER_UNREST, _PER_COST, _PER_DECAY = 4.0, 0.02, 10.0
 _NEVER = 1e4
 # What none costs that hands are asked about: one about which they are not is worth less.
 _UNASKED = 5e3
-_MOST_LAWS = 3
-# Generations of a refinement, and how far its first laws lie around the start.
-_REFINED, _NEAR = 20, 0.3
+MOST_LAWS = 3
+"""So many laws of a wall are kept."""
+# Generations of a refinement, how many without a nearer law end it, and how far its first laws lie around the start.
+_REFINED, _IN_VAIN, _NEAR = 20, 8, 0.3
 
 
 @dataclass(frozen=True)
@@ -223,10 +224,10 @@ class _Search:
             if done == 1:
                 points[0] = np.clip(point, *space.bounds)
             laws = space.laws(np.array(points), stiffness)
-            value, settled = _weighed(space, laws, costs_of(laws, rendering, hardest), residual_speed)
-            found = _weighed_by_all(space, loops, rendering, [np.asarray(points[row]) for row in settled])
+            value, settled = weighed(space, laws, costs_of(laws, rendering, hardest), residual_speed)
+            found = laws_of_all(space, loops, rendering, [np.asarray(points[row]) for row in settled])
             search.tell(points, value.tolist())
-            whole = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.total)[:_MOST_LAWS]
+            whole = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.total)[:MOST_LAWS]
             if whole:
                 return Step(gains, stiffness_n_per_m, tuple(whole)), done
             # The loops that are hardest for these were not among those that were for the first.
@@ -241,25 +242,28 @@ class _Search:
         stiffness, law = stiffness_at_rest(rendering), step.best.law
         hardest = loops.hardest(law, rendering)
         residual_speed = None if self._residual_speed_at is None else self._residual_speed_at(gains, law)
-        best = list(step.candidates)
-        for _ in range(_REFINED):
+        best, nearer = list(step.candidates), 0
+        for done in range(_REFINED):
+            if done - nearer >= _IN_VAIN:
+                break
             points = search.ask()
             laws = space.laws(np.array(points), stiffness)
             costs = costs_of(laws, rendering, hardest)
             # Whatever hands say of a law that gives way more, it is none to be returned.
-            value, settled = _weighed(space, laws, costs, residual_speed, distance=best[0].cost.distance)
+            value, settled = weighed(space, laws, costs, residual_speed, distance=best[0].cost.distance)
             search.tell(points, value.tolist())
             likely = [np.asarray(points[row]) for row in settled]
-            for one in _weighed_by_all(space, loops, rendering, likely):
+            for one in laws_of_all(space, loops, rendering, likely):
                 if one.cost.holds:
+                    nearer = done if one.cost.distance < best[0].cost.distance else nearer
                     best.append(one)
                 else:
                     hardest = hardest.and_of(loops.hardest(one.law, rendering))
             best.sort(key=lambda one: one.cost.distance)
-        return Step(step.gains, step.stiffness_n_per_m, tuple(best[:_MOST_LAWS]))
+        return Step(step.gains, step.stiffness_n_per_m, tuple(best[:MOST_LAWS]))
 
 
-def _weighed(
+def weighed(
     space: Space,
     laws: Laws,
     costs: list[Cost],
@@ -290,7 +294,7 @@ def _weighed(
     return value, damped[(ends < 1).all(axis=1)].tolist()
 
 
-def _weighed_by_all(space: Space, loops: Loops, rendering: Rendering, points: list[FloatArray]) -> list[Candidate]:
+def laws_of_all(space: Space, loops: Loops, rendering: Rendering, points: list[FloatArray]) -> list[Candidate]:
     """Weigh points before all loops, without those that have no law."""
     found: list[Candidate] = []
     for point in points:

@@ -1,0 +1,90 @@
+"""Laws that searches found on other devices: one that holds a wall at once, or where the way to one begins.
+
+The table (`known_laws.csv`, made by tests/benchmarks/law_starts.py) holds the numbers of laws relative to where
+searches begin without it, which makes them of no unit: what held one device often holds another one, or nearly. No
+claim hangs on it: a law from the table is judged like any other, and without it a search begins where it did.
+"""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
+from avc_casadi.design.robust.cma_continuation import MOST_LAWS, Step, laws_of_all, weighed
+from avc_casadi.design.robust.goal import costs_of
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.uncertainty_set import Loops, softened
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import FloatArray
+    from avc_casadi.design.robust.cma_continuation import ResidualSpeedAt
+    from avc_casadi.model.problem import Problem
+
+_TABLE = Path(__file__).with_name("known_laws.csv")
+# So many of the table's best are judged before all loops, and tried by hands.
+_TRIED = 20
+
+
+@cache
+def _rows() -> tuple[dict[str, str], ...]:
+    if not _TABLE.is_file():
+        return ()
+    with _TABLE.open(encoding="utf-8", newline="") as text:
+        return tuple(csv.DictReader(text))
+
+
+def known_points(space: Space) -> FloatArray:
+    """Return the logarithms of the numbers of known laws in the space of a device, shape (laws, numbers)."""
+    names = [knob.name for knob in space.knobs]
+    rows = [[float(row[name]) for name in names] for row in _rows() if _told(row) == set(names)]
+    points = space.starts[0] + np.reshape(rows, (len(rows), len(names)))
+    return np.asarray(np.clip(points, *space.bounds))
+
+
+def _told(row: dict[str, str]) -> set[str]:
+    return {name for name, value in row.items() if value}
+
+
+def from_known(
+    problem: Problem, stiffness_n_per_m: float, residual_speed_at: ResidualSpeedAt | None = None
+) -> tuple[Step | None, FloatArray | None]:
+    """Look among the known laws for one that holds a wall.
+
+    Args:
+        problem: device with what is known of it, hands and wall.
+        stiffness_n_per_m: of the wall at rest.
+        residual_speed_at: as for `continuation`.
+
+    Returns:
+        The wall with laws that hold it, those first that give way least, None where no known one does; and the
+        logarithms of the numbers of the likeliest, None where none gives a law.
+    """
+    space = Space(problem.device, problem.hands)
+    points = known_points(space)
+    gains, rendering = softened(problem, stiffness_n_per_m)
+    stiffness = stiffness_at_rest(rendering)
+    laws = space.laws(points, stiffness) if len(points) else None
+    defined = [] if laws is None else np.flatnonzero(np.isfinite(laws.innovation).all(axis=1)).tolist()
+    if laws is None or not defined:
+        return None, None
+    loops = Loops.of(problem.device, problem.hands)
+    middle = space.one_of(laws, defined[0])
+    likely = costs_of(laws, rendering, loops.hardest(middle, rendering))
+    order = np.argsort([cost.total for cost in likely], kind="stable")[:_TRIED]
+    laws, costs = laws.pick(order), costs_of(laws.pick(order), rendering, loops)
+    nearest = points[order[int(np.argmin([cost.total for cost in costs]))]]
+    holding = next((row for row, cost in enumerate(costs) if cost.holds), None)
+    if holding is None:
+        return None, nearest
+    asked = None if residual_speed_at is None else residual_speed_at(gains, space.one_of(laws, holding))
+    value, settled = weighed(space, laws, costs, asked)
+    found = laws_of_all(space, loops, rendering, [points[order[row]] for row in settled])
+    best = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.distance)
+    if not best:
+        return None, points[order[int(np.argmin(value))]]
+    return Step(gains, stiffness_n_per_m, tuple(best[:MOST_LAWS])), best[0].logarithms

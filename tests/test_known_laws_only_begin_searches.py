@@ -1,0 +1,49 @@
+"""Laws known from other devices: judged like any other law, and nothing hangs on their table."""
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust import known_laws
+from avc_casadi.design.robust.lqg import Space
+from avc_casadi.model.runtime import Runtime
+
+
+@pytest.mark.parametrize("name", ["figure5", "reference-r1", "reference-r3"])
+def test_known_points_lie_in_the_space_of_a_device(name):
+    problem = avc.load_problem(name)
+    space = Space(problem.device, problem.hands)
+    low, high = space.bounds
+    points = known_laws.known_points(space)
+    assert len(points) > 10
+    assert points.shape[1] == len(space.knobs)
+    assert np.all((low <= points) & (points <= high))
+
+
+@pytest.mark.parametrize("name", ["figure5", "reference-r1"])
+def test_a_known_law_that_is_taken_is_deployable_on_this_device(name):
+    problem = avc.load_problem(name)
+    step, point = known_laws.from_known(problem, problem.environment.stiffness_n_per_m)
+    assert step is not None
+    assert point is not None
+    for one in step.candidates:
+        runtime = Runtime(state_feedback=one.law)
+        assert deployable(Coupling.constant(problem, step.gains, "robust", runtime)).passed
+
+
+def test_a_wall_that_no_law_holds_is_held_by_no_known_one():
+    problem = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 1e6})
+    step, point = known_laws.from_known(problem, 1e6)
+    assert step is None
+    assert point is not None
+
+
+@pytest.mark.thorough
+def test_without_its_table_a_recommendation_is_as_safe(monkeypatch):
+    monkeypatch.setattr(known_laws, "known_points", lambda space: np.zeros((0, len(space.knobs))))
+    found = avc.recommend("reference-r1")
+    assert found.deployable
+    assert found.trial.counts()["at_rest_without_friction"] == 100
+    assert found.felt()["share_of_wall"] > 0.9
