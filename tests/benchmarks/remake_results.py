@@ -74,6 +74,7 @@ STUDIES = (
     Study("proofs_of_rest.py", 18, ("proofs_of_rest_walls", "proofs_of_rest_designs", "proofs_of_rest_references")),
     Study("random_devices.py --count 200", 37, ("random_devices",)),
     Study("engine_boundaries.py", 9, ("engine_boundaries",)),
+    Study("law_starts.py --check 14", None, ("law_starts",)),
     Study("identification.py", None, ("identification",)),
     Study("identification.py --amplifier --count 40 --write", None, ("identification_amplifier",)),
     Study("identification.py --seconds 30 --count 60 --write", None, ("identification_long",)),
