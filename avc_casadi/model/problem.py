@@ -216,7 +216,7 @@ def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 class Problem(Table):
-    """A whole problem file.
+    """A problem: device, wall, hands, coupling and what is asked of them, as in a problem file.
 
     Attributes:
         name: catalogue name or file stem.
