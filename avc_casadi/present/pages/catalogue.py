@@ -80,13 +80,19 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
         )
     )
     not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in document["not_known"]]
+    assumed = ", ".join(f"{_outer(key, units)} {value}" for key, value in document["assumed"].items())
     rows = [
         Row("Written", document["file"], Mark.PASS),
-        Row("Hands", ", ".join(ranges)),
+        Row("Hands", f"{document['held']}: {', '.join(ranges)}"),
+        *([Row("Assumed", assumed)] if assumed else []),
         *(Row("Not known", units.text(one), Mark.CAUTION) for one in not_known),
         *(Row("Warning", units.text(f"{one['key']} {one['message']}"), Mark.CAUTION) for one in document["warnings"]),
     ]
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
+
+
+def _outer(key: str, units: Units) -> str:
+    return ".".join(map(units.key, key.split(".")))
 
 
 def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
