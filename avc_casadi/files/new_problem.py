@@ -138,7 +138,7 @@ class NewProblem:
 
     def outer(self, question: Question) -> str:
         """Return the key of a question as it stands in the file."""
-        return ".".join(map(self.units.key, question.key.split(".")))
+        return self.units.key(question.key)
 
     def text(self) -> str:
         """Return the file."""

@@ -49,7 +49,7 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
         low, high = (quantity(end, "Hz") for end in document["bounds_measured_hz"])
         rows.append(Row("Bounds", f"of what feels real measured from {low} to {high}"))
     if document["declared"]:
-        rows.append(Row("Declared", problem.units.text(", ".join(document["declared"]))))
+        rows.append(Row("Declared", ", ".join(map(problem.units.key, document["declared"]))))
     rows += [
         Row("Not used", problem.units.text(f"{what}: what is recommended is not judged with it"), Mark.CAUTION)
         for what in document["not_used"]
@@ -80,7 +80,7 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
         )
     )
     not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in document["not_known"]]
-    assumed = ", ".join(f"{_outer(key, units)} {value}" for key, value in document["assumed"].items())
+    assumed = ", ".join(f"{units.key(key)} {value}" for key, value in document["assumed"].items())
     rows = [
         Row("Written", document["file"], Mark.PASS),
         Row("Hands", f"{document['held']}: {', '.join(ranges)}"),
@@ -89,10 +89,6 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
         *(Row("Warning", units.text(f"{one['key']} {one['message']}"), Mark.CAUTION) for one in document["warnings"]),
     ]
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
-
-
-def _outer(key: str, units: Units) -> str:
-    return ".".join(map(units.key, key.split(".")))
 
 
 def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
