@@ -12,9 +12,9 @@ the three. Six calls answer most questions:
     avc.simulate("scenes/stiff-wall-pressed")      # what a hand would feel
     avc.zwidth("figure5")                          # which walls the device can render at all
 
-``print`` shows a recommendation as the command does; other results print a line and show a table in a notebook. All
-give their columns with ``to_dict()`` and ``to_pandas()`` where they have some; ``avc.figures`` draws them. Errors
-derive from `AvcError` and say what is wrong, where, and what to do.
+``print`` shows each of these answers in the rows of the command; ``repr`` is a line, and a notebook shows a table.
+Those with columns give them with ``to_dict()`` and ``to_pandas()``; ``avc.figures`` draws them. Errors derive from
+`AvcError` and say what is wrong, where, and what to do.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 import sys
 import tomllib
 
@@ -115,6 +116,8 @@ def test_options_write_a_file_that_says_what_is_not_known(tmp_path, monkeypatch,
     said = capsys.readouterr().out
     assert "avc recommend wall.toml" in said
     assert "amplifier_bandwidth_hz: taken as ideal" in said
+    assert re.search(r"Hands +grip: 50.0 g to 300 g", said)
+    assert re.search(r"Assumed +environment.damping_ns_per_m 0\n", said)
     tables = tomllib.loads((tmp_path / "wall.toml").read_text(encoding="utf-8"))
     assert tables == {
         "device": {
@@ -216,7 +219,7 @@ def test_who_types_it_again_means_it(tmp_path, monkeypatch, capsys):
         (["--like", "smartknob", *TYPED], "--inertia", "was given as 'mass'"),
         (["--like", "smartknob", "--radius", "1 m", "--wall", "1 N.m/rad"], "--radius", "leave it out"),
         ([*TYPED, "--hand-mass", "1 kg"], "--hand-mass", "--held foot"),
-        ([*TYPED, "--held", "foot"], "--hand-stiffness", "must be known"),
+        ([*TYPED, "--held", "foot"], "--hand-stiffness", "must be known (no impedance of feet"),
         ([*TYPED, "--held", "other", "--hand-mass", "2 to 1 kg"], "--hand-mass", "reversed"),
         ([*TYPED, "--held", "nose"], "--held", "invalid choice"),
     ],

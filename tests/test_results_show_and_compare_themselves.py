@@ -4,6 +4,7 @@ import re
 import sys
 from dataclasses import replace
 from html import escape
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -70,6 +71,61 @@ def test_a_recommendation_prints_what_the_command_prints(name, capsys):
     found = avc.recommend(name, hands=4)
     assert str(found) + "\n" == capsys.readouterr().out
     assert escape(str(found)) in found._repr_html_()
+
+
+KNOB = avc.load_problem("knob").changed(frequency={"points": 6})
+
+
+@pytest.fixture
+def knob(tmp_path, monkeypatch):
+    """Six frequencies of a device that turns, in a file of one's own."""
+    monkeypatch.chdir(tmp_path)
+    Path("knob-of-six.toml").write_text(avc.dump_problem(KNOB.model_copy(update={"name": "knob-of-six"})))
+    return "knob-of-six.toml"
+
+
+def rows_of(text):
+    """Return a page without the time that a solver took."""
+    return re.sub(r" in [\d.]+ [mu]?s$", "", text.rstrip("\n"), flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("asked", "answer"),
+    [
+        (["solve", "{}"], avc.solve),
+        (["solve", "{}", "--as-printed"], lambda problem: avc.solve(problem, "closed-form", as_printed=True)),
+        (["compare", "{}", "--mine", "3,0.01"], lambda problem: avc.compare(problem, mine=(3.0, 0.01))),
+        pytest.param(
+            ["simulate", "scenes/free-motion"],
+            lambda _: avc.simulate("scenes/free-motion"),
+            marks=pytest.mark.thorough,
+        ),
+        (["zwidth", "{}"], avc.zwidth),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_a_result_prints_what_its_command_prints(asked, answer, knob, capsys):
+    assert main([word.format(knob) for word in asked]) in {0, 1}
+    assert rows_of(str(answer(knob))) == rows_of(capsys.readouterr().out)
+
+
+def test_a_certificate_prints_the_rows_of_the_command(tmp_path, capsys):
+    gains = avc.solve(PROBLEM, "closed-form")
+    file = tmp_path / "coupling.json"
+    avc.write_coupling(avc.Coupling.of(PROBLEM, gains), file)
+    assert main(["certify", str(file)]) == 1
+    headline, *rows = capsys.readouterr().out.rstrip("\n").split("\n")
+    told, found = str(avc.certify(PROBLEM, gains)).split("\n"), str(avc.certify(PROBLEM, avc.read_coupling(file)))
+    assert headline.removeprefix(str(file)) == told[0].removeprefix("figure5")
+    assert rows[:-1] == told[1:-1]
+    assert told == found.split("\n")
+    assert any("frequencies have no gains" in row for row in rows)
+
+
+def test_gains_from_elsewhere_print_their_line():
+    gains = replace(RESULTS["schedule"], stated=None)
+    assert str(gains) == repr(gains)
+    assert gains == RESULTS["schedule"]
 
 
 def test_what_people_wrote_is_escaped():

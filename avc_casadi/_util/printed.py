@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any
 
 from avc_casadi._util.arrays import Comparable
+from avc_casadi._util.text import Tabular
 
 PAGES = "avc_casadi.present.results"
 """Who renders a result, asked when it is printed: results stand below what shows them."""
@@ -20,3 +21,12 @@ class Printed(Comparable):
 
     def _repr_html_(self) -> str:
         return str(import_module(PAGES).html_of(self))
+
+
+class PrintedColumns(Tabular):
+    """Base of columns that may know what they were asked of: ``print`` shows the rows of the command, else a line."""
+
+    stated: Any
+
+    def __str__(self) -> str:
+        return repr(self) if self.stated is None else str(import_module(PAGES).text_of(self))

@@ -120,9 +120,11 @@ class Units:
         return self.motion == "linear"
 
     def key(self, key: str) -> str:
-        """Return what a key of a linear device is called: ``mass_kg`` as ``inertia_kgm2``."""
+        """Return what a key of a linear device is called, dotted or not: ``mass_kg`` as ``inertia_kgm2``."""
         if self.linear or key in _LENGTHS:
             return key
+        if "." in key:
+            return ".".join(map(self.key, key.split(".")))
         if key in _WORDS:
             return _WORDS[key]
         parts = "_".join(_NOUNS.get(part, part) for part in key.split("_"))
@@ -225,7 +227,7 @@ class Units:
         if found["option"]:
             return "--" + self.key(word[2:].replace("-", "_")).replace("_", "-")
         if found["key"] or found["stem"]:
-            return ".".join(self.key(part) for part in word.split("."))
+            return self.key(word)
         if found["noun"]:
             article = "n " if " " in word else ""
             other = _NOUNS[word.split()[-1].lower()]

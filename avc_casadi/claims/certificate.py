@@ -10,16 +10,19 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.text import Columns, Table, Tabular
+from avc_casadi._util.printed import PrintedColumns
+from avc_casadi._util.text import Columns, Table
 from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
 
 if TYPE_CHECKING:
     from avc_casadi.claims.passivity.sampled_loop import Fractions
+    from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
-    from avc_casadi.model.problem import Model
+    from avc_casadi.model.problem import Model, Problem
+    from avc_casadi.model.schedule import GainSchedule
 
 
 def levels_table(certificate: Mapping[str, Any]) -> Table:
@@ -142,8 +145,8 @@ class LevelResult(Comparable):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate(Tabular):
-    """What is known of a gain table, level by level; passivity and stability are different claims.
+class Certificate(PrintedColumns):
+    """Passivity and stability of a gain table: one claim a level, with its worst margin. The levels are never merged.
 
     Attributes:
         problem: name of the problem.
@@ -154,6 +157,8 @@ class Certificate(Tabular):
         passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges: the largest DC stiffness of any passive
             linear rendering; not a number where none is known.
         dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
+        stated: the problem that it was judged against, for ``print``.
+        gains: what was judged.
 
     Example:
         >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))
@@ -168,6 +173,8 @@ class Certificate(Tabular):
     levels: dict[Level, LevelResult]
     passive_limit_n_per_m: float
     dc_stiffness_n_per_m: FloatArray
+    stated: Problem = field(compare=False)
+    gains: GainSchedule | Coupling = field(compare=False)
 
     def to_dict(self) -> Columns:
         """Return the levels as columns, each of shape (levels,)."""

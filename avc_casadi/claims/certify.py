@@ -121,4 +121,6 @@ def certify(
         levels={name: levels[name] for name in CLAIMS if name in levels},
         passive_limit_n_per_m=passive_limit_n_per_m(device),
         dc_stiffness_n_per_m=rows.spread(parts.integral / device.sample_time_s),
+        stated=problem,
+        gains=whole,
     )

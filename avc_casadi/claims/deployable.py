@@ -68,7 +68,7 @@ class DeployClaim:
 
 @dataclass(frozen=True)
 class Deployable:
-    """The verdict on deployment.
+    """Whether a coupling may go into a device, with the claims that decide.
 
     Attributes:
         claims: each claim with its result.

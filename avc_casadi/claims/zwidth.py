@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import Comparable, FloatArray
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.printed import PrintedColumns
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi.claims.levels import ideal, what_is_declared
@@ -140,7 +142,7 @@ class Curve(Comparable):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ZWidth(Tabular):
+class ZWidth(PrintedColumns):
     """The K-B region of a device as declared: at all corners of its ranges.
 
     Attributes:
@@ -164,6 +166,7 @@ class ZWidth(Tabular):
         used: what of the declared device the region takes in, as dotted keys.
         not_used: what it does not.
         refused: claims that have no proof on this device, each with the reason.
+        stated: the problem as it was asked, for ``print``.
     """
 
     problem: str
@@ -180,6 +183,7 @@ class ZWidth(Tabular):
     used: tuple[str, ...]
     not_used: tuple[str, ...]
     refused: tuple[str, ...]
+    stated: Problem = field(compare=False)
 
     def to_dict(self) -> Columns:
         """Return B and the largest K of each claim as columns, each of shape (n,)."""
@@ -190,9 +194,43 @@ class ZWidth(Tabular):
         spans = ", ".join(f"{curve.key} {short(curve.stiffness_n_per_m)}" for curve in self.curves)
         return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
 
+    def document(self) -> dict[str, Any]:
+        """Return the `zwidth` document: JSON values only, without the constant couplings that ``-v`` adds."""
+        kept = ("encoder_limit_n_per_m", "passive_limit_n_per_m", "passive_spring_n_per_m", "rule_n_per_m")
+        found: dict[str, Any] = plain(
+            {
+                "schema": "avc-zwidth/1",
+                "problem": self.problem,
+                "wall_damping_ns_per_m": self.damping_ns_per_m,
+                "curves": {
+                    curve.key: {
+                        "claim": curve.claim,
+                        "delay_samples": curve.delay_samples,
+                        "wanted_wall": curve.wanted,
+                        "stiffness_n_per_m": curve.stiffness_n_per_m,
+                    }
+                    for curve in self.curves
+                },
+                "wanted": {
+                    "damping_ns_per_m": self.wanted_damping_ns_per_m,
+                    "stiffness_n_per_m": self.wanted_stiffness_n_per_m,
+                },
+                "hands": self.hands,
+                "device_corners": self.corners,
+                "used": self.used,
+                "not_used": self.not_used,
+                "refused": self.refused,
+                **{key: getattr(self, key) for key in kept},
+                "llewellyn": None,
+                "static": [],
+                "gains": None,
+            }
+        )
+        return found
+
 
 def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
-    """Compute the region for the problem's device and hands; its environment and coupling do not enter.
+    """Compute the walls that a device can render (K-B region), passive or stable with its hands, without a coupling.
 
     Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side
     of the encoder; a linear velocity filter of [scene] acts on the damper, and of another the claims say that it does
@@ -254,6 +292,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         used=used,
         not_used=not_used,
         refused=refused,
+        stated=problem,
     )
 
 

@@ -12,7 +12,7 @@ from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
-from avc_casadi.cli._text import holes_text, rows_text
+from avc_casadi.cli._text import rows_text
 from avc_casadi.cli._to_simulation import couples_to_simulation
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
     from avc_casadi.claims.registry import asked_for
     from avc_casadi.coupling import Coupling
     from avc_casadi.present.pages.certificate import certificate_lines, certificate_page
+    from avc_casadi.present.pages.subject import holes
 
     problem, gains, coupling, notes = _judged(args)
     file = args.problem if args.gains is None else args.gains
@@ -84,7 +85,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
         found = avc.certify(problem, coupling or gains, requested=args.requested, prove=args.prove, progress=console)
     if coupling is None and gains.usable.any():
         coupling = Coupling.of(problem, gains)
-    notes = [*notes, *filter(None, [holes_text(coupling) if coupling is not None else ""])]
+    notes = [*notes, *filter(None, [holes(gains)])]
     certificate = found.document()
     written: list[str] = []
     if proofs is not None:

@@ -18,7 +18,6 @@ from avc_casadi.cli._subject import (
     read_subject,
     unsafe_note,
 )
-from avc_casadi.cli._text import holes_text
 
 # As `avc_hardware.export_c` knows them.
 PACKAGES = ("arduino", "platformio", "cmake", "esp-idf", "zephyr", "chai3d", "openhaptics", "haply")
@@ -81,6 +80,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.files.other_end_coupling_file import is_teleoperator_coupling, is_tool_coupling
     from avc_casadi.present.pages.bench import export_page
+    from avc_casadi.present.pages.subject import holes
     from avc_hardware import export_c
 
     if args.velocity:
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "unsafe": unsafe_note(verdict),
         "lacks": list(coupling.lacks),
     }
-    document["holes"] = holes_text(coupling) or None
+    document["holes"] = holes(coupling.schedule) or None
     return Answer(document, export_page(document, coupling, console.page, args.gains), more="\n".join(written))
 
 

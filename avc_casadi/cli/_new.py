@@ -71,6 +71,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "schema": "avc-new/1",
         "file": str(path),
         "problem": problem_document(problem),
+        "held": new.held,
+        "assumed": new.assumed(),
         "not_known": [{"key": one.key, "message": one.cost} for one in new.unknown()],
         "warnings": doubts,
     }

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
@@ -20,25 +19,11 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.schedule import GainSchedule
-    from avc_casadi.simulation.run import Run
 
 _TOLERANCE = 0.01
 _OF_RUNS = ("against", "explain", "seed", "trace", "plot")
 # A figure holds four runs that can be told apart.
 _MOST_OTHERS = 3
-_COMPARED = (
-    "coupling",
-    "damping_ns_per_m",
-    "stiffness_n_per_m",
-    "contact_damping_ns_per_m",
-    "outcome",
-    "stable",
-    "buzzing",
-    "position_peak_to_peak_m",
-    "apparent_stiffness_n_per_m",
-    "rate_hardness_n_per_m",
-    "energy_generated_j",
-)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +61,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if couples_to_simulation(args.problem):
         return simulate_tool(args, console)
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.declared import left_out
+    from avc_casadi.design.scene_coupling import compared, told_beside
     from avc_casadi.model.gains import NO_COUPLING, without_start
     from avc_casadi.present.pages.scene import explanation_lines, outcome, scene_lines, scene_page
     from avc_casadi.simulation.screen import explain
@@ -102,7 +87,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return Answer(avc.fault_document(no), "", code=1, complaint=f"avc: {no}")
     with console.step(f"{problem.scene.duration_s:g} s of the scene"):
         found = avc.simulate(problem, gains, seed=args.seed)
-        unguarded = _without_guard(problem, gains, found, args.seed)
+        told = told_beside(found)
         beside = [avc.simulate(problem, _gains_by(name, problem), seed=args.seed) for name in others]
     with console.step("cost of each effect"):
         parts = explain(problem, NO_COUPLING if gains is None else gains)
@@ -114,13 +99,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
         with console.step("figure"):
             save_figure(draw_scene([found, *beside]), plot)
-    document = found.document(trace) | parts.document()
-    document["gains_from_hz"] = _read_at(problem, gains)
-    document["notes"] = notes
-    document["left_out"] = list(left_out(problem))
-    document["without_guard"] = None if unguarded is None else _figures(unguarded)
+    document = found.document(trace) | told | parts.document() | {"notes": notes}
     if beside:
-        document["against"] = [_figures(run) for run in beside]
+        document["against"] = [compared(run) for run in beside]
     complaint = "" if found.stable else f"avc: {problem.name}: the device {outcome(document)}"
     text = scene_page(document, problem, console.page, args.problem, args.plot)
     if args.explain:
@@ -153,38 +134,6 @@ def _others(text: str | None) -> list[str]:
         allowed = f"none, {', '.join(METHODS)}; at most {_MOST_OTHERS}, separated by commas"
         raise avc.InputError.of(f"{what}; allowed: {allowed}", key="--against")
     return names
-
-
-def _figures(run: Run) -> dict[str, Any]:
-    document = run.document()
-    return {name: document[name] for name in _COMPARED}
-
-
-def _without_guard(problem: avc.Problem, gains: Coupling | GainSchedule | None, found: Run, seed: int) -> Run | None:
-    """Return the same run without its guard, to tell what the guard does; None where there is none."""
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.declared import scene_effects
-    from avc_casadi.model.effects import GuardEffect
-
-    if GuardEffect().kind not in found.effects:
-        return None
-    if isinstance(gains, Coupling):
-        gains = replace(gains, runtime=replace(gains.runtime, guard=None))
-    kept = tuple(effect for effect in scene_effects(problem) if not isinstance(effect, GuardEffect))
-    return avc.simulate(problem.changed(scene={"effects": kept}), gains, seed=seed)
-
-
-def _read_at(problem: avc.Problem, gains: Coupling | GainSchedule | None) -> float | None:
-    """Return the frequency at which gains that vary are read at first; None where none vary."""
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.model.gains import GainTable
-
-    if gains is None:
-        return None
-    table = gains.table if isinstance(gains, Coupling) else GainTable.of(gains)
-    if table.constant:
-        return None
-    return table.rest_hz if problem.scene.interaction_hz is None else problem.scene.interaction_hz
 
 
 def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
 
 
 def titled(name: str, title: str) -> str:
@@ -44,12 +40,3 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequenc
     from avc_casadi._util import text as support
 
     return support.text_table(header, rows, left=left)
-
-
-def holes_text(coupling: Coupling) -> str:
-    """Say what runs at the frequencies without gains; nothing where there are none."""
-    usable = coupling.schedule.usable
-    without = len(usable) - int(usable.sum())
-    if not without:
-        return ""
-    return f"{without} of {len(usable)} frequencies have no gains: those of the rows beside them run there"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
@@ -16,7 +16,6 @@ from avc_casadi.design.registry import methods_help
 if TYPE_CHECKING:
     import argparse
 
-    from avc_casadi.claims.zwidth import LlewellynTable, ZWidth
     from avc_casadi.design.constant.static import StaticCoupling
 
 
@@ -34,6 +33,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return zwidth_tool(args, console)
     import numpy as np
 
+    from avc_casadi._util.json_values import plain
     from avc_casadi.claims.levels import ideal
     from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
     from avc_casadi.present.pages.walls import walls_lines, walls_page
@@ -64,11 +64,17 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("figure"):
             drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if llewellyn is not None else None
             save_figure(draw_zwidth(region, drawn, rendered), plot)
-    document = _document(region, llewellyn, static) | {"refused": refused, "gains": None}
+    document = region.document() | {
+        "llewellyn": None
+        if llewellyn is None
+        else plain({"delay_samples": llewellyn.delay_samples} | llewellyn.to_dict()),
+        "static": [plain(vars(coupling)) for coupling in static],
+        "refused": refused,
+    }
     if gains is not None:
         (b, k), frequency = rendered[args.method], gains.frequency_hz
-        columns = _columns(frequency_hz=frequency, wall_damping_ns_per_m=b, wall_stiffness_n_per_m=k)
-        document["gains"] = {"method": args.method} | columns
+        columns = {"frequency_hz": frequency, "wall_damping_ns_per_m": b, "wall_stiffness_n_per_m": k}
+        document["gains"] = {"method": args.method} | plain(columns)
     text = walls_page(document, problem, console.page, args.problem, args.plot)
     return Answer(document, text, more="\n".join(walls_lines(document)))
 
@@ -82,49 +88,3 @@ def _static(problem: avc.Problem) -> list[StaticCoupling]:
         static_coupling(problem, "all", "paper"),
         static_coupling(problem, "all", "sampled-data"),
     ]
-
-
-def _columns(**columns: Any) -> dict[str, Any]:
-    from avc_casadi._util.json_values import plain
-
-    return {name: plain(column) for name, column in columns.items()}
-
-
-def _document(region: ZWidth, llewellyn: LlewellynTable | None, static: list[StaticCoupling]) -> dict[str, Any]:
-    return (
-        {
-            "schema": "avc-zwidth/1",
-            "problem": region.problem,
-            "wall_damping_ns_per_m": _columns(v=region.damping_ns_per_m)["v"],
-            "curves": {
-                curve.key: {"claim": curve.claim, "delay_samples": curve.delay_samples, "wanted_wall": curve.wanted}
-                | _columns(stiffness_n_per_m=curve.stiffness_n_per_m)
-                for curve in region.curves
-            },
-            "wanted": {
-                "damping_ns_per_m": region.wanted_damping_ns_per_m,
-                "stiffness_n_per_m": region.wanted_stiffness_n_per_m,
-            },
-            "hands": region.hands,
-            "device_corners": region.corners,
-            "used": list(region.used),
-            "not_used": list(region.not_used),
-            "encoder_limit_n_per_m": region.encoder_limit_n_per_m,
-        }
-        | _columns(
-            passive_limit_n_per_m=region.passive_limit_n_per_m,
-            passive_spring_n_per_m=region.passive_spring_n_per_m,
-            rule_n_per_m=region.rule_n_per_m,
-        )
-        | {
-            "llewellyn": None
-            if llewellyn is None
-            else {"delay_samples": llewellyn.delay_samples}
-            | _columns(
-                damping_ratio=llewellyn.damping_ratio,
-                paper_kc_t_over_b_d=llewellyn.paper,
-                sampled_data_kc_t_over_b_d=llewellyn.sampled_data,
-            ),
-            "static": [_columns(**vars(coupling)) for coupling in static],
-        }
-    )

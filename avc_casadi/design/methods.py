@@ -34,7 +34,7 @@ def solve(
     as_printed: bool = False,
     progress: Progress = SILENT,
 ) -> GainSchedule:
-    """Solve a problem at all its frequencies.
+    """Compute the gains of a coupling at each frequency by one of the methods.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
@@ -93,4 +93,4 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
             "schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method"
             f" {takers}, and not with scope hands"
         )
-    return replace(gains, notes=(*gains.notes, *notes))
+    return replace(gains, notes=(*gains.notes, *notes), stated=problem)

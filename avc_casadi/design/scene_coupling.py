@@ -3,24 +3,41 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.files.problem_file import AnyProblem, as_problem
-from avc_casadi.model.gains import NO_COUPLING
+from avc_casadi.model.declared import left_out, scene_effects
+from avc_casadi.model.effects import GuardEffect
+from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.scene import simulate as simulate_with
 from avc_casadi.simulation.screen import screen as screen_with
 
 if TYPE_CHECKING:
     from avc_casadi.design.registry import MethodName
-    from avc_casadi.model.gains import Gains
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.simulation.execute import Engine
     from avc_casadi.simulation.run import Run
     from avc_casadi.simulation.scene import AnyGains
     from avc_casadi.simulation.screen import Screening
+
+_COMPARED = (
+    "coupling",
+    "damping_ns_per_m",
+    "stiffness_n_per_m",
+    "contact_damping_ns_per_m",
+    "outcome",
+    "stable",
+    "buzzing",
+    "position_peak_to_peak_m",
+    "apparent_stiffness_n_per_m",
+    "rate_hardness_n_per_m",
+    "energy_generated_j",
+)
 
 
 def scene_coupling(problem: Problem) -> Gains | GainSchedule:
@@ -63,7 +80,7 @@ def simulate(
     seed: int = 0,
     engine: Engine = "auto",
 ) -> Run:
-    """Simulate the scene of a problem.
+    """Simulate the scene of a problem: hand, device and coupling against the wall over time.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
@@ -85,7 +102,58 @@ def simulate(
     """
     stated = as_problem(problem)
     chosen = scene_coupling(stated) if gains is None else gains
-    return simulate_with(stated, chosen, hand=hand, interaction_hz=interaction_hz, seed=seed, engine=engine)
+    asked: dict[str, Any] = {"gains": chosen, "hand": hand, "interaction_hz": interaction_hz, "seed": seed}
+    run = simulate_with(stated, engine=engine, **asked)
+    notes = scene_notes(stated) if gains is None and stated.scene.coupling != "none" else []
+    return replace(run, stated=stated, asked=asked, notes=tuple(notes))
+
+
+def told_beside(run: Run) -> dict[str, Any]:
+    """Return what the `simulate` document tells beside the figures: where a table is read, and the run unguarded.
+
+    Args:
+        run: of `simulate`.
+    """
+    assert run.stated is not None  # noqa: S101 - of `simulate`
+    free = _without_guard(run, run.stated)
+    return {
+        "effects": [{"kind": kind} for kind in run.effects],
+        "gains_from_hz": _read_at(run, run.stated),
+        "notes": list(run.notes),
+        "left_out": list(left_out(run.stated)),
+        "without_guard": None if free is None else compared(free),
+    }
+
+
+def compared(run: Run) -> dict[str, Any]:
+    """Return the figures by which runs are put side by side."""
+    document = run.document()
+    return {name: document[name] for name in _COMPARED}
+
+
+def _without_guard(run: Run, problem: Problem) -> Run | None:
+    """Return the same run without its guard, to tell what the guard does; None where there is none."""
+    if GuardEffect().kind not in run.effects:
+        return None
+    gains = run.asked["gains"]
+    if isinstance(gains, Coupling):
+        gains = replace(gains, runtime=replace(gains.runtime, guard=None))
+    kept = tuple(effect for effect in scene_effects(problem) if not isinstance(effect, GuardEffect))
+    return simulate_with(problem.changed(scene={"effects": kept}), **{**run.asked, "gains": gains})
+
+
+def _read_at(run: Run, problem: Problem) -> float | None:
+    """Return the frequency at which gains that vary are read at first; None where none vary."""
+    gains = run.asked["gains"]
+    if isinstance(gains, Gains):
+        return None
+    table = (
+        gains.table if isinstance(gains, Coupling) else gains if isinstance(gains, GainTable) else GainTable.of(gains)
+    )
+    if table.constant:
+        return None
+    named = (run.asked["interaction_hz"], problem.scene.interaction_hz, table.rest_hz)
+    return next(hz for hz in named if hz is not None)
 
 
 def screen(

@@ -92,6 +92,14 @@ class NewProblem:
             if self._typed(one) == UNKNOWN and not (self._of_base(one) and self.default(one) != UNKNOWN)
         ]
 
+    def assumed(self) -> dict[str, str]:
+        """Return what nobody said and the file has by default, as typed, by the key of its question."""
+        return {
+            one.key: self._typed(one)
+            for one in self.questions()
+            if one.key not in self.answers and not self._kept(one) and self._typed(one) != UNKNOWN
+        }
+
     def faults(self) -> list[Fault]:
         """Return everything that is wrong with the answers, each under the key of its question."""
         found = []
@@ -130,7 +138,7 @@ class NewProblem:
 
     def outer(self, question: Question) -> str:
         """Return the key of a question as it stands in the file."""
-        return ".".join(map(self.units.key, question.key.split(".")))
+        return self.units.key(question.key)
 
     def text(self) -> str:
         """Return the file."""
@@ -189,7 +197,8 @@ class NewProblem:
         if typed in {"", UNKNOWN}:
             if typed and question.cost:
                 return None
-            raise ValueError(f"must be known; allowed: a value in {unit}, {allowed}")
+            why = HOLDS[self.held] if question in HAND_RANGES else question.asks
+            raise ValueError(f"must be known ({why}); allowed: a value in {unit}, {allowed}")
         both = _RANGE.fullmatch(typed)
         try:
             if question in HAND_RANGES:

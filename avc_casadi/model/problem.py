@@ -216,7 +216,7 @@ def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 class Problem(Table):
-    """A whole problem file.
+    """A problem: device, wall, hands, coupling and what is asked of them, as in a problem file.
 
     Attributes:
         name: catalogue name or file stem.
@@ -311,7 +311,7 @@ class Problem(Table):
 
     def _repr_html_(self) -> str:
         keys = self.model_dump(include={"device", "environment", "boundaries", "coupling", "stability", "hands"})
-        rows = tuple((self.units.text(key), str(value)) for key, value in _flat(keys))
+        rows = tuple((self.units.key(key), str(value)) for key, value in _flat(keys))
         return f"<p>{escape(repr(self))}</p>\n{ShownTable(('key', 'value'), rows, left=(0, 1)).html()}"
 
     @property

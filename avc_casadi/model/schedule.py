@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.printed import PrintedColumns
+from avc_casadi._util.text import Columns, short
 
 if TYPE_CHECKING:
-    from avc_casadi.model.problem import Structure
+    from avc_casadi.model.problem import Problem, Structure
     from avc_casadi.model.runtime import StateFeedback
 
 
@@ -33,8 +34,8 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainSchedule(Tabular):
-    """Gains against interaction frequency; every array has shape (n,) in the order of ``frequency_hz``.
+class GainSchedule(PrintedColumns):
+    """Gains of a coupling against interaction frequency; every array has shape (n,) in the order of ``frequency_hz``.
 
     Attributes:
         problem: name of the problem.
@@ -58,6 +59,7 @@ class GainSchedule(Tabular):
         solve_seconds: time to solve all rows.
         notes: further facts for people, for example a quality statement.
         state_feedback: observer and feedback without which the gains mean nothing; None for gains that stand alone.
+        stated: the problem that `solve` was asked, for ``print``; None of gains from elsewhere.
 
     Example:
         >>> gains = avc.solve("soft", "exact")
@@ -86,6 +88,7 @@ class GainSchedule(Tabular):
     solve_seconds: float = field(default=0.0, compare=False)
     notes: tuple[str, ...] = ()
     state_feedback: StateFeedback | None = None
+    stated: Problem | None = field(default=None, compare=False)
 
     @property
     def rows(self) -> int:

@@ -18,7 +18,7 @@ _OF_WALLS = ("lean_on_friction", "prove", "workers", "executor")
 def recommend(
     problem: AnyProblem, hands: int = 100, seed: int = 0, **options: Any
 ) -> Recommendation | ToolRecommendation | BilateralRecommendation:
-    """Choose the coupling to deploy: to a wall as `recommendation.recommend` does, to a [simulation] or a [follower].
+    """Choose the coupling to deploy to a wall, to a [simulation] or to a [follower], and tell what is known of it.
 
     Args:
         problem: with one of them; a wall beside another end is not answered. Or a file, or a name.

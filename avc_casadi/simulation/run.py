@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.text import Columns, Tabular
+from avc_casadi._util.printed import PrintedColumns
+from avc_casadi._util.text import Columns
 from avc_casadi._util.units import LINEAR, Units, speaking
 from avc_casadi.simulation.judge import LOST_M, Judgement, Ledger, criterion
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
 
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
@@ -30,8 +35,8 @@ _GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Tabular):
-    """One simulated scene; every trace has shape (samples,).
+class Run(PrintedColumns):
+    """A simulated scene: traces of shape (samples,), energies, and whether the device settles.
 
     Attributes:
         problem: name of the problem.
@@ -56,6 +61,9 @@ class Run(Tabular):
         seconds: time to run.
         metres_per_unit: how far the hand moves for a unit of the position.
         units: names and units of the device.
+        stated: the problem that `simulate` was asked, for ``print``; None of a run among many.
+        asked: gains, hand, frequency and seed that it was asked with, as `simulate` takes them.
+        notes: where the scene's own coupling is designed for another device than the one simulated.
 
     Example:
         >>> run = avc.simulate("scenes/free-motion")
@@ -85,6 +93,9 @@ class Run(Tabular):
     seconds: float = field(compare=False)
     metres_per_unit: float = 1.0
     units: Units = LINEAR
+    stated: Problem | None = field(default=None, compare=False)
+    asked: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def to_dict(self) -> Columns:
         """Return the traces against time as columns, each of shape (samples,)."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import Comparable, ComplexArray, FloatArray
-from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.printed import PrintedColumns
+from avc_casadi._util.text import Columns, short
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
@@ -39,8 +40,8 @@ _SHARED = {"frequency_hz", "target_ns_per_m"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Tabular):
-    """All methods at the same frequencies; every array has shape (n,), impedances in N.s/m.
+class Comparison(PrintedColumns):
+    """Gains of several methods at the same frequencies; every array has shape (n,), impedances in N.s/m.
 
     The comparison is pointwise, each frequency on its own, as (12) is in the paper.
 
@@ -67,6 +68,7 @@ class Comparison(Tabular):
         judged: certificate and realism of each method, and of the pair under the name "mine".
         passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
             2 b_d/((1 + delay) T).
+        stated: the problem as it was asked, for ``print``.
 
     Example:
         >>> comparison = avc.compare("soft")
@@ -95,6 +97,7 @@ class Comparison(Tabular):
     mine: HandTuned | None
     judged: Mapping[str, Judged]
     passive_limit_n_per_m: float
+    stated: Problem = field(compare=False)
 
     def to_dict(self) -> Columns:
         """Return frequency x method as columns "method: quantity with unit", each of shape (n,)."""
@@ -127,7 +130,7 @@ def compare(
     *,
     solver: Callable[[Problem, MethodName], GainSchedule] = solve,
 ) -> Comparison:
-    """Solve by each method and compare.
+    """Compare the gains of several methods at each frequency: the closed form, CasADi and the exact optimum.
 
     The paper's (12) is pointwise, and so is the comparison, whatever scope and realism the problem demands.
 
@@ -198,6 +201,7 @@ def compare(
         ),
         judged=judged,
         passive_limit_n_per_m=passive_limit_n_per_m(problem.device),
+        stated=stated,
     )
 
 

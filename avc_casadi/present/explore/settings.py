@@ -187,7 +187,7 @@ def kept_of(problem: Problem) -> list[str]:
     default = dict(_flat(problem_document(Problem.model_validate(plainest))))
     found = {key: json.dumps(value) for key, value in _flat(problem_document(problem)) if default.get(key) != value}
     return [
-        f"{problem.units.text(key)} = {text if len(text) <= _TOLD else f'{text[:_TOLD]} ...'}"
+        f"{problem.units.key(key)} = {text if len(text) <= _TOLD else f'{text[:_TOLD]} ...'}"
         for key, text in found.items()
         if not _has_field(key)
     ]

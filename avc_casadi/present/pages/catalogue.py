@@ -49,7 +49,7 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
         low, high = (quantity(end, "Hz") for end in document["bounds_measured_hz"])
         rows.append(Row("Bounds", f"of what feels real measured from {low} to {high}"))
     if document["declared"]:
-        rows.append(Row("Declared", problem.units.text(", ".join(document["declared"]))))
+        rows.append(Row("Declared", ", ".join(map(problem.units.key, document["declared"]))))
     rows += [
         Row("Not used", problem.units.text(f"{what}: what is recommended is not judged with it"), Mark.CAUTION)
         for what in document["not_used"]
@@ -80,9 +80,11 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
         )
     )
     not_known = [f"{one['key'].partition('.')[2]}: {one['message']}" for one in document["not_known"]]
+    assumed = ", ".join(f"{units.key(key)} {value}" for key, value in document["assumed"].items())
     rows = [
         Row("Written", document["file"], Mark.PASS),
-        Row("Hands", ", ".join(ranges)),
+        Row("Hands", f"{document['held']}: {', '.join(ranges)}"),
+        *([Row("Assumed", assumed)] if assumed else []),
         *(Row("Not known", units.text(one), Mark.CAUTION) for one in not_known),
         *(Row("Warning", units.text(f"{one['key']} {one['message']}"), Mark.CAUTION) for one in document["warnings"]),
     ]

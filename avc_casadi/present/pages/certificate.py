@@ -29,7 +29,7 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
     """Return the `certify` document as a headline and rows.
 
     Args:
-        document: of `avc certify --json`.
+        document: of `avc certify --json`; ``gains`` is None where they stand in no file.
         problem: what it was judged against.
         page: where it is printed.
         shown: the problem as the user names it.
@@ -46,8 +46,10 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
     ]
     if document["proof_files"]:
         rows.append(Row("Written", ", ".join(document["proof_files"])))
-    onwards = f"avc export {file} --c DIR" if verdict["pass"] else f"avc recommend {shown} --out coupling.json"
-    return page.rendered(headline(problem, file), rows, [onwards, f"avc certify {file} -v"])
+    onwards = [] if verdict["pass"] else [f"avc recommend {shown} --out coupling.json"]
+    if file is not None:
+        onwards = [*(onwards or [f"avc export {file} --c DIR"]), f"avc certify {file} -v"]
+    return page.rendered(headline(problem, file or shown), rows, onwards)
 
 
 def _verdict(verdict: Mapping[str, Any]) -> Row:

@@ -106,7 +106,8 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
     if runtime["state_feedback"] is not None:
         parts.insert(0, f"observer ({len(runtime['state_feedback']['innovation'])} states) with state feedback")
     if runtime["observer_mass_kg"] is not None:
-        parts.append(f"observer of {quantity(runtime['observer_mass_kg'], unit('kg'))}")
+        noun = problem.units.key("mass")
+        parts.append(f"observer of assumed {noun} {quantity(runtime['observer_mass_kg'], unit('kg'))}")
     if not coupling["constant"]:
         parts.append(f"{len(table['frequency_hz'])} rows")
     trial, limit, without = document["trial"], coupling["max_force_n"], _without(document, problem)

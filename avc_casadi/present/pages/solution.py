@@ -51,7 +51,8 @@ def solution_page(document: dict[str, Any], problem: Problem, page: Page, shown:
     if "paper_errors" in document:
         told = f"{len(document['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
         rows.append(Row("Paper's errors", told, Mark.CAUTION))
-    again = f"avc solve {shown} --method {document['method']}"
+    printed = " --as-printed" if "paper_errors" in document else ""
+    again = f"avc solve {shown} --method {document['method']}{printed}"
     if written is None:
         return page.rendered(headline(problem, shown), rows, [f"{again} --out gains.json", f"{again} -v"])
     rows.append(Row("Written", written))

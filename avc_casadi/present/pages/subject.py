@@ -12,6 +12,7 @@ from avc_casadi.present.terminal import Mark, Row
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.schedule import GainSchedule
 
 RIGID = 100.0
 """A spring so many times stiffer than the wall renders the wall itself."""
@@ -108,3 +109,12 @@ def counts(found: dict[str, int]) -> str:
 def plural(count: int, thing: str) -> str:
     """Return a number of things: "1 row", "3 rows"."""
     return f"{count} {thing}{'' if count == 1 else 's'}"
+
+
+def holes(schedule: GainSchedule) -> str:
+    """Say what runs at the frequencies without gains; nothing where there are none, or nothing but those."""
+    usable = schedule.usable
+    without = len(usable) - int(usable.sum())
+    if without in {0, len(usable)}:
+        return ""
+    return f"{without} of {len(usable)} frequencies have no gains: those of the rows beside them run there"

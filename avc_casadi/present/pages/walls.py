@@ -34,7 +34,7 @@ def walls_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
     """
     rows = [_bare(document)]
     if document["not_used"]:
-        unused = problem.units.text(", ".join(document["not_used"]))
+        unused = ", ".join(map(problem.units.key, document["not_used"]))
         rows.append(Row("Not used", f"{unused}: declared, and no part of these claims", Mark.CAUTION))
     rows += [*_curves(document, problem), *_constant(document, problem), *_bounds(document, problem)]
     rows += [Row("Not judged", problem.units.text(why), Mark.CAUTION) for why in document["refused"]]
