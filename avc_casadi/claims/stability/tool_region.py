@@ -59,12 +59,14 @@ class ToolRegion(Comparable):
         local_damping_ratio: of a damper in the device's loop beside a held force: that which the released device has on
             each K with it; 0 where there is none.
         curves: one for each engine rate, fast ones first.
+        chosen: a coupling that a picture marks; None marks none.
     """
 
     problem: str
     damping_ns_per_m: FloatArray
     local_damping_ratio: float
     curves: tuple[ToolCurve, ...]
+    chosen: ToolGains | None = None
 
     def __repr__(self) -> str:
         return f"ToolRegion({self.problem!r}: {', '.join(map(repr, self.curves))})"
