@@ -173,7 +173,7 @@ def test_run_leaves_coupling_pictures_and_report(name, tmp_path, capsys):
     drawn = {"rendered"} if name == "follower" else {"rendered", "region"}
     files = {"coupling.json", "report.html", *(f"{one}{end}" for one in drawn for end in (".png", ".svg"))}
     assert {one.name for one in folder.iterdir()} == files == set(found["files"])
-    assert found["deploy"]["coupling"] == json.loads((folder / "coupling.json").read_text())
+    assert found["deploy"]["coupling"].items() <= json.loads((folder / "coupling.json").read_text()).items()
     html = (folder / "report.html").read_text()
     assert html.count("<figure>") == len(drawn)
     assert html.index('class="verdict pass"') < html.index("<figure>") < html.index("Linear limit")
