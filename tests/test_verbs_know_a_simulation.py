@@ -13,6 +13,7 @@ from avc_casadi.cli import main
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
+from avc_casadi.recommendation.tool_impedance import felt_band
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
 
@@ -156,3 +157,35 @@ def test_verbs_of_walls_say_which_verbs_answer(tmp_path, capsys):
     for words in (["solve", "tool/mujoco-500hz"], ["compare", "tool/mujoco-500hz"]):
         assert main(words) == 2
         assert "[simulation]" in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["tool/mujoco-500hz", "tool/wheel-game-62hz", "follower"])
+def test_run_leaves_coupling_pictures_and_report(name, tmp_path, capsys):
+    """What `run` writes is what `recommend` finds, its pictures and its page; no gains of the paper's question."""
+    problem, folder = name, tmp_path / "r"
+    if name == "follower":
+        problem = str(tmp_path / "f.toml")
+        text = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n"
+        (tmp_path / "f.toml").write_text(f"{text}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\n")
+    code, found = answer(capsys, "run", problem, "--out", str(folder))
+    assert code == 0
+    drawn = {"rendered"} if name == "follower" else {"rendered", "region"}
+    files = {"coupling.json", "report.html", *(f"{one}{end}" for one in drawn for end in (".png", ".svg"))}
+    assert {one.name for one in folder.iterdir()} == files == set(found["files"])
+    assert found["deploy"]["coupling"].items() <= json.loads((folder / "coupling.json").read_text()).items()
+    html = (folder / "report.html").read_text()
+    assert html.count("<figure>") == len(drawn)
+    assert html.index('class="verdict pass"') < html.index("<figure>") < html.index("Linear limit")
+    assert main(["run", problem, "--method", "direct", "--out", str(tmp_path / "other")]) == 2
+    assert "asked of walls" in capsys.readouterr().err
+
+
+def test_band_of_what_is_felt_ends_at_spring_and_drag_at_rest():
+    """Slowly moved, a rigid object renders K, and a state held for N samples drags by K (N - 1) T/2 beside b_d."""
+    problem, gains = avc.load_problem("tool/mujoco-500hz"), ToolGains(5000.0, 20.0)
+    band = felt_band(problem, gains)
+    assert (band.mass_kg, band.damping_ns_per_m, band.stiffness_n_per_m) == pytest.approx((0.32, 0.8, 5000.0))
+    slowest = band.felt[0]
+    assert slowest.stiffness_n_per_m == pytest.approx(5000.0, rel=1e-3)
+    assert slowest.drag_ns_per_m == pytest.approx(0.8 + 5000.0 * 1e-3 / 2, rel=0.02)

@@ -1,7 +1,8 @@
 """Do all of it: answer the paper's question, recommend a coupling, try it, report and push.
 
 The gains that answer the paper's question are for comparison (gains.json). What goes into the device is the recommended
-coupling (coupling.json), or that of --method. Writes the figures and one self-contained report.html too.
+coupling (coupling.json), or that of --method. Writes the figures and one self-contained report.html too. A [simulation]
+or a [follower] has no paper's question: the coupling, its certificate and figures alone.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._deploy import push_or_say
 from avc_casadi.cli._files import output_folder, write_text
 from avc_casadi.cli._recommend import recommend_document
+from avc_casadi.cli._run_other_end import run_to_other_end
 from avc_casadi.cli._solve import without_gains
 from avc_casadi.cli._subject import add_unsafe, load_problem
 from avc_casadi.cli._text import titled
@@ -56,6 +58,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         problem = load_problem(args.problem)
     asked = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(asked, "--out") as folder:
+        if problem.simulation is not None or problem.follower is not None:
+            return run_to_other_end(problem, args, console, folder, Path(asked))
         return _worked_through(problem, args, console, folder, Path(asked))
 
 

@@ -333,7 +333,7 @@ def designed(problem: Problem, share_of_limit: float = 0.6, gain_margin: float =
         gain_margin: asked for, where a damper gives it.
     """
     search = ToolSearch(problem)
-    tool, local = search.loops.tool, search.loops.tool.exchange == "held-force"
+    tool, local = search.loops.tool, search.loops.tool.damped_locally
     wanted = tool.stiffness_n_per_m
     if wanted is None:
         stiffest = search.stiffest_beside_local_damper() if local else search.stiffest()

@@ -115,6 +115,16 @@ class VirtualTool(Table):
         return self.steps_late + (self.exchange == "late")
 
     @property
+    def damped_locally(self) -> bool:
+        """Whether a damper of the device's own loop belongs to the coupling.
+
+        A held force reaches the device a step late, and a state that is ahead of the force that made it takes
+        K (N + 1) T/2 from the damping of a released device: no damper of the coupling makes that good.
+        """
+        ahead = self.exchange == "ahead" and self.integrator != "implicit" and self.tool_mass_kg is not None
+        return self.exchange == "held-force" or ahead
+
+    @property
     def rigid(self) -> bool:
         """Whether what it touches may be rigid."""
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 FELT_HZ = (1.0, 10.0)
 """Frequencies at which it is told, in the band in which hands move."""
+_BAND_HZ = tuple(np.geomspace(0.3, 100.0, 80).tolist())
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,51 @@ class Felt:
     contact_error: float
 
 
-def felt_tool(problem: Problem, gains: ToolGains) -> list[Felt]:
-    """Return what is felt at `FELT_HZ` of the heaviest tool, with the nominal device as a rigid body.
+@dataclass(frozen=True)
+class FeltBand:
+    """What is felt over a band of frequencies, and what is wanted there.
+
+    Attributes:
+        problem: name of the problem.
+        felt: at each frequency, low ones first.
+        mass_kg: wanted in free motion: of the device and what moves at the other end, as one body.
+        damping_ns_per_m: of both.
+        stiffness_n_per_m: wanted on a rigid object: K.
+    """
+
+    problem: str
+    felt: tuple[Felt, ...]
+    mass_kg: float
+    damping_ns_per_m: float
+    stiffness_n_per_m: float
+
+
+def felt_band(problem: Problem, gains: ToolGains) -> FeltBand:
+    """Return what is felt of the other end over the band in which hands move and feel.
+
+    Args:
+        problem: with [simulation] or [follower].
+        gains: of the coupling.
+    """
+    device = problem.device
+    if problem.follower is not None:
+        felt, other = felt_follower, problem.follower.at_leader()
+        far = other.mass_kg, other.damping_ns_per_m
+    else:
+        felt, tool = felt_tool, tool_states(required_tool(problem), 0.0)[-1]
+        far = (0.0, 0.0) if tool.fixed else (tool.mass_kg, tool.damping_ns_per_m)
+    found = tuple(felt(problem, gains, _BAND_HZ))
+    mass, damping = device.mass_kg + far[0], device.damping_ns_per_m + far[1]
+    return FeltBand(problem.name, found, mass, damping, gains.stiffness_n_per_m)
+
+
+def felt_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = FELT_HZ) -> list[Felt]:
+    """Return what is felt of the heaviest tool, with the nominal device as a rigid body.
 
     Args:
         problem: with [simulation].
         gains: of the coupling.
+        frequencies_hz: at which; those that the device's samples cannot follow are left out.
     """
     device, engine = problem.device, required_tool(problem)
     free, rigid = tool_states(engine, 0.0)[-1], tool_states(engine, RIGID_N_PER_M)[-1]
@@ -62,15 +103,16 @@ def felt_tool(problem: Problem, gains: ToolGains) -> list[Felt]:
         stopped = loop.force_per_metre(gains, rigid, frequency_hz)
         return _felt(device, gains, frequency_hz, (free.mass_kg, free.damping_ns_per_m), moved, stopped)
 
-    return [at(hz) for hz in _heard(device)]
+    return [at(hz) for hz in _heard(device, frequencies_hz)]
 
 
-def felt_follower(problem: Problem, gains: ToolGains) -> list[Felt]:
-    """Return what is felt at `FELT_HZ` of the follower, with both nominal devices as rigid bodies.
+def felt_follower(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = FELT_HZ) -> list[Felt]:
+    """Return what is felt of the follower, with both nominal devices as rigid bodies.
 
     Args:
         problem: with [follower].
         gains: of the coupling.
+        frequencies_hz: at which; those that the leader's samples cannot follow are left out.
     """
     leader, follower = problem.device, required_follower(problem)
     other = follower.at_leader()
@@ -84,11 +126,11 @@ def felt_follower(problem: Problem, gains: ToolGains) -> list[Felt]:
         free, rigid = (loop.force_per_metre(gains, place, frequency_hz) for place in (0, 1))
         return _felt(leader, gains, frequency_hz, (other.mass_kg, other.damping_ns_per_m), free, rigid)
 
-    return [at(hz) for hz in _heard(leader)]
+    return [at(hz) for hz in _heard(leader, frequencies_hz)]
 
 
-def _heard(device: Device) -> list[float]:
-    return [hz for hz in FELT_HZ if hz * device.sample_time_s < 0.25]
+def _heard(device: Device, frequencies_hz: Sequence[float]) -> list[float]:
+    return [hz for hz in frequencies_hz if hz * device.sample_time_s < 0.25]
 
 
 def _felt(

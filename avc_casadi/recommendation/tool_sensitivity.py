@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi._util.quantity import quantity
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.virtual_tool import ToolSearch, ToolSearchOptions
 
@@ -69,7 +70,7 @@ def stable_on_other_devices(problem: Problem, gains: ToolGains, options: Sensiti
 
 
 def least_tool_mass_kg(
-    problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS
+    problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS, *, local: bool
 ) -> float | None:
     """Return the lightest tool with which a stiffness is stable: down from the declared one, or up to where it is.
 
@@ -77,12 +78,13 @@ def least_tool_mass_kg(
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
         options: how heavy a tool is looked at.
+        local: whether the device's own loop may damp too.
     """
     tool = required_tool(problem)
     declared = min(tool.tool_mass_kg or (1.0,))
 
     def holds(mass_kg: float) -> bool:
-        return _search(problem, tool_mass_kg=mass_kg).holds(stiffness_n_per_m, local=tool.exchange == "held-force")
+        return _search(problem, tool_mass_kg=mass_kg).holds(stiffness_n_per_m, local=local)
 
     if holds(declared):
         return _between(holds, declared / options.heaviest, declared)
@@ -94,19 +96,22 @@ def least_tool_mass_kg(
     return None
 
 
-def slowest_step_s(problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS) -> float | None:
+def slowest_step_s(
+    problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS, *, local: bool
+) -> float | None:
     """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is.
 
     Args:
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
         options: how long a step is looked at.
+        local: whether the device's own loop may damp too.
     """
     tool, t = required_tool(problem), problem.device.sample_time_s
 
     def holds(samples: int) -> bool:
         search = _search(problem, step_s=samples * t)
-        return search.holds(stiffness_n_per_m, local=tool.exchange == "held-force")
+        return search.holds(stiffness_n_per_m, local=local)
 
     most = math.ceil(options.slowest * max(tool.step_s) / t)
     good, bad = 0, 1
@@ -118,25 +123,28 @@ def slowest_step_s(problem: Problem, stiffness_n_per_m: float, options: Sensitiv
     return good * t if good else None
 
 
-def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float) -> dict[str, bool]:
+def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, bool]:
     """Return with which exchanges a stiffness is stable with some damper.
 
     Args:
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
+        local: whether the device's own loop may damp too; beside a held force it may in any case.
     """
     names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
     return {
-        name: _search(problem, exchange=name).holds(stiffness_n_per_m, local=name == "held-force") for name in names
+        name: _search(problem, exchange=name).holds(stiffness_n_per_m, local=local or name == "held-force")
+        for name in names
     }
 
 
-def what_would_help(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, ...]:
+def what_would_help(problem: Problem, limit_n_per_m: float, *, local: bool) -> tuple[ToolHelp, ...]:
     """Return what would allow a stiffer coupling, the most first.
 
     Args:
         problem: with [simulation].
         limit_n_per_m: the stiffest K as it is.
+        local: whether the device's own loop damps already; if not, that is one of the changes.
     """
     tool, t = required_tool(problem), problem.device.sample_time_s
     step_s = max(tool.step_s)
@@ -153,6 +161,10 @@ def what_would_help(problem: Problem, limit_n_per_m: float) -> tuple[ToolHelp, .
         ToolHelp(change, ToolSearch(problem.changed(simulation=keys), _ROUGHLY).stiffest().stiffness_n_per_m)
         for change, keys in changes.items()
     ]
+    if not local:
+        beside = ToolSearch(problem, _ROUGHLY).stiffest_beside_local_damper()
+        damper = quantity(beside.local_damping_ns_per_m, problem.units.unit("N.s/m"))
+        found.append(ToolHelp(f"a damper of {damper} in the device's own loop", beside.stiffness_n_per_m))
     better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
 

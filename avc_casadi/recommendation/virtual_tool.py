@@ -79,8 +79,8 @@ class ToolRecommendation(Printed):
         felt: what it feels like at the handle.
         trial: how simulated hands fared; None without a coupling.
         mismatch: whether devices a tenth off and a quarter of a sample late are linearly stable too.
-        local_dampers_ns_per_m: least and largest damper of the device's own loop that keeps K and B stable; of a held
-            force alone.
+        local_dampers_ns_per_m: least and largest damper of the device's own loop that keeps K and B stable; None
+            where that does not damp.
         least_tool_mass_kg: the lightest tool with which the same K is stable with some B; None where none is, or where
             nothing moves.
         slowest_step_s: the longest step of the engine with which it is.
@@ -191,9 +191,12 @@ def recommend_tool(
         InputError: the problem has no [simulation].
     """
     tool, search = required_tool(problem), ToolSearch(problem)
-    local = tool.exchange == "held-force"
+    local, wanted = tool.damped_locally, tool.stiffness_n_per_m
     stiffest = search.stiffest_beside_local_damper() if local else search.stiffest()
-    limit, wanted = stiffest.stiffness_n_per_m, tool.stiffness_n_per_m
+    if not local and wanted is not None and wanted > stiffest.stiffness_n_per_m:
+        # It drags in free motion, and is there for a stiffness that is not to be had without.
+        local, stiffest = True, search.stiffest_beside_local_damper()
+    limit = stiffest.stiffness_n_per_m
     why = _hopeless(problem, search, limit)
     gains, trial = None, None
     if not why and (wanted is None or search.holds(wanted, local=local)):
@@ -221,10 +224,12 @@ def recommend_tool(
         trial=trial if deployable else None,
         mismatch=None if gains is None else stable_on_other_devices(problem, gains),
         local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
-        least_tool_mass_kg=None if same is None or tool.tool_mass_kg is None else least_tool_mass_kg(problem, same),
-        slowest_step_s=None if same is None else slowest_step_s(problem, same),
-        exchanges={} if same is None else exchanges_that_hold(problem, same),
-        helps=what_would_help(problem, limit),
+        least_tool_mass_kg=None
+        if same is None or tool.tool_mass_kg is None
+        else least_tool_mass_kg(problem, same, local=local),
+        slowest_step_s=None if same is None else slowest_step_s(problem, same, local=local),
+        exchanges={} if same is None else exchanges_that_hold(problem, same, local=local),
+        helps=what_would_help(problem, limit, local=local),
         assumed=(*assumed(problem), *_assumed(tool)),
         not_used=not_used(problem),
     )
@@ -330,7 +335,8 @@ def unusual(problem: Problem) -> dict[str, str]:
     if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
         found["exchange"] = (
             "is ahead: the device is given a place and a velocity that lie in the future of the force that made them, "
-            "which leaves a tenth of the stiffness or less; hand out the state that the step began with (on-time)"
+            "which takes its damping: a damper of the device's own loop has to make that good; hand out the state that "
+            "the step began with (on-time)"
         )
     if tool.integrator == "explicit":
         found["integrator"] = "is explicit: it gives energy to whatever swings; no engine of note has it by default"

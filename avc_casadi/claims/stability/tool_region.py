@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _DAMPERS, _LIGHTEST, _HEAVIEST = 24, 1e-3, 1.0
 # Engine rates, as factors of the declared step.
 _STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
-# Damping ratio that the device's own loop gives the released device beside a held force.
+# Damping ratio that the device's own loop gives the released device where it damps.
 _LOCAL_RATIO = 1.0
 # Softest spring, as a share of m/T_s^2, and stiffest, as one of m/T^2.
 _SOFTEST, _STIFFEST = 1e-3, 10.0
@@ -56,15 +56,17 @@ class ToolRegion(Comparable):
     Attributes:
         problem: name of the problem.
         damping_ns_per_m: B, shape (n,), the first 0.
-        local_damping_ratio: of a damper in the device's loop beside a held force: that which the released device has on
-            each K with it; 0 where there is none.
+        local_damping_ratio: of a damper in the device's loop: that which the released device has on each K with it; 0
+            where there is none.
         curves: one for each engine rate, fast ones first.
+        chosen: a coupling that a picture marks; None marks none.
     """
 
     problem: str
     damping_ns_per_m: FloatArray
     local_damping_ratio: float
     curves: tuple[ToolCurve, ...]
+    chosen: ToolGains | None = None
 
     def __repr__(self) -> str:
         return f"ToolRegion({self.problem!r}: {', '.join(map(repr, self.curves))})"
@@ -105,7 +107,8 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
     """Compute the region at the declared step of the engine, and at 2 and 4 times faster and slower ones.
 
     Each curve is followed from the softest spring up to the first that is unstable, at 25 dampers; K is right to 2 %.
-    Beside a held force, which cannot damp, the device's own loop damps the released device critically on each K.
+    Where a damper of its own belongs to it (`VirtualTool.damped_locally`), the device's loop damps the released device
+    critically on each K.
 
     Args:
         problem: with [simulation].
@@ -118,7 +121,7 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
     damping = np.concatenate([[0.0], mass / t * np.geomspace(_LIGHTEST, _HEAVIEST, _DAMPERS)])
     steps = {round(factor * declared / t) * t: False for factor in _STEPS if round(factor * declared / t) >= 1}
     steps = {step: False for step in steps if not math.isclose(step, declared, rel_tol=0.1)} | {declared: True}
-    ratio = _LOCAL_RATIO if tool.exchange == "held-force" else 0.0
+    ratio = _LOCAL_RATIO if tool.damped_locally else 0.0
     curves = []
     for place, step_s in enumerate(sorted(steps)):
         progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")

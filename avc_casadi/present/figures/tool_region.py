@@ -22,7 +22,7 @@ def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
     """Draw the K-B region of a coupling to a simulation; stable below each curve.
 
     Args:
-        region: curves of the engine rates.
+        region: curves of the engine rates, and a coupling to mark.
         axes: one axes to draw in; None makes a figure.
 
     Raises:
@@ -48,6 +48,9 @@ def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
     panel.set_yscale("log")
     panel.set_ylim(max(0.7 * whole[whole > 0].min(initial=top), 1e-4 * top), 2 * top)
     panel.set_xlim(damping[0], damping[-1])
+    if region.chosen is not None:
+        b, k = region.chosen.damping_ns_per_m, region.chosen.stiffness_n_per_m
+        panel.plot(max(b, float(damping[0])), k, "k*", markersize=11, label="recommended")
     panel.set_xlabel(f"damper B ({IMPEDANCE_UNIT})")
     panel.set_ylabel("spring K (N/m)")
     panels.legend(*panel.get_legend_handles_labels(), 5)

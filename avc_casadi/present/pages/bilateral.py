@@ -37,21 +37,30 @@ def bilateral_page(
         written: file of the coupling; None if none was written.
         verbose: with all that is known below.
     """
-    follower, device, unit = problem.follower, problem.device, problem.units.unit
-    assert follower is not None  # noqa: S101 - asked of problems with one
-    there = quantity(follower.delays_s[-1][0], "s")
-    headline = (
-        f"{shown}   follower {quantity(follower.mass_kg, unit('kg'))}, {quantity(1 / follower.sample_time_s, 'Hz')}, "
-        f"{there} away, {follower.architecture} · leader {quantity(device.mass_kg, unit('kg'))}, "
-        f"{quantity(1 / device.sample_time_s, 'Hz')}"
-    )
     following = f"avc recommend {shown} -v" if written is None else f"avc export {written} --c DIR"
-    text = page.rendered(headline, bilateral_rows(document, problem), [following])
+    text = page.rendered(bilateral_headline(problem, shown), bilateral_rows(document, problem), [following])
     if verbose:
         lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]
         lines += [f"not used: {what}" for what in document["not_used"]]
         text = "\n".join([text, "", problem.units.text("\n".join(lines))])
     return text
+
+
+def bilateral_headline(problem: Problem, shown: str) -> str:
+    """Return a problem with [follower] in a line: follower, architecture, leader.
+
+    Args:
+        problem: the problem.
+        shown: as the user names it.
+    """
+    follower, device, unit = problem.follower, problem.device, problem.units.unit
+    assert follower is not None  # noqa: S101 - asked of problems with one
+    there = quantity(follower.delays_s[-1][0], "s")
+    return (
+        f"{shown}   follower {quantity(follower.mass_kg, unit('kg'))}, {quantity(1 / follower.sample_time_s, 'Hz')}, "
+        f"{there} away, {follower.architecture} · leader {quantity(device.mass_kg, unit('kg'))}, "
+        f"{quantity(1 / device.sample_time_s, 'Hz')}"
+    )
 
 
 def bilateral_export_page(document: dict[str, Any], coupling: TeleoperatorCoupling, page: Page, shown: str) -> str:

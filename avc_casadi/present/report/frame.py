@@ -10,12 +10,14 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.text import Table
+from avc_casadi._util.text import Cell, Table, number
 from avc_casadi._util.units import spoken
 from avc_casadi.present.figures.layout import figure_png_svg, figure_svg, stacked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from avc_casadi.present.terminal import Row
 
 _HERE = Path(__file__).parent
 
@@ -93,3 +95,39 @@ def table_html(table: Table, what: str = "") -> str:
     below = f"\n<ul>\n{items_html(table.notes)}\n</ul>" if table.notes else ""
     name = escape(what or table.title or ", ".join(" ".join(head.split()) for head in table.header))
     return f'{told}<div class="wide" tabindex="0" role="region" aria-label="{name}">\n{table.html()}\n</div>{below}'
+
+
+def rows_html(rows: Iterable[Row]) -> str:
+    """Return the rows of a page of the terminal as a table, their marks as those of verdicts."""
+    lines = (
+        f'<tr><td class="{row.mark.name.lower()}">{escape(row.label)}</td><td>{escape(row.text)}</td></tr>'
+        for row in rows
+    )
+    return (
+        f'<div class="wide" tabindex="0" role="region" aria-label="at a glance">\n<table>{"".join(lines)}</table></div>'
+    )
+
+
+def columns_html(header: tuple[str, ...], rows: Iterable[tuple[Cell, ...]], left: tuple[int, ...] | None = None) -> str:
+    """Return an HTML table; columns are texts where ``left`` is None."""
+    return table_html(Table(header, tuple(rows), tuple(range(len(header))) if left is None else left))
+
+
+def value_text(value: Any) -> str:
+    """Return a value of a file as text."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(value_text, value)) or "none"
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def settings(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Return every value of nested tables beside its dotted key; what is not given is left out."""
+    rows = []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            rows += settings(value, f"{prefix}{key}.")
+        elif value is not None:
+            rows.append((f"{prefix}{key}", value_text(value)))
+    return rows

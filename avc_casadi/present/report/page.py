@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.text import Cell, Table, counts_text, number, with_problem
+from avc_casadi._util.text import counts_text, number, with_problem
 from avc_casadi.claims.certificate import levels_table
 from avc_casadi.design.comparison.document import comparison_document, comparison_tables
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
 from avc_casadi.present.pages.recommendation import recommendation_rows
-from avc_casadi.present.report.frame import Picture, filled, items_html, page_html, table_html
+from avc_casadi.present.report.frame import (
+    Picture,
+    columns_html,
+    filled,
+    items_html,
+    page_html,
+    rows_html,
+    settings,
+    table_html,
+    value_text,
+)
 from avc_casadi.present.report.summary import device_line, injection_line, scope_line, summary_lines
 
 if TYPE_CHECKING:
@@ -23,7 +33,6 @@ if TYPE_CHECKING:
 
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.model.problem import Problem
-    from avc_casadi.present.terminal import Row
     from avc_casadi.recommendation.deployed import Deployed
 
 
@@ -120,7 +129,7 @@ def report_html(contents: ReportContents) -> str:
         "page",
         verdict=_verdict(contents.deployment),
         rendered="\n".join(figure.html() for figure in contents.deployed[:1]),
-        rows=_rows(recommendation_rows(dict(contents.deployment), contents.problem)),
+        rows=rows_html(recommendation_rows(dict(contents.deployment), contents.problem)),
         loop="\n".join(figure.html() for figure in contents.deployed[1:]),
         conclusion=_conclusion([*contents.conclusion, *_undelivered(contents.deployment, push)]),
         deployment=_deployment(contents.deployment),
@@ -135,10 +144,12 @@ def report_html(contents: ReportContents) -> str:
         method=escape(comparison["delivered"]),
         gains=_gains(best),
         device=escape(device_line(push)),
-        push=_table(("what", "value"), [(key, _text(value)) for key, value in push.items()]),
-        problem=_table(("key", "value"), _flat(contents.problem.model_dump(exclude={"name", "title", "source"}))),
-        assumptions=_table(("what", "assumed"), [(item.what, item.assumed) for item in ASSUMPTIONS]),
-        paper_errors=_table(
+        push=columns_html(("what", "value"), [(key, value_text(value)) for key, value in push.items()]),
+        problem=columns_html(
+            ("key", "value"), settings(contents.problem.model_dump(exclude={"name", "title", "source"}))
+        ),
+        assumptions=columns_html(("what", "assumed"), [(item.what, item.assumed) for item in ASSUMPTIONS]),
+        paper_errors=columns_html(
             ("equation", "as printed", "correct", "effect"),
             [(item.equation, item.as_printed, item.correct, item.effect) for item in PAPER_ERRORS],
         ),
@@ -146,17 +157,6 @@ def report_html(contents: ReportContents) -> str:
     title = ": ".join(filter(None, (contents.problem.name, contents.problem.title)))
     return page_html(
         title, contents.problem.source, with_problem(body, escape(_file(contents.problem))), contents.versions
-    )
-
-
-def _rows(rows: Iterable[Row]) -> str:
-    """Return the rows of a page of the terminal as a table, their marks as those of verdicts."""
-    lines = (
-        f'<tr><td class="{row.mark.name.lower()}">{escape(row.label)}</td><td>{escape(row.text)}</td></tr>'
-        for row in rows
-    )
-    return (
-        f'<div class="wide" tabindex="0" role="region" aria-label="at a glance">\n<table>{"".join(lines)}</table></div>'
     )
 
 
@@ -258,10 +258,10 @@ def _deployment(found: Mapping[str, Any]) -> str:
         "corner hands on devices off their file, nothing promised": found["off_file"],
     }
     if found["coupling"] is None and not found["what_would_help"]:
-        return _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])])
+        return columns_html(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])])
     parts = [
         "<h3>How simulated hands fared</h3>",
-        _table(
+        columns_html(
             ("hands", "how many", "at rest", "without friction", "quiet"),
             [
                 (who, *(of[key] for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")))
@@ -271,7 +271,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
             left=(0,),
         ),
         "<h3>What is claimed of it</h3>",
-        _table(
+        columns_html(
             ("claim", "result", "what was found"),
             [
                 *((claim["name"], "pass" if claim["pass"] else "FAIL", claim["sentence"]) for claim in claims),
@@ -279,7 +279,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
             ],
         ),
         "<h3>What limits it, and what would help</h3>",
-        _table(
+        columns_html(
             ("what would help", "plain spring and damper hold, by linear stability alone, N/m"),
             [
                 ("the device as it is", found["plain_wall_n_per_m"]),
@@ -287,32 +287,9 @@ def _deployment(found: Mapping[str, Any]) -> str:
             ],
             left=(0,),
         ),
-        _table(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])]),
+        columns_html(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])]),
     ]
     return "\n".join(parts)
-
-
-def _table(header: tuple[str, ...], rows: Iterable[tuple[Cell, ...]], left: tuple[int, ...] | None = None) -> str:
-    """Return an HTML table; columns are texts where ``left`` is None."""
-    return table_html(Table(header, tuple(rows), tuple(range(len(header))) if left is None else left))
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list | tuple):
-        return ", ".join(map(_text, value)) or "none"
-    return number(value) if isinstance(value, float) else str(value)
-
-
-def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    rows = []
-    for key, value in table.items():
-        if isinstance(value, Mapping):
-            rows += _flat(value, f"{prefix}{key}.")
-        elif value is not None:
-            rows.append((f"{prefix}{key}", _text(value)))
-    return rows
 
 
 def _gains(document: Mapping[str, Any]) -> str:
@@ -328,4 +305,4 @@ def _gains(document: Mapping[str, Any]) -> str:
         ("reason", "reason"),
     )
     rows = zip(*(document[key] for _, key in columns), strict=True)
-    return _table(tuple(name for name, _ in columns), rows, left=(7, 8))
+    return columns_html(tuple(name for name, _ in columns), rows, left=(7, 8))
