@@ -68,9 +68,36 @@ def test_an_explicit_mass_gives_energy_whatever_it_weighs():
         assert [row["run_lowest"], row["run_highest"]] == pytest.approx([row["formula"]] * 2, rel=1e-9)
 
 
+def test_least_passive_mass_is_where_the_real_part_turns_on_the_unit_circle():
+    found = rows("least_mass")
+    assert {row["least_kg"] is None for row in found} == {True, False}
+    for row in found:
+        enough = row["damping_ns_per_m"] >= row["needed_coupling_ns_per_m"]
+        assert (row["least_kg"] is not None) == enough
+        if enough:
+            assert row["below"] < 0 < row["above"]
+            assert row["least_kg"] >= row["nyquist_kg"] * (1 - 1e-12)
+            assert row["pole"] < 1
+            assert row["stable"]
+        else:
+            assert row["best_of_heavier"] < 0
+    assert any(row["least_kg"] and row["least_kg"] > 1.5 * row["nyquist_kg"] for row in found)
+
+
 @pytest.mark.parametrize(
     "part",
-    ["rule", "undamped", "passive", "quantised", "regions", "llewellyn", "explicit_mass", "second_device", "paddle"],
+    [
+        "rule",
+        "undamped",
+        "passive",
+        "quantised",
+        "regions",
+        "llewellyn",
+        "explicit_mass",
+        "least_mass",
+        "second_device",
+        "paddle",
+    ],
 )
 def test_the_page_shows_what_the_package_gives(part):
     found = json.loads(json.dumps(rows(part)))

@@ -393,6 +393,9 @@ H = (K + 2 B/T) / (1 - (K T^2/4 + B T/2)/m), so that with c = B + K T/2 < b
 
     m > T/2 * b c / (b - c)
 
+What a lower frequency asks for stands [beside what others published](RESULTS_published.md#the-least-mass-of-a-tool):
+below B = K^2 T^2/(16 b) no mass at all is passive.
+
 {masses}
 
 ## A wheel with a game's spring

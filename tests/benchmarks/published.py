@@ -26,6 +26,7 @@ from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
 from avc_casadi.claims.stability.boundary_curves import stable_walls
+from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, no_hand
@@ -265,6 +266,92 @@ def explicit_mass() -> list[Row]:
     return rows
 
 
+# Of a device and the coupling to its tool: K in N/m, B and b in N.s/m; T is that of all rows.
+COUPLINGS = (
+    (500.0, 0.5, 2.0),
+    (1000.0, 1.4, 2.0),
+    (1000.0, 0.2, 2.0),
+    (1000.0, 0.12, 2.0),
+    (1000.0, 0.035, 2.0),
+    (1000.0, 0.02, 2.0),
+    (200.0, 0.01, 0.8),
+    (10_000.0, 1.0, 20.0),
+    (10_000.0, 0.3, 20.0),
+)
+HEAVIER = 1e4
+
+
+def least_passive_mass_kg(stiffness: float, coupling: float, damping: float, t: float = T) -> float:
+    """Lightest semi-implicit mass behind a coupling that is passive to a device's hand; infinite where none is.
+
+    Largest of M(q) T/2 over q = cot(omega T/2)^2: M(0), or the largest root of the discriminant of p(q) = 0, where two
+    roots q meet; see the page for p.
+    """
+    b, k = damping, stiffness * t / 2
+    c = coupling + k
+    if c >= b or k**2 > 4 * b * coupling:
+        return math.inf
+    s = 2 * c * k + coupling**2
+    # Polynomials in M, those of q^3, q^2, q and 1.
+    three = np.poly1d([b * k**2])
+    two = np.poly1d([k**2 - 2 * b * k, b * (s + k**2)])
+    one = np.poly1d([b + coupling - k, s - 2 * b * (c + k), b * (c**2 + s)])
+    none = np.poly1d([b - c, c**2 - 2 * b * c, b * c**2])
+    discriminant = (
+        18 * three * two * one * none
+        - 4 * two * two * two * none
+        + two * two * one * one
+        - 4 * three * one * one * one
+        - 27 * three * three * none * none
+    )
+    masses = [b * c / (b - c)]
+    for root in discriminant.roots:
+        if abs(root.imag) < 1e-6 * abs(root):
+            # The two nearest of the three are those that meet.
+            q = np.roots([float(part(root.real)) for part in (three, two, one, none)])
+            apart = {(i, j): abs(q[i] - q[j]) for i in range(3) for j in range(i)}
+            i, j = min(apart, key=lambda pair: apart[pair])
+            if (q[i] + q[j]).real > 0:
+                masses.append(float(root.real))
+    return t / 2 * max(masses)
+
+
+def lowest_real_part(stiffness: float, coupling: float, damping: float, mass: float) -> float:
+    """Lowest b + Re(Z/z) on the unit circle over b: Z = C/(1 + C Y), put together from C and Y, not from p(q)."""
+    theta = np.concatenate([np.geomspace(1e-5, 0.1, 20_000), np.linspace(0.1, math.pi, 20_000)])
+    z = np.exp(1j * theta)
+    joined, moved = coupling + stiffness * T * z / (z - 1), T / (mass * (z - 1))
+    return float((1 + (joined / (1 + joined * moved) / z).real / damping).min())
+
+
+def least_mass() -> list[Row]:
+    """Least mass of a tool for passivity in closed form, against the unit circle and the package's loops."""
+    rows = []
+    for stiffness, coupling, damping in COUPLINGS:
+        mass, c = least_passive_mass_kg(stiffness, coupling, damping), coupling + stiffness * T / 2
+        told = (stiffness, coupling, damping)
+        row: Row = {"part": "least_mass", "stiffness_n_per_m": stiffness, "damping_ns_per_m": coupling}
+        row |= {"device_damping_ns_per_m": damping, "nyquist_kg": T / 2 * damping * c / (damping - c)}
+        row |= {"needed_coupling_ns_per_m": (stiffness * T) ** 2 / (16 * damping)}
+        if math.isinf(mass):
+            masses = row["nyquist_kg"] * np.geomspace(1, HEAVIER, 40)
+            row |= {"least_kg": None, "best_of_heavier": max(lowest_real_part(*told, float(one)) for one in masses)}
+        else:
+            above = [lowest_real_part(*told, mass * float(one)) for one in (1.001, *np.geomspace(1.01, HEAVIER, 20))]
+            pole = max(abs(np.roots([1, T * c / mass + stiffness * T**2 / (2 * mass) - 2, 1 - T * coupling / mass])))
+            row |= {"least_kg": mass, "below": lowest_real_part(*told, 0.999 * mass), "above": min(above)}
+            row |= {"pole": float(pole), "stable": _stable_with_hands(*told, mass)}
+        rows.append(row)
+    return rows
+
+
+def _stable_with_hands(stiffness: float, coupling: float, damping: float, mass: float) -> bool:
+    """Whether the package finds every loop stable with that tool, with its default hands and released."""
+    device = f"[device]\nmass_kg = 0.12\ndamping_ns_per_m = {damping}\n"
+    problem = avc.parse_problem(f"{device}[simulation]\ntool_mass_kg = {mass!r}\nstep_s = {T}\n")
+    return ToolLoops(problem).stable(ToolGains(stiffness, coupling))
+
+
 def second_device() -> list[Row]:
     """Damping that both devices of a sampled teleoperator need, against the closed form."""
     rows = []
@@ -477,15 +564,43 @@ _MASS = """
 
 J. M. Brown, J. E. Colgate, Minimum mass for haptic display simulations, Proc. ASME IMECE, DSC-Vol. 64, 249-256
 (1998). The abstract: an operator that is passive in discrete time must be implicit, and an explicit one needs a least
-mass, derived for several pairs of integrator and coupling. Their formulas were looked for and not found; none is
-quoted. That no explicit mass is passive by itself follows from T/(m (z - 1)), whose real part is -T/(2 m) at every
-frequency. A run of such a mass says the same, force times velocity over whole periods:
+mass, derived for several pairs of integrator and coupling. **The paper's text could not be read: none of its formulas
+is quoted, and what stands here is derived here.** That no explicit mass is passive by itself follows from T/(m (z -
+1)), whose real part is -T/(2 m) at every frequency. A run of such a mass says the same, force times velocity over
+whole periods:
 """
 
 _MASS_PARTS = """
-The bound that the project derives for its own exchange, m > (T/2) b c/(b - c) with c = B + K T/2, is held against
-frequencies and loops in [engine boundaries](RESULTS_engine_boundaries.md#minimum-mass), with the cases where it is
-not enough.
+So the device's damping b has to pay. Derived here: a mass m moved semi-implicitly, v_t(n+1) = v_t(n) + T F(n)/m and
+x_t(n+1) = x_t(n) + T v_t(n+1), behind F(n) = K (x - x_t) + B (v - v_t) of the newest sample, v its backward
+difference; one step a sample, no delay. From v to F this is Z = C/(1 + C Y), with C = B + K T z/(z - 1) and Y = T/(m (z
+- 1)). The device holds F for a sample, and Colgate and Schenkel's condition becomes
+
+    b + Re(Z/z) >= 0 on the unit circle, Z without a pole outside
+
+Let k = K T/2, c = B + k, M = 2 m/T, q = cot(omega T/2)^2, L = c + k q and S = L^2 + B^2 q. Multiplied out it is
+
+    p(q) = ((b + B - k) q + b - c) M^2 - (2 b (q + 1) L - S) M + b (q + 1) S >= 0
+
+a quadratic in M at each frequency and a cubic in q for each mass. Three answers follow:
+
+- c >= b, or B < K^2 T^2/(16 b): **no mass** is passive. With too little B the hold of K feeds the swing of the tool on
+  K, however heavy it is. (M(q) grows with q; for large q its roots are real where k^2 > 4 b B.)
+- At the Nyquist frequency, q = 0: m >= (T/2) b c/(b - c), which is b/(b - c) times the mass (T/2) c below which the
+  tool swings up by itself with the device held.
+- Where a lower frequency asks for more, the largest M at which two roots q > 0 of p meet: the largest such root of
+  the discriminant, a polynomial of degree six.
+
+The lightest passive tool is the largest of the last two. Second way: b + Re(Z/z) on 40,000 points of the circle, put
+together from C and Y, lowest value over b.
+"""
+
+_LEAST_PARTS = """
+0.1 % below the least mass the lowest is negative in each row that has one; from 0.1 % above it to {heavier:g} times of
+it nowhere. Where there is none, it is negative with every mass of 40 from that of Nyquist to {heavier:g} times of it.
+The package's loops are stable with each least mass, its hands and released, as they must be: {stable} of {all}. More
+of the bound at Nyquist, with lighter tools that are stable all the same: [engine
+boundaries](RESULTS_engine_boundaries.md#minimum-mass).
 """
 
 _TELE = """
@@ -578,6 +693,7 @@ def _summary(part: dict[str, list[Row]], apart: dict[str, float]) -> str:
     held = {r["delay_samples"]: r["ratio"] for r in part["rule"] if r["hand"] == "held" and r["damping_ns_per_m"] == 5}
     loose = [r["ratio"] for r in part["rule"] if r["ratio"] is not None]
     energy = max(abs(r["damping_by_energy_ns_per_m"] / LOSSY - 1) for r in part["passive"])
+    masses = [r for r in part["least_mass"] if r["least_kg"] is not None and r["below"] < 0 <= r["above"]]
     taps = max(abs(r["tapping_n_per_m"] / r["published_n_per_m"] - 1) for r in part["quantised"])
     rows = [
         (
@@ -615,9 +731,9 @@ def _summary(part: dict[str, list[Row]], apart: dict[str, float]) -> str:
         (
             "least mass of a tool",
             "Brown and Colgate 1998",
-            "derived anew",
-            "an explicit mass, run",
-            "formulas not found",
+            "derived here: (T/2) b c/(b - c), c = B + K T/2, or more; none for B < K^2 T^2/(16 b)",
+            f"positive realness on the unit circle: sign changes within 0.1 % in {len(masses)} of {len(masses)}",
+            "the paper's text could not be read",
         ),
         (
             "a second device",
@@ -739,10 +855,31 @@ def _couplings(part: dict[str, list[Row]], apart: dict[str, float]) -> list[str]
         _MASS,
         table(("mass, kg", "-T/(2 m), s/kg", "run, lowest of three frequencies", "highest"), masses),
         _MASS_PARTS,
+        *_least(part["least_mass"]),
         _TELE,
         table(("K, N/m", "samples each way", "published, N.s/m", "ours"), devices),
         _MODES,
     ]
+
+
+def _least(rows: list[Row]) -> list[str]:
+    found = [r for r in rows if r["least_kg"] is not None]
+    lines = [
+        (
+            f"{r['stiffness_n_per_m']:g}",
+            f"{r['damping_ns_per_m']:g}",
+            f"{r['device_damping_ns_per_m']:g}",
+            rounded(r["needed_coupling_ns_per_m"]),
+            rounded(r["nyquist_kg"]),
+            rounded(r["least_kg"], 4) if r in found else "none",
+            f"{r['below']:.0e}" if r in found else f"{r['best_of_heavier']:.0e} at best",
+            f"{r['above']:.0e}" if r in found else "-",
+        )
+        for r in rows
+    ]
+    head = "K, N/m|B, N.s/m|b, N.s/m|least B|at Nyquist, kg|least mass, kg|lowest, 0.1 % lighter|heavier"
+    counts = {"stable": sum(r["stable"] for r in found), "all": len(found)}
+    return [table(tuple(head.split("|")), lines), _LEAST_PARTS.format(heavier=HEAVIER, **counts)]
 
 
 def _paddle(rows: list[Row], scenes: list[Row]) -> list[str]:
@@ -814,6 +951,7 @@ def main() -> None:
         regions,
         llewellyn,
         explicit_mass,
+        least_mass,
         second_device,
         paddle,
         paddle_scenes,
