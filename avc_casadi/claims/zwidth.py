@@ -199,7 +199,7 @@ class ZWidth(PrintedColumns):
         kept = ("encoder_limit_n_per_m", "passive_limit_n_per_m", "passive_spring_n_per_m", "rule_n_per_m")
         found: dict[str, Any] = plain(
             {
-                "schema": "avc-zwidth/1",
+                "schema": "avc-zwidth/2",
                 "problem": self.problem,
                 "wall_damping_ns_per_m": self.damping_ns_per_m,
                 "curves": {
