@@ -186,12 +186,12 @@ def test_unstable_coupling_is_written_on_request_alone(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("verb", "said"),
     [
-        (("push", "c.json", "--port", "emulator"), "simulate, check and export know a [simulation]"),
-        (("stream", "c.json", "--port", "emulator"), "simulate, check and export know a [simulation]"),
-        (("trial", "c.json"), "simulate, check and export know a [simulation]"),
+        (("push", "c.json", "--port", "emulator"), "simulate, run, check and export know a [simulation]"),
+        (("stream", "c.json", "--port", "emulator"), "simulate, run, check and export know a [simulation]"),
+        (("trial", "c.json"), "simulate, run, check and export know a [simulation]"),
         (
             ("firmware", "c.json", "--board", "stm32f405", "--out", "o", "--built-in"),
-            "simulate, check and export know a [simulation]",
+            "simulate, run, check and export know a [simulation]",
         ),
         (("export", "c.json", "--c", "o", "--package", "cmake"), "--package: is of couplings to a wall"),
         (("export", "c.json", "--c", "o", "--problem", "soft"), "--problem: is of couplings to a wall"),

@@ -259,3 +259,16 @@ def test_what_asks_for_a_wall_says_that_there_is_none():
 def test_faults_of_the_table_are_told_with_their_keys(text, said):
     with pytest.raises(avc.InputError, match=said):
         problem(text)
+
+
+@pytest.mark.thorough
+def test_device_that_may_lack_damping_is_damped_by_its_own_loop():
+    """The local damper makes up for the least damping of the range: with the nominal one no soft spring had any."""
+    text = f"{DEVICE}[device.range]\ndamping_ns_per_m = [0.0, 0.8]\n[simulation]\ntool_mass_kg = 0.2\nstep_s = 0.016\n"
+    limit = ToolSearch(avc.parse_problem(f'{text}exchange = "held-force"\n')).stiffest_beside_local_damper()
+    assert limit.stiffness_n_per_m > 100
+    simulator = EngineSimulator((0.12, 0.0, 1e-3, 1), (0.0, 0.0, 0.0), (0.2, 0.0), 0.016, exchange="held-force")
+    k, b, local = 0.9 * limit.stiffness_n_per_m, limit.damping_ns_per_m, limit.local_damping_ns_per_m
+    device, tool = simulator.run(k, b, 8000, local=local, kick=1e-6, force=math.inf)
+    apart = np.abs(device - tool)
+    assert apart[-1000:].max() < apart[1000:2000].max()

@@ -74,7 +74,7 @@ class Scale:
 
     Attributes:
         mass_kg: of the lightest device.
-        damping_ns_per_m: of the device.
+        damping_ns_per_m: of the least damped device.
         sample_time_s: T.
         slow_s: the longest time in the loop: a step of the engine, a delay.
     """
@@ -90,7 +90,8 @@ class Scale:
         device = problem.device
         lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
         mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
-        return cls(mass, device.damping_ns_per_m, device.sample_time_s, max(slow_s, device.sample_time_s))
+        damping = device.damping_ns_per_m if device.range.damping_ns_per_m is None else device.range.damping_ns_per_m[0]
+        return cls(mass, damping, device.sample_time_s, max(slow_s, device.sample_time_s))
 
 
 class CouplingSearch:

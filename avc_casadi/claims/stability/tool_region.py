@@ -117,6 +117,7 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
     tool, device = required_tool(problem), problem.device
     t, declared = device.sample_time_s, max(tool.step_s)
     lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
+    least = device.damping_ns_per_m if device.range.damping_ns_per_m is None else device.range.damping_ns_per_m[0]
     mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
     damping = np.concatenate([[0.0], mass / t * np.geomspace(_LIGHTEST, _HEAVIEST, _DAMPERS)])
     steps = {round(factor * declared / t) * t: False for factor in _STEPS if round(factor * declared / t) >= 1}
@@ -131,7 +132,7 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
         for row, b in enumerate(damping.tolist()):
 
             def stable(k: float, b: float = b, loops: ToolLoops = loops) -> bool:
-                local = max(0.0, 2 * ratio * math.sqrt(k * mass) - device.damping_ns_per_m)
+                local = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
                 return loops.stable(ToolGains(k, b, local))
 
             limits[row] = _limit(stable, softest, near, _STIFFEST * mass / t**2)
