@@ -21,7 +21,6 @@ from left_out import noted, replaced
 from random_devices import drawn
 from studied import about, computed, cpu_seconds, expected_n_per_m, made_by, rounded, table
 
-from avc_casadi._util.progress import SILENT
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.problem import Problem
@@ -155,7 +154,7 @@ def searched(problem: Problem) -> dict[str, Any]:
     """Search as `recommend` does; what a user notices of the best, and processor time."""
     cpu, people = cpu_seconds(), people_of(problem.hands, HANDS, OWN_SEED)
     limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
-    found = judged_candidates(problem, people, OWN_SEED, limit, SILENT, lean_on_friction=False)
+    found = judged_candidates(problem, people, OWN_SEED, limit, lean_on_friction=False)
     cpu = cpu_seconds() - cpu
     if not found.judged:
         return {"cpu_s": cpu, "method": None}
