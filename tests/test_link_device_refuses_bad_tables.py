@@ -93,48 +93,33 @@ def test_a_table_for_another_loop_is_refused_by_a_reason_of_its_own(
     assert told in str(refusal)
 
 
-@pytest.mark.parametrize("bit", [4, 5, 6, 7])
-def test_a_table_that_asks_for_what_the_firmware_does_not_know_is_refused(bit: int) -> None:
+def refused_spoilt(table: bytes, rows: int, crc32: int, told: str) -> None:
+    """The device takes bytes of a table in right frames, and refuses them at the end."""
     core = host_core()
     connection = Connection(HostLink(core), session=1)
-    table = image(3).image
-    asks = table[:2] + struct.pack("<H", struct.unpack_from("<H", table, 2)[0] | 1 << bit) + table[4:]
-    crc32 = zlib.crc32(asks)
     ask = connection.session.ask
-    connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, 3), m.Acknowledged))
-    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, asks), m.Acknowledged))
-    with pytest.raises(RefusedError, match="header has a flag that the firmware does not know"):
+    connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, rows), m.Acknowledged))
+    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, table), m.Acknowledged))
+    with pytest.raises(RefusedError, match=told):
         connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
     assert core.image() is None
+
+
+@pytest.mark.parametrize("bit", [4, 5, 6, 7])
+def test_a_table_that_asks_for_what_the_firmware_does_not_know_is_refused(bit: int) -> None:
+    table = image(3).image
+    asks = table[:2] + struct.pack("<H", struct.unpack_from("<H", table, 2)[0] | 1 << bit) + table[4:]
+    refused_spoilt(asks, 3, zlib.crc32(asks), "header has a flag that the firmware does not know")
 
 
 def test_header_that_names_other_rows_is_refused() -> None:
-    core = host_core()
-    connection = Connection(HostLink(core), session=1)
-    table = image(8)
-    spoilt = struct.pack("<H", 7) + table.image[2:]
-    crc32 = zlib.crc32(spoilt)
-    ask = connection.session.ask
-    connection.run(ask(Kind.BEGIN, m.begin(1, 5, crc32, 8), m.Acknowledged))
-    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, spoilt), m.Acknowledged))
-    with pytest.raises(RefusedError, match="wrong size"):
-        connection.run(ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed))
-    assert core.image() is None
+    spoilt = struct.pack("<H", 7) + image(8).image[2:]
+    refused_spoilt(spoilt, 8, zlib.crc32(spoilt), "wrong size")
 
 
 def test_spoilt_table_with_right_frames_is_refused_by_its_checksum() -> None:
-    core = host_core()
-    connection = Connection(HostLink(core), session=1)
     table = image(8)
-    ask = connection.session.ask
-    connection.run(ask(Kind.BEGIN, m.begin(1, 5, table.crc32, 8), m.Acknowledged))
-    connection.run(ask(Kind.CHUNK, m.chunk(1, 5, 0, bytes(len(table.image))), m.Acknowledged))
-    with pytest.raises(RefusedError, match="wrong size"):
-        connection.run(ask(Kind.COMMIT, m.commit(1, 5, table.crc32), m.Committed))
+    refused_spoilt(bytes(len(table.image)), 8, table.crc32, "wrong size")
     spoilt = bytearray(table.image)
     spoilt[40] ^= 1
-    connection.run(ask(Kind.BEGIN, m.begin(1, 6, table.crc32, 8), m.Acknowledged))
-    connection.run(ask(Kind.CHUNK, m.chunk(1, 6, 0, bytes(spoilt)), m.Acknowledged))
-    with pytest.raises(RefusedError, match="checksum of the table"):
-        connection.run(ask(Kind.COMMIT, m.commit(1, 6, table.crc32), m.Committed))
-    assert core.image() is None
+    refused_spoilt(bytes(spoilt), 8, table.crc32, "checksum of the table")

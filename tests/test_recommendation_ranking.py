@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi._util.progress import SILENT
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.lqg import Space
@@ -140,7 +139,7 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
     monkeypatch.setattr(_rank, "proved_first", lambda left: left)
     monkeypatch.setattr(_generate, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
-    found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
+    found = judged_candidates(PROBLEM, people, 0, limit, lean_on_friction=False).judged
     best = best_of(found)
     assert best.safety == 0
     assert 0.75 * held < felt_at_rest_n_per_m(best.coupling) / limit.stiffness_n_per_m < held
@@ -169,7 +168,7 @@ def test_springs_between_a_law_and_what_they_do_not_hold_are_tried(law, held, be
     monkeypatch.setattr(_evaluate, "likeliest", lambda alternatives, *_, **__: (alternatives, True))
     monkeypatch.setattr(_stages, "_behind_laws", lambda evaluator, *_: evaluator.ask([[behind]], "laws"))
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
-    found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
+    found = judged_candidates(PROBLEM, people, 0, limit, lean_on_friction=False).judged
     best = best_of(found)
     assert best.safety == 0
     assert felt_at_rest_n_per_m(best.coupling) / plainly == pytest.approx(best_of_all, rel=0.03)
@@ -198,7 +197,7 @@ def test_what_is_best_is_confirmed_though_nobody_rests_without_friction(monkeypa
     monkeypatch.setattr(_rank, "proved_first", lambda left: left)
     monkeypatch.setattr(_generate, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
-    found = judged_candidates(PROBLEM, people, 0, limit, SILENT, lean_on_friction=False).judged
+    found = judged_candidates(PROBLEM, people, 0, limit, lean_on_friction=False).judged
     assert best_of(found).safety == 1
     assert best_of(found).others is not None
 

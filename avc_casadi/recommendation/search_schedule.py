@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.parallel import ALONE, Crew
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
 from avc_casadi.design.robust.goal import distance
 from avc_casadi.model.hands import hand_corners
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from concurrent.futures import Executor
 
-    from avc_casadi._util.progress import Progress
     from avc_casadi.claims.stability.stiffest_wall import DampingRange
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.robust.cma_continuation import Step
@@ -56,7 +56,7 @@ def judged_candidates(
     people: Hand,
     seed: int,
     limit: DampingRange,
-    progress: Progress,
+    progress: Progress = SILENT,
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,

@@ -8,7 +8,7 @@ by a spring, with Stribeck friction; multisines and chirps of several bands; enc
 jump, a force that is cut), and of loops that buzz for one known reason by `tests/buzzing_cases.py`. Every log is judged
 with all rules; then each rule is replaced by what stands there without it, and the logs on which it did something are
 judged again. A function that returned what it returns when it is left out did nothing, and its log is not run again;
-fits with the same arguments are kept. What costs most is left out on every third or fourth log. With --write rows go to
+what cannot be seen to do nothing is left out on every fourth log. With --write rows go to
 results/ablation_identify_PART.json after every log, and the study goes on where it stopped.
 """
 
@@ -169,7 +169,6 @@ IDENTIFY = (
     Rule("identification.select._NEAR_ANOTHER", math.inf, "screening by another term"),
     Rule("identification.select._HOPEFUL", -math.inf, "screening by a Gauss-Newton step"),
     Rule("identification.select._prune", lambda *_: None, "terms tried without at the end"),
-    Rule("identification.select._told_apart", None, "collinear terms not told apart"),
     Rule("identification.select._beyond", lambda *_: "", "frequencies beyond the band", _nothing),
     Rule("identification.identifiability.vague_terms", lambda *_: [], "vague terms taken out", _nothing),
     Rule(
@@ -317,106 +316,6 @@ def _spied(rule: Rule, acted: set[str]) -> Callable[..., Any]:
         return result
 
     return spy
-
-
-class _Kept:
-    """Fits that were made of one log, by their arguments."""
-
-    def __init__(self) -> None:
-        self._found: dict[Any, Any] = {}
-
-    def of(self, name: str, key: Callable[..., Any]) -> Callable[..., Any]:
-        module, attribute = _place(name)
-        old = getattr(module, attribute)
-
-        def kept(*given: Any, **named: Any) -> Any:
-            at = (name, key(*given, **named))
-            if at not in self._found:
-                self._found[at] = old(*given, **named)
-            return self._found[at]
-
-        return kept
-
-
-def _of_predictor(predictor: Any) -> Any:
-    records = tuple(
-        (hash(one.position_m.tobytes()), hash(one.force_n.tobytes()), one.added_mass_kg, one.begins_s)
-        for one in predictor.records
-    )
-    return records, predictor.logs, predictor._play_taken_up, predictor._parts, predictor._origin_m
-
-
-def _fit_key(predictor: Any, structure: Any, start: Any, observer: Any, window: Any, **named: Any) -> Any:
-    return (
-        _of_predictor(predictor),
-        repr(structure),
-        structure.start(start).tobytes(),
-        observer,
-        repr(window),
-        repr(named),
-    )
-
-
-def _judged_key(predictor: Any, structure: Any, search: Any, observer: Any, window: Any) -> Any:
-    return _of_predictor(predictor), repr(structure), search.tobytes(), observer, repr(window)
-
-
-def _observer_key(predictor: Any, found: Any, window: Any) -> Any:
-    return _of_predictor(predictor), repr(found.structure), found.search.tobytes(), repr(window)
-
-
-def _resonances_key(response: Any, values: Any, structure: Any, period: float, most: int = 2) -> Any:
-    return response.velocity_per_force.tobytes(), repr(sorted(values.items())), repr(structure), period, most
-
-
-def _plants_key(log: Any, swing: Any, declared: Any, lag: int, draws: int, seed: int) -> Any:
-    arrays = (log.position_m, log.force_n, log.seen)
-    found = swing.found
-    return (
-        tuple(hash(one.tobytes()) for one in arrays),
-        log.ticks,
-        swing.first,
-        swing.last,
-        found.frequency_hz,
-        found.steps,
-        repr(declared),
-        lag,
-        draws,
-        seed,
-    )
-
-
-def _replay_key(answer: Any, law: Any, log: Any, encoder_m: float, *, filter_hz: float | None = None) -> Any:
-    hand = None if answer.hand is None else answer.hand.values(0)
-    return repr(answer.device), repr(hand), law, hash(log.force_n.tobytes()), log.ticks, encoder_m, filter_hz
-
-
-KEPT = {
-    "identify": {
-        "identification.fit.fit": _fit_key,
-        "identification.fit.judged": _judged_key,
-        "identification.fit.best_observer": _observer_key,
-        "identification.frequency.likely_resonances": _resonances_key,
-    },
-    "diagnose": {
-        "identification.diagnosis.plant.fit_plants": _plants_key,
-        "identification.diagnosis.counterfactual.replay": _replay_key,
-    },
-}
-# These are inside of a fit, which costs most: they are left out on every third log only.
-IN_FITS = {
-    "identification.diagnosis.plant._UNEXPLAINED",
-    "identification.diagnosis.plant._ODDS",
-    "identification.diagnosis.plant._REWEIGHED",
-    "identification.diagnosis.noise_floor._alike",
-    "identification.diagnosis.noise_floor._TAKEN",
-}
-# These are inside of a scene that is played.
-IN_SCENES = (
-    "identification.diagnosis.limit_cycle.",
-    "identification.diagnosis.limit_cycle.",
-    "identification.diagnosis.oscillation.",
-)
 
 
 # --- logs of devices
@@ -576,24 +475,16 @@ def studied(part: str, seed: int, index: int) -> dict[str, Any]:
         def run() -> dict[str, Any]:
             return diagnosed(case)
 
-    kept, acted = _Kept(), set[str]()
-    memory = {name: kept.of(name, key) for name, key in KEPT[part].items()}
-    spies = {rule.name: _spied(rule, acted) for rule in rules if rule.idle is not None}
-    with replaced(memory), replaced(spies):
+    acted = set[str]()
+    with replaced({rule.name: _spied(rule, acted) for rule in rules if rule.idle is not None}):
         row["all"] = run()
     for place, rule in enumerate(rules):
-        if rule.without is None or (rule.idle is not None and rule.name not in acted):
+        if rule.idle is not None and rule.name not in acted:
             continue
-        # Of a rule that always may have done something every fourth log is judged again, each another one.
-        if (rule.idle is None and part == "identify" and (index + place) % 4) or (rule.name in IN_FITS and index % 3):
+        # A rule that always may have done something is left out on every fourth log, each rule on others.
+        if rule.idle is None and (index + place) % 4:
             continue
-        changes = {rule.name: rule.without, **dict(rule.more)}
-        left = {
-            name: each
-            for name, each in memory.items()
-            if not (rule.name in IN_FITS or ("replay" in name and rule.name.startswith(IN_SCENES)))
-        }
-        with replaced(left), replaced(changes):
+        with replaced({rule.name: rule.without, **dict(rule.more)}):
             row["without"][rule.name] = run()
     return row
 
@@ -641,8 +532,6 @@ def table_of(part: str, rows: list[dict[str, Any]], made: Mapping[str, Any]) -> 
         f"| nothing | | | | {' | '.join(map(str, whole.values()))} |",
     ]
     for rule in rules:
-        if rule.without is None:
-            continue
         again = [row for row in rows if rule.name in row["without"]]
         changed = sum(_score(row["without"][rule.name], part) != _score(row["all"], part) for row in again)
         sums = _sums(rows, rule.name, part).values()

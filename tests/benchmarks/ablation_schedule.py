@@ -10,7 +10,6 @@ rules is not left out there.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import importlib
 import itertools
 import sys
@@ -27,6 +26,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
 from design_oracles import drawn_device_problem  # noqa: E402
 from drawn_problems import drawn_problem  # noqa: E402
+from left_out import noted, replaced  # noqa: E402
 from studied import about, made_by  # noqa: E402
 
 import avc_casadi as avc  # noqa: E402
@@ -37,6 +37,7 @@ SCOPES, REQUIRED = ("pointwise", "band", "all", "hands"), ("none", "none", "jnd"
 # A goal that differs by less than 1 %, or by less than this, is the same; times below 0.2 s are not compared.
 NOTHING = {"schedule": 1e-6, "constant": 1e-6, "direct": 1e-4}
 SAME, SLOW, SHORT_S = 0.01, 1.5, 0.2
+ROOM = "design.schedule"
 
 
 class Rule(NamedTuple):
@@ -48,7 +49,7 @@ class Rule(NamedTuple):
 
 
 def _module(name: str) -> Any:
-    return importlib.import_module(f"avc_casadi.design.schedule.{name}")
+    return importlib.import_module(f"avc_casadi.{ROOM}.{name}")
 
 
 def _given(place: int) -> Callable[[Any], Any]:
@@ -102,37 +103,22 @@ def _lattice_alone(_: Any) -> Any:
 
 
 RULES = {
-    "path": Rule("guess: path of the lattice", "coarse_to_fine.solve_program", _without_guess(0)),
-    "constant": Rule("guess: constant gains", "coarse_to_fine.solve_program", _without_guess(1)),
-    "optima": Rule("guess: separate optima", "coarse_to_fine.solve_program", _without_guess(2)),
-    "seeded": Rule("worst frequencies of the guesses bounded at once", "coarse_to_fine._seeded", _unseeded),
-    "next": Rule("next solution if the cheapest cannot be refined", "solver.solved_from_guesses", _first_alone),
-    "tightened": Rule("more asked of rows that just miss", "coarse_to_fine._tightened", _given(3)),
-    "constants": Rule("constant gains in place of no schedule", "solver.constant_gains", _always(None)),
-    "lattice": Rule("path of the lattice in place of a dearer NLP", "solver.as_guessed", _always(None)),
-    "about": Rule("finer tables of the hands about a schedule", "solver.with_finer_tables", _given(1)),
-    "unreal": Rule("rows that cannot be real told first", "infeasible.unrealistic_rows", _always({})),
-    "tight": Rule("lattice where a scope has no interior", "scoped._best_without_room", _given(2)),
-    "others": Rule("gains of other frequencies tried", "scoped._from_others", _given(2)),
-    "halves": Rule("failed blocks in halves", "scoped._solved", lambda _: _module("scoped")._best_outcome),
-    "relaxed": Rule("start: pointwise optimum", "scoped._best_outcome", _lattice_alone),
-    "hands": Rule("search of its own for every hand, not the NLP", "scoped._with_hands", _hands_by_nlp),
+    "path": Rule("guess: path of the lattice", f"{ROOM}.coarse_to_fine.solve_program", _without_guess(0)),
+    "constant": Rule("guess: constant gains", f"{ROOM}.coarse_to_fine.solve_program", _without_guess(1)),
+    "optima": Rule("guess: separate optima", f"{ROOM}.coarse_to_fine.solve_program", _without_guess(2)),
+    "seeded": Rule("worst frequencies of the guesses bounded at once", f"{ROOM}.coarse_to_fine._seeded", _unseeded),
+    "next": Rule("next solution if the cheapest cannot be refined", f"{ROOM}.solver.solved_from_guesses", _first_alone),
+    "tightened": Rule("more asked of rows that just miss", f"{ROOM}.coarse_to_fine._tightened", _given(3)),
+    "constants": Rule("constant gains in place of no schedule", f"{ROOM}.solver.constant_gains", _always(None)),
+    "lattice": Rule("path of the lattice in place of a dearer NLP", f"{ROOM}.solver.as_guessed", _always(None)),
+    "about": Rule("finer tables of the hands about a schedule", f"{ROOM}.solver.with_finer_tables", _given(1)),
+    "unreal": Rule("rows that cannot be real told first", f"{ROOM}.infeasible.unrealistic_rows", _always({})),
+    "tight": Rule("lattice where a scope has no interior", f"{ROOM}.scoped._best_without_room", _given(2)),
+    "others": Rule("gains of other frequencies tried", f"{ROOM}.scoped._from_others", _given(2)),
+    "halves": Rule("failed blocks in halves", f"{ROOM}.scoped._solved", lambda _: _module("scoped")._best_outcome),
+    "relaxed": Rule("start: pointwise optimum", f"{ROOM}.scoped._best_outcome", _lattice_alone),
+    "hands": Rule("search of its own for every hand, not the NLP", f"{ROOM}.scoped._with_hands", _hands_by_nlp),
 }
-
-
-@contextlib.contextmanager
-def replaced(targets: dict[str, Callable[[Any], Any]]) -> Iterator[None]:
-    """Put what is made of each target in its place for a while."""
-    kept = []
-    for target, make in targets.items():
-        owner, name = _module(target.split(".")[0]), target.split(".")[1]
-        kept.append((owner, name, getattr(owner, name)))
-        setattr(owner, name, make(kept[-1][2]))
-    try:
-        yield
-    finally:
-        for owner, name, original in reversed(kept):
-            setattr(owner, name, original)
 
 
 def cases(count: int, seed: int) -> Iterator[tuple[str, str, Problem]]:
@@ -184,11 +170,7 @@ def solved(what: str, problem: Problem) -> dict[str, Any]:
 def studied(what: str, problem: Problem) -> dict[str, Any]:
     """Solve with all rules, twice so that what is built once is built, then without each that was called."""
     called: set[str] = set()
-
-    def noting(target: str) -> Callable[[Any], Any]:
-        return lambda original: lambda *args, **named: (called.add(target), original(*args, **named))[1]
-
-    with replaced({target: noting(target) for target in {rule.target for rule in RULES.values()}}):
+    with noted({rule.target for rule in RULES.values()}, called):
         solved(what, problem)
     everything, without = solved(what, problem), {}
     for name, rule in RULES.items():

@@ -24,7 +24,6 @@ import random_devices
 from studied import about, made_by, table, write_rows
 
 import avc_casadi as avc
-from avc_casadi._util.progress import SILENT
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.design.robust import known_laws
 from avc_casadi.design.robust.lqg import Space
@@ -61,7 +60,7 @@ def solved(index: int) -> Row:
     began = time.process_time()
     limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
     people = people_of(problem.hands, HANDS, 0)
-    found = judged_candidates(problem, people, 0, limit, SILENT, lean_on_friction=False)
+    found = judged_candidates(problem, people, 0, limit, lean_on_friction=False)
     row["cpu_s"] = round(time.process_time() - began, 1)
     best = best_of(found.judged) if found.judged else None
     law = None if best is None or best.safety > 0 else best.coupling.runtime.state_feedback

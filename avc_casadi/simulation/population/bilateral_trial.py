@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi._util.json_values import plain
-from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi.claims.stability.bilateral import contact_dampers_ns_per_m, environments, required_follower
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import transitions
@@ -23,6 +21,7 @@ from avc_casadi.model.scene import Free, Hold, Motion, Press, Stroke
 from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.motions import at_handle
+from avc_casadi.simulation.population.other_end_trial import OtherEndTrial
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -43,70 +42,19 @@ _JUDGED_S = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BilateralTrial(Tabular):
-    """How simulated hands fared; every array has shape (hands,).
+class BilateralTrial(OtherEndTrial):
+    """How simulated hands fared, felt at the leader; settled: leader and follower; the seed is of the messages too.
 
     Attributes:
-        seed: of the draw of hands and messages.
-        by_motion: leader and follower settled in each motion, with every contact that was tried.
-        stiffness_n_per_m: felt at the leader at the end of a press on the stiffest contact; not a number without
-            contact or at the force limit.
-        tap_force_n: largest force of a tap at the leader.
         jitter: share of the delay by which messages were late or early.
         lost_share: share of messages that were lost.
     """
 
-    seed: int
-    by_motion: dict[str, BoolArray]
-    stiffness_n_per_m: FloatArray
-    tap_force_n: FloatArray
     jitter: float
     lost_share: float
 
-    @property
-    def stable(self) -> BoolArray:
-        """Settled in every motion."""
-        return np.asarray(np.all(list(self.by_motion.values()), axis=0))
-
-    @property
-    def hands(self) -> int:
-        """Number of hands."""
-        return len(self.stable)
-
-    @property
-    def settled(self) -> bool:
-        """Whether all hands settle."""
-        return bool(np.all(self.stable))
-
-    def to_dict(self) -> Columns:
-        """Return what became of each hand as columns, each of shape (hands,)."""
-        return {
-            "hand": np.arange(self.hands),
-            "stable": self.stable,
-            "stiffness_n_per_m": self.stiffness_n_per_m,
-            "tap_force_n": self.tap_force_n,
-        }
-
-    def _summary(self) -> str:
-        return f"{int(self.stable.sum())} of {self.hands} hands settle; {short(self.stiffness_n_per_m, 'N/m')} rendered"
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
-        found: dict[str, Any] = plain(
-            {
-                "hands": self.hands,
-                "seed": self.seed,
-                "motions": list(self.by_motion),
-                "settled": int(self.stable.sum()),
-                "settled_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
-                "jitter": self.jitter,
-                "lost_share": self.lost_share,
-                "rendered_stiffness_n_per_m": float(np.median(felt)) if len(felt) else None,
-                "tap_force_n": float(self.tap_force_n.max()),
-            }
-        )
-        return found
+    def _more(self) -> dict[str, Any]:
+        return {"jitter": self.jitter, "lost_share": self.lost_share}
 
 
 @dataclass(frozen=True)

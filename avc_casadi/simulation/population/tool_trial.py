@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.json_values import plain
-from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.text import Columns
 from avc_casadi.claims.stability.tool_loop import contact_stiffnesses_n_per_m, required_tool
 from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.effects import SimulationEffect
@@ -22,6 +21,7 @@ from avc_casadi.simulation.effects.virtual_tool import Engine
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, judge, judged_samples
 from avc_casadi.simulation.population.motions import TRIAL_S, at_handle, course_of
+from avc_casadi.simulation.population.other_end_trial import OtherEndTrial
 from avc_casadi.simulation.population.trial import engine_for
 from avc_casadi.simulation.scene import compile_for, held_by, without
 
@@ -48,35 +48,16 @@ _FRICTION_SUBSTEPS = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ToolTrial(Tabular):
+class ToolTrial(OtherEndTrial):
     """How simulated hands fared; every array has shape (hands,).
 
     Attributes:
-        seed: of the draw of the hands.
-        by_motion: settled in each motion, with every contact that was tried.
         stable_without_friction: settled in every motion without dry friction.
         stable_with_dropped_steps: settled in every motion with one step of the engine in a hundred missed.
-        stiffness_n_per_m: rendered at the end of a press on the stiffest contact; not a number without contact, or at
-            the force limit.
-        tap_force_n: largest force of a tap.
     """
 
-    seed: int
-    by_motion: dict[str, BoolArray]
     stable_without_friction: BoolArray
     stable_with_dropped_steps: BoolArray
-    stiffness_n_per_m: FloatArray
-    tap_force_n: FloatArray
-
-    @property
-    def stable(self) -> BoolArray:
-        """Settled in every motion."""
-        return np.asarray(np.all(list(self.by_motion.values()), axis=0))
-
-    @property
-    def hands(self) -> int:
-        """Number of hands."""
-        return len(self.stable)
 
     @property
     def settled(self) -> bool:
@@ -88,38 +69,18 @@ class ToolTrial(Tabular):
         """Whether all hands settle as declared, with missed steps too."""
         return bool(np.all(self.stable & self.stable_with_dropped_steps))
 
-    def to_dict(self) -> Columns:
-        """Return what became of each hand as columns, each of shape (hands,)."""
+    def _more_columns(self) -> Columns:
         return {
-            "hand": np.arange(self.hands),
-            "stable": self.stable,
             "stable_without_friction": self.stable_without_friction,
             "stable_with_dropped_steps": self.stable_with_dropped_steps,
-            "stiffness_n_per_m": self.stiffness_n_per_m,
-            "tap_force_n": self.tap_force_n,
         }
 
-    def _summary(self) -> str:
-        return f"{int(self.stable.sum())} of {self.hands} hands settle; {short(self.stiffness_n_per_m, 'N/m')} rendered"
-
-    def document(self) -> dict[str, Any]:
-        """Return JSON values."""
-        felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
-        found: dict[str, Any] = plain(
-            {
-                "hands": self.hands,
-                "seed": self.seed,
-                "motions": list(self.by_motion),
-                "settled": int(self.stable.sum()),
-                "settled_by_motion": {name: int(runs.sum()) for name, runs in self.by_motion.items()},
-                "settled_without_friction": int(self.stable_without_friction.sum()),
-                "settled_with_dropped_steps": int(self.stable_with_dropped_steps.sum()),
-                "dropped_share": DROPPED_SHARE,
-                "rendered_stiffness_n_per_m": float(np.median(felt)) if len(felt) else None,
-                "tap_force_n": float(self.tap_force_n.max()),
-            }
-        )
-        return found
+    def _more(self) -> dict[str, Any]:
+        return {
+            "settled_without_friction": int(self.stable_without_friction.sum()),
+            "settled_with_dropped_steps": int(self.stable_with_dropped_steps.sum()),
+            "dropped_share": DROPPED_SHARE,
+        }
 
 
 def try_tool(
