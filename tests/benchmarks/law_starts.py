@@ -148,8 +148,8 @@ variance of one number and next to nothing of the others, as many laws are as go
 
 On {count} fresh devices, each before a wall of 1.1 to 8 times what spring and damper hold, a known law held all linear
 loops before that wall on {known}. Median of the time of the processor: {cpu_with} s with the table, {cpu_without} s
-without; of the impedance error {one_with} and {one_without} % at 1 Hz, {ten_with} and {ten_without} % at 10 Hz. The search with the table goes first on each device
-and compiles what both run, some seconds that are not the table's.
+without; of the impedance error {one_with} and {one_without} % at 1 Hz, {ten_with} and {ten_without} % at 10 Hz.
+The search with the table goes first on each device and compiles what both run, some seconds that are not the table's.
 
 {table}
 """
