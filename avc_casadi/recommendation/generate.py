@@ -136,7 +136,7 @@ class RobustCandidates:
         Args:
             asked: who must all settle.
             numbers: of the continuations: from the known laws, then from each of the places where laws begin in turn,
-            and with other draws.
+                and with other draws.
         """
         if not self._possible:
             return
@@ -203,7 +203,7 @@ def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
         off = asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law])
         sure = [step]
         if not (off < 1).all():
-            known, _ = from_known(problem, wall, _residual_speed_at(problem, everybody))
+            known = from_known(problem, wall, _residual_speed_at(problem, everybody))
             from_here = partial(_continued, problem, best.logarithms, (wall, wall), everybody, softer=0)
             sure = from_here() if known is None else [known]
         if sure:
@@ -214,14 +214,11 @@ def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
 def _continued(
     problem: Problem, point: FloatArray | None, walls_n_per_m: tuple[float, float], asked: Screening, **how: Any
 ) -> list[Step]:
-    """Continue from a point; without one take a known law that holds the last wall, or begin at the nearest to it."""
-    first, last = walls_n_per_m
+    """Continue from a point; without one from where laws begin, unless a known law holds the last wall."""
     if point is None:
-        step, _ = from_known(problem, last, _residual_speed_at(problem, asked))
-        if step is not None:
-            return [step]
-        _, point = from_known(problem, first)
-    if point is None:
+        known = from_known(problem, walls_n_per_m[1], _residual_speed_at(problem, asked))
+        if known is not None:
+            return [known]
         point = Space(problem.device, problem.hands).starts[0]
     with suppress(np.linalg.LinAlgError):
         return continuation(problem, point, walls_n_per_m, _residual_speed_at(problem, asked), **how)

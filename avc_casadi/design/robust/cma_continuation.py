@@ -62,8 +62,8 @@ _NEVER = 1e4
 _UNASKED = 5e3
 MOST_LAWS = 3
 """So many laws of a wall are kept."""
-# Generations of a refinement, how many without a nearer law end it, and how far its first laws lie around the start.
-_REFINED, _IN_VAIN, _NEAR = 20, 8, 0.3
+# Generations of a refinement, and how far its first laws lie around the start.
+_REFINED, _NEAR = 20, 0.3
 
 
 @dataclass(frozen=True)
@@ -242,10 +242,8 @@ class _Search:
         stiffness, law = stiffness_at_rest(rendering), step.best.law
         hardest = loops.hardest(law, rendering)
         residual_speed = None if self._residual_speed_at is None else self._residual_speed_at(gains, law)
-        best, nearer = list(step.candidates), 0
-        for done in range(_REFINED):
-            if done - nearer >= _IN_VAIN:
-                break
+        best = list(step.candidates)
+        for _ in range(_REFINED):
             points = search.ask()
             laws = space.laws(np.array(points), stiffness)
             costs = costs_of(laws, rendering, hardest)
@@ -255,7 +253,6 @@ class _Search:
             likely = [np.asarray(points[row]) for row in settled]
             for one in laws_of_all(space, loops, rendering, likely):
                 if one.cost.holds:
-                    nearer = done if one.cost.distance < best[0].cost.distance else nearer
                     best.append(one)
                 else:
                     hardest = hardest.and_of(loops.hardest(one.law, rendering))

@@ -1,4 +1,4 @@
-"""Laws that searches found on other devices: one that holds a wall at once, or where the way to one begins.
+"""Laws that searches found on other devices: one of them often holds a wall at once, and a search begins there.
 
 The table (`known_laws.csv`, made by tests/benchmarks/law_starts.py) holds the numbers of laws relative to where
 searches begin without it, which makes them of no unit: what held one device often holds another one, or nearly. No
@@ -52,8 +52,8 @@ def _told(row: dict[str, str]) -> set[str]:
 
 def from_known(
     problem: Problem, stiffness_n_per_m: float, residual_speed_at: ResidualSpeedAt | None = None
-) -> tuple[Step | None, FloatArray | None]:
-    """Look among the known laws for one that holds a wall.
+) -> Step | None:
+    """Look among the known laws for some that hold a wall.
 
     Args:
         problem: device with what is known of it, hands and wall.
@@ -61,30 +61,27 @@ def from_known(
         residual_speed_at: as for `continuation`.
 
     Returns:
-        The wall with laws that hold it, those first that give way least, None where no known one does; and the
-        logarithms of the numbers of the likeliest, None where none gives a law.
+        The wall with laws that hold it, those first that give way least; None where no known one does.
     """
     space = Space(problem.device, problem.hands)
     points = known_points(space)
+    if len(points) == 0:
+        return None
     gains, rendering = softened(problem, stiffness_n_per_m)
     stiffness = stiffness_at_rest(rendering)
-    laws = space.laws(points, stiffness) if len(points) else None
-    defined = [] if laws is None else np.flatnonzero(np.isfinite(laws.innovation).all(axis=1)).tolist()
-    if laws is None or not defined:
-        return None, None
+    laws = space.laws(points, stiffness)
+    defined = np.flatnonzero(np.isfinite(laws.innovation).all(axis=1)).tolist()
+    if not defined:
+        return None
     loops = Loops.of(problem.device, problem.hands)
-    middle = space.one_of(laws, defined[0])
-    likely = costs_of(laws, rendering, loops.hardest(middle, rendering))
+    likely = costs_of(laws, rendering, loops.hardest(space.one_of(laws, defined[0]), rendering))
     order = np.argsort([cost.total for cost in likely], kind="stable")[:_TRIED]
     laws, costs = laws.pick(order), costs_of(laws.pick(order), rendering, loops)
-    nearest = points[order[int(np.argmin([cost.total for cost in costs]))]]
     holding = next((row for row, cost in enumerate(costs) if cost.holds), None)
     if holding is None:
-        return None, nearest
+        return None
     asked = None if residual_speed_at is None else residual_speed_at(gains, space.one_of(laws, holding))
-    value, settled = weighed(space, laws, costs, asked)
+    _, settled = weighed(space, laws, costs, asked)
     found = laws_of_all(space, loops, rendering, [points[order[row]] for row in settled])
     best = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.distance)
-    if not best:
-        return None, points[order[int(np.argmin(value))]]
-    return Step(gains, stiffness_n_per_m, tuple(best[:MOST_LAWS])), best[0].logarithms
+    return Step(gains, stiffness_n_per_m, tuple(best[:MOST_LAWS])) if best else None
