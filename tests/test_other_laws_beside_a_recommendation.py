@@ -103,3 +103,13 @@ def test_a_comparison_goes_with_a_recommendation_of_a_wall(capsys):
     assert "--compare" in capsys.readouterr().err
     assert main(["recommend", "tool/mujoco-500hz", "--compare"]) == 2
     assert "--compare" in capsys.readouterr().err
+
+
+def test_a_damper_has_no_stiffness_to_compare(tmp_path, capsys):
+    path = tmp_path / "damper.toml"
+    path.write_text(
+        "[device]\nmass_kg = 0.15\ndamping_ns_per_m = 0.8\nsample_time_s = 0.001\n"
+        "[environment]\nstiffness_n_per_m = 0.0\ndamping_ns_per_m = 20.0\n"
+    )
+    assert main(["recommend", str(path), "--compare"]) == 2
+    assert "no stiffness" in capsys.readouterr().err

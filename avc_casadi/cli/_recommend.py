@@ -89,6 +89,9 @@ def _before_wall(
     from avc_casadi.recommendation.stiffest import stiffest
     from avc_casadi.simulation.native import compiler
 
+    if args.compare and problem.environment.stiffness_n_per_m == 0:
+        message = "compares how stiff a wall each law renders, and this one has no stiffness; leave it out"
+        raise avc.InputError.of(message, file=args.problem, key="--compare")
     if compiler() is None:
         console.notice(_NO_COMPILER)
     workers = min(2, processors())

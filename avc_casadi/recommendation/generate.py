@@ -216,9 +216,11 @@ def _continued(
 ) -> list[Step]:
     """Continue from a point; without one from where laws begin, unless a known law holds the last wall."""
     if point is None:
-        known = from_known(problem, walls_n_per_m[1], _residual_speed_at(problem, asked))
-        if known is not None:
-            return [known]
+        # Those with which all settle on devices a little off their file too come first: a nearer one is no better.
+        for who in (asked.and_off(), asked) if asked.off else (asked,):
+            known = from_known(problem, walls_n_per_m[1], _residual_speed_at(problem, who))
+            if known is not None:
+                return [known]
         point = Space(problem.device, problem.hands).starts[0]
     with suppress(np.linalg.LinAlgError):
         return continuation(problem, point, walls_n_per_m, _residual_speed_at(problem, asked), **how)
