@@ -43,7 +43,7 @@ void avc_coupling_velocity_init(avc_coupling_velocity_t *of, {real} position_m);
 /* One sample; returns the velocity, m/s. */
 {real} avc_coupling_velocity(avc_coupling_velocity_t *of, {real} position_m);
 
-/* The position for the spring of the wall, m: the measured one, or the estimator's own. */
+/* The position for the spring of the wall, in the unit of position: the measured one, or the estimator's own. */
 {real} avc_coupling_velocity_position(const avc_coupling_velocity_t *of);
 
 #ifdef __cplusplus
