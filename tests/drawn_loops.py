@@ -118,7 +118,7 @@ def _restless(loop: DrawnLoop, seed: int) -> str:
         rest = at_rest(simulator, 10 * SECONDS)
     if not rest.all():  # at the edge of stability a loop takes minutes to halve its motion; an orbit never does
         rest = _dies_away(simulator)
-    return "" if rest.all() else f"hand {drawn[int(np.argmin(rest))].tolist()} does not come to rest"
+    return "" if rest.all() else f"hand {drawn[int(np.argmin(rest))].tolist()} does not settle"
 
 
 def _dies_away(simulator: Simulator) -> np.ndarray:

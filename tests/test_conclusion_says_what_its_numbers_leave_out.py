@@ -69,7 +69,7 @@ def test_hands_that_move_beyond_a_proof_are_told(document):
     changed = copy.deepcopy(document)
     changed["rest"]["word"], changed["trial"]["at_rest_without_friction"] = "proved", 3
     assert lines_of(changed, "beyond the proof") == [
-        "beyond the proof: with what it leaves out 7 of 10 simulated hands do not rest without dry friction"
+        "beyond the proof: with what it leaves out 7 of 10 simulated hands do not settle without dry friction"
     ]
     changed["trial"]["at_rest_without_friction"] = 10
     assert lines_of(changed, "beyond the proof") == []
@@ -86,11 +86,11 @@ def test_how_long_those_are_watched_who_still_move_is_told_where_it_is_longer_th
 def test_a_loop_that_grows_beside_hands_that_rest_says_with_whom(document):
     changed = copy.deepcopy(document)
     assert changed["off_file"]["linearly_unstable"] == 0
-    assert "unstable" not in lines_of(changed, "off its file")[0]
+    assert "unstable" not in lines_of(changed, "model mismatch")[0]
     changed["off_file"]["linearly_unstable"] = 4
-    told = lines_of(changed, "off its file")[0]
+    told = lines_of(changed, "model mismatch")[0]
     assert (
-        "on 4 of them the loop is linearly unstable all the same: with other hands of [hands], next to rest, or let go"
+        "on 4 of them the loop is linearly unstable all the same: with other hands of [hands], near rest, or released"
         in told
     )
     assert "[device.range]" in told
@@ -98,28 +98,31 @@ def test_a_loop_that_grows_beside_hands_that_rest_says_with_whom(document):
 
 def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):
     changed = copy.deepcopy(document)
-    assert "median of" not in lines_of(changed, "felt")[0]
+    assert "median of" not in lines_of(changed, "rendered")[0]
     changed["trial"]["at_force_limit"] = 7
-    assert "(median of the 3 hands that stay below the force limit)" in lines_of(changed, "felt")[0]
+    assert "(median of the 3 hands that stay below the force limit)" in lines_of(changed, "rendered")[0]
 
 
 def test_hands_that_feel_another_stiffness_are_told(document):
     over_hands = document["trial"]["stiffness_n_per_m"]
     low, high = over_hands["nine_in_ten"]
     assert over_hands["lowest"] <= low <= over_hands["median"] <= high <= over_hands["highest"]
-    assert "nine hands in ten" not in lines_of(document, "felt")[0]
+    assert "nine hands in ten" not in lines_of(document, "rendered")[0]
     changed = copy.deepcopy(document)
     low, high = 0.5 * over_hands["median"], 1.01 * over_hands["median"]
     changed["trial"]["stiffness_n_per_m"]["nine_in_ten"] = [low, high]
-    assert f"; {low:.4g} to {high:.4g} N/m for nine hands in ten" in lines_of(changed, "felt")[0]
+    assert f"; {low:.4g} to {high:.4g} N/m for nine hands in ten" in lines_of(changed, "rendered")[0]
 
 
 def test_a_press_with_friction_is_where_no_vibration_is_felt(document):
     (line,) = lines_of(document, "trial")
-    assert "10 press without a vibration that is felt, and" in line
+    assert "10 press without a vibration above the vibrotactile threshold, and" in line
     changed = copy.deepcopy(document)
     changed["felt"]["friction_n"] = 0.2
-    assert "10 press without a vibration that is felt, with the declared friction, and" in lines_of(changed, "trial")[0]
+    assert (
+        "10 press without a vibration above the vibrotactile threshold, with the declared friction, and"
+        in lines_of(changed, "trial")[0]
+    )
 
 
 def test_the_trial_of_a_device_with_ranges_is_said_to_be_on_the_nominal_one(document):
@@ -152,9 +155,9 @@ def test_a_wall_that_is_stiff_at_rest_and_soft_in_motion_is_told(document):
 
 def test_an_error_of_a_law_that_nobody_feels_is_said_to_be_that(document):
     changed = copy.deepcopy(document)
-    assert "; complex error against the physical wall" in lines_of(changed, "felt")[0]
+    assert "; impedance error against the physical wall" in lines_of(changed, "rendered")[0]
     changed["felt"]["stiffness_n_per_m"] = None
-    assert "; complex error of the law alone, which nobody feels, against" in lines_of(changed, "felt")[0]
+    assert "; impedance error of the law alone, which no hand feels, against" in lines_of(changed, "rendered")[0]
 
 
 def test_friction_that_nobody_declared_is_nothing_to_lean_on(document):

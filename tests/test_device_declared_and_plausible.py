@@ -92,7 +92,7 @@ def test_every_range_is_named():
         ),
         (
             {"hands": {"damping_ns_per_m": (0.0, 0.0), "stiffness_n_per_m": (0.0, 0.0)}},
-            "hands.stiffness_n_per_m is 0, as is their damping: nobody presses",
+            "hands.stiffness_n_per_m is 0, as is their damping: no hand presses",
         ),
     ],
 )

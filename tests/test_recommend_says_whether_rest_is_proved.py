@@ -51,7 +51,7 @@ def test_the_recommended_coupling_carries_its_proof():
     level = document["certificate"]["levels"]["L7"]
     assert (level["outcome"], level["claim"]) == ("proved", document["rest"]["sentence"])
     assert Rest.from_document(level["proofs"][0]).verified()
-    assert sum(line.startswith("rest with every hand: proved: ") for line in recommendation_lines(document)) == 1
+    assert sum(line.startswith("settling with every hand: proved: ") for line in recommendation_lines(document)) == 1
 
 
 @pytest.mark.thorough

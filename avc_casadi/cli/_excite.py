@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--signal",
         choices=_SIGNALS,
         default="multisine",
-        help="multisine: tells the most (default); chirp; sweep: at constant speed; release: pulled and let go",
+        help="multisine: tells the most (default); chirp; sweep: at constant speed; release: pulled and released",
     )
     parser.add_argument("--seconds", type=positive, default=10.0, metavar="S", help="how long; default 10")
     add_worded(parser, "--force-n", "--torque-nm", "N", "force limit; default: half of the device's")

@@ -83,9 +83,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if found.device is None:
         missing = ", ".join(key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates)
         code = 1
-        complaint = (
-            f"avc: no device file: {missing} not told; give a log that excites it, or --device BASE that states it"
-        )
+        complaint = f"avc: no device file: {missing} not identified; excite it in a log, or state it by --device BASE"
     elif out is not None:
         write_text(out, device_text(found.device), "--out")
         written.append(str(out))

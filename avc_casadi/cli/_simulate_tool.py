@@ -45,7 +45,7 @@ def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
         **vars(gains),
     }
     page = simulated_page(document, problem, console.page, args.problem, args.plot)
-    complaint = "" if found.stable else f"avc: {problem.name}: with this hand the device does not come to rest"
+    complaint = "" if found.stable else f"avc: {problem.name}: with this hand the device does not settle"
     return Answer(document, page, code=1 if complaint else 0, complaint=complaint)
 
 

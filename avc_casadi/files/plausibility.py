@@ -156,6 +156,6 @@ def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:
         told = f"is {plain(friction)}, and device.max_force_n {plain(limit)}: no force that it gives moves it"
         yield "device.coulomb_friction_n", told
     if not any((problem.hands.stiffness_n_per_m[1], problem.hands.damping_ns_per_m[1])):
-        yield "hands.stiffness_n_per_m", "is 0, as is their damping: nobody presses, and everybody rests"
+        yield "hands.stiffness_n_per_m", "is 0, as is their damping: no hand presses, and all settle"
     if detent is not None and limit is not None and detent.force_n > limit:
         yield "detent.force_n", f"is {plain(detent.force_n)}, more than device.max_force_n, {plain(limit)}"

@@ -37,7 +37,7 @@ _LAG_WITHIN = "; the lag of the amplifier is in it"
 _LAG_TAKEN = "; less the lag of the amplifier"
 # What stands in a gap that the loop cannot do without.
 _CAUTIOUS: Mapping[str, tuple[float, tuple[float, float], str]] = {
-    "delay_samples": (1.0, (0.0, 2.0), "not told by the log; one sample stands for the link to the computer"),
+    "delay_samples": (1.0, (0.0, 2.0), "not identified; one sample stands for the link to the computer"),
 }
 
 
@@ -69,7 +69,7 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         device["resonance"] = {key: pair[0] for key, pair in pairs.items()}
         ranges["resonance"] = {key: pair[1] for key, pair in pairs.items()}
         device["encoder_at"] = found.encoder_at
-        assumed = "" if found.assumed_share is None else "; how the mass divides is not told, and assumed"
+        assumed = "" if found.assumed_share is None else "; how the mass divides is assumed"
         sources["resonance"] = {"grade": "measured", "source": f"{how}: output error, two masses{assumed}"}
     for key in ("encoder_resolution_m",):
         ranges.pop(key, None)
@@ -103,7 +103,7 @@ def _fill(
     bounds = {one.key: one.bounds for one in found.refused}
     for key in list(gaps):
         if key in SEARCHED and _bounded(key, bounds.get(key), device, ranges):
-            sources[key] = {"grade": "assumed", "source": f"{how}: not told, within these bounds"}
+            sources[key] = {"grade": "assumed", "source": f"{how}: not identified, within these bounds"}
         elif base is not None and states(base, key) and key in SEARCHED:
             # A value that these logs were asked for and did not tell is none of theirs.
             _taken(base, key, device, ranges, sources)

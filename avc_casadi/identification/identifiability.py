@@ -126,7 +126,7 @@ def never_told(
             why = f"the log bears one out beyond what it excites, or an amplifier; force and motion are coherent {band}"
         found["resonance"] = Refusal("resonance", why, EXCITATION["resonance"])
     if "amplifier" in absent:
-        why = "its lag cannot be told from delay; the delay given holds both"
+        why = "its lag cannot be distinguished from delay; the delay given holds both"
         found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, EXCITATION["amplifier_bandwidth_hz"])
     if "scale" not in fit.structure.terms:
         why = "mass, damping and friction all scale with the force; the commanded force is taken as true"

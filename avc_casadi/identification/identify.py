@@ -270,7 +270,7 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         if fit.hides_play:
             without(predictor, chosen, "play", HIDDEN, window)
         elif vague:
-            without(predictor, chosen, vague[0], "is not told well enough to stand in a model", window)
+            without(predictor, chosen, vague[0], "is not identified well enough for a model", window)
         else:
             chosen.fit, spread = richardson(predictor, fit, spread, window)
             return spread, refused

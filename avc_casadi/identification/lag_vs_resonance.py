@@ -148,7 +148,7 @@ def _best(predictor: Predictor, rough: list[Fit], window: Window) -> Fit:
 
 
 NOT_TOLD_APART = {
-    "amplifier": "cannot be told from a resonance beyond the frequencies that the force excites",
+    "amplifier": "cannot be distinguished from a resonance beyond the frequencies that the force excites",
     "resonance": "lies beyond the frequencies that the force excites, where an amplifier's lag looks like it",
 }
 """Why neither is told."""

@@ -275,7 +275,7 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
             if size == 0:
                 question = {
                     "position": "; log a multisine with several times the force, more than dry friction holds",
-                    "force": "; without a force no mass is told: log a multisine, as avc excite plays one",
+                    "force": "; without a force no mass is identified: log a multisine, as avc excite plays one",
                 }[key]
             faults.append(Fault(columns.file, None, key, f"{message}; allowed: {low:g} to {high:g} {unit}{question}"))
     return faults

@@ -53,7 +53,7 @@ _FURTHEST = 10.0
 _PAIR = ("resonance", "amplifier")
 HIDDEN = "is smaller than what encoder and noise hide"
 """Of play."""
-_UNSEEN = {"play": "is not told: the log hardly ever turns"}
+_UNSEEN = {"play": "is not identified: the log hardly ever turns"}
 # Those for which something beside the model so far speaks: its guess is fitted, whatever a step from 0 says.
 _FROM_AFAR = {"stiffness": "stiffness_n_per_m", "play": PLAY}
 
@@ -296,7 +296,7 @@ def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window:
         # Under the observer of the richer model the simpler one may do as well.
         trial = compared(fit(predictor, simple.structure, simple.values, best.observer, window), best, term)
         if trial.taken:
-            why = "cannot be told apart from the rest of the model"
+            why = "cannot be distinguished from the rest of the model"
             trial = replace(trial, taken=False, why=why, inseparable=True)
     return best, trial
 
@@ -309,5 +309,5 @@ def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
         return "lies beyond the frequencies that the force excites"
     fastest = _BESIDE_RESONANCE if found.structure.present("resonance.frequency_hz") else _FASTEST_LAG
     if term == "amplifier" and found.values["amplifier_bandwidth_hz"] > fastest / period:
-        return "is too fast to be told from a shorter delay at this sample rate"
+        return "is too fast to be distinguished from a shorter delay at this sample rate"
     return HIDDEN if term == "play" and found.hides_play else ""

@@ -120,8 +120,8 @@ def identification_text(found: Identification) -> str:
         ),
     ]
     if found.refused:
-        lines += ["", "not told:"]
-        lines += [f"  {one.key}: {one.why}; it would be told by {one.excitation}" for one in found.refused]
+        lines += ["", "not identified:"]
+        lines += [f"  {one.key}: {one.why}; it would be identified by {one.excitation}" for one in found.refused]
     if found.notes:
         lines += ["", *(f"note: {note}" for note in found.notes)]
     return "\n".join(lines)
@@ -197,7 +197,7 @@ def remarks(
     if driven is not None:
         notes.append(
             f"{driven.sentence(radius_m)}, and the device goes on moving: a hand or something else moves it, whose "
-            f"force is not in the log, so that mass, damping and friction are not told. Better: {EXCITATION}"
+            f"force is not in the log, so that mass, damping and friction are not identified. Better: {EXCITATION}"
         )
     elif feedback and coloured(lags):
         notes.append(

@@ -34,7 +34,7 @@ def hopeless(problem: Problem) -> str:
     device, wall = problem.device, problem.environment
     if device.mass_kg == 0:
         return (
-            "the device has no mass (device.mass_kg is 0): let go, nothing is there that a coupling could hold; give "
+            "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold; give "
             "the mass of what moves"
         )
     if not (wall.stiffness_n_per_m or wall.damping_ns_per_m):

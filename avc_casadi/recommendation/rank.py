@@ -145,13 +145,13 @@ def devices_of(best: Judged | None) -> int:
 def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
     """Say why this one, or why none."""
     if best is None:
-        return f"none of {considered} couplings is linearly stable with every hand of [hands] and let go"
+        return f"none of {considered} couplings is linearly stable with every hand of [hands] and released"
     trial, device = best.trial, best.coupling.problem.device
     rough = device.coulomb_friction_n > 0 or device.range.coulomb_friction_n is not None
     who = {
-        0: f"all of {trial.hands} simulated hands come to rest{', with and without dry friction' if rough else ''}",
-        1: f"all of {trial.hands} simulated hands come to rest, but only thanks to the declared dry friction",
-        2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands come to rest, as many as with any candidate",
+        0: f"all of {trial.hands} simulated hands settle{', with and without dry friction' if rough else ''}",
+        1: f"all of {trial.hands} simulated hands settle, but only thanks to the declared dry friction",
+        2: f"{int(trial.stable.sum())} of {trial.hands} simulated hands settle, as many as with any candidate",
     }[best.safety]
     if best.others is not None:
         rest, free = best.others.stable, best.others.stable_without_friction

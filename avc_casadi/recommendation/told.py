@@ -34,18 +34,18 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     asked = [trial, *([document["confirmed"]] if document["confirmed"] else [])]
     hands, at_rest = (sum(one[key] for one in asked) for key in ("hands", "at_rest"))
     if document["deployable"] and at_rest < hands:
-        first = f"the least bad, which {hands - at_rest} of {hands} hands do not rest at, on"
+        first = f"the least bad, which {hands - at_rest} of {hands} hands do not settle at, on"
     springy = coupling["wall"]["stiffness_n_per_m"] > 0
     if first == "deploy on" and springy and (felt["share_of_wall"] or 1.0) < _HARDLY:
         first = "deploy, though hardly anything of the wall is left, on"
     stiffness = _felt(felt, trial, springy=springy)
-    alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which nobody feels,"
+    alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which no hand feels,"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
         *(f"not used: {what}: nothing that follows holds for it" for what in document["not_used"]),
-        f"felt: {stiffness}; complex error{alone} against the physical wall {errors}",
+        f"rendered: {stiffness}; impedance error{alone} against the physical wall {errors}",
         (
-            f"trial{_nominal(document['confirmed'])}: {trial['at_rest']} of {trial['hands']} hands at rest, "
+            f"trial{_nominal(document['confirmed'])}: {trial['at_rest']} of {trial['hands']} hands settle, "
             f"{trial['at_rest_without_friction']} without friction; {_quietly(document)}; "
             f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
@@ -59,7 +59,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         *_limits(document),
         *_off_file(document["off_file"]),
         *_beyond_file(document["beyond_file"]),
-        f"other hands, to whom nothing is promised: {_other_hands(document['other_hands'])}",
+        f"hands outside the design set: {_other_hands(document['other_hands'])}",
         f"why: {document['reason']}",
     ]
 
@@ -111,7 +111,7 @@ def _quietly(document: dict[str, Any]) -> str:
     friction = ", with the declared friction" if declared_n else ""
     others = f", and {confirmed['quiet']} of {confirmed['hands']} others" if confirmed else ""
     where = f" on {confirmed['devices']} devices of the ranges" if confirmed and confirmed["devices"] > 1 else ""
-    return f"{trial['quiet']} press without a vibration that is felt{friction}{others}{where}"
+    return f"{trial['quiet']} press without a vibration above the vibrotactile threshold{friction}{others}{where}"
 
 
 def rest_line(rest: dict[str, Any]) -> str:
@@ -119,8 +119,8 @@ def rest_line(rest: dict[str, Any]) -> str:
     wall = rest["proved_wall_n_per_m"]
     ends = ""
     if rest["word"] == "open" and wall is not None:
-        ends = f"; proof ends at {number(wall)} N/m felt" if wall else "; no softer wall of this kind is proved"
-    return f"rest with every hand: {rest['word']}: {rest['sentence']}{ends}"
+        ends = f"; proof ends at {number(wall)} N/m rendered" if wall else "; no softer wall of this kind is proved"
+    return f"settling with every hand: {rest['word']}: {rest['sentence']}{ends}"
 
 
 def _unlike_the_proof(rest: dict[str, Any], trial: dict[str, Any]) -> list[str]:
@@ -129,7 +129,7 @@ def _unlike_the_proof(rest: dict[str, Any], trial: dict[str, Any]) -> list[str]:
     if rest["word"] != "proved" or not moving:
         return []
     who = f"{moving} of {trial['hands']} simulated hands"
-    return [f"beyond the proof: with what it leaves out {who} do not rest without dry friction"]
+    return [f"beyond the proof: with what it leaves out {who} do not settle without dry friction"]
 
 
 def _felt(felt: dict[str, Any], trial: dict[str, Any], *, springy: bool) -> str:
@@ -161,7 +161,7 @@ def _in_motion(felt: dict[str, Any]) -> list[str]:
         return []
     line = (
         f"in motion: softer than at rest, as the error of {100 * error:.3g} % at 1 Hz says: the observer gives way "
-        "before it pushes, and a press is as stiff as told some tenths of a second after it began"
+        "before it pushes, and a press is as stiff as that some tenths of a second after it began"
     )
     return [line]
 
@@ -193,12 +193,12 @@ def _off_file(off: dict[str, Any] | None) -> list[str]:
     enough = off["at_rest_without_friction"] == off["hands"] and not off["linearly_unstable"]
     shaky = (
         f"; on {off['linearly_unstable']} of them the loop is linearly unstable all the same: with other hands of "
-        "[hands], next to rest, or let go"
+        "[hands], near rest, or released"
     )
     advice = "" if enough else "; state in [device.range] how far yours may be off, to have it searched for"
     line = (
-        f"off its file: on {off['devices']} devices of which {_listed(off['keys'])} are {100 * off['share']:g} % off, "
-        f"{off['at_rest']} of {off['hands']} trials of the corner hands end at rest, {off['at_rest_without_friction']} "
+        f"model mismatch: on {off['devices']} devices with {_listed(off['keys'])} {100 * off['share']:g} % off, "
+        f"{off['at_rest']} of {off['hands']} trials of the corner hands settle, {off['at_rest_without_friction']} "
         f"without friction{shaky if off['linearly_unstable'] else ''}{advice}"
     )
     return [line]
@@ -211,7 +211,7 @@ def _beyond_file(found: list[dict[str, Any]]) -> list[str]:
         friction = "" if one["at_rest"] is None else f", {one['at_rest']} with friction"
         plain = "" if one["plain"] is None else f"; {one['plain']} with a plain spring and damper"
         asked = ", asked for" if one["asked"] else ""
-        rest = f"{one['at_rest_without_friction']} of {one['hands']} hands at rest without friction{friction}{plain}"
+        rest = f"{one['at_rest_without_friction']} of {one['hands']} hands settle without friction{friction}{plain}"
         parts.append(f"{beyond_file_text(one)}{asked}: {rest}")
     return [f"unmodelled: {part}" for part in parts]
 
@@ -234,7 +234,7 @@ def _listed(keys: list[str]) -> str:
 
 def _other_hands(tried: dict[str, Any]) -> str:
     return "; ".join(
-        f"{_HELD.get(holding, holding)} {of['at_rest']} of {of['hands']} at rest, {of['at_rest_without_friction']} "
+        f"{_HELD.get(holding, holding)} {of['at_rest']} of {of['hands']} settle, {of['at_rest_without_friction']} "
         "without friction"
         for holding, of in tried.items()
     )
@@ -252,7 +252,7 @@ def _limits(document: dict[str, Any]) -> list[str]:
     leaning, felt = document["with_friction_n_per_m"], document["felt"]["stiffness_n_per_m"]
     if leaning is not None and felt is not None and leaning > _STIFFER * felt:
         lines.append(
-            f"friction: if rest by the declared {number(document['felt']['friction_n'])} N of dry friction is enough, "
+            f"friction: if the declared {number(document['felt']['friction_n'])} N of dry friction may hold it, "
             f"{number(leaning)} N/m at least; avc recommend P --lean-on-friction searches for it"
         )
     return lines

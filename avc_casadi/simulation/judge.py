@@ -133,7 +133,7 @@ class Judgement(Tabular):
 
     def _summary(self) -> str:
         stable = np.atleast_1d(self.stable)
-        return f"{int(stable.sum())} of {stable.size} runs at rest, {int(np.sum(self.buzzing))} buzzing"
+        return f"{int(stable.sum())} of {stable.size} runs settle, {int(np.sum(self.buzzing))} buzzing"
 
 
 def judge(

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 Claim = Literal["asymptotic", "held-by-friction", "unstable"]
 
 _CLAIMS: dict[Claim, str] = {
-    "asymptotic": "came to rest, and does so without dry friction too",
-    "held-by-friction": "came to rest only because dry friction holds it; without friction it does not",
-    "unstable": "did not come to rest",
+    "asymptotic": "settled, and does so without dry friction too",
+    "held-by-friction": "settled only because dry friction holds it; without friction it does not",
+    "unstable": "did not settle",
 }
 
 

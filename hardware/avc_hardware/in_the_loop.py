@@ -205,7 +205,7 @@ class LoopResult:
             return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no force: {word}"
         stiffness = self.apparent_stiffness_n_per_m
         felt = f", {stiffness:.4g} N/m at the sensor in the end" if self.at_rest and math.isfinite(stiffness) else ""
-        rest = "came to rest" if self.at_rest else "DID NOT COME TO REST"
+        rest = "settled" if self.at_rest else "DID NOT SETTLE"
         return f"with a hand for {self.seconds:g} s it {rest}; at most {self.peak_force_n:.3g} N{felt}"
 
     def document(self) -> dict[str, Any]:

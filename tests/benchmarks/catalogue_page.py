@@ -175,7 +175,7 @@ def said(document: dict[str, Any], reading: str) -> str:
     beyond_the_scene = f" ({rest['second_simulator']} in the second simulator)" if tried["second_simulator"] else ""
     return (
         f"In {len(found)} rows the recommended wall is {min(gain):.2g} to {max(gain):.2g} times the plain limit, or "
-        f"the wall where that is less (median {np.median(gain):.2g}); in {whole} all hands come to rest without "
+        f"the wall where that is less (median {np.median(gain):.2g}); in {whole} all hands settle without "
         f"friction; of fresh hands on devices all over the ranges {rest['scene']} do{beyond_the_scene}; in {inner} the "
         "coupling holds on all devices drawn inside the ranges. The SDK's example limit is stiffer than what is "
         f"recommended in {over} of {len(beyond)} devices and hands that have one."

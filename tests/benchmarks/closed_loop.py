@@ -59,7 +59,7 @@ def gains_text(gains: GainSchedule) -> str:
     order = np.argsort(gains.frequency_hz)
     beyond = np.flatnonzero(~(gains.complex_error[order] <= 0.1))
     first = gains.frequency_hz[order][beyond[0]] if len(beyond) else np.inf
-    reach = f"complex error {gains.complex_error[lowest]:.3f} there, above 0.10 from {first:.3g} Hz on"
+    reach = f"impedance error {gains.complex_error[lowest]:.3f} there, above 0.10 from {first:.3g} Hz on"
     return (
         f"k = {gains.stiffness_n_per_m[lowest]:.3g} N/m, b = {gains.damping_ns_per_m[lowest]:.3g}, "
         f"b_p = {gains.contact_damping_ns_per_m[lowest]:.3g} N.s/m at {gains.frequency_hz[lowest]:g} Hz; {reach}"

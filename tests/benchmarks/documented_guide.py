@@ -21,7 +21,7 @@ def closed_form(found: Document) -> str:
 def phase(found: Document) -> str:
     part = found["figure5"]
     return (
-        f"On `figure5` the complex error |Z_h_avc - Z_h_ds| of `direct` reaches "
+        f"On `figure5` the impedance error |Z_h_avc - Z_h_ds| of `direct` reaches "
         f"{100 * part['direct_complex_error']:.0f} % of |Z_h_ds|: the two point up to "
         f"{part['direct_phase_deg']:.0f} degrees apart."
     )

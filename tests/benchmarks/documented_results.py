@@ -84,7 +84,7 @@ def reference_walls(found: Document) -> str:
         "plain spring and damper, N/m",
         "recommended feels: sensor / handle, N/m",
         "at rest of 100: declared friction / none",
-        "complex error at 1 / 10 Hz, %",
+        "impedance error at 1 / 10 Hz, %",
     )
     rows = []
     for name in _REFERENCES:
@@ -110,7 +110,7 @@ def figure5_recommended(found: Document) -> str:
         f"On `figure5` `avc recommend` gives {felt['stiffness_n_per_m'] / 1e3:.1f} kN/m of the "
         f"{cell['wall_n_per_m'] / 1e3:g}, for {trial['at_rest']} of {trial['hands']} hands with and "
         f"{trial['at_rest_without_friction']} without friction, and with the device *let go* in the wall, where "
-        f"no contact damper holds more than {cell['plain_n_per_m'] / 1e3:.0f} kN/m. Its complex error is "
+        f"no contact damper holds more than {cell['plain_n_per_m'] / 1e3:.0f} kN/m. Its impedance error is "
         f"{percent(error['1'])} % at 1 Hz and {percent(error['10'])} % at 10 Hz."
     )
 
@@ -136,7 +136,7 @@ def random_devices(found: Document) -> str:
     took = np.array([cell["wall_s"] for cell in cells])
     plain = sum(any(cell["plain"][key] for key in ("stiffer_as_safe", "softer_safer")) for cell in cells)
     return (
-        f"On {len(cells)} devices drawn at random {rest} of {people} fresh hands come to rest; without friction "
+        f"On {len(cells)} devices drawn at random {rest} of {people} fresh hands settle; without friction "
         f"{free} of {told}, where all of the recommendation's own did. On {plain} of the devices a plain wall is "
         f"stiffer and as safe, or softer and safer. A recommendation took {np.median(took):.1f} s in the "
         f"median (two processes on two cores), below 10 s on {int((took < 10).sum())} of the {len(cells)}, at most "
@@ -245,7 +245,7 @@ def many_hands(found: Document) -> str:
     left = samples * (1 - million["kept_at_the_kill"] / million["chunks"])
     each = 1e6 * million["processor_seconds_after_the_kill"] / left
     return (
-        f"{answer['at_rest']} of {answer['hands']} hands come to rest at `{found['wall']}`, a wall of 100 kN/m, in "
+        f"{answer['at_rest']} of {answer['hands']} hands settle at `{found['wall']}`, a wall of 100 kN/m, in "
         f"press, tap and hold, with its friction and encoder and the coupling that `recommend` gives "
         f"({answer['coupling']}): exact {100 * answer['confidence']:g} % interval {low} to {high} %. Two processes "
         f"took {seconds:.0f} s beside whatever else ran, a kill of the whole command after "

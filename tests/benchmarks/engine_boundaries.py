@@ -34,10 +34,13 @@ SEED = 5207
 OUT = Path(__file__).parent / "results" / "engine_boundaries.json"
 PAGE = Path(__file__).parent / "RESULTS_engine_boundaries.md"
 
-MASSES_KG, RATES_HZ, EXCHANGES = (0.05, 0.2, 1.0), (1000.0, 500.0, 200.0, 62.5), ("on-time", "late", "ahead")
+MASSES_KG, RATES_HZ = (0.05, 0.2, 1.0), (1000.0, 500.0, 200.0, 62.5)
+# And of the exchange ahead the limit with a damper of the device's own loop, which belongs to it.
+DAMPED = "ahead, damped"
+EXCHANGES = ("on-time", "late", "ahead", DAMPED)
 RANDOM, BOXES, PEOPLE = 100, 12, 200
 BEYOND = 1.3
-# Runs of the exchange ahead: light negative dampers grow slowly there, and stiffnesses are low.
+# Runs of the exchange ahead without that damper: light negative dampers grow slowly, and stiffnesses are low.
 AHEAD_S = 20.0
 DROPPED = 0.01
 # A device that moves no more than this over half a second rests, m.
@@ -70,10 +73,10 @@ def corners(problem: Problem) -> Array:
 
 
 def stiffest(problem: Problem) -> ToolGains:
-    """Return the project's stiffest pair, with a damper of the device's own loop where a force is held."""
+    """Return the project's stiffest pair, with a damper of the device's own loop where one belongs to the exchange."""
+    assert problem.simulation is not None
     search = ToolSearch(problem)
-    held = problem.simulation is not None and problem.simulation.exchange == "held-force"
-    return search.stiffest_beside_local_damper() if held else search.stiffest()
+    return search.stiffest_beside_local_damper() if problem.simulation.damped_locally else search.stiffest()
 
 
 def in_mujoco(axis: Axis, gains: ToolGains) -> float | None:
@@ -86,21 +89,24 @@ def in_mujoco(axis: Axis, gains: ToolGains) -> float | None:
         gains.stiffness_n_per_m,
         lambda k: np.full_like(k, gains.damping_ns_per_m),
         lambda k: np.full_like(k, gains.local_damping_ns_per_m),
-        seconds=AHEAD_S if axis.exchange == "ahead" else 4.0,
+        seconds=AHEAD_S if axis.exchange == "ahead" and not gains.local_damping_ns_per_m else 4.0,
     )
 
 
 def table_cell(mass_kg: float, rate_hz: float, exchange: str) -> dict[str, Any]:
     """Limits of one tool at one rate: the project's by integrator, MuJoCo's where it has that integrator."""
-    axis = Axis(0.12, 0.8, 1e-3, 1.0, mass_kg, 1 / rate_hz, exchange)
+    axis = Axis(0.12, 0.8, 1e-3, 1.0, mass_kg, 1 / rate_hz, "ahead" if exchange == DAMPED else exchange)
     problem = problem_of(axis)
     found: dict[str, Any] = {}
     for name in ("semi-implicit", "implicit-damping", "implicit"):
-        gains = stiffest(problem.changed(simulation={"integrator": name}))
+        one = problem.changed(simulation={"integrator": name})
+        gains = stiffest(one) if exchange == DAMPED else ToolSearch(one).stiffest()
         found[name] = [gains.stiffness_n_per_m, gains.damping_ns_per_m]
         if name != "implicit":
             engine = Axis(**(vars(axis) | {"engine_damps": name == "implicit-damping"}))
             found[f"{name} in MuJoCo"] = in_mujoco(engine, gains)
+    if exchange == DAMPED:
+        return found
     loops = ToolLoops(problem)
 
     def critical(k: Any) -> Any:
@@ -358,22 +364,23 @@ bodies on slide joints, pushed by `qfrc_applied`, integrator Euler, or implicitf
 joint. Device and hand (exact zero-order hold, fractional delays too), coupling and exchange are code of this study
 ([engine_axes.py](engine_axes.py)); hands are the corners of the default box and the device released, the tool free
 and held (a body without a joint). Unstable is what grows: after a kick of 1 mm/s the energy is larger in the last
-quarter of 4 s (`ahead`: 20 s) than in the third. MuJoCo's limit is the largest K, from half the project's up, at last
-within 0.3 %, below which nothing grows, with the damper of the project's stiffest pair.
+quarter of 4 s (`ahead` without a damper of the device's loop: 20 s) than in the third. MuJoCo's limit is the largest
+K, from half the project's up, at last within 0.3 %, below which nothing grows, with the damper of the project's
+stiffest pair.
 
 ## Limits
 
 Device 0.12 kg, 0.8 N.s/m, T 1 ms, one sample of delay. Stiffest K, N/m, with its best damper; in brackets MuJoCo's
-with the same damper. The last column has the damper that engines take, B = 2 sqrt(K m_t). MuJoCo has no integrator
-that is implicit in position.
+with the same damper. **ahead, damped**: with a damper of the device's own loop, which belongs to that exchange. The
+last column has the damper that engines take, B = 2 sqrt(K m_t). MuJoCo has no integrator that is implicit in position.
 
 {limits}
 
 ## {count} random cases
 
 Tool 0.02 to 2 kg, step of the engine 1 to 20 samples, T 0.5, 1 or 2 ms, delay 0 to 3 samples (whole for one half),
-device 0.05 to 0.5 kg and 0.1 to 3 N.s/m, exchange drawn among the four (a held force with the damper of the device's
-own loop), a quarter with implicitfast.
+device 0.05 to 0.5 kg and 0.1 to 3 N.s/m, exchange drawn among the four (held-force and ahead with the damper of the
+device's own loop), a quarter with implicitfast.
 
 {random}
 
@@ -425,6 +432,9 @@ def _page_limits(cells: dict[str, Any]) -> str:
                     continue
                 row = [f"{mass:g}", f"{rate:g}", exchange]
                 for name in ("semi-implicit", "implicit-damping", "implicit", "default damping"):
+                    if name not in one:
+                        row.append("-")
+                        continue
                     value, own = one[name], f"{name} in MuJoCo"
                     limit = _short(value[0] if isinstance(value, list) else value)
                     row += [f"{limit} ({_short(one[own])})" if own in one else limit]

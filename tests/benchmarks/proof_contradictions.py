@@ -98,7 +98,7 @@ def against_scene(loop: DrawnLoop, random: np.random.Generator) -> str | None:
     found = avc.simulate_batch(problem, Hand(*hands.T), gains)
     if found.stable.all():
         return ""
-    return f"in the scene hand {hands[int(np.argmin(found.stable))].tolist()} does not come to rest ({kind})"
+    return f"in the scene hand {hands[int(np.argmin(found.stable))].tolist()} does not settle ({kind})"
 
 
 def against_hands(loop: DrawnLoop) -> tuple[str, str]:

@@ -324,7 +324,7 @@ def _standing(found: dict[str, Any], crashed: dict[str, Any]) -> str:
     for name, one in found.items():
         own = f"- {name}, {one['method']} {rounded(one['recommended_n_per_m'])} N/m, {_rest(one['claimed'])}"
         if one["claimed"]["at_rest"] < PEOPLE:
-            lines.append(f"{own}: not everybody comes to rest with what is recommended")
+            lines.append(f"{own}: not everybody settles with what is recommended")
         if any(any(below(one, key)) for key in ("at_rest", "without_friction", "quiet")):
             lines.append(f"{own}: of {FRESH} fresh hands {_rest(one['fresh'])}")
         for key, told in (("stiffer_as_safe", "stiffer and as safe"), ("softer_safer", "softer and safer")):

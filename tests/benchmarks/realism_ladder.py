@@ -142,7 +142,7 @@ TEXT = """# What each property of a real device costs each kind of design
 {made_by}
 
 A device of 0.1 kg and 2 N.s/m at 1 kHz gets one property more on each rung; the last one is `reference-r1`. Each cell:
-how many of 100 hands (default set, corners first) come to rest in press/tap/hold, one number where all agree, in
+how many of 100 hands (default set, corners first) settle in press/tap/hold, one number where all agree, in
 brackets how many do in all motions without the dry friction where that differs; then the median stiffness felt, kN/m,
 by hands that rest in a press without leaning on the force limit (-: none; an encoder leaves up to half a step of depth
 open, so that it may exceed the wall). **Recommended** is `avc recommend` for the

@@ -75,6 +75,8 @@ STUDIES = (
     Study("random_devices.py --count 200", 37, ("random_devices",)),
     Study("engine_boundaries.py", 9, ("engine_boundaries",)),
     Study("law_starts.py --check 14", None, ("law_starts",)),
+    Study("trade_off.py", 8, ("trade_off",)),
+    Study("before_after.py --before CHECKOUT --count 200", None, ("before_after",)),
     Study("identification.py", None, ("identification",)),
     Study("identification.py --amplifier --count 40 --write", None, ("identification_amplifier",)),
     Study("identification.py --seconds 30 --count 60 --write", None, ("identification_long",)),

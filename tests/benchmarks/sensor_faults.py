@@ -167,7 +167,7 @@ as they come: what a passive law gives that believes its sensor.
 {faults} faults in {runs} runs, {glitches} of them glitches of one sample. Outside, {outside}. Of {cases} cases of a
 coupling and a kind of fault (but small errors) the coupling gave more than the spring at most did in {above}.
 
-What remains. *Stuck* while a force is held cannot be told from a hand that holds still, and a *small error* (1 um to
+What remains. *Stuck* while a force is held looks like a hand that holds still, and a *small error* (1 um to
 what a hand might do) from a hand: both are taken for true, by the coupling and by the spring, and give what a wall
 gives whose face is there. A device that is thrown gets energy from a sound sensor too, by sampling, delay and
 encoder: the row *sound* tells how much.

@@ -17,7 +17,7 @@ class RestWithEveryHand(Claim):
     title: ClassVar[str] = "settles with every hand, making and breaking contact"
     rank: ClassVar[float] = 70
     claims: ClassVar[str] = (
-        "each frozen row comes to rest with every hand of the box, wherever it rests and from any state, making and"
+        "each frozen row settles with every hand of the box, wherever it rests and from any state, making and"
         " breaking contact, on the device that the claim names (with `--prove`)"
     )
     leaves: ClassVar[str] = "changing gains; friction, encoder; with play it is open"

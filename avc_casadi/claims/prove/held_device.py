@@ -81,7 +81,7 @@ class HeldDevice:
         elif not all(low[name] > 0 for name in self.hand if name.endswith("stiffness_n_per_m")):
             fault = "a hand without stiffness has no place of rest"
         elif not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), *self._dampings()) > 0:
-            fault = "device and hand without damping never come to rest"
+            fault = "device and hand without damping never settle"
         if fault is not None:
             raise UnsupportedError(fault)
 

@@ -221,7 +221,7 @@ def prove_rest(
     open_for = [reason for reason, there in lacking.items() if there]
     if found is not None and not open_for:
         sentence = (
-            f"comes to rest with every hand of the box, wherever it rests and from any state, making and breaking "
+            f"settles with every hand of the box, wherever it rests and from any state, making and breaking "
             f"contact ({covered(device)}): one multiplier of {len(found.taps)} taps, verified in {cells} cells"
         )
         return told("proved", sentence, multiplier=found, cells=cells)

@@ -95,7 +95,7 @@ def _safety(document: Mapping[str, Any]) -> Table:
         title="what each is safe for",
         notes=(
             *(f"{level}: {CLAIMS[level].title} ({model} model)" for level, model in models.items()),
-            "deployable: linearly stable with every hand (L5) and with the device let go",
+            "deployable: linearly stable with every hand (L5) and with the device released",
         ),
     )
 
@@ -110,7 +110,7 @@ def _realism(document: Mapping[str, Any]) -> Table:
     head = (
         "realism",
         "between U and L\n% of frequencies",
-        f"complex error within {number(jnd, 3)} %\n% of frequencies",
+        f"impedance error within {number(jnd, 3)} %\n% of frequencies",
     )
     return Table(head, rows, left=(0,), digits=3, title="how often each feels real")
 

@@ -108,7 +108,7 @@ def _equal(mine: Safety, other: Safety, name: str) -> str:
     if not mine.deployable:
         return f"deploy neither mine ({_lacks(mine)}) nor {name} ({_lacks(other)})"
     passive = "and passive in the sampled-data model" if mine.passive else "neither is passive (L3)"
-    return f"mine and {name} are both stable with every hand and let go, {passive}"
+    return f"mine and {name} are both stable with every hand and released, {passive}"
 
 
 def _first_difference(better: Safety, worse: Safety) -> tuple[str, str]:
@@ -116,12 +116,12 @@ def _first_difference(better: Safety, worse: Safety) -> tuple[str, str]:
     if better.hands != worse.hands:
         return "stable with every hand", _failing(worse, "L5")
     if better.let_go != worse.let_go:
-        return "stable when let go", "the device let go is not stable"
+        return "stable when released", "the released device is not stable"
     return "passive in the sampled-data model", _failing(worse, "L3")
 
 
 def _lacks(safety: Safety) -> str:
-    return "the device let go is not stable" if safety.hands else _failing(safety, "L5")
+    return "the released device is not stable" if safety.hands else _failing(safety, "L5")
 
 
 def _failing(safety: Safety, level: str) -> str:

@@ -224,7 +224,7 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
 
 def _restless(rested: int, hands: int) -> str:
     return (
-        f"no constant gains of the box bring every hand to rest in the scene: {rested} of {hands} with the last; "
+        f"no constant gains of the box make every hand settle in the scene: {rested} of {hands} with the last; "
         "narrow [hands], widen the box of [coupling], add device damping or soften the wall"
     )
 

@@ -30,7 +30,7 @@ CAUSES: Mapping[str, str] = {
     "encoder": "encoder limit cycle",
     "resonance": "resonance",
     "stiffness": "stiffness over the limit",
-    "let-go": "hand let go",
+    "let-go": "hand released the device",
     "ticks": "dropped ticks",
     "rate": "halved rate",
     "relay": "a force switched by a sign",

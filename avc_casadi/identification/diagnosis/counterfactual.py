@@ -162,7 +162,7 @@ def settled(
             continue
         meant, its_law = _as_meant(cause, likeliest, law, log, declared)
         still = _still(replay(meant, its_law, log, log.encoder_m), found)
-        evidence.append(f"played in the scene without the {CAUSES[cause]}: {'swings still' if still else 'rests'}")
+        evidence.append(f"simulated in the scene without the {CAUSES[cause]}: {'still swings' if still else 'settles'}")
         if still or cause == "resonance":
             from_, to = (cause, "encoder") if still else ("encoder", cause)
             told = [replace(one, causes=_moved(one.causes, from_, to)) if one in both else one for one in told]
@@ -185,11 +185,11 @@ def doubts_of_encoder(answers: Sequence[Hypothesis], law: Law, log: Log, evidenc
         if stepped.sustained:
             break
     else:
-        evidence.append("played in the scene with the encoder: rests")
-        return ["played in the scene with its encoder the loop rests"]
+        evidence.append("simulated in the scene with the encoder: settles")
+        return ["simulated in the scene with its encoder the loop settles"]
     smooth = replay(answer, law, log, 0.0)
-    evidence.append(f"played in the scene with the encoder: {_told(stepped)}; without it: {_told(smooth)}")
-    return ["played in the scene without the encoder it swings too"] if _still(smooth, stepped) else []
+    evidence.append(f"simulated in the scene with the encoder: {_told(stepped)}; without it: {_told(smooth)}")
+    return ["simulated in the scene without the encoder it swings too"] if _still(smooth, stepped) else []
 
 
 def _as_meant(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Hypothesis, Law]:

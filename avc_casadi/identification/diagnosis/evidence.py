@@ -59,7 +59,7 @@ _DECIDES = {
     "stiffness": "the same press with k halved and b as it is",
     "encoder": "the same press with the encoder's positions smoothed by a velocity filter, or with b halved",
     "resonance": "a slow sine sweep of the force in free space (its peak is the resonance), for avc identify",
-    "let-go": "the same with the device held firmly, and once let go, in one log",
+    "let-go": "the same with the device held firmly, and once released, in one log",
     "ticks": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
     "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
 }
@@ -135,7 +135,7 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
         late = f"the log does not tell the delay; {known} {number(low, 3)} to {number(high, 3)} samples"
     lines = [late]
     if measured.hand is None:
-        lines.append("the device answers its force as it does when nobody holds it")
+        lines.append("the device answers its force as it does when no hand holds it")
     else:
         mass, damping, stiffness = measured.hand.values()
         held = "held by about {} kg, {} N.s/m, {} N/m"
@@ -163,18 +163,18 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
 def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared: Declared) -> str:
     """Say what the cause is and why."""
     words = CAUSES[cause]
-    smallest = "is more than the loop bears, and less of it is the smallest change that brings it to rest"
+    smallest = "is more than the loop bears, and less of it is the smallest change that makes it settle"
     shape, meant = measured.resonance, measured.declared_delay_samples
     known = "meant" if declared.known else "assumed"
     why = {
-        "delay": f"{number(measured.delay_samples, 3)} samples, {known} {number(meant, 3)}, with which the loop rests",
+        "delay": f"{number(measured.delay_samples, 3)} samples, {known} {number(meant, 3)}, at which the loop settles",
         "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m {smallest}",
         "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m {smallest}",
-        "encoder": f"the loop rests without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
-        "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it rests",
-        "let-go": f"nobody holds the device; with a hand of {_box(declared)} on it the loop rests",
+        "encoder": f"the loop settles without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
+        "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it settles",
+        "let-go": f"no hand holds the device; with a hand of {_box(declared)} on it the loop settles",
         "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them {_rests(measured)}",
-        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was meant it rests",
+        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was intended it settles",
     }[cause]
     return f"{words}: {why}"
 
@@ -191,7 +191,7 @@ def _box(declared: Declared) -> str:
 
 def _rests(measured: Measured) -> str:
     grows = measured.growth_per_s
-    return "the loop rests" if grows < 0 else f"it would hardly grow, by {number(grows, 2)} 1/s"
+    return "the loop settles" if grows < 0 else f"it would hardly grow, by {number(grows, 2)} 1/s"
 
 
 def limit_sentence(log: Log) -> str:

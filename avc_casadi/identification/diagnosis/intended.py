@@ -58,8 +58,8 @@ class Declared:
         if device is None:
             device = Device.model_validate({**_ASSUMED, "sample_time_s": sample_time_s})
             notes.append(
-                "no device was given: 0.1 kg and one sample of delay are assumed, within a factor of 3, so that a hand "
-                "that let go is not told from one that holds; better: --device NAME|FILE"
+                "no device was given: 0.1 kg and one sample of delay are assumed, within a factor of 3, so that a "
+                "released device is not distinguished from a held one; better: --device NAME|FILE"
             )
             return cls(device, known=False, hands=hands or Hands(), notes=tuple(notes))
         return cls(

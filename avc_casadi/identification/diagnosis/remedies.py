@@ -173,7 +173,7 @@ def _gain(gain: str, answer: Hypothesis, law: Law) -> list[Cure]:
     share = _RESERVE * limit
     symbol, unit = ("k", "N/m") if gain == "stiffness" else ("b", "N.s/m")
     change = (
-        f"{symbol} = {number(share * now, 3)} {unit} in place of {number(now, 3)} (it rests below "
+        f"{symbol} = {number(share * now, 3)} {unit} in place of {number(now, 3)} (it settles below "
         f"{number(limit * now, 3)})"
     )
     return [_of(change, key, share * now, answer, law, **{gain: share})]
@@ -186,7 +186,9 @@ def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[C
     if longest is None or longest >= own:
         return []
     most = meant if meant <= longest else _RESERVE * longest
-    change = f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it rests below {number(longest, 3)})"
+    change = (
+        f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it settles below {number(longest, 3)})"
+    )
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
 
 

@@ -54,7 +54,7 @@ def diagnosis_text(found: Diagnosis) -> str:
     """Return the same for people."""
     lines = [f"{found.source}: {found.conclusion}", ""]
     if found.cures:
-        lines += ["would rest with (each alone, checked on the loop model or in the scene):"]
+        lines += ["would settle with (each alone, checked on the loop model or in the scene):"]
         lines += [f"  {cure_text(cure.change, cure.growth_per_s)}" for cure in found.cures]
         lines += [""]
     if found.decides:

@@ -69,11 +69,14 @@ class Judge:
             )
             return self._made("nothing wrong", said)
         if toggles(found) and felt(log, self._swing, self._declared) < 1:
-            said = "nothing wrong: it toggles by one step of the encoder, which no hand feels; a finer one would rest"
+            said = (
+                "nothing wrong: it toggles by one step of the encoder, below the vibrotactile threshold; a finer one "
+                "would end it"
+            )
             return self._made("nothing wrong", said)
         if passes(log, found.begins_s, found.ends_s, self._swing.last, found.frequency_hz):
             cycles = number(found.frequency_hz * (found.ends_s - found.begins_s), 2)
-            said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it rests in contact"
+            said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it settles in contact"
             return self._made("nothing wrong", said)
         if found.contact_share == 0:
             said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
@@ -113,7 +116,7 @@ class Judge:
         why = "which no loop with a delay holds" if found.force_n > 0 else "which feeds the swing beyond the friction"
         evidence = [*self._evidence, found.sentence()]
         if not found.alone:
-            evidence.append("with its spring and damper alone the loop model rests")
+            evidence.append("with its spring and damper alone the loop model settles")
         return self._made(
             "named",
             f"{CAUSES['relay']}: {found.sentence()}, {why}",
@@ -138,7 +141,7 @@ class Judge:
             return None
         period = self._log.ticks.period_s
         told = found.sentence(period)
-        why = "comes late by half its frame and by what that waits, and with one rate it rests"
+        why = "comes late by half its frame and by what that waits, and with one rate it settles"
         return self._made(
             "named",
             f"{told}; the {found.slow} {why}",
@@ -175,7 +178,7 @@ class Judge:
         doubts = []
         if first == OTHER:
             doubts.append(
-                "no single change of those that were tried brings this loop to rest, or it rests on the model"
+                "no single change of those that were tried makes this loop settle, or it settles on the model"
             )
         elif together := _together(asked):
             doubts.append(
@@ -256,7 +259,7 @@ class Judge:
         if share < _BOUNCES and any(math.isfinite(cure.growth_per_s) for cure in cures):
             self._notes.append(
                 f"in contact for {100 * share:.0f} % of the time it bounces: changes were checked on the loop in "
-                "contact, and a bounce may outlast a loop that rests there"
+                "contact, and a bounce may outlast a loop that settles there"
             )
         return Diagnosis(
             source=log.name,

@@ -22,7 +22,7 @@ KINDS: Mapping[Kind, str] = {
     "multisine": "sines of which the sum tells the most of mass, damping, friction and delay",
     "chirp": "one sine whose frequency grows by a constant factor, as strong as the limits allow",
     "sweep": "the same at a constant speed of the device",
-    "release": "pulled slowly against a spring and let go, to either side",
+    "release": "pulled slowly against a spring and released, to either side",
 }
 """What can be played, with a line for each."""
 

@@ -129,7 +129,7 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
             lines[name].draw_where(usable, panel, comparison.frequency_hz, shown)
     for panel, floor, label in (
         (magnitude, _ROUNDING, f"error of {PERCEIVED} (%)"),
-        (complex_, _UNNOTICED, "complex error (%)"),
+        (complex_, _UNNOTICED, "impedance error (%)"),
     ):
         panel.set_yscale("log")
         panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))

@@ -75,7 +75,7 @@ def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> 
     ends = levels.boundaries
     handles = [Patch(color=colours(index)) for index in range(len(ends) - 1)]
     spans = [f"{low:.3g} to {high:.3g} kN/m" for low, high in pairwise(ends)]
-    panels.legend(handles, spans, 4, "stiffest wall of a spring and damper, every hand and let go, along the normal")
+    panels.legend(handles, spans, 4, "stiffest wall of a spring and damper, every hand and released, along the normal")
     return panels.figure
 
 

@@ -51,7 +51,7 @@ def identification_page(
         rows = [*rows[:_MOST_VALUES], Row("and", textwrap.shorten(rest, 2 * _LINE, placeholder=" ... (-v)"))]
     if found.refused:
         keys = ", ".join(units.key(one.key) for one in found.refused)
-        rows.append(Row("Not told", textwrap.shorten(keys, _LINE, placeholder=" ... (-v)"), Mark.CAUTION))
+        rows.append(Row("Not identified", textwrap.shorten(keys, _LINE, placeholder=" ... (-v)"), Mark.CAUTION))
     if found.notes:
         rows.append(Row("Notes", f"{plural(len(found.notes), 'note')} on what this is worth: -v", Mark.CAUTION))
     if written:

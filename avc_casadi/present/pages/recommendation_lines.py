@@ -22,8 +22,8 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
         lines += [
             (
                 f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand, by linear "
-                "stability alone: nobody tries it, with encoder, friction or bouncing, so what is deployed may be "
-                "softer (--stiffest: the stiffest wall that simulated hands rest at, and what would help it)"
+                "stability alone: no hand tries it, with encoder, friction or bouncing, so what is deployed may be "
+                "softer (--stiffest: the stiffest wall at which simulated hands settle, and its sensitivity)"
             ),
             text_table(["what would help", "plain wall,\nlinear alone\nN/m"], rows, left=(0,)),
         ]
@@ -34,7 +34,7 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
             f"simulated only: {', '.join(document['trial']['effects'])}; {', '.join(document['trial']['motions'])}"
         )
     if "complex_error_from" in document["felt"]:
-        lines.append(f"complex error: distance from {document['felt']['complex_error_from']}")
+        lines.append(f"impedance error: distance from {document['felt']['complex_error_from']}")
     lines += [f"assumed: {gap}" for gap in document["assumed"]]
     return lines
 
@@ -62,12 +62,12 @@ def stiffest_lines(document: dict[str, Any]) -> list[str]:
         *_confirmed(document["confirmed"]),
         (
             f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
-            f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: what hands "
-            "rest at may be softer"
+            f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: where hands "
+            "settle may be softer"
             if document["plain_wall_n_per_m"]
             else "a plain spring and damper: no wall is linearly stable with every hand and released"
         ),
-        text_table(["what would help", "stiffest wall\nN/m", "at rest", "without\nfriction"], rows, left=(0,)),
+        text_table(["what would help", "stiffest wall\nN/m", "settle", "without\nfriction"], rows, left=(0,)),
         *(f"assumed: {gap}" for gap in document["assumed"]),
         *(f"not used: {what}" for what in document["not_used"]),
     ]

@@ -208,9 +208,9 @@ def simulated_page(document: dict[str, Any], problem: Problem, page: Page, shown
     """
     unit, metre, travel = problem.units.unit, problem.units.unit("m"), document["position_peak_to_peak_m"]
     outcomes = {
-        "asymptotic": "comes to rest, and does not need dry friction for it",
+        "asymptotic": "settles, and does not need dry friction for it",
         "held-by-friction": "is held by dry friction only",
-        "unstable": "does not come to rest",
+        "unstable": "does not settle",
     }
     rest = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}[document["outcome"]]
     buzz = "; it buzzes" if document["buzzing"] else ""

@@ -110,7 +110,9 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
             f"Correlations of {', '.join(found.estimates)} as a table of shades; the numbers stand in --json",
         ),
     )
-    device = "No device file: mass or damping is not told." if found.device is None else device_text(found.device)
+    device = (
+        "No device file: mass or damping was not identified." if found.device is None else device_text(found.device)
+    )
     source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
     body = filled(
         "identification",

@@ -219,14 +219,14 @@ def _verdict(found: Mapping[str, Any]) -> str:
     if not found["deployable"]:
         return '<p class="verdict fail">Do not deploy this coupling.</p>'
     rested = [found["trial"], *([found["confirmed"]] if found["confirmed"] else [])]
-    doubts = ["not every simulated hand comes to rest with it"] * any(one["at_rest"] < one["hands"] for one in rested)
+    doubts = ["not every simulated hand settles with it"] * any(one["at_rest"] < one["hands"] for one in rested)
     doubts += [f"not judged with {escape(what.partition(' (')[0])}" for what in found["not_used"]]
     if doubts:
         return f'<p class="verdict fail">Deployable, but {" and ".join(doubts)}.</p>'
     felt, share = found["felt"]["stiffness_n_per_m"], found["felt"]["share_of_wall"]
     if felt is None or share is None or share >= _THE_WALL:
         return '<p class="verdict pass">Deploy this coupling.</p>'
-    softer = f"{number(felt)} N/m are felt, {100 * share:.3g} % of the wall"
+    softer = f"{number(felt)} N/m are rendered, {100 * share:.3g} % of the wall"
     if share < _NO_WALL:
         return f'<p class="verdict fail">Deployable, but hardly a wall: {softer}.</p>'
     return f'<p class="verdict pass">Deploy this coupling; the wall is softened: {softer}.</p>'
@@ -252,17 +252,17 @@ def _deployment(found: Mapping[str, Any]) -> str:
     """Return how the coupling to deploy was tried, what was proved of it, what would help and what is assumed."""
     claims = (found["certificate"] or {}).get("deployable", {}).get("claims", [])
     tried = {
-        "those that chose it": found["trial"],
-        "others, no part in the choice": found["confirmed"],
-        **{f"{holding}, nothing promised": of for holding, of in found["other_hands"].items()},
-        "corner hands on devices off their file, nothing promised": found["off_file"],
+        "the hands of the choice": found["trial"],
+        "fresh hands": found["confirmed"],
+        **{f"{holding}, outside the design set": of for holding, of in found["other_hands"].items()},
+        "corner hands, model mismatch": found["off_file"],
     }
     if found["coupling"] is None and not found["what_would_help"]:
         return columns_html(("assumed, or not used",), [(line,) for line in (*found["assumed"], *found["not_used"])])
     parts = [
         "<h3>How simulated hands fared</h3>",
         columns_html(
-            ("hands", "how many", "at rest", "without friction", "quiet"),
+            ("hands", "how many", "settle", "without friction", "below threshold"),
             [
                 (who, *(of[key] for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")))
                 for who, of in tried.items()
@@ -275,7 +275,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
             ("claim", "result", "what was found"),
             [
                 *((claim["name"], "pass" if claim["pass"] else "FAIL", claim["sentence"]) for claim in claims),
-                *((("rest (L7)", found["rest"]["word"], found["rest"]["sentence"]),) if found["rest"] else ()),
+                *((("settling (L7)", found["rest"]["word"], found["rest"]["sentence"]),) if found["rest"] else ()),
             ],
         ),
         "<h3>What limits it, and what would help</h3>",
@@ -299,7 +299,7 @@ def _gains(document: Mapping[str, Any]) -> str:
         ("k\nN/m", "stiffness_n_per_m"),
         ("b_p\nN.s/m", "contact_damping_ns_per_m"),
         ("error of |Z|\nN.s/m", "magnitude_error"),
-        ("complex error\nrelative", "complex_error"),
+        ("impedance error\nrelative", "complex_error"),
         ("Re Z_h\nN.s/m", "real_part"),
         ("status", "status"),
         ("reason", "reason"),

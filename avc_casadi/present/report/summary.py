@@ -116,7 +116,7 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
             f"({summary['lowest_hz']:g} to {summary['highest_hz']:g} Hz; {seconds['solve']:.2g} s); "
             f"b {_span(summary['damping_ns_per_m'])} N.s/m, k {_span(summary['stiffness_n_per_m'])} N/m"
         ),
-        f"error of |Z|: {_percent(summary['magnitude_error'])}; complex error: {_percent(summary['complex_error'])}",
+        f"error of |Z|: {_percent(summary['magnitude_error'])}; impedance error: {_percent(summary['complex_error'])}",
         _cross_check(summary["cross_check"]),
         f"closed form: realisable at {realisable} of {rows} frequencies; {injection_line(summary)}",
         "verdicts, pointwise: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if count),

@@ -102,7 +102,7 @@ class CouplingTrial(Tabular):
 
     def _summary(self) -> str:
         return (
-            f"{int(self.stable.sum())} of {self.hands} hands at rest, {int(self.stable_without_friction.sum())} "
+            f"{int(self.stable.sum())} of {self.hands} hands settle, {int(self.stable_without_friction.sum())} "
             f"without friction; {short(self.stiffness_n_per_m, 'N/m')} felt"
         )
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _STUDIES = {
     "scope": "scope of the guarantee, slopes and box as in the problem",
     "slope": "slope limit, scope as in the problem",
-    "contact": "largest contact damping b_p: structure damped, complex error, scope hands",
+    "contact": "largest contact damping b_p: structure damped, impedance error, scope hands",
 }
 
 
@@ -75,7 +75,7 @@ _HEAD = (
     "\ndesign",
     "\ngains",
     "|Z| error\n%",
-    "complex error\n%",
+    "impedance error\n%",
     "DC stiffness\nN/m",
     "steepest\nslope",
     "b_p\nN.s/m",

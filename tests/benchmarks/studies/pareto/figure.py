@@ -24,7 +24,7 @@ _CONSTANT: dict[str, Any] = {"color": "#d1600a", "linestyle": (0, (5, 1.6)), "ma
 _PHASE = {"markerfacecolor": "white", "linewidth": 0.9}
 _UNNOTICED = 1e-2
 """Errors below this, in per cent, are drawn on this line."""
-_COMPLEX, _MAGNITUDE = "complex error", "magnitude error"
+_COMPLEX, _MAGNITUDE = "impedance error", "magnitude error"
 _SHORT = {"own frequency": "own\nfreq.", "all frequencies": "all\nfreq.", "no limit": "none", "constant": "const."}
 
 

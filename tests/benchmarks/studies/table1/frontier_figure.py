@@ -109,7 +109,7 @@ def _shares(axes: Axes, cells: dict[str, Any]) -> None:
     axes.set_xlim(0, 100)
     axes.set_ylim(0, 100)
     axes.set_xlabel("stiffness felt (% of the wall's 100 kN/m)")
-    axes.set_ylabel("hands at rest without friction (%)")
+    axes.set_ylabel("hands settle without friction (%)")
     axes.legend(loc="center", bbox_to_anchor=(0.5, 0.56), fontsize=6.6, handlelength=2.4)
 
 
