@@ -112,7 +112,7 @@ def coupled_certificate(
         gains: of the coupling, any share of which may hold the tangent.
         points: drawn for each corner of the device, held and let go.
         seed: of what is drawn.
-        progress: told of the corners.
+        progress: reported over the corners.
 
     Raises:
         UnsupportedError: the device has a resonance.

@@ -158,7 +158,7 @@ def design_arm(
         one: one coupling for all normals in place of one for each direction.
         points: drawn for each corner of the device by the coupled certificate.
         seed: of what is drawn.
-        progress: told of the directions and corners.
+        progress: reported over the directions and corners.
 
     Raises:
         InputError: a region that the mechanism does not reach, or a singular one.

@@ -68,7 +68,7 @@ def workspace_map(
         arm: the arm.
         poses: at least so many on a regular grid.
         workers: processes; more than one start this program anew, so that a script needs its guard.
-        progress: told of the searches.
+        progress: reported over the searches.
         executor: who works instead, as for `Chunked.run`.
     """
     low, high = arm.box_m
@@ -110,7 +110,7 @@ def stiffest_walls(
         arm: its device and hands.
         masses_kg: lightest and heaviest, shape (n, 2); rounded outwards by at most 3 %.
         workers: processes.
-        progress: told of the searches.
+        progress: reported over the searches.
         executor: as in `workspace_map`.
 
     Returns:

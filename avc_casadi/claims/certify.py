@@ -34,7 +34,7 @@ def on_demand(
         problem: what is judged against.
         gains: a table, or the coupling with it.
         seed: of hands that are drawn and of the search for orbits.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Returns:
         The levels, and what is known of the rest of each row of the table that runs.
@@ -89,7 +89,7 @@ def certify(
             (L9). Each says proved, refuted or open, with the reason. Proofs and witnesses stand in the detail of the
             level as ``proofs`` and can be read again (`avc_casadi.claims.prove`: `HandsProof`, `Rest`, `Changing`). On
             which devices and laws each level can be proved stands in ``avc certify --help``.
-        progress: told of the rows that are judged.
+        progress: reported over the rows that are judged.
 
     Raises:
         InputError: gains of another sample time, or neither a table nor a coupling.

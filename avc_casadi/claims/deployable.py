@@ -123,7 +123,7 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
 
     Args:
         coupling: the coupling.
-        progress: told of the gains that are judged.
+        progress: reported over the gains that are judged.
 
     Raises:
         InputError: it is no coupling.
@@ -320,7 +320,7 @@ def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = 
 
     Args:
         coupling: the coupling.
-        progress: told of the rows that are judged.
+        progress: reported over the rows that are judged.
         prove: ask for proofs too, as `certify` does.
     """
     found = certify(coupling.problem, coupling, prove=prove, progress=progress)

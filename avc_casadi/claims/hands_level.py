@@ -37,7 +37,7 @@ def proved_level(rows: Rows, checked: LevelResult, known: list[Rest], progress: 
         rows: the gains.
         checked: the level as the search left it.
         known: proofs of rest that were made already.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Returns:
         The level: not met where a row is refuted. Rows that stay open keep what the search said, and are named.
@@ -161,7 +161,7 @@ def every_hand(
         contact: b_p, shape (n,).
         draws: hands drawn beside the corners.
         seed: seed of the draws.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Raises:
         UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.

@@ -63,7 +63,7 @@ def ripple_level(coupling: Coupling, found: list[Rest], progress: Progress = SIL
     Args:
         coupling: what runs.
         found: its rows with what is known of their rest.
-        progress: told of the boxes.
+        progress: reported over the boxes.
     """
 
     def told(outcome: Outcome, claim: str, detail: dict[str, Any]) -> LevelResult:
@@ -157,7 +157,7 @@ def rests(coupling: Coupling, seed: int = 0, progress: Progress = SILENT) -> lis
     Args:
         coupling: what runs.
         seed: of hands that are drawn and of the search for orbits.
-        progress: told of the rows.
+        progress: reported over the rows.
     """
     rows = coupling.table.rows
     found = []
@@ -173,7 +173,7 @@ def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILEN
     Args:
         coupling: what runs.
         found: `rests` of it.
-        progress: told of the search for the stiffest wall.
+        progress: reported over the search for the stiffest wall.
     """
     outcomes = [one.outcome for one in found]
     worst = min(range(len(found)), key=lambda row: _WORST_FIRST.index(outcomes[row]))
@@ -245,7 +245,7 @@ def proved_wall_n_per_m(coupling: Coupling, progress: Progress = SILENT) -> floa
 
     Args:
         coupling: what runs; one that `quick_rest_level` judges.
-        progress: told of the search.
+        progress: reported over the search.
     """
     law = _law(coupling, coupling.table.rows[0].tolist())
     felt = law.stiffness_at_rest_n_per_m

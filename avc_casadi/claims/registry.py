@@ -33,7 +33,7 @@ class Judged:
         whole: the table, or the coupling that it came in.
         draws: hands drawn beside the corners of their ranges.
         seed: of what is drawn.
-        progress: told of the rows.
+        progress: reported over the rows.
     """
 
     problem: Problem

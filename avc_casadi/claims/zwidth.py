@@ -242,7 +242,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        progress: told of the curves.
+        progress: reported over the curves.
 
     Example:
         >>> region = avc.zwidth("figure5")

@@ -279,7 +279,7 @@ def screen(
         interaction_hz: as in `simulate`.
         seed: as in `simulate`.
         tolerance: largest relative change of position, force and apparent stiffness that does not count, 0 to below 1.
-        progress: is told of each effect.
+        progress: reported over the effects.
 
     Raises:
         InputError: as `simulate`; or the tolerance is outside its range.

@@ -249,7 +249,7 @@ def worst_margin(
         high_hz: upper end; clipped at the Nyquist frequency.
         refine: False leaves out the refinement, which takes most of the time; for searches that end with an exact
             check.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Returns:
         One result per row, shape (n,).

@@ -175,7 +175,7 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
         devices: corners of a device, each known exactly.
         slack: of the rows.
         rows: how many.
-        progress: told of the devices.
+        progress: reported over the devices.
     """
     every = np.arange(rows)
     least, rounding = np.full(rows, np.inf), np.zeros(rows)

@@ -181,7 +181,7 @@ def normed_cells(
         low: lower corner of the box, shape (3,).
         high: upper corner.
         most_cells: cells that may be looked at.
-        progress: told of the cells.
+        progress: reported over the cells.
 
     Raises:
         MissingExtraError: clarabel is not installed.

@@ -136,7 +136,7 @@ def prove_hands(
         stiffness_n_per_m: k, shape (n,).
         contact_damping_ns_per_m: b_p, shape (n,).
         budget: cells that may be evaluated for a row.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Returns:
         n proofs. Amplifier and resonance are no part of the enclosure: such devices stay open, unless a hand is found.

@@ -143,7 +143,7 @@ def verify(
         device: the device and the box of hands.
         multiplier: the multiplier.
         most_cells: where to give up; None is `MOST_CELLS` of such hands.
-        progress: told of the share of the box that is done.
+        progress: reported over the share of the box that is done.
     """
     coefficients = tuple(_rounded(part) for part in law.transfer)
     ends = np.array(list(device.ranges.values()))

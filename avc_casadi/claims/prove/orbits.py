@@ -102,7 +102,7 @@ def find_orbit(
         starts: random states to start from, for each hand and press.
         press_n: forces with which the hands press; negative where they hover before the wall.
         seed: of the starts.
-        progress: told of the periods.
+        progress: reported over the periods.
     """
     random = np.random.default_rng(seed)
     count = len(hands)

@@ -192,7 +192,7 @@ def prove_rest(
         most_cells: where verification gives up; None is `MOST_CELLS` of such hands.
         orbits: look for a motion that never ends where there is no proof; with a hand on a stylus none is looked for.
         seed: of the hands drawn and of the starts of orbits.
-        progress: told of the work.
+        progress: reported over the work.
     """
     began = time.perf_counter()
 

@@ -87,7 +87,7 @@ def bound_ripple(
         law: the law; the dead zone of its observer counts as error.
         device: known exactly but for its friction, sensor and force; a rigid one, with whole samples of delay.
         hand: the box of hands.
-        progress: told of the boxes.
+        progress: reported over the boxes.
 
     Raises:
         UnsupportedError: a device or hand that is not enclosed, or a loop that is not stable in contact.

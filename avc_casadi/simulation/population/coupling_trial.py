@@ -163,7 +163,7 @@ def try_coupling(
         coupling: the coupling under trial.
         subjects: the hands.
         seed: of their draw, to be reported.
-        progress: of the motions; with an executor, of the hands.
+        progress: reported over the motions; with an executor, over the hands.
         executor: runs chunks of hands, as for `Chunked.run`; None stays in this process.
     """
     conditions = Conditions.of(coupling)
