@@ -16,7 +16,7 @@ from avc_casadi.simulation.tick import Tick
 
 @dataclass(frozen=True)
 class Saturation(SceneEffect):
-    """Clips the command.
+    """Saturation of the commanded force.
 
     Attributes:
         force_n: largest force either way.
