@@ -262,7 +262,7 @@ class FrozenLoop:
         return mechanics + moves(psi_new, phi_new) + moves(psi - psi_new, phi - phi_new)
 
     def _rest(self, cells: Interval) -> Jet[Interval]:
-        """Return the rest of a sample after the arrival of the force, with slopes along beta, kappa and itself."""
+        """Return the share of a sample after the arrival of the force, with slopes along beta, kappa and itself."""
         count = cells.shape[1]
         late = cells[LATE] if self.fraction is None else Interval.of(np.full(count, self.fraction))
         slope = np.zeros((3, count))
