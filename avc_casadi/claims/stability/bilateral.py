@@ -132,7 +132,7 @@ def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
 
 
 def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> list[float]:
-    """Return the dampers beside a contact spring, in the follower's units.
+    """Return the dampers in parallel with a contact spring, in the follower's units.
 
     Args:
         follower: with the range.

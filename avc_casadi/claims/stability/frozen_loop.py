@@ -187,7 +187,7 @@ def _with_hands(device: Device, rendering: Rendering, hands: Hand, damping_shift
 
 # Takes seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32
-# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is not told from none.
+# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 RADIUS_TOLERANCE = 1e-10
 _NUMBERS_AT_ONCE = 2_000_000
 

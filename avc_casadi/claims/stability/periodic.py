@@ -16,7 +16,7 @@ from avc_casadi.claims.stability.eigenvalues import eigenvalues, leading_radii
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
 
-# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is not told from none.
+# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9
 # Eigenvalues this small are deadbeat; oscillations slower than this are drift.
 _DEAD, _DRIFT_HZ = 1e-6, 0.1

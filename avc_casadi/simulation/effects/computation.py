@@ -84,7 +84,7 @@ class StateFeedback(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; its rows must be of one size."""
+        """Build it from the table; its rows must be of one size."""
         try:
             return cls(Settings(**{key: getattr(table, key) for key in STATE_FEEDBACK_KEYS}))
         except InputError as error:
@@ -128,7 +128,7 @@ class Observer(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take step and delay from the loop, and the mass from the device and the lightest hand, if left out."""
+        """Build it; missing step and delay are taken from the loop, the mass from the device and the lightest hand."""
         encoder = next((effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)), None)
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
@@ -175,7 +175,7 @@ class Adaptation(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; an estimator is required."""
+        """Build it from the table; an estimator is required."""
         if not any(effect.kind == "estimator" for effect in problem.scene.effects):
             message = "has no estimate to follow; allowed: beside the effect estimator"
             raise InputError([Fault(problem.name, None, place, message)])
@@ -245,7 +245,7 @@ class Estimator(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take the method; the floor lies above the noise of the encoder, where the scene has one."""
+        """Build it from the table; the floor lies above the noise of the encoder, where the scene has one."""
         encoders = [effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)]
         resolution = problem.device.encoder_resolution_m if encoders else 0.0
         if encoders and encoders[0].resolution_m is not None:

@@ -59,7 +59,7 @@ class Compensator(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; every section must be stable."""
+        """Build it from the table; every section must be stable."""
         faults = []
         for index, (*_, a1, a2) in enumerate(table.sections):
             if not (abs(a2) < 1 and abs(a1) < 1 + a2):
@@ -97,7 +97,7 @@ class Notch(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; the frequency lies below that of Nyquist."""
+        """Build it from the table; the frequency lies below that of Nyquist."""
         nyquist = 0.5 / problem.device.sample_time_s
         if table.frequency_hz >= nyquist:
             message = f"is {table.frequency_hz:g}; allowed: below the Nyquist frequency {nyquist:g} Hz"

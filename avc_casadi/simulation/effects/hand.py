@@ -30,7 +30,7 @@ class Grip(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take what is left out from the middle of the problem's set of hands."""
+        """Build it; missing numbers are taken from the middle of the problem's set of hands."""
         given = {item.name: getattr(table, item.name) for item in fields(Hand)}
         return cls(
             Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in given.items()})
@@ -52,6 +52,6 @@ class StylusGrip(Grip):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table as given; the hand needs a mass."""
+        """Build it from the table as given; the hand needs a mass."""
         required_number(table.mass_kg, None, key="mass_kg", place=place, problem=problem, source="")
         return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))

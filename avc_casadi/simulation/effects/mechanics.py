@@ -40,7 +40,7 @@ class Backlash(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.backlash_m", problem.device.backlash_m
         return cls(required_number(table.gap_m, default, key="gap_m", place=place, problem=problem, source=source))
 
@@ -77,7 +77,7 @@ class Resonance(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device; a device without mass has no resonance."""
+        """Build it; missing numbers are taken from the device; a device without mass has no resonance."""
         keys = ("frequency_hz", "damping_ratio", "mass_ratio")
         declared = [getattr(problem.device.resonance, key, None) for key in keys]
         values = [getattr(table, key) for key in keys]
@@ -126,7 +126,7 @@ class ViscousFriction(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; the damping of the device model is not counted twice."""
+        """Build it from the table; the damping of the device model is not counted twice."""
         key = "damping_ns_per_m"
         return cls(required_number(table.damping_ns_per_m, None, key=key, place=place, problem=problem, source=""))
 
@@ -152,7 +152,7 @@ class CoulombFriction(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.coulomb_friction_n", problem.device.coulomb_friction_n
         return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
 

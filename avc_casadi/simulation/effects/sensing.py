@@ -41,7 +41,7 @@ class Jitter(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; lateness or drops are required."""
+        """Build it from the table; lateness or drops are required."""
         if table.rms_s == 0 and table.dropped_share == 0:
             message = "rms_s and dropped_share are both 0; allowed: one above 0, or leave the effect out"
             raise InputError([Fault(problem.name, None, place, message)])
@@ -89,7 +89,7 @@ class Delay(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.delay_samples", problem.device.delay_samples
         return cls(required_number(table.samples, default, key="samples", place=place, problem=problem, source=source))
 
@@ -131,7 +131,7 @@ class Noise(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.position_noise_rms_m", problem.device.position_noise_rms_m
         rms = required_number(table.rms_m, default, key="rms_m", place=place, problem=problem, source=source)
         return cls(rms, table.seed)
@@ -168,7 +168,7 @@ class Encoder(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
         resonant = any(effect.kind == "resonance" for effect in scene_effects(problem))
         if (table.at or problem.device.encoder_at) == "handle" and (table.at is not None or resonant):

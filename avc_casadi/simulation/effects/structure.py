@@ -34,7 +34,7 @@ class Structure(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; a device without mass has no such part."""
+        """Build it from the table; a device without mass has no such part."""
         if problem.device.mass_kg == 0:
             message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
             raise InputError([Fault(problem.name, None, place, message)])

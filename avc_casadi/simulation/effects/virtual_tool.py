@@ -47,7 +47,7 @@ class Engine(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take tool and engine from [simulation]: the heaviest tool, the stiffest contact.
+        """Build it; tool and engine are those of [simulation]: the heaviest tool, the stiffest contact.
 
         Raises:
             InputError: the problem has no [simulation], or no gains were given.

@@ -35,7 +35,7 @@ class Detents(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take the detents of the problem.
+        """Build it from the detents of the problem.
 
         Raises:
             InputError: the problem has none.
@@ -94,7 +94,7 @@ class Wall(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take what is left out from the environment."""
+        """Build it; missing numbers are taken from the environment."""
         given = problem.environment
         return cls(
             given.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,

@@ -3,7 +3,7 @@
 Set A is uniform in mass, damping and stiffness of a hand that moves with the device. Set B is a hand on a stylus with
 five parameters, within the ranges that Fu and Cavusoglu (2012) measured on 15 subjects; logarithms are uniform, which
 puts the means near the measured ones. A fingertip is assumed, uniform. The arm of van Beek et al. (Sci Rep 5:18004, one
-trial) stands beside them.
+trial) is added.
 """
 
 from __future__ import annotations
