@@ -1,4 +1,4 @@
-"""An arm as CasADi functions: where its tip is, how it moves with the joints, and the inertia that the joints feel."""
+"""An arm as CasADi functions: position of its tip, Jacobian, and joint-space inertia."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Arm:
     """A mechanism of n joints that moves a tip along d axes, d 2 or 3; gravity is compensated.
 
     Attributes:
-        file: what it was made from.
+        file: its arm file.
         tip: CasADi function of the joint values (n,): position of the tip, m, shape (d,).
         jacobian: of the joint values: J, shape (d, n).
         inertia: of the joint values: M, shape (n, n).
         acceleration: of joint values, rates and joint forces: second derivative of the joint values.
-        allowed: of the joint values: numbers that are all >= 0 where the mechanism can be.
+        allowed: of the joint values: numbers that are all >= 0 in admissible poses.
     """
 
     file: ArmFile
@@ -64,14 +64,14 @@ class Arm:
 
 
 def arm_of(file: ArmFile, joint: Any, tip: Any, inertia: Any, allowed: Any) -> Arm:
-    """Make the functions of an arm from expressions.
+    """Return an arm from expressions.
 
     Args:
-        file: what they were made from.
+        file: the arm file.
         joint: symbols of the joint values, SX of shape (n, 1).
         tip: position of the tip, m.
         inertia: M.
-        allowed: numbers that are >= 0 where the mechanism can be.
+        allowed: numbers that are >= 0 in admissible poses.
     """
     rate, force = ca.SX.sym("v", joint.numel()), ca.SX.sym("tau", joint.numel())
     jacobian = ca.jacobian(tip, joint)
@@ -91,7 +91,7 @@ def arm_of(file: ArmFile, joint: Any, tip: Any, inertia: Any, allowed: Any) -> A
 
 
 def moving(mass_kg: float, centre: Any, joint: Any) -> Any:
-    """Return the inertia in the joints of a mass at a point that moves with them."""
+    """Return the joint-space inertia of a mass at a point moved by the joints."""
     moves = ca.jacobian(centre, joint)
     return mass_kg * ca.mtimes(moves.T, moves)
 

@@ -1,9 +1,9 @@
 """The frozen loop of a contact in space: tip, hand and a coupling K n n' + s K_t (I - n n'), sample to sample.
 
-The tip moves as L x'' + b x' + M_h x'' + B_h x' + K_h x = -F; L is that of the pose, the hand's matrices are symmetric
-and each has axes of its own; no velocity products, which vanish at rest. F is held for a sample and is that of
-the springs K n n' + s K_t (I - n n') over x, and of the dampers D n n' + s D_t (I - n n') over (x - x_before)/T: s = 0
-leaves the tangent free, s = 1 holds it as a proxy that sticks.
+The tip moves as L x'' + b x' + M_h x'' + B_h x' + K_h x = -F; L is that of the pose, the hand's matrices are symmetric,
+each with its own axes; velocity products vanish at rest and are omitted. F is held for a sample and is that of the
+springs K n n' + s K_t (I - n n') over x, and of the dampers D n n' + s D_t (I - n n') over (x - x_before)/T: s = 0
+leaves the tangent free, s = 1 holds it, as a sticking proxy does.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Contacts:
         normal: of length 1, shape (p, d).
         tangent_share: s, shape (p,).
         damping_ns_per_m: b of the device, shape (p,).
-        hand_mass_kg: M_h, shape (p, d, d); with the others 0 where the device is let go.
+        hand_mass_kg: M_h, shape (p, d, d); with the others 0 where the device is released.
         hand_damping_ns_per_m: B_h.
         hand_stiffness_n_per_m: K_h.
     """
@@ -54,7 +54,7 @@ class Contacts:
         return len(self.normal)
 
     def pick(self, rows: IndexArray | slice) -> Self:
-        """Take some of them."""
+        """Return some of the contacts."""
         return type(self)(*(value[rows] for value in vars(self).values()))
 
 
@@ -62,15 +62,15 @@ class Contacts:
 class ContactLoops:
     """The sampled plant of p contacts on one device.
 
-    States: position, velocity by the sample, amplifier, position measured before, forces under way.
+    States: position, velocity times T, amplifier, previous measured position, delayed forces.
 
     Attributes:
         open_loop: shape (p, s, s).
-        push: how the force asked for now enters, shape (p, s, d), forces in `force_unit_n`.
+        push: input column of the commanded force, shape (p, s, d), forces in `force_unit_n`.
         force_unit_n: shape (p,).
         along: n n', shape (p, d, d).
         across: s (I - n n'), shape (p, d, d).
-        before: state of the first axis of the position measured before.
+        before: first state of the previous measured position.
         sample_time_s: T.
         free_states: eigenvalues of free motion along the surface, shape (p,).
     """
@@ -85,9 +85,9 @@ class ContactLoops:
     free_states: IndexArray
 
     def radius(self, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray) -> FloatArray:
-        """Return the spectral radius of each contact with a coupling of its own, shape (p,).
+        """Return the spectral radius of each contact with its own coupling, shape (p,).
 
-        Free motion along the surface, which neither dies out nor grows, is left out.
+        Free motion along the surface, which neither decays nor grows, is excluded.
 
         Args:
             stiffness_n_per_m: K and K_t, shape (2, p).
@@ -123,10 +123,10 @@ class ContactLoops:
 
 
 def contact_loops(device: Device, contacts: Contacts) -> ContactLoops:
-    """Discretise contacts exactly.
+    """Return the exact discretisation of contacts.
 
     Args:
-        device: sample time, delay and amplifier; its mass and damping are those of the contacts.
+        device: gives sample time, delay and amplifier; mass and damping are those of the contacts.
         contacts: poses, normals and hands.
 
     Raises:
@@ -150,13 +150,13 @@ def contact_loops(device: Device, contacts: Contacts) -> ContactLoops:
     across = contacts.tangent_share[:, None, None] * (np.eye(d) - square)
     held = np.abs(contacts.hand_stiffness_n_per_m).max(axis=(1, 2), initial=0.0) > 0
     loose = ~held & (contacts.tangent_share == 0)
-    # Position and velocity, of which damping takes the latter: however slowly.
+    # Position and velocity; with any damping the velocity decays.
     free = np.where(loose, 2 * (d - 1), 0)
     return ContactLoops(loop, push, unit, square, across, before, period, free)
 
 
 def _rates(device: Device, contacts: Contacts, own: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rates of position, velocity and amplifier by the sample, and how forces in their unit enter."""
+    """Return the rates of position, velocity and amplifier per sample, and the input matrix of scaled forces."""
     p, d = contacts.normal.shape
     period = device.sample_time_s
     rigid = np.linalg.inv(own + contacts.hand_mass_kg)
@@ -185,7 +185,7 @@ def _rates(device: Device, contacts: Contacts, own: FloatArray, unit: FloatArray
 
 
 def _delayed(rates: FloatArray, entry: FloatArray, delay_samples: float) -> tuple[FloatArray, FloatArray, int]:
-    """Return the open loop, how the force asked for now enters, and the state of the position measured before."""
+    """Return the open loop, the input columns of the commanded force, and the index of the previous position."""
     p, c, d = entry.shape
     whole = int(delay_samples)
     late = delay_samples - whole
@@ -212,7 +212,7 @@ def _delayed(rates: FloatArray, entry: FloatArray, delay_samples: float) -> tupl
 
 
 def _held(rates: FloatArray, entry: FloatArray, samples: float) -> tuple[FloatArray, FloatArray]:
-    """Return how a state and a force that is held for so many samples lead to the state after them."""
+    """Return the transition from a state and a force held for so many samples to the state after them."""
     p, c, d = entry.shape
     augmented = np.zeros((p, c + d, c + d))
     augmented[:, :c, :c], augmented[:, :c, c:] = rates * samples, entry * samples

@@ -1,12 +1,12 @@
-"""Whether the coupled loop in space is stable: poses, normals and hands drawn, and searched where the margin is least.
+"""Stability of the coupled loop in space: poses, normals and hands drawn, and searched for the smallest margin.
 
 Designs of one axis do not imply it: the device couples the axes (Li, Tavakoli and Huang, IEEE Trans. Control Systems
 Technology, 2014). The margin is the factor by which stiffness and damping together may grow until the loop with some
-pose, normal and hand is no longer stable. It is what a search finds, no proof.
+pose, normal and hand is unstable. It is the result of a search, no proof.
 
-Poses, normals and hands are points of a unit box: place of the tip; normal; share of the coupling that holds the
-tangent; damping of the device; then of the hand the principal masses, dampings and stiffnesses, and the axes of each of
-the three. A hand in space is a symmetric mass, damper and spring, each with principal values in the ranges of [hands].
+Poses, normals and hands are points of a unit box: position of the tip; normal; share of the coupling along the tangent;
+damping of the device; then of the hand the principal masses, dampings and stiffnesses, and the axes of each of the
+three. A hand in space is a symmetric mass, damper and spring, each with principal values in the ranges of [hands].
 """
 
 from __future__ import annotations
@@ -33,26 +33,26 @@ if TYPE_CHECKING:
 
 
 _POINTS, _STARTS, _PASSES = 3000, 6, 2
-# Cases whose first contact is unstable later than the worst found so far by more than this are not searched on.
+# Cases with a critical factor above the worst so far by more than this ratio are not searched.
 _HOPEFUL = 1.5
-# Coordinates of this share of the points stand at an end of the box.
+# Share of the coordinates at an end of the box.
 _AT_END = 0.5
 _LEAST, _MOST, _HALVINGS = 1 / 16, 16.0, 20
-# While the worst is searched, gains are so many times as large as those with which the first contact is unstable: the
-# slow motion of a hand that holds, which no gain changes, does not hide what the gains do.
+# Ratio of the gains in the search to the critical ones: the slow mode of a hand, independent of the gains, would
+# otherwise mask their effect.
 _BEYOND = 1.05
 
 
 @dataclass(frozen=True)
 class WorstContact:
-    """The pose, normal and hand with which the loop is the first to be unstable as the gains grow.
+    """The pose, normal and hand with the smallest critical factor of the gains.
 
     Attributes:
-        factor: of stiffness and damping at which it is.
-        radius: spectral radius at the gains as they are.
-        tip_m: place of the tip, shape (d,).
+        factor: critical factor of stiffness and damping.
+        radius: spectral radius at the nominal gains.
+        tip_m: position of the tip, shape (d,).
         contact: the one contact.
-        held: by a hand, or let go.
+        held: by a hand, or released.
         delay_samples: of the corner of the device.
         amplifier_bandwidth_hz: of the corner of the device.
     """
@@ -87,13 +87,13 @@ class WorstContact:
 
 @dataclass(frozen=True)
 class CoupledCertificate:
-    """What the search found.
+    """Result of the search.
 
     Attributes:
-        stable: with everything that was looked at, at the gains as they are.
-        worst: the first to be unstable as the gains grow.
-        radius: largest spectral radius at the gains as they are, of those that were drawn and of the worst.
-        looked_at: poses with normals and hands.
+        stable: with all evaluated contacts, at the nominal gains.
+        worst: that with the smallest critical factor.
+        radius: largest spectral radius at the nominal gains, of the drawn contacts and of the worst.
+        looked_at: number of evaluated poses with normals and hands.
     """
 
     stable: bool
@@ -105,14 +105,14 @@ class CoupledCertificate:
 def coupled_certificate(
     arm: Arm, gains: DirectedGains, *, points: int = _POINTS, seed: int = 0, progress: Progress = SILENT
 ) -> CoupledCertificate:
-    """Search for the pose, normal, hand and device with the least margin, held by hands in space and let go.
+    """Search for the pose, normal, hand and device with the least margin, held by hands in space and released.
 
     Args:
         arm: workspace, device with its ranges, hands.
-        gains: of the coupling, any share of which may hold the tangent.
-        points: drawn for each corner of the device, held and let go.
-        seed: of what is drawn.
-        progress: told of the corners.
+        gains: of the coupling, any share of which may act along the tangent.
+        points: drawn for each corner of the device, held and released.
+        seed: of the draws.
+        progress: reported over the corners.
 
     Raises:
         UnsupportedError: the device has a resonance.
@@ -125,7 +125,7 @@ def coupled_certificate(
     found: list[WorstContact] = []
     for number, case in enumerate(sorted(cases, key=lambda one: one.factor)):
         progress.advance(number, len(cases), "corners")
-        # A search lowers a factor by some per cent.
+        # The search lowers a factor by some per cent.
         if not found or case.factor < _HOPEFUL * min(one.factor for one in found):
             found.append(case.searched(seed))
     least = min(found, key=lambda one: one.factor)
@@ -146,12 +146,12 @@ def random_points(arm: Arm, count: int, seed: int, *, held: bool, at_end: float 
         arm: the arm.
         count: p.
         seed: of the draw.
-        held: by a hand, or let go.
+        held: by a hand, or released.
         at_end: that share.
     """
     random = np.random.default_rng(seed)
     points = random.random((count, coordinates(arm, held=held)))
-    # Places and normals stay where they are: their ends are few of many.
+    # Positions and normals are not moved to ends: these are few among many.
     ends = random.random(points.shape) < at_end
     ends[:, : 2 * len(arm.axes)] = False
     return np.where(ends, np.round(points), points)
@@ -160,14 +160,14 @@ def random_points(arm: Arm, count: int, seed: int, *, held: bool, at_end: float 
 def radii(
     arm: Arm, gains: DirectedGains, device: Device, points: FloatArray, *, held: bool
 ) -> Callable[[float], FloatArray]:
-    """Return the spectral radii at points, from the factor of the gains; not numbers where there is no contact.
+    """Return the spectral radii at points as a function of the factor of the gains; not a number without contact.
 
     Args:
         arm: the arm.
         gains: of the coupling.
         device: a corner of `electronics`.
         points: shape (p, coordinates).
-        held: by a hand, or let go.
+        held: by a hand, or released.
     """
     some = drawn(arm, points, held=held)
     loops = contact_loops(device, some.contacts)
@@ -183,11 +183,11 @@ def radii(
 
 @dataclass(frozen=True)
 class _Case:
-    """Points drawn at one corner of the device, with hands or let go.
+    """Points drawn at one corner of the device, with hands or released.
 
     Attributes:
-        factor: of the gains at which the first of them is unstable.
-        radius: largest of them at the gains as they are.
+        factor: smallest critical factor of the gains.
+        radius: largest spectral radius at the nominal gains.
     """
 
     arm: Arm
@@ -212,7 +212,7 @@ class _Case:
         return radii(self.arm, self.gains, self.device, points, held=self.held)
 
     def searched(self, seed: int) -> WorstContact:
-        """Climb from the worst of the points, and again with the gains at which the first found is unstable."""
+        """Search from the worst of the points, and again at the critical gains of the first result."""
         places, first = self.starts, self.factor
         for again in range(_PASSES):
             factor = _BEYOND * first
@@ -235,7 +235,7 @@ def critical_factor(radius: Callable[[float], FloatArray]) -> float:
     """Return the smallest factor of the gains at which a radius reaches 1, between 1/16 and 16.
 
     Args:
-        radius: radii from the factor; not numbers are left out.
+        radius: radii as a function of the factor; not a number is ignored.
     """
     low, high = _LEAST, _MOST
     for _ in range(_HALVINGS):
@@ -250,7 +250,7 @@ def critical_factor(radius: Callable[[float], FloatArray]) -> float:
 
 # A normal of coordinates that are nearly 0 has no direction.
 _SHORT = 0.1
-# A pose that is nearly singular along a direction cannot move there; nothing is claimed of it.
+# A pose nearly singular along a direction cannot move there; it is excluded from the claim.
 _HEAVIEST_KG = 1e3
 
 
@@ -259,9 +259,9 @@ class Drawn:
     """Contacts at points of the box.
 
     Attributes:
-        contacts: of the points that stand for one, p of them.
-        tip_m: places of the tip, shape (p, d).
-        there: which of the points they are, shape (points,).
+        contacts: of the valid points, p of them.
+        tip_m: positions of the tip, shape (p, d).
+        there: which points are valid, shape (points,).
     """
 
     contacts: Contacts
@@ -270,7 +270,7 @@ class Drawn:
 
 
 def coordinates(arm: Arm, *, held: bool) -> int:
-    """Return the number of coordinates, of a hand that holds the device or of the device let go."""
+    """Return the number of coordinates, with a hand or for the device released."""
     d = len(arm.axes)
     return 2 * d + 2 + (3 * d + 3 * _turns(d) if held else 0)
 
@@ -281,7 +281,7 @@ def drawn(arm: Arm, points: FloatArray, *, held: bool) -> Drawn:
     Args:
         arm: workspace, device and hands.
         points: shape (p, coordinates).
-        held: by a hand, or let go: the tangent of that is free or held, not in between.
+        held: by a hand, or released: the tangent is then free or held, not in between.
     """
     d = len(arm.axes)
     low, high = arm.box_m

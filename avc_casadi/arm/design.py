@@ -1,9 +1,9 @@
-"""Gains for every contact normal in every region: designed along one axis, held together by the coupled loop.
+"""Gains for every contact normal in every region: designed along one axis, checked in the coupled loop.
 
 Along each direction the device is one of one axis whose mass is that of the region and of all normals near the
-direction, its tangent free to held. Its stiffest wall with every hand and let go, at every corner of the ranges, lies
-at the tip of a wedge of stiffness and damping; the gains are a share of that tip. Along the surface they are those
-for any direction. Then all are softened, if need be, until the coupled loop has a reserve.
+direction, its tangent free to held. Its stiffest wall with every hand and released, at every corner of the ranges, lies
+at the tip of a wedge of stiffness and damping; the gains are a share of that tip. Along the surface they are those for
+any direction. Then all are softened, if necessary, until the coupled loop has the reserve.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 class DirectedGains:
     """Spring K and damper D along a contact normal, K_t and D_t along the surface while a proxy holds the tip there.
 
-    A place outside the workspace takes the gains of the nearest region, a normal those of the nearest direction; n and
-    -n are the same.
+    A position outside the workspace takes the gains of the nearest region, a normal those of the nearest direction; n
+    and -n are equivalent.
 
     Attributes:
         low_m: lowest corner of the workspace, shape (d,).
@@ -56,7 +56,7 @@ class DirectedGains:
     tangent_damping_ns_per_m: FloatArray
 
     def place(self, tip_m: FloatArray, normal: FloatArray) -> tuple[IndexArray, IndexArray]:
-        """Return the region and the direction of places (p, d) and normals (p, d)."""
+        """Return the region and the direction of positions (p, d) and normals (p, d)."""
         counts = np.array(self.regions)
         share = (tip_m - self.low_m) / (self.high_m - self.low_m)
         cell = np.clip(np.floor(share * counts).astype(int), 0, counts - 1)
@@ -64,14 +64,14 @@ class DirectedGains:
         return np.asarray(region), np.argmax(np.abs(normal @ self.directions.T), axis=1)
 
     def at(self, tip_m: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return K with K_t and D with D_t at places (p, d) and normals (p, d), shape (2, p) each."""
+        """Return K with K_t and D with D_t at positions (p, d) and normals (p, d), shape (2, p) each."""
         region, direction = self.place(tip_m, normal)
         stiffness = self.stiffness_n_per_m[region, direction], self.tangent_stiffness_n_per_m[region]
         damping = self.damping_ns_per_m[region, direction], self.tangent_damping_ns_per_m[region]
         return np.stack(stiffness), np.stack(damping)
 
     def times(self, factor: float) -> Self:
-        """Return stiffness and damping so many times as large."""
+        """Return stiffness and damping scaled by a factor."""
         return replace(
             self,
             stiffness_n_per_m=self.stiffness_n_per_m * factor,
@@ -88,11 +88,11 @@ class DirectedGains:
 
 
 def directions_of(axes: int, *, one: bool = False) -> FloatArray:
-    """Return directions evenly about: towards faces, edges and corners of a cube, 13 in space and 4 in the plane.
+    """Return evenly spaced directions: towards faces, edges and corners of a cube, 13 in space and 4 in the plane.
 
     Args:
         axes: d.
-        one: a single one, for which every normal is the nearest.
+        one: a single one, nearest to every normal.
     """
     if one:
         return np.eye(axes)[:1]
@@ -110,23 +110,23 @@ def normals_near(directions: FloatArray, count: int) -> list[FloatArray]:
 
 
 SHARE = 0.8
-"""Of the stiffest wall along one axis."""
+"""Share of the stiffest wall along one axis."""
 RESERVE = 1.1
 """Factor of all gains up to which the coupled loop is found stable."""
 _NORMALS = 400
 _PER_AXIS = 5
 _ROUNDS = 3
-# What the search may find less than before on softer gains.
+# Allowance for a smaller factor found by the search at softer gains.
 _SLACK = 1.01
 
 
 @dataclass(frozen=True)
 class ArmDesign:
-    """Gains of an arm with what they were made from.
+    """Gains of an arm with the intermediate results of their design.
 
     Attributes:
         gains: the gains.
-        per_axis: the same before the coupled loop was asked.
+        per_axis: the same before the check of the coupled loop.
         per_axis_factor: margin of the coupled loop with these.
         lightest_kg: along each direction in each region, shape as the stiffness.
         heaviest_kg: along each direction.
@@ -157,8 +157,8 @@ def design_arm(
         regions: parts of the workspace along each axis; None is one.
         one: one coupling for all normals in place of one for each direction.
         points: drawn for each corner of the device by the coupled certificate.
-        seed: of what is drawn.
-        progress: told of the directions and corners.
+        seed: of the draws.
+        progress: reported over the directions and corners.
 
     Raises:
         InputError: a region that the mechanism does not reach, or a singular one.
@@ -207,7 +207,7 @@ _DIGITS = 6
 
 
 def gains_document(arm: Arm, design: ArmDesign) -> dict[str, Any]:
-    """Return the gains with what is claimed of them, as JSON values."""
+    """Return the gains with their claims, as JSON values."""
     gains, certificate = design.gains, design.certificate
     regions = [
         {

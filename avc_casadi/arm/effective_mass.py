@@ -1,8 +1,8 @@
-"""What the tip weighs: the operational-space inertia L = (J M^-1 J')^-1, and the effective mass along a normal.
+"""Inertia at the tip: the operational-space inertia L = (J M^-1 J')^-1, and the effective mass along a normal.
 
-Something that hits a wall of normal n with its tangent free moves as 1/(n' L^-1 n); held on the tangent, as by a proxy
-with friction, as n' L n, which is more. A design for the two ends holds in between: the device of one axis has that
-range of masses.
+At a wall of normal n the effective mass is 1/(n' L^-1 n) with the tangent free; n' L n, which is more, with the tangent
+held, as by a proxy with friction. A design for the two ends covers all between: the device of one axis has that range
+of masses.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _ROUNDS = 24
 def climb(
     value: Callable[[FloatArray], FloatArray], starts: FloatArray, *, probes: int = 24, seed: int = 0
 ) -> tuple[FloatArray, FloatArray]:
-    """Climb from several places in the unit box; not numbers are avoided.
+    """Maximise from several initial guesses in the unit box by random search; points without a number are avoided.
 
     Args:
         value: of points (m, k) to values (m,).
         starts: shape (s, k).
-        probes: points tried about each place in a round.
+        probes: points tried about each iterate in a round.
         seed: of the probes.
 
     Returns:
-        Where each climb ended, shape (s, k), and the value there.
+        The final iterates, shape (s, k), and the values there.
     """
     random = np.random.default_rng(seed)
     at = np.clip(starts, 0.0, 1.0)
@@ -50,7 +50,7 @@ def climb(
         if not going.size:
             break
         steps = random.standard_normal((len(going), probes, at.shape[1])) * reach[going, None, None]
-        # Half of the probes move a few of the coordinates only.
+        # Half of the probes change only a few of the coordinates.
         kept = random.random(steps.shape) < np.where(np.arange(probes) % 2, 1.0, 2 / at.shape[1])[:, None]
         near = np.clip(at[going, None] + steps * kept, 0.0, 1.0)
         values = _numbers(value(near.reshape(-1, at.shape[1]))).reshape(len(going), probes)
@@ -67,7 +67,7 @@ def _numbers(values: FloatArray) -> FloatArray:
     return np.where(np.isnan(values), -np.inf, values)
 
 
-# Smaller than this beside the largest, a mobility is that of a singular pose.
+# A mobility smaller than this relative to the largest is that of a singular pose.
 _SINGULAR = 1e-9
 _STEPS, _NEWTON = 8, 5
 _REACHED_M = 1e-9
@@ -76,7 +76,7 @@ _STARTS = 4
 
 
 def reached(arm: Arm, points_m: FloatArray, start: FloatArray | None = None) -> tuple[FloatArray, BoolArray]:
-    """Find joint values that put the tip at points, by Newton's method along the straight line from a start.
+    """Return joint values of points of the tip, by Newton's method along the straight line from a start.
 
     Args:
         arm: the arm.
@@ -84,7 +84,7 @@ def reached(arm: Arm, points_m: FloatArray, start: FloatArray | None = None) -> 
         start: joint values to start from, shape (p, n); None is home.
 
     Returns:
-        Joint values, shape (p, n), and whether the point is reached by a pose that the mechanism allows, shape (p,).
+        Joint values, shape (p, n), and whether an admissible pose reaches the point, shape (p,).
     """
     home = np.broadcast_to(arm.home, (len(points_m), arm.joints)) if start is None else start
     joints = np.array(home, dtype=np.float64)
@@ -139,7 +139,7 @@ def effective_masses(mobility_per_kg: FloatArray, normals: FloatArray) -> FloatA
 
 def unit(normal: FloatArray) -> FloatArray:
     """Return vectors of length 1 along those of the last axis."""
-    # So that no square is out of range.
+    # Against overflow of squares.
     normal = normal / np.abs(normal).max(axis=-1, keepdims=True)
     return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
@@ -164,10 +164,10 @@ class MassRange:
     Attributes:
         lightest_kg: smallest with the tangent free.
         heaviest_kg: largest with the tangent held.
-        lightest_at_m: where, shape (d,).
-        heaviest_at_m: where, shape (d,).
-        poses: poses looked at before the search about the ends.
-        out_of_reach: those of them that the mechanism does not reach.
+        lightest_at_m: position of the tip, shape (d,).
+        heaviest_at_m: position of the tip, shape (d,).
+        poses: number of poses of the grid, before the search about the ends.
+        out_of_reach: number of these that the mechanism does not reach.
     """
 
     lightest_kg: float
@@ -184,7 +184,7 @@ def mass_range(
     box_m: tuple[FloatArray, FloatArray] | None = None,
     per_axis: int = _FINEST,
 ) -> MassRange:
-    """Find the effective mass over the workspace: a grid with the corners of the box, then a search from its ends.
+    """Return the effective mass over the workspace: a grid with the corners of the box, then a search from its ends.
 
     Args:
         arm: the arm.
@@ -193,7 +193,7 @@ def mass_range(
         per_axis: points of the grid along each axis.
 
     Raises:
-        InputError: nothing of the box is reached.
+        InputError: no point of the box is reached.
     """
     low, high = arm.box_m if box_m is None else box_m
     points = grid(low, high, (per_axis,) * len(low))
@@ -240,12 +240,12 @@ def grid(low: FloatArray, high: FloatArray, counts: tuple[int, ...]) -> FloatArr
 
 
 _DIGITS = 5
-# Heavier than any tip; a pose that cannot move is not designed for.
+# Heavier than any tip; a singular pose is not designed for.
 _HEAVIEST_KG = 1e3
 
 
 def tip_device(arm: Arm, lightest_kg: float, heaviest_kg: float) -> Device:
-    """Return the device of one axis, its mass between two ends; nominal is the middle of the ratios.
+    """Return the device of one axis, its mass between two ends; nominal is the geometric mean.
 
     Args:
         arm: the arm.
@@ -274,7 +274,7 @@ def tip_device_file(arm: Arm, lightest_kg: float, heaviest_kg: float, where: str
         arm: the arm.
         lightest_kg: tangent free.
         heaviest_kg: tangent held.
-        where: poses and normals that the ends stand for, for title and source.
+        where: poses and normals of the ends, for title and source.
     """
     device, name = tip_device(arm, lightest_kg, heaviest_kg), arm.file.name or "the arm"
     stated = device.model_fields_set | device.range.model_fields_set

@@ -39,7 +39,7 @@ def five_bar(file: ArmFile, links: FiveBarLinks) -> Arm:
     left, right = (motor + a * way for motor, way in zip(motors, along, strict=True))
     apart = right - left
     square = ca.dot(apart, apart)
-    # The tip stands above the middle of the elbows, on the side away from the motors.
+    # The tip lies on the perpendicular bisector of the elbows, on the side away from the motors.
     room = b**2 - square / 4
     tip = (left + right) / 2 + ca.sqrt(room / square) * ca.vertcat(-apart[1], apart[0])
     inertia = moving(links.tip_mass_kg, tip, q)
@@ -48,7 +48,7 @@ def five_bar(file: ArmFile, links: FiveBarLinks) -> Arm:
         link = (tip - elbow) / b
         inertia += moving(links.proximal_mass_kg, motor + links.proximal_centre_m * way, q)
         inertia += moving(links.distal_mass_kg, elbow + links.distal_centre_m * link, q)
-        # A unit vector moves as fast as it turns.
+        # The rate of a unit vector equals its angular rate.
         inertia += moving(links.distal_inertia_kgm2, link, q)
     inertia += turning * ca.SX.eye(2)
     return arm_of(file, q, tip, inertia, ca.vertcat(room, q[0] - q[1]))
@@ -84,7 +84,7 @@ def phantom(file: ArmFile, links: PhantomLinks) -> Arm:
 
 
 def arm(source: str | Path | ArmFile) -> Arm:
-    """Make an arm.
+    """Return an arm.
 
     Args:
         source: an arm file, its path, or a name of the catalogue of arms.
@@ -92,7 +92,7 @@ def arm(source: str | Path | ArmFile) -> Arm:
     Raises:
         InputError: with every fault of the file.
         MissingExtraError: a model file without the extra ``arms``.
-        UnsupportedError: a model without inertias, or with joints that are not taken.
+        UnsupportedError: a model without inertias, or with unsupported joints.
     """
     file = source if isinstance(source, ArmFile) else load_arm(source)
     told = (file.name or "arm") if isinstance(source, ArmFile) else str(source)
@@ -121,10 +121,10 @@ def arm(source: str | Path | ArmFile) -> Arm:
 
 
 def _check_home(made: Arm, told: str) -> None:
-    """Refuse a home where the mechanism cannot stand, or where its tip cannot move along every axis.
+    """Check that home is an admissible pose from which the tip can move along every axis.
 
     Raises:
-        InputError: it is such a one.
+        InputError: it is not.
     """
     home = made.home[None]
     stands = np.concatenate([evaluated(one, home).ravel() for one in (made.tip, made.allowed)])

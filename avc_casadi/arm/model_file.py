@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
     from avc_casadi.files.arm_file import ArmFile, ModelFile
 
-# Equations of more take minutes.
+# Equations of more joints take minutes.
 _MOST_JOINTS = 30
 _MOST_KG = 1e6
 _PREFIX = "arm/"
 _SLIDES, _TURNS = ("prismatic",), ("revolute", "continuous")
-# A principal moment of inertia that is given as 0, of a point mass: MuJoCo takes none.
+# In place of a principal moment of inertia of 0, of a point mass, which MuJoCo refuses.
 _POINT_KGM2 = 1e-12
 
 
 @dataclass(frozen=True)
 class _Described:
-    """A model as adam takes it, the tip's name in it, and what the rotors add to each joint, by name."""
+    """A model in adam's form, the tip's name in it, and the inertia of the rotors at each joint, by name."""
 
     description: Any
     tip: str
@@ -47,12 +47,12 @@ def model_arm(file: ArmFile, model: ModelFile) -> Arm:
 
     Args:
         file: of the arm.
-        model: where the model is, and its tip.
+        model: path of the model, and its tip.
 
     Raises:
         InputError: the file cannot be read, is no model, or has no such tip.
         MissingExtraError: the extra ``arms`` is not installed.
-        UnsupportedError: parts that move have no inertia, or the mechanism is not a chain of simple joints.
+        UnsupportedError: moving parts have no inertia, or the mechanism is not a chain of simple joints.
     """
     text = _text(model)
     described = _described(model, text)
@@ -63,7 +63,7 @@ def model_arm(file: ArmFile, model: ModelFile) -> Arm:
             key="model.file",
         )
     algorithms = _algorithms(described)
-    # Joints beyond the tip count too, at home: their masses are carried.
+    # Joints beyond the tip count too, fixed at home: their masses are carried.
     q = ca.SX.sym("q", algorithms.NDoF)
     if len(file.home) != algorithms.NDoF:
         names = ", ".join(algorithms.model.actuated_joints)
@@ -109,7 +109,7 @@ def _mujoco() -> Any:
 
 
 def _algorithms(described: _Described) -> Any:
-    """Return adam's algorithms for a model; those of a sliding joint get the direction that adam 0.5 writes wrongly."""
+    """Return adam's algorithms for a model; the direction of sliding joints, wrong in adam 0.5, is corrected."""
     adam = _adam()
     with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")
@@ -153,7 +153,7 @@ def _described(model: ModelFile, text: str) -> _Described:
             whole = mujoco.MjSpec()
             whole.compiler.inertiafromgeom = own.compiler.inertiafromgeom
             whole.compiler.boundinertia = own.compiler.boundinertia
-            # adam takes the first body for one that floats, with no joint of its own.
+            # adam takes the first body as floating, without a joint of its own.
             base = whole.worldbody.add_body(name="base", mass=1.0, inertia=[1.0, 1.0, 1.0], explicitinertial=True)
             whole.attach(own, frame=base.add_frame(), prefix=_PREFIX)
             compiled = whole.compile()
@@ -169,7 +169,7 @@ def _described(model: ModelFile, text: str) -> _Described:
 
 
 def _check_urdf(model: ModelFile, root: ET.Element) -> None:
-    """Refuse what MuJoCo takes for something else without a word, or tells without a name."""
+    """Refuse what MuJoCo misreads silently, or reports without a name."""
     joints = root.findall("joint")
     other = [
         f"{joint.get('name')} ({'mimic' if joint.find('mimic') is not None else joint.get('type')})"
@@ -202,7 +202,7 @@ def _check_urdf(model: ModelFile, root: ET.Element) -> None:
 
 
 def _refuse_massless(model: ModelFile, names: list[str]) -> None:
-    """Refuse parts that move and have no inertia."""
+    """Refuse moving parts without inertia."""
     if names:
         raise UnsupportedError(
             f"{model.file}: no inertia is given for what moves: {', '.join(names)}; such models are made for drawing. "
@@ -212,7 +212,7 @@ def _refuse_massless(model: ModelFile, names: list[str]) -> None:
 
 
 def _carries(body: Any) -> bool:
-    """Whether a body, or one that is fixed to it, has mass and inertia or something of which they could be taken."""
+    """Return whether a body, or one fixed to it, has mass and inertia or geometry from which they follow."""
     return bool(
         (body.explicitinertial and body.mass > 0)
         or list(body.geoms)
@@ -221,7 +221,7 @@ def _carries(body: Any) -> bool:
 
 
 def _refuse_what_adam_lacks(model: ModelFile, compiled: Any) -> None:
-    """Refuse by name what adam would leave out of its equations without a word."""
+    """Refuse by name what adam would omit from its equations silently."""
     hinge, slide = 3, 2  # mjtJoint
     wrong = []
     for i in range(compiled.nbody):

@@ -1,4 +1,4 @@
-"""How much a URDF or an MJCF asks for, told from its text: what is too much is refused before it is built."""
+"""Size of a URDF or an MJCF, from its text: too large a model is refused before it is built."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.files import opened, read_text
 
 MOST_LINKS = 200
-"""Links or bodies of a model: a humanoid has 60, and equations grow with them."""
+"""Largest number of links or bodies: a humanoid has 60, and equations grow with them."""
 _MOST_PARTS, _DEEPEST = 5000, 250
 MOST_BYTES, _MOST_FILES, _MOST_ASSET_BYTES = 2**22, 50, 2**26
 _KEY = "model.file"
-# Elements of MJCF that repeat what stands in them or allocate, and the most of each of their numbers.
+# Elements of MJCF that repeat their content or allocate, and the largest value of each of their numbers.
 _SIZED = {"replicate": 1e4, "composite": 1e4, "flexcomp": 1e4, "hfield": 2048, "texture": 4096, "size": 4096}
 _SIZES = re.compile(r"count|nrow|ncol|width|height|nuser(?:data|_[a-z]+)|nkey")
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?")
 
 
 def parsed(text: str, file: str) -> ET.Element:
-    """Return the tree of a model that is of bounded size, the files that it includes and loads among it.
+    """Return the tree of a model of bounded size, included and loaded files counted.
 
     Args:
         text: of the file.
         file: its path.
 
     Raises:
-        InputError: it is no XML, or asks for too much.
+        InputError: it is no XML, or too large.
     """
     root = _tree(text, file)
     links, seen = _measured(root, Path(file), [Path(file)])
@@ -46,12 +46,12 @@ def _tree(text: str, file: str) -> ET.Element:
         raise InputError.of("declares entities; allowed: elements and attributes alone", file=file, key=_KEY)
     try:
         return ET.fromstring(text)  # noqa: S314 - without entities
-    except (ET.ParseError, ValueError) as error:  # ValueError: an encoding that is not known
+    except (ET.ParseError, ValueError) as error:  # ValueError: an unknown encoding
         raise InputError.of(f"is no XML: {error}", file=file, key=_KEY) from error
 
 
 def _measured(root: ET.Element, path: Path, included: list[Path]) -> tuple[float, float]:
-    """Return how many links and elements stand below one, repeated as often as it says."""
+    """Return the number of links and elements below one, repetitions counted."""
     links = parts = 0.0
     folders = {key: one.get(key, "") for one in root.iter("compiler") for key in ("meshdir", "texturedir", "assetdir")}
     level = [(root, 1.0)]
@@ -74,7 +74,7 @@ def _measured(root: ET.Element, path: Path, included: list[Path]) -> tuple[float
 
 
 def _count(element: ET.Element, path: Path) -> float:
-    """Return how often what stands in an element is made; what else it asks for is bounded alone."""
+    """Return the number of repetitions of an element's content; its other numbers are bounded separately."""
     most = _SIZED.get(element.tag)
     if most is None:
         return 1.0
@@ -101,7 +101,7 @@ def _included(path: Path, by: Path, included: list[Path]) -> tuple[float, float]
 
 
 def _load(name: str, path: Path, folders: dict[str, str]) -> None:
-    """Refuse an asset that is no file, or too large a one, wherever it may lie; a missing one is told by MuJoCo."""
+    """Refuse an asset that is no file, or too large; a missing one is reported by MuJoCo."""
     for folder in {"", *folders.values()}:
         place = path.parent / folder / name
         try:

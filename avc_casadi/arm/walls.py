@@ -1,4 +1,4 @@
-"""The stiffest wall of one axis at many poses and along many normals: spring and damper, every hand and let go."""
+"""The stiffest wall of one axis at many poses and along many normals: spring and damper, every hand and released."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Hands
 
-# Masses are rounded outwards to these ratios, so that poses share a search: a wall told is never too stiff.
+# Masses are rounded outwards to these ratios, so that poses share a search: a wall is never overestimated.
 _RATIO = 1.03
-# Fewer searches are done sooner than processes have started.
+# Fewer searches take less time than starting processes.
 _FEW = 60
 _AT_ONCE = 8
 
@@ -35,14 +35,14 @@ class WorkspaceMap:
 
     Attributes:
         counts: points of the grid along each axis.
-        points_m: places of the tip, shape (p, d).
+        points_m: positions of the tip, shape (p, d).
         there: whether the mechanism reaches them, shape (p,).
         labels: of the normals; the last is any direction.
         free_kg: effective mass with the tangent free, shape (p, normals).
         held_kg: with the tangent held.
         stiffness_n_per_m: stiffest wall that is stable with every hand at both ends, shape (p, normals); not a number
             where the mechanism does not reach.
-        searches: walls searched for, poses with nearly the same masses sharing one.
+        searches: number of walls searched for, shared by poses with nearly the same masses.
     """
 
     counts: tuple[int, ...]
@@ -62,14 +62,14 @@ def workspace_map(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> WorkspaceMap:
-    """Map the stiffest wall over the workspace, along each axis and in the worst direction.
+    """Return the map of the stiffest wall over the workspace, along each axis and in the worst direction.
 
     Args:
         arm: the arm.
         poses: at least so many on a regular grid.
-        workers: processes; more than one start this program anew, so that a script needs its guard.
-        progress: told of the searches.
-        executor: who works instead, as for `Chunked.run`.
+        workers: processes; more than one start the script anew, so that it needs a main guard.
+        progress: reported over the searches.
+        executor: runs the searches instead, as for `Chunked.run`.
     """
     low, high = arm.box_m
     counts = _counts(high - low, poses)
@@ -104,13 +104,13 @@ def stiffest_walls(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> tuple[FloatArray, int]:
-    """Find the stiffest wall of each range of masses with every corner of the hands and let go.
+    """Return the stiffest wall of each range of masses with every corner of the hands and released.
 
     Args:
         arm: its device and hands.
         masses_kg: lightest and heaviest, shape (n, 2); rounded outwards by at most 3 %.
         workers: processes.
-        progress: told of the searches.
+        progress: reported over the searches.
         executor: as in `workspace_map`.
 
     Returns:

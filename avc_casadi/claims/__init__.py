@@ -1,1 +1,1 @@
-"""Claims: what may be said of gains, one claim a module; levels L0 to L9, deployable, Z-width."""
+"""Claims on gains, one claim a module: levels L0 to L9, deployable, Z-width."""

@@ -1,4 +1,4 @@
-"""What a certificate says: one result a level, and the rows behind it."""
+"""A certificate: one result a level, and the rows behind it."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 def levels_table(certificate: Mapping[str, Any]) -> Table:
-    """Return the levels of a `certify` document, with the claim of each in words beside the table.
+    """Return the levels of a `certify` document, with the claim of each in words after the table.
 
-    Passivity and stability are different claims and stay apart.
+    Passivity and stability are different claims, reported separately.
     """
     levels = certificate["levels"]
     rows = tuple(
@@ -53,16 +53,16 @@ def levels_table(certificate: Mapping[str, Any]) -> Table:
     )
 
 
-# A device in no touch with anything has its place twice for an eigenvalue where nothing damps it: rounding moves a
-# double one by its root, unless the matrix is triangular, as that of a rigid device is.
+# A free, undamped device has the eigenvalue 1 twice: rounding moves a double one by its root, unless the matrix is
+# triangular, as that of a rigid device is.
 _FREE_TOLERANCE = 1e-7
 
 
 def radius_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
     """Return the bound of the spectral radius of n renderings with h hands, shape (n, h).
 
-    Below 1, where a spring of the wall or of the hand calls the device back. Without any it keeps its place, an
-    eigenvalue of 1, which is no instability.
+    Below 1, where a spring of wall or hand restores the device. Without any its position is an eigenvalue of 1, which
+    is no instability.
     """
     free = 1 + (RADIUS_TOLERANCE if rigid(device) else _FREE_TOLERANCE)
     held = np.broadcast_to(np.asarray(hands.stiffness_n_per_m) > 0, (len(hands),))
@@ -71,7 +71,7 @@ def radius_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
 
 
 Level = str
-"""A name that `CLAIMS` knows."""
+"""A name in `CLAIMS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,20 +79,20 @@ class LevelResult(Comparable):
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
-        level: a name of the registry; those on demand stand only where proofs were asked for.
+        level: a name of the registry; those on demand appear only where proofs were requested.
         passed: whether every row meets it.
-        margin_ns_per_m: the worst margin, N.s/m; not a number where there is none to give.
-        frequency_hz: where it stands; 0 is the limit of zero frequency.
+        margin_ns_per_m: the worst margin, N.s/m; not a number where there is none.
+        frequency_hz: of the worst margin; 0 is the limit of zero frequency.
         model: hold model of the claim.
         claim: one sentence: what holds, or what does not and where.
-        tolerance_ns_per_m: how far below 0 rounding can bring the margin of the worst row.
+        tolerance_ns_per_m: rounding error of the margin of the worst row.
         row: index of the worst row, or None.
         row_passed: which rows meet it; rows without gains do not.
         row_margin_ns_per_m: margin of each row.
-        row_frequency_hz: where it stands.
+        row_frequency_hz: of the margin of each row.
         detail: more numbers of this level.
         refused: why the level is not judged on this device; empty where it is.
-        outcome: proved, refuted or open, where a proof was asked for; empty of others.
+        outcome: proved, refuted or open, where a proof was requested; else empty.
     """
 
     level: Level
@@ -120,7 +120,7 @@ class LevelResult(Comparable):
 
     @property
     def rows_failed(self) -> int:
-        """How many rows do not meet it."""
+        """Number of rows that do not meet it."""
         return int(np.count_nonzero(~self.row_passed))
 
     def document(self) -> dict[str, Any]:
@@ -150,15 +150,15 @@ class Certificate(PrintedColumns):
 
     Attributes:
         problem: name of the problem.
-        requested: whether the gains that unrealisable rows asked for were judged in place of missing ones.
+        requested: whether the infeasible gains of unrealisable rows were judged in place of missing ones.
         frequency_hz: interaction frequencies of the rows, shape (n,).
-        rows_without_gains: how many rows have none; each fails every level.
+        rows_without_gains: number of rows without gains; each fails every level.
         levels: results by level.
         passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges: the largest DC stiffness of any passive
             linear rendering; not a number where none is known.
         dc_stiffness_n_per_m: DC stiffness k k_e/(k + k_e) of each row, shape (n,).
-        stated: the problem that it was judged against, for ``print``.
-        gains: what was judged.
+        stated: the problem judged against, for ``print``.
+        gains: the judged gains.
 
     Example:
         >>> certificate = avc.certify("soft", avc.solve("soft", "exact"))

@@ -1,4 +1,4 @@
-"""Certify a gain table: every level, whatever the table was designed for."""
+"""Certification of a gain table: every level, whatever the design method."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
 def on_demand(
     problem: Problem, gains: GainSchedule | Coupling, *, seed: int = 0, progress: Progress = SILENT
 ) -> tuple[dict[Level, LevelResult], list[Rest]]:
-    """Prove, refute or leave open the levels on demand, of the table that runs with all that runs beside it.
+    """Prove, refute or leave open the levels on demand, for the deployed table with its runtime.
 
-    A device let go has no place of rest, and is no part of them.
+    The released device has no equilibrium, and is excluded.
 
     Args:
-        problem: what is judged against.
+        problem: the problem judged against.
         gains: a table, or the coupling with it.
-        seed: of hands that are drawn and of the search for orbits.
-        progress: told of the rows.
+        seed: of drawn hands and of the search for orbits.
+        progress: reported over the rows.
 
     Returns:
-        The levels, and what is known of the rest of each row of the table that runs.
+        The levels, and the proof of rest of each row of the deployed table.
     """
     table = gains if isinstance(gains, GainSchedule) else gains.schedule
     judged = Judged(problem, _rows(problem, table), table, gains, seed=seed, progress=progress)
@@ -57,8 +57,7 @@ def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> 
         if requested
         else (gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m)
     )
-    # A rigid spring or damper is a limit with a meaning, but not behind state feedback; a contact damper without bound
-    # is none.
+    # A rigid spring or damper is a meaningful limit, but not behind state feedback; an infinite contact damper is not.
     present = ~(np.isnan(b) | np.isnan(k)) & np.isfinite(contact)
     if gains.state_feedback is not None:
         present &= np.isfinite(b) & np.isfinite(k)
@@ -75,21 +74,21 @@ def certify(
     prove: bool = False,
     progress: Progress = SILENT,
 ) -> Certificate:
-    """Say which stability claims a gain table meets, with the worst margin of each and where it stands.
+    """Return the certificate of a gain table: passivity and stability claims, with the worst margin of each.
 
     Args:
         problem: device, environment, models and hands to judge against; or a problem file, or a name of the catalogue.
         gains: the table, or the coupling with it; rows without gains fail every level.
-        requested: judge the gains that unrealisable rows asked for as well. Rows that asked for an infinite gain are
-            judged as a rigid coupling.
-        draws: hands drawn for L5 beside the corners of the range.
+        requested: judge the infeasible gains of unrealisable rows as well. Rows with an infinite gain are judged as a
+            rigid coupling.
+        draws: hands drawn for L5 in addition to the corners of the range.
         seed: seed of the draws.
-        prove: ask for proofs, seconds a row: L5 over every hand and device of the ranges, where a search alone has
-            looked; and of the table that runs, with what runs beside it, rest (L7), gains that change (L8) and ripple
-            (L9). Each says proved, refuted or open, with the reason. Proofs and witnesses stand in the detail of the
-            level as ``proofs`` and can be read again (`avc_casadi.claims.prove`: `HandsProof`, `Rest`, `Changing`). On
-            which devices and laws each level can be proved stands in ``avc certify --help``.
-        progress: told of the rows that are judged.
+        prove: request proofs, seconds a row: L5 over every hand and device of the ranges, beyond the search; and of the
+            deployed table with its runtime, rest (L7), gains that change (L8) and ripple (L9). Each is proved, refuted
+            or open, with the reason. Proofs and witnesses are in the detail of the level as ``proofs`` and can be read
+            again (`avc_casadi.claims.prove`: `HandsProof`, `Rest`, `Changing`). ``avc certify --help`` lists the
+            devices and laws for which each level can be proved.
+        progress: reported over the rows that are judged.
 
     Raises:
         InputError: gains of another sample time, or neither a table nor a coupling.

@@ -1,9 +1,9 @@
-"""Deployable: whether a coupling may go into a device, and which claim fails where it may not.
+"""Deployable: whether a coupling may be deployed on a device, and which claim fails otherwise.
 
 One definition, for every verb: linearly stable with every hand of [hands] and with the device released, over every
 corner of [device.range], on the loop of the device as declared: its sample time and delay, amplifier and resonance; at
-the table's rows and between them. An observer between encoder steps is no part of it: it is not linear. State feedback
-is, with whatever share of the innovation passes its dead zone.
+the table's rows and between them. A nonlinear observer between encoder steps is excluded. State feedback is included,
+with any sector gain of its dead zone.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 # Points judged between two neighbouring rows, where the device interpolates.
 _BETWEEN = 3
 _DRAWS = 24
-# Verbs judge before they push, export or tell; the numbers stand beside, as arrays can be written to.
-# Tables are compared by value: of those with the same gains each runtime has its own.
+# Verbs judge before they push, export or report; the numbers are part of the key, as arrays are mutable. Tables are
+# compared by value: equal gains with different runtimes need separate entries.
 _VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
 _KEPT = 32
 
@@ -52,11 +52,11 @@ class DeployClaim:
 
     Attributes:
         name: hands, let-go, or dead-zone (of a coupling with state feedback); detent; detent-hands and detent-let-go,
-            where the slope of the detents adds to that of the wall; renders, where gains render nothing.
+            where the slope of the detents adds to that of the wall; renders, where gains render no wall.
         passed: whether it holds.
         sentence: what holds, or what does not and where.
         advice: what to do where it does not hold; empty where it does.
-        radius: largest spectral radius found; not a number where nothing could be judged.
+        radius: largest spectral radius found; not a number where none was computed.
     """
 
     name: str
@@ -68,7 +68,7 @@ class DeployClaim:
 
 @dataclass(frozen=True)
 class Deployable:
-    """Whether a coupling may go into a device, with the claims that decide.
+    """Whether a coupling may be deployed, with the deciding claims.
 
     Attributes:
         claims: each claim with its result.
@@ -84,7 +84,7 @@ class Deployable:
 
     @property
     def passed(self) -> bool:
-        """Whether the coupling may go into the device."""
+        """Whether the coupling may be deployed."""
         return all(claim.passed for claim in self.claims)
 
     @property
@@ -97,7 +97,7 @@ class Deployable:
 
     @property
     def advice(self) -> str:
-        """What to do, in one line; empty where nothing is to be done."""
+        """What to do, in one line; empty where all claims hold."""
         return "; ".join(dict.fromkeys(claim.advice for claim in self.claims if claim.advice))
 
     def document(self) -> dict[str, Any]:
@@ -119,14 +119,14 @@ class Deployable:
 
 
 def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
-    """Judge a coupling on the loop of its own problem, whatever certificate it carries.
+    """Return the verdict on a coupling, on the loop of its own problem; its certificate is not used.
 
     Args:
         coupling: the coupling.
-        progress: told of the gains that are judged.
+        progress: reported over the gains that are judged.
 
     Raises:
-        InputError: it is no coupling.
+        InputError: it is not a coupling.
 
     Example:
         >>> problem = avc.load_problem("figure5")
@@ -164,7 +164,7 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
 
 
 def _nothing_claim(problem: Problem, gains: FloatArray) -> tuple[DeployClaim, ...]:
-    """Return the claim that gains render nothing of a wall; none where they do, or where there is no wall."""
+    """Return the claim that the gains render no wall at all; none where they render one, or where there is no wall."""
     wall = problem.environment
     if np.any(gains != 0) or not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         return ()
@@ -211,7 +211,7 @@ def _let_go_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, pr
 
 @dataclass(frozen=True)
 class _Worst:
-    """Where the largest spectral radius stands."""
+    """The largest spectral radius and its case."""
 
     radius: float
     frequency_hz: float
@@ -289,7 +289,7 @@ _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is dep
 
 
 def _of(device: Device, corners: list[Device]) -> str:
-    """Name the corner of a device by what distinguishes it from the others."""
+    """Return the name of a device corner, by the values that distinguish it."""
     if len(corners) == 1:
         return ""
     every = [linear_values(corner) for corner in corners]
@@ -298,7 +298,7 @@ def _of(device: Device, corners: list[Device]) -> str:
 
 
 def _told(key: str, value: float) -> str:
-    """Return a value with what it is: the unit of a mass or a damping says that, other values have their key."""
+    """Return a value with its unit, and with its key unless it is a mass or a damping."""
     unit = {"mass_kg": "kg", "damping_ns_per_m": "N.s/m"}.get(key)
     return f"{key} {value:.4g}" if unit is None else f"{value:.4g} {unit}"
 
@@ -314,25 +314,25 @@ _OBSERVER = " (judged without the observer, which is not linear)"
 
 
 def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
-    """Return the coupling with its certificate: the levels of its rows, and the verdict on the table that runs.
+    """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table.
 
     The certificate is the `certify` document; ``deployable`` in it holds the verdict.
 
     Args:
         coupling: the coupling.
-        progress: told of the rows that are judged.
-        prove: ask for proofs too, as `certify` does.
+        progress: reported over the rows that are judged.
+        prove: request proofs too, as in `certify`.
     """
     found = certify(coupling.problem, coupling, prove=prove, progress=progress)
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
 
 
 def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:
-    """Judge a coupling before it goes into a device or into C; its own certificate is not relied on.
+    """Raise unless a coupling may be deployed on a device or exported to C; its own certificate is not used.
 
     Args:
-        coupling: what is to be deployed.
-        unsafe: let it pass whatever the verdict; the caller writes down that it did.
+        coupling: the coupling to deploy.
+        unsafe: pass whatever the verdict; the caller records it.
 
     Raises:
         NotDeployableError: which claim fails, and what to do.

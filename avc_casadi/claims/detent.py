@@ -1,4 +1,4 @@
-"""What holds of a loop on the slopes of its detents: in the valleys a spring, at the tops one of the other sign."""
+"""Stability on the slopes of detents: a spring in the valleys, a negative one at the tops."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _OSCILLATES = 1e-6
 
 
 def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
-    """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and let go.
+    """Judge the linear loops at the steepest slopes of the detents, of both signs, with every hand and released.
 
-    At a top nobody asks for rest: a hand that is softer than the slope, and the device let go, fall into a valley. That
-    they do so without an oscillation is what is claimed.
+    A top is no equilibrium for a hand softer than the slope, nor for the released device: they move into a valley. The
+    claim is that they do so without oscillation.
 
     Returns:
-        Whether it holds, a sentence, what to do, and the largest spectral radius in a valley.
+        Whether it holds, the claim in words, the advice, and the largest spectral radius in a valley.
     """
     detent = problem.detent
     if detent is None:

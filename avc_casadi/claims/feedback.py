@@ -1,4 +1,4 @@
-"""The spectral radius of a loop with state feedback over hands, devices and shares of the innovation."""
+"""The spectral radius of a loop with state feedback over hands, devices and sector gains of the dead zone."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
 Plants = tuple["FloatArray", "FloatArray", "FloatArray"]
 
 DRAWS = 24
-# From all of the innovation to next to nothing, where the hand alone decides.
+# Sector gains from 1 to nearly 0, where the hand alone decides.
 _SHARES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.16, 0.12, 0.09, 0.06, 0.04, 0.025, 0.01)
-# Hands and shares that are climbed from; a neighbour on each side of every number, their distance as a share of its
-# range at first, how it shrinks, and how often.
+# Number of initial guesses (hands and sector gains); initial step of the pattern search as a share of each range, its
+# reduction, and the number of reductions.
 _STARTS, _REACH, _SHRINK, _ROUNDS = 3, 0.25, 0.6, 12
 
 
 @dataclass(frozen=True)
 class Worst:
-    """Where the loop is damped least, as far as a search found.
+    """The least damped loop found by a search.
 
     Attributes:
         radius: spectral radius.
-        share: of the innovation that passes.
+        share: sector gain of the dead zone.
         device: one of the declared ranges.
-        hand: mass, damping and stiffness by name; of zeros where the device is let go.
+        hand: mass, damping and stiffness by name; zeros where the device is released.
     """
 
     radius: float
@@ -62,10 +62,10 @@ class FeedbackRadius:
 
     Attributes:
         devices: those at the corners of the declared ranges, then some drawn within them.
-        hands: number of hands that were looked at before the search for the worst.
-        held: worst with a hand, all of the innovation passing.
-        any_share: worst with a hand and a share of the innovation.
-        free: worst let go, all of the innovation passing.
+        hands: number of hands judged before the search for the worst.
+        held: worst with a hand, without dead zone.
+        any_share: worst with a hand and any sector gain of the dead zone.
+        free: worst released, without dead zone.
     """
 
     devices: list[Device]
@@ -76,14 +76,14 @@ class FeedbackRadius:
 
 
 def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> FeedbackRadius:
-    """Judge the loop of a coupling with state feedback at every corner of its device and at some within.
+    """Return the worst spectral radii of a coupling with state feedback, at every corner of its device and some within.
 
-    From the worst of the hands and shares that are looked at first, larger radii are climbed to: there are maxima
-    between them. A search, not a proof.
+    A pattern search starts at the worst of the initial hands and sector gains, as maxima lie between them. A search,
+    not a proof.
 
     Args:
         coupling: with constant gains and state feedback.
-        draws: hands drawn beside the corners of their ranges.
+        draws: hands drawn in addition to the corners of their ranges.
         seed: of the draws, of hands and devices.
 
     Raises:
@@ -107,7 +107,7 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
         devices,
         len(hands),
         whole,
-        # The whole innovation is a share too, and the climb from all of them may end elsewhere.
+        # A sector gain of 1 is among these too, and their search may end in another maximum.
         max(whole, loop.worst(devices, hands, held, _SHARES), key=lambda worst: worst.radius),
         Worst(float(free[alone]), 1.0, devices[alone], no_hand().values(0)),
     )
@@ -115,7 +115,7 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
 
 @dataclass(frozen=True)
 class _LookedAt:
-    """Devices, hands, and the plants of each device: with every hand, devices first, and let go."""
+    """Devices, hands, and the plants of each device: with every hand, devices first, and released."""
 
     devices: list[Device]
     hands: Hand
@@ -125,7 +125,7 @@ class _LookedAt:
 
 @lru_cache(maxsize=4)
 def _looked_at(device: Device, hands: Hands, draws: int, seed: int) -> _LookedAt:
-    """Collect what is looked at; many laws are judged for the same."""
+    """Collect devices, hands and plants; cached, as many laws are judged with the same."""
     devices = device_set(device, LINEAR_KEYS, seed=seed)
     if max(one.delay_samples for one in devices) > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
@@ -141,17 +141,17 @@ class _Loop:
     ranges: FloatArray
 
     def leading(self, plants: Plants, share: float) -> FloatArray:
-        """Return the radius with each plant at a share, minus infinity where it is not among the largest."""
+        """Return the radius with each plant at a sector gain, minus infinity where it is not among the largest."""
         loops = state_feedback_loop(plants, self.law, self.rendering, (share,))
         return np.asarray(leading_radii(loops, _STARTS)[0])
 
     def radius(self, device: Device, hands: Hand, shares: tuple[float, ...] | FloatArray) -> FloatArray:
-        """Return the radius at each share with each hand, shape (shares, hands)."""
+        """Return the radius at each sector gain with each hand, shape (shares, hands)."""
         plants = plants_with_forces(sampled_plant(device, hands))
         return largest_radius(state_feedback_loop(plants, self.law, self.rendering, shares))
 
     def worst(self, devices: list[Device], hands: Hand, known: FloatArray, shares: tuple[float, ...]) -> Worst:
-        """Climb from the worst of what is known, radii of shape (shares, devices, hands), the largest at least."""
+        """Search from the worst of known radii, shape (shares, devices, hands); the result is no smaller than these."""
         starts = np.argsort(-known, axis=None, kind="stable")[:_STARTS]
         found = []
         for share, device, hand in zip(*np.unravel_index(starts, known.shape), strict=True):
@@ -160,7 +160,7 @@ class _Loop:
         return max(found, key=lambda one: one.radius)
 
     def _climb(self, device: Device, values: FloatArray, share: float, least: float) -> Worst:
-        """Look around a hand and a share, go where the radius is largest, and look closer."""
+        """Run the pattern search from a hand and a sector gain."""
         low, high = self.ranges.T
         best, reach = -np.inf, _REACH
         for _ in range(_ROUNDS):

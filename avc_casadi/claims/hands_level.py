@@ -1,4 +1,4 @@
-"""Level L5: each frozen row linearly stable with the worst hand of the ranges that is found, without friction."""
+"""Level L5: each frozen row linearly stable with the worst hand found in the ranges, without friction."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def proved_level(rows: Rows, checked: LevelResult, known: list[Rest], progress: 
 
     Args:
         rows: the gains.
-        checked: the level as the search left it.
-        known: proofs of rest that were made already.
-        progress: told of the rows.
+        checked: the level by the search.
+        known: existing proofs of rest.
+        progress: reported over the rows.
 
     Returns:
-        The level: not met where a row is refuted. Rows that stay open keep what the search said, and are named.
+        The level: not met where a row is refuted. Open rows keep the verdict of the search, and are named.
     """
     from avc_casadi.claims.prove.hands import prove_hands  # noqa: PLC0415 - proofs are loaded on demand
 
@@ -68,7 +68,7 @@ def proved_level(rows: Rows, checked: LevelResult, known: list[Rest], progress: 
             "seconds": sum(proof.seconds for proof in unique) + sum(proof.seconds for proof in at_rest.values()),
             "first_open": next((unique[row].reason for row in index if row in still_open), None),
         },
-        # One for each row of gains that is not another's.
+        # One for each distinct row of gains.
         "proofs": [at_rest.get(row, proof).document() for row, proof in enumerate(unique)],
     }
     whole = counts["proved"] == len(proofs) and not missing
@@ -91,12 +91,12 @@ def proved_level(rows: Rows, checked: LevelResult, known: list[Rest], progress: 
 
 
 def not_proved(checked: LevelResult, why: str) -> LevelResult:
-    """Say of a level why it is not among what can be proved; what was found without a proof stands beside it."""
+    """Return a level with the reason why it cannot be proved, beside the verdict without a proof."""
     return replace(checked, claim=f"{checked.claim}; not proved: {why}", outcome="open")
 
 
 def _at_rest(rows: Rows, unique: list[HandsProof], known: list[Rest], progress: Progress) -> dict[int, Rest]:
-    """Prove rows that are open by a multiplier that brings them to rest, clipped last; by number among the unique."""
+    """Prove open rows by a multiplier that proves rest, clipped last; by index among the distinct rows."""
     from avc_casadi.claims.prove.held_device import HAND  # noqa: PLC0415 - proofs are loaded on demand
     from avc_casadi.claims.prove.law import ContactLaw  # noqa: PLC0415
     from avc_casadi.claims.prove.rest import prove_rest  # noqa: PLC0415
@@ -127,16 +127,16 @@ def _told(proofs: list[HandsProof]) -> str:
 
 @dataclass(frozen=True)
 class EveryHand:
-    """The worst of all hands and device corners that were looked at, for each of n rows.
+    """The worst of all evaluated hands and device corners, for each of n rows.
 
     Attributes:
         stable: whether the row is stable with all of them, shape (n,).
         radius: largest spectral radius, shape (n,).
         frequency_hz: frequency of that eigenvalue, shape (n,).
-        hands: the hand that it stands with, n of them.
+        hands: the worst hand of each row, n hands.
         corner: its corner of the device, shape (n,).
         devices: the corners.
-        looked_at: hands that every row was tried with before the search.
+        looked_at: initial hands, common to all rows.
     """
 
     stable: BoolArray
@@ -151,17 +151,17 @@ class EveryHand:
 def every_hand(
     problem: Problem, parts: Fractions, contact: FloatArray, *, draws: int, seed: int, progress: Progress = SILENT
 ) -> EveryHand:
-    """Look for the worst hand of each row.
+    """Search for the worst hand of each row.
 
-    A row that is unstable with one of the first hands is searched no further, but for the worst of all rows.
+    A row that is unstable with one of the initial hands is not searched further, except the worst of all rows.
 
     Args:
         problem: device with its ranges, and hands.
         parts: partial fractions of n renderings.
         contact: b_p, shape (n,).
-        draws: hands drawn beside the corners.
+        draws: hands drawn in addition to the corners.
         seed: seed of the draws.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Raises:
         UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
@@ -192,13 +192,13 @@ def every_hand(
 
 
 def looked_at(problem: Problem, draws: int, seed: int) -> str:
-    """Say which hands a verdict rests on."""
+    """Return the hands behind a verdict, in words."""
     corners = len(hand_corners(problem.hands))
     return f"{corners} corners, {draws} draws (seed {seed}) and a search of the ranges of the hands"
 
 
 def _own_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
-    """Return what the radius of each row must stay below with a hand of its own, shape (n,)."""
+    """Return the bound on the radius of each row with its own hand, shape (n,)."""
     held = np.asarray(hands.stiffness_n_per_m) > 0
     one_each = Hand(np.zeros(2), np.zeros(2), np.array([0.0, 1.0]))
     free, back = radius_limit(device, parts, one_each).T
@@ -211,8 +211,8 @@ _LARGEST_SHIFT = 1e6
 def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILENT) -> LevelResult:
     """Judge L5 on the loop of the device as declared, whatever model the gains were designed for.
 
-    The margin of a row is the damping that its device can lose, with the worst hand, before the loop stands on the edge
-    of stability (negative: that it lacks); it is found for the worst row alone.
+    The margin of a row is the damping that its device can lose, with the worst hand, at the boundary of stability
+    (negative: lacking); it is computed for the worst row alone.
     """
     problem = rows.problem
     seen = looked_at(problem, draws, seed)
@@ -261,11 +261,11 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
 def _beside(
     rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray, progress: Progress
 ) -> dict[str, Any]:
-    """What stands beside the verdict: the device let go, and whether gains may switch between neighbouring rows."""
+    """Return details of the verdict: the device released, and whether gains may switch between neighbouring rows."""
     released = [whole_stability(device, parts, rows.contact, no_hand()).radius for device in devices]
     limit = radius_limit(rows.problem.device, parts, no_hand())
     switching = None
-    if rigid(rows.problem.device):  # the proof knows no other device
+    if rigid(rows.problem.device):  # the proof covers no other device
         switching = switching_proof(
             rows.problem, rows.b, rows.k, rows.contact, hand_corners(rows.problem.hands), progress
         )
@@ -281,7 +281,7 @@ def _beside(
 
 
 def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand: Hand) -> float:
-    """Device damping to spare before one row with one hand becomes unstable, N.s/m; negative where it lacks.
+    """Return the device damping to spare before a row with a hand becomes unstable, N.s/m; negative where it lacks.
 
     Not a number where no damping up to 1e6 N.s/m stabilises the loop.
     """

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Model, Problem
 
 
-# Rows that Llewellyn's condition is judged on at a time.
+# Rows of Llewellyn's condition at a time.
 _ROWS_AT_ONCE = 4000
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The gains under judgement; b, k and b_p hold the present rows alone, shape (p,).
+    """The gains under judgement; b, k and b_p of the present rows alone, shape (p,).
 
     Attributes:
         problem: the problem.
@@ -54,14 +54,14 @@ class Rows:
     contact: FloatArray
 
     def spread(self, values: FloatArray, missing: float = np.nan) -> FloatArray:
-        """Put values of the present rows into an array of all rows."""
+        """Return values of the present rows in an array of all rows."""
         whole = np.full(len(self.present), missing)
         whole[self.present] = values
         return whole
 
 
 def judge_passivity(judged: Judged, claim: PassivityClaim) -> LevelResult:
-    """Judge a claim of passivity on the rows; a device for which it is not offered does not meet it."""
+    """Judge a claim of passivity on the rows; a device for which it is not available does not meet it."""
     rows, stated = judged.rows, judged.problem.stability.model
     if judged.behind_feedback:
         why = "the level knows gains alone, and these run behind an observer with state feedback"
@@ -70,7 +70,7 @@ def judge_passivity(judged: Judged, claim: PassivityClaim) -> LevelResult:
     try:
         if not ideal(rows.problem.device):
             return _with_device(rows, claim, model, judged.progress)
-        # Re Z_h grows with the device's damping, so that the lower end of its range stands for the others.
+        # Re Z_h grows with the device's damping, so that the lower end of its range covers the others.
         lean = replace(rows, problem=least_damped(rows.problem))
         if claim.any_environment:
             return llewellyn_level(lean, claim.name, model, judged.progress)
@@ -98,7 +98,7 @@ def _with_device(rows: Rows, claim: PassivityClaim, model: Model, progress: Prog
 
 
 def passivity_level(rows: Rows, level: Level, model: Model, where_: Where, progress: Progress = SILENT) -> LevelResult:
-    """Judge Re Z_h >= 0 at frequencies in the model named; at all of them the poles too."""
+    """Judge Re Z_h >= 0 at frequencies in a given model; at all frequencies the poles too."""
     whole = where_ == "all"
     if where_ != "all":
         low, high, where = own_frequencies(rows, where_)
@@ -109,7 +109,7 @@ def passivity_level(rows: Rows, level: Level, model: Model, where_: Where, progr
         [worst_margin(loop, rows.b, rows.k, rows.contact, low, high, progress=progress) for loop in _loops(rows, model)]
     )
     hold = "the paper's hold" if model == "paper" else "the sampled-data hold"
-    # Poles and residue belong to claims on a rendering as a whole; the others are claims on Re Z_h alone.
+    # Poles and residue are conditions of a rendering as a whole; other claims are on Re Z_h alone.
     passed = worst.passive if whole else worst.margin_ns_per_m >= -worst.tolerance_ns_per_m
     claim = f"Re Z_h >= 0 {where}, under {hold}"
     if whole:
@@ -128,9 +128,9 @@ def passivity_level(rows: Rows, level: Level, model: Model, where_: Where, progr
 
 
 def own_frequencies(rows: Rows, where_: Where) -> tuple[FloatArray, FloatArray, str]:
-    """Return between which frequencies each present row is judged, its own or a band, and how that is said.
+    """Return the band in which each present row is judged, or its own frequency, and its description.
 
-    A table of one row runs at every frequency of the problem: each of them is its own.
+    A table of one row runs at every frequency of the problem: each counts as its own.
     """
     factor = rows.problem.stability.band_factor if where_ == "band" else 1.0
     own = rows.frequency_hz[rows.present]
@@ -170,7 +170,7 @@ def _loops(rows: Rows, model: Model) -> list[SampledLoop]:
 
 
 def _worst_of(found: list[WorstMargin]) -> WorstMargin:
-    """Take the lowest margin of each row; poles and DC stiffness of a rendering do not depend on the delay."""
+    """Return the lowest margin of each row; poles and DC stiffness of a rendering do not depend on the delay."""
     worst = found[0]
     for other in found[1:]:
         lower = other.margin_ns_per_m < worst.margin_ns_per_m
@@ -184,7 +184,7 @@ def _worst_of(found: list[WorstMargin]) -> WorstMargin:
 
 
 def not_judged(rows: Rows, level: Level, model: Model, why: str) -> LevelResult:
-    """Say why no row is judged; a level that is not judged is not met."""
+    """Return a level with the reason why no row is judged; it is not met."""
     nothing = np.full(len(rows.b), np.nan)
     result = level_result(rows, level, model, "", np.zeros(len(rows.b), bool), nothing, nothing, nothing)
     return replace(result, claim=f"Not judged: {why}", refused=why)
@@ -208,7 +208,7 @@ def level_result(
     tolerance: FloatArray,
     faults: list[str] | None = None,
 ) -> LevelResult:
-    """Sum up the present rows: the worst is the lowest margin among those that fail, or else among all."""
+    """Summarise the present rows: the worst is the lowest margin among those that fail, or else among all."""
     row_passed = rows.spread(passed.astype(np.float64), 0.0) > 0
     missing = int(np.count_nonzero(~rows.present))
     failed = int(np.count_nonzero(~passed))
@@ -243,13 +243,13 @@ def level_result(
 
 
 def ideal(device: Device) -> bool:
-    """Whether a device is rigid, with an ideal amplifier and whole samples of delay: the levels are then closed."""
+    """Return whether a device is rigid, with an ideal amplifier and whole samples of delay: levels in closed form."""
     delays = [corner.delay_samples for corner in device_corners(device, ("delay_samples",))]
     return rigid(device) and all(delay == int(delay) for delay in delays)
 
 
 def what_is_declared(device: Device) -> str:
-    """Name what makes the device more than ideal."""
+    """Return the properties that make the device not ideal, in words."""
     found = {
         "device.amplifier_bandwidth_hz": device.amplifier_bandwidth_hz is not None,
         "device.resonance": device.resonance is not None,
@@ -271,7 +271,7 @@ def _own_frequency(rows: Rows, level: Level, model: Model, where_: Where) -> Lev
 
 
 def _all_frequencies(rows: Rows, level: Level, progress: Progress, *, any_environment: bool) -> LevelResult:
-    # A constant coupling has the same row many times.
+    # A constant coupling repeats one row.
     (b, k, contact), back = np.unique(np.stack([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
     back = back.ravel()
     parts = fractions(SampledLoop.of(rows.problem, "sampled-data"), b, k)
@@ -281,7 +281,7 @@ def _all_frequencies(rows: Rows, level: Level, progress: Progress, *, any_enviro
     worst = port_worst(corners, slack, len(b), progress).pick(back)
     stiffness = (parts.integral / time)[back]
     sound = stable_with_one_hand(corners, parts, contact)[back]
-    # Before any passive wall the DC stiffness of this one is no condition.
+    # For any passive wall the DC stiffness of this one is no condition.
     sound &= (stiffness >= 0) | any_environment
     faults = [
         _fault(bool(lacks), 0.0 if any_environment else float(dc))
@@ -306,7 +306,7 @@ def _at_corners(corners: list[Device]) -> str:
 
 
 def _fault(lacks_damping: bool, dc_n_per_m: float) -> str:
-    """Say what is wrong beside a lack of damping at the handle."""
+    """Return what fails besides a lack of damping at the handle, in words."""
     if lacks_damping:
         return ""
     if dc_n_per_m < 0:
@@ -315,7 +315,7 @@ def _fault(lacks_damping: bool, dc_n_per_m: float) -> str:
 
 
 def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: FloatArray) -> BoolArray:
-    """Whether each row is stable with one passive hand; where the port is passive, it then is with any."""
+    """Return whether each row is stable with one passive hand, and so with any where the port is passive."""
     stable = np.array(parts.stable, dtype=bool)
     for device in corners:
         time = device.sample_time_s
@@ -329,15 +329,15 @@ def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: Float
 def proof_level(
     level: Level, outcome: Outcome, claim: str, row_passed: BoolArray, detail: dict[str, Any], worst: int = 0
 ) -> LevelResult:
-    """Return a level of rows of the table that runs; a proof has no margin.
+    """Return a level of rows of the deployed table; a proof has no margin.
 
     Args:
-        level: which.
+        level: its name.
         outcome: proved, refuted or open.
         claim: one sentence.
         row_passed: which rows are proved, shape (n,).
-        detail: the proofs among it.
-        worst: number of the row that the claim speaks of.
+        detail: numbers of the level, with the proofs.
+        worst: index of the row of the claim.
     """
     nothing = np.full(len(row_passed), np.nan)
     return LevelResult(

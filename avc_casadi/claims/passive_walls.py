@@ -1,4 +1,4 @@
-"""Walls K + B (1 - 1/z)/T that are passive: at each frequency a quadratic in K says so, without a search for it.
+"""Walls K + B (1 - 1/z)/T that are passive: at each frequency a quadratic in K, solved without a search.
 
 On a rigid device with an ideal amplifier and whole samples of delay the condition b_d + Re(z^-d W) >= 0 is linear in K
 and B; at the port of any other (`handle_port`) |1 + W X|^2 >= |W|^2 U^2 is quadratic, W = B W_b + K W_k.
@@ -38,7 +38,7 @@ def passive_walls(
     poles: Poles = PLAIN,
     more_delay: int = 0,
 ) -> Stretches:
-    """Find the softest stretch of stiffnesses with which a wall is passive at every corner of a device.
+    """Return the softest interval of stiffnesses with which a wall is passive at every corner of a device.
 
     Args:
         corners: of one device, each known exactly.
@@ -47,7 +47,7 @@ def passive_walls(
         ideal: whether all corners are rigid, with an ideal amplifier and whole samples of delay. Then the worst
             frequency is refined; else it is that of a scan (as in L3), and the wall is stable with a passive hand too.
         poles: a1 and a2 of a linear estimator of the velocity.
-        more_delay: samples on top of those of the device.
+        more_delay: samples in addition to those of the device.
     """
     low, high = np.zeros(len(damping_ns_per_m)), np.full(len(damping_ns_per_m), np.inf)
     for corner in corners:
@@ -83,7 +83,7 @@ def passive_walls(
 
 
 def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tuple[ComplexArray, ComplexArray]:
-    """W of a wall of 1 N.s/m and of one of 1 N/m."""
+    """Return W of a wall of 1 N.s/m and of one of 1 N/m."""
     nothing, one = np.zeros(1), np.ones(1)
     damper = Fractions(one, nothing, nothing, nothing, one, one > 0)
     direct = period / 2 if model == "paper" else period
@@ -94,7 +94,7 @@ def _waves(turns: FloatArray, period: float, model: Model, poles: Poles) -> tupl
 
 
 def _held(corner: Device, damping: FloatArray, poles: Poles) -> Stretches:
-    """Return the walls that are stable with one passive hand; those of them that are passive are so with any."""
+    """Return the walls that are stable with one passive hand; the passive ones among them are so with any."""
     time = corner.sample_time_s
     mass = max(corner.mass_kg, corner.damping_ns_per_m * time, 1e-6)
     hand = Hand(*(np.array([value]) for value in (mass, mass / (10 * time), mass / (10 * time) ** 2)))

@@ -1,4 +1,4 @@
-"""The levels on demand, L7 to L9, of the rows of the table that runs: proofs, and what speaks of them."""
+"""The levels on demand, L7 to L9, of the rows of the deployed table: proofs and their summaries."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ SCHEMA = "avc-proof-file/1"
 
 
 def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[str, Any]]:
-    """Return the files of the levels that were asked to be proved, by name: JSON values.
+    """Return the proof files of the requested levels, by name: JSON values.
 
     Args:
-        problem: what was judged against; its device, wall and hands stand in each file.
+        problem: the problem judged against; its device, wall and hands are in each file.
         certificate: with proofs, as `certify` with ``prove`` gives it.
     """
     spoken_of = {name: getattr(problem, name).model_dump(mode="json") for name in ("device", "environment", "hands")}
@@ -58,12 +58,12 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
 
 
 def ripple_level(coupling: Coupling, found: list[Rest], progress: Progress = SILENT) -> LevelResult:
-    """Bound the ripple of gains that do not vary: half an encoder step, noise of four times its rms, dry friction.
+    """Bound the ripple of constant gains: half an encoder step, noise of four times its rms, dry friction.
 
     Args:
-        coupling: what runs.
-        found: its rows with what is known of their rest.
-        progress: told of the boxes.
+        coupling: the coupling.
+        found: its rows with their proofs of rest.
+        progress: reported over the boxes.
     """
 
     def told(outcome: Outcome, claim: str, detail: dict[str, Any]) -> LevelResult:
@@ -95,7 +95,7 @@ _MOST_CHANGES = 2000
 
 
 def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult:
-    """Judge gains that change: anywhere in the box of the table, or row by row; what runs beside them is told."""
+    """Judge gains that change: anywhere in the box of the table, or row by row; the runtime is reported."""
     table, runtime = coupling.table, coupling.runtime
 
     def told(outcome: Outcome, claim: str, detail: dict[str, Any]) -> LevelResult:
@@ -122,7 +122,7 @@ def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResul
 
 
 def _rows(coupling: Coupling, gains: FloatArray, progress: Progress) -> tuple[list[Changing], str]:
-    """Judge the rows in any order, with all that is between neighbours; failing that, one row a sample."""
+    """Judge the rows in any order, with all between neighbours; failing that, one row a sample."""
     pattern = prove_changes(coupling.problem, gains, most_cells=0, progress=progress)
     if pattern.outcome == "open":
         between = _order(coupling, rows_and_between(gains), "any", progress)
@@ -135,7 +135,7 @@ def _rows(coupling: Coupling, gains: FloatArray, progress: Progress) -> tuple[li
 
 
 def _order(coupling: Coupling, gains: FloatArray, order: Order, progress: Progress) -> Changing:
-    """Look for a proof; a pattern refutes it only where the gains are rows of the table."""
+    """Search for a proof; a pattern refutes it only where the gains are rows of the table."""
     problem, rows = coupling.problem, gains.shape[1]
     changes = rows**2 if order == "any" else 3 * rows - 2
     try:
@@ -147,17 +147,17 @@ def _order(coupling: Coupling, gains: FloatArray, order: Order, progress: Progre
 
 
 _WORST_FIRST = ("refuted", "open", "proved")
-# Of a proof that is to take a second or two.
+# Budget of a proof within a second or two.
 _FEW_CELLS, _FEW_STEPS = 60_000, 5
 
 
 def rests(coupling: Coupling, seed: int = 0, progress: Progress = SILENT) -> list[Rest]:
-    """Prove rest at each row of the table that runs, with its gains held, or refute it, or say why it is open.
+    """Prove or refute rest at each row of the deployed table with constant gains; else give the reason it is open.
 
     Args:
-        coupling: what runs.
-        seed: of hands that are drawn and of the search for orbits.
-        progress: told of the rows.
+        coupling: the coupling.
+        seed: of drawn hands and of the search for orbits.
+        progress: reported over the rows.
     """
     rows = coupling.table.rows
     found = []
@@ -168,12 +168,12 @@ def rests(coupling: Coupling, seed: int = 0, progress: Progress = SILENT) -> lis
 
 
 def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILENT) -> LevelResult:
-    """Sum up the proofs of all rows; the one of constant gains, where it is open, with what a proof would cost.
+    """Summarise the proofs of all rows; an open one of constant gains with the stiffness that a proof would cost.
 
     Args:
-        coupling: what runs.
+        coupling: the coupling.
         found: `rests` of it.
-        progress: told of the search for the stiffest wall.
+        progress: reported over the search for the stiffest wall.
     """
     outcomes = [one.outcome for one in found]
     worst = min(range(len(found)), key=lambda row: _WORST_FIRST.index(outcomes[row]))
@@ -197,9 +197,9 @@ def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILEN
 
 
 def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult | None:
-    """Prove L7 where a second or two tells: constant gains alone, clipped last, on a rigid device known exactly.
+    """Prove L7 where it takes a second or two: constant gains alone, clipped last, on a rigid device known exactly.
 
-    A device with play is not known that exactly. No orbit is looked for, so that it is proved, refuted by an unstable
+    A device with play is not known exactly. No orbit is searched for: the result is proved, refuted by an unstable
     hand, or open.
 
     Returns:
@@ -216,7 +216,7 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
 
 
 def quickly_proved(coupling: Coupling) -> bool:
-    """Whether `quick_rest_level` judges a coupling."""
+    """Return whether `quick_rest_level` judges a coupling."""
     runtime, device, spread = coupling.runtime, coupling.problem.device, coupling.problem.device.range
     alone = runtime.state_feedback is None and runtime.observer_mass_kg is None and runtime.guard is None
     known = (
@@ -228,7 +228,7 @@ def quickly_proved(coupling: Coupling) -> bool:
 
 
 def promises_rest(coupling: Coupling) -> bool:
-    """Whether a proof of rest is likely, told in a fraction of a second; of what is not quickly proved it is not."""
+    """Return whether a proof of rest is likely, in a fraction of a second; False for what is not quickly proved."""
     if not quickly_proved(coupling):
         return False
     try:
@@ -239,13 +239,13 @@ def promises_rest(coupling: Coupling) -> bool:
 
 
 def proved_wall_n_per_m(coupling: Coupling, progress: Progress = SILENT) -> float:
-    """Return the stiffest that such a coupling may feel at rest to be proved: 0 where none was.
+    """Return the largest rendered stiffness at rest for which L7 is proved: 0 where none was.
 
-    Springs are put before the same wall, with the contact damper as it stands or in proportion.
+    Springs are tried in series with the same wall, with the contact damper as given or in proportion.
 
     Args:
-        coupling: what runs; one that `quick_rest_level` judges.
-        progress: told of the search.
+        coupling: one that `quick_rest_level` judges.
+        progress: reported over the search.
     """
     law = _law(coupling, coupling.table.rows[0].tolist())
     felt = law.stiffness_at_rest_n_per_m
@@ -296,7 +296,7 @@ def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress)
 
 
 def _gap(coupling: Coupling, found: Rest, progress: Progress) -> WallGap | None:
-    """Say what a proof would cost in stiffness; None where the loop is of no kind that is proved."""
+    """Return the loss of stiffness for a proof, in words; None where no proof covers the loop."""
     problem, observer = coupling.problem, found.law.state_feedback
     if coupling.contact == "gated" or (observer is not None and observer.dead_zone_m > 0):
         return None
@@ -323,10 +323,10 @@ def gain_corners(gains: FloatArray) -> FloatArray:
 
 
 def rows_and_between(gains: FloatArray) -> FloatArray:
-    """Return rows whose mixtures hold every row and every straight way from one to the next.
+    """Return rows whose mixtures contain every row and every straight line from one to the next.
 
-    On the way b and k move by another share than b_p in the three numbers that count: between two rows that differ in
-    both, coupling and contact damper are mixed crosswise too.
+    Along the line b and k change by another share than b_p in the three numbers of the loop: between two rows that
+    differ in both, coupling and contact damper are mixed crosswise too.
 
     Args:
         gains: b, k and b_p of the rows in the order of the table, shape (3, rows).

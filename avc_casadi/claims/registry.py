@@ -24,16 +24,16 @@ CLAIMS: Registry[Claim] = Registry("level", "avc_casadi.claims.level")
 
 @dataclass(frozen=True)
 class Judged:
-    """What a certificate is made of.
+    """Inputs of a certificate.
 
     Attributes:
-        problem: what is judged against.
+        problem: the problem judged against.
         rows: the gains.
-        gains: the table that they are of.
-        whole: the table, or the coupling that it came in.
-        draws: hands drawn beside the corners of their ranges.
-        seed: of what is drawn.
-        progress: told of the rows.
+        gains: their table.
+        whole: the table, or the coupling with it.
+        draws: hands drawn in addition to the corners of their ranges.
+        seed: of the draws.
+        progress: reported over the rows.
     """
 
     problem: Problem
@@ -51,7 +51,7 @@ class Judged:
 
     @cached_property
     def coupling(self) -> Coupling | None:
-        """The table that runs, with what runs beside it; None where no row has gains."""
+        """The deployed table with its runtime; None where no row has gains."""
         from avc_casadi.coupling import Coupling  # noqa: PLC0415 - the registry alone is light
 
         if isinstance(self.whole, Coupling):
@@ -60,7 +60,7 @@ class Judged:
 
     @cached_property
     def rests(self) -> list[Rest]:
-        """What is known of the rest of each row of the table that runs, proved once for all levels that need it."""
+        """Proofs of rest of each row of the deployed table, cached for all levels that need them."""
         from avc_casadi.claims.proof_levels import rests  # noqa: PLC0415 - loads the proofs
 
         return [] if self.coupling is None else rests(self.coupling, self.seed, self.progress)
@@ -73,12 +73,12 @@ class Claim(ABC):
         name: of the level.
         title: the claim in a few words.
         rank: its place in every list.
-        claims: the claim, if it passes, for people.
-        leaves: what it does not say, for people.
-        hold: hold model that it is made in; None is the problem's.
-        scope: the scope of a problem file that asks for it; None where none does.
-        on_demand: whether it is judged only where proofs are asked for.
-        provable: on what --prove can prove it, for people; empty where nothing is proved.
+        claims: the claim, if it passes, in words.
+        leaves: what it does not claim, in words.
+        hold: hold model of the claim; None is the problem's.
+        scope: the scope of a problem file that requires it; None where none does.
+        on_demand: whether it is judged only where proofs are requested.
+        provable: loops for which --prove can prove it, in words; empty where none.
     """
 
     name: ClassVar[str]
@@ -101,26 +101,26 @@ class Claim(ABC):
         """Judge the gains."""
 
     def prove(self, judged: Judged, checked: LevelResult) -> LevelResult:  # noqa: ARG002 - most are exact already
-        """Prove or refute what was checked; most levels are as they were judged."""
+        """Prove or refute the checked level; most levels are returned unchanged."""
         return checked
 
 
 def asked_for(problem: Problem) -> str:
-    """Return the level that the scope of a problem asks its gains to meet."""
+    """Return the level that the scope of a problem requires."""
     stated = problem.stability
     return next(name for name, one in CLAIMS.items() if one.scope == stated.scope and one.hold in {None, stated.model})
 
 
 Where = Literal["own", "band", "all"]
-"""At which frequencies a row is judged: its own, a band about it, or all."""
+"""Frequencies at which a row is judged: its own, a band about it, or all."""
 
 
 class PassivityClaim(Claim):
-    """Frozen gains are passive, at frequencies and with environments that a level names.
+    """Passivity of frozen gains, at frequencies and with environments of a level.
 
     Attributes:
-        where: at which frequencies.
-        any_environment: whether before any passive environment, and not this one alone.
+        where: its frequencies.
+        any_environment: whether with any passive environment, not this one alone.
     """
 
     where: ClassVar[Where] = "all"

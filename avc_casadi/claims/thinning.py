@@ -1,4 +1,4 @@
-"""Fewer rows for the same perceived impedance: the thinning of a table judged by what its problem makes of it."""
+"""Fewer rows for the same perceived impedance: the thinning of a table, judged in its problem."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReducedRows:
-    """Some rows of a schedule and what their interpolation makes of the others.
+    """Some rows of a schedule, with the interpolation error at the others.
 
     Attributes:
-        table: the rows that are kept.
-        kept: their positions among all rows, shape (m,).
+        table: the kept rows.
+        kept: their indices among all rows, shape (m,).
         error: largest deviation at the dropped rows: |Z - Z_h|/|Z_h| of the perceived impedance where a problem was
             given, otherwise the largest relative deviation of b, k or b_p.
         single_error: the same for rows and arithmetic in single precision, at all rows.
         scope_slack: smallest slack of the problem's scope at the dropped rows, interpolated: N.s/m, or spectral radius
-            for scope hands; not a number without a problem, infinite where nothing is dropped. What is missing can be
-            asked for beforehand as `margin_ns_per_m`.
+            for scope hands; not a number without a problem, infinite where nothing is dropped. A deficit can be added
+            beforehand to `margin_ns_per_m`.
     """
 
     table: GainTable
@@ -42,7 +42,7 @@ class ReducedRows:
 def reduce_rows(
     table: GainTable, problem: Problem | None = None, *, rows: int | None = None, tolerance: float | None = None
 ) -> ReducedRows:
-    """Choose rows by `thinned_rows`, and say what their interpolation makes of the others.
+    """Return rows chosen by `thinned_rows`, with the interpolation error at the others.
 
     With a problem, a pair of neighbours is admitted only if Re Z_h stays at or above the margin at the rows between,
     where the rows themselves do.
@@ -54,7 +54,7 @@ def reduce_rows(
         tolerance: the fewest rows with at most this largest error, and of those the most accurate.
 
     Raises:
-        InputError: neither or both of ``rows`` and ``tolerance``, or no subset serves.
+        InputError: neither or both of ``rows`` and ``tolerance``, or no subset suffices.
     """
     deviation = Deviation(table.rows) if problem is None else _OfImpedance(table.rows, problem)
     kept = thinned_rows(deviation, rows=rows, tolerance=tolerance)
@@ -75,7 +75,7 @@ def reduce_rows(
 
 
 class _OfImpedance(Deviation):
-    """How far the perceived impedance of other gains is from that of a row."""
+    """Deviation of the perceived impedance of other gains from that of a row."""
 
     linear = False
 

@@ -43,7 +43,7 @@ _RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LlewellynTable(Tabular):
-    """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where nothing is allowed.
+    """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where no stiffness is allowed.
 
     Attributes:
         damping_ratio: b_c/b_d.
@@ -70,7 +70,7 @@ class LlewellynTable(Tabular):
 
 
 def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -> LlewellynTable:
-    """Tabulate the largest stiffness, the least over the range of the delay; environment and mass do not enter.
+    """Return the largest stiffness, the minimum over the range of the delay; environment and mass do not enter.
 
     Args:
         problem: device.
@@ -101,10 +101,10 @@ def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -
 
 
 def rendered_wall(problem: Problem, gains: GainSchedule) -> tuple[FloatArray, FloatArray]:
-    """Return (B, K) of the spring and damper that each row amounts to at its own frequency, shape (n,) each.
+    """Return (B, K) of the spring and damper equivalent to each row at its own frequency, shape (n,) each.
 
-    Contact damping counts as damping of the wall. The loop is the one that runs (sampled-data), whatever model the
-    gains were designed for. Rows without gains are not numbers.
+    Contact damping counts as damping of the wall. The loop is the implemented one (sampled-data), whatever model the
+    gains were designed for. Rows without gains are not a number.
     """
     loop = loop_at(problem.changed(stability={"model": "sampled-data"}), gains.frequency_hz)
     usable = gains.usable
@@ -153,20 +153,20 @@ class ZWidth(PrintedColumns):
         wanted_stiffness_n_per_m: its K.
         rule_n_per_m: (b + b_h + B)/(T/2 + t_d) at each B, shape (n,), with the least damped device and hand and the
             longest delay: the linear condition of Gil, Hulin et al. (2009, J. Comput. Inf. Sci. Eng. 9(1) 011005) for
-            short delays and little damping; it knows no mass. Not numbers where the device is not rigid or its
+            short delays and little damping; it neglects mass. Not a number where the device is not rigid or its
             amplifier not ideal.
         passive_spring_n_per_m: 2 b/((1 + 2 d) T), the stiffest passive spring without damping (Diolaiti et al. 2006,
             IEEE Trans. Robotics 22(2)); not a number on the same devices.
-        encoder_limit_n_per_m: 2 f_c/Delta with the least friction and the coarsest encoder: above it quantisation makes
-            more energy than dry friction takes away (Abbott and Okamura 2005, IEEE Trans. Robotics 21(5)); None where
-            friction or resolution is not known.
+        encoder_limit_n_per_m: 2 f_c/Delta with the least friction and the coarsest encoder: above it quantisation
+            generates more energy than dry friction dissipates (Abbott and Okamura 2005, IEEE Trans. Robotics 21(5));
+            None where friction or resolution is not known.
         passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges; not a number where none is known.
-        hands: how many hands the last claim was tried with.
-        corners: at how many corners of the device.
-        used: what of the declared device the region takes in, as dotted keys.
-        not_used: what it does not.
+        hands: number of hands of the last claim.
+        corners: number of corners of the device.
+        used: declared properties of the device that enter the region, as dotted keys.
+        not_used: those that do not.
         refused: claims that have no proof on this device, each with the reason.
-        stated: the problem as it was asked, for ``print``.
+        stated: the problem as given, for ``print``.
     """
 
     problem: str
@@ -230,19 +230,18 @@ class ZWidth(PrintedColumns):
 
 
 def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
-    """Compute the walls that a device can render (K-B region), passive or stable with its hands, without a coupling.
+    """Return the walls that a device can render (K-B region), passive or stable with its hands, without a coupling.
 
-    Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side
-    of the encoder; a linear velocity filter of [scene] acts on the damper, and of another the claims say that it does
-    not. Where the device has no delay the passive region of one sample of delay stands beside the others. The stable
-    regions are exact, by the curves of their boundary. On a rigid device with an ideal amplifier and whole samples of
-    delay the passive ones are so too; on another the sampled-data one comes from a scan of frequencies (as L3). That
-    with the paper's hold is refused there, and with a filter. A region is told up to the first stiffness, from soft
-    walls on, that does not meet the claim.
+    Each claim holds at every corner of [device.range], on the device as declared: delay, amplifier, resonance, side of
+    the encoder; a linear velocity filter of [scene] acts on the damper; for another the claims say that it does not.
+    Without a delay the passive region of one sample of delay is added. The stable regions are exact, by their boundary
+    curves. On a rigid device with an ideal amplifier and whole samples of delay the passive ones are so too; on another
+    the sampled-data one comes from a scan of frequencies (as L3). That with the paper's hold is refused there, and with
+    a filter. A region ends at the smallest stiffness that does not meet the claim.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        progress: told of the curves.
+        progress: reported over the curves.
 
     Example:
         >>> region = avc.zwidth("figure5")
@@ -256,7 +255,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     damped = max(corner.damping_ns_per_m for corner in corners)
     top = 2 * max(mass / device.sample_time_s, 2 * damped, 1e-3)
     damping = np.concatenate([[0.0], np.geomspace(1e-4 * top, top, _DAMPINGS - 1)])
-    # The last row is that of the wall that is wanted.
+    # The last row is that of the requested wall.
     rows = np.append(damping, wall.damping_ns_per_m)
     hands = hand_set(problem.hands)
     poles, beside = _estimator(problem)
@@ -297,7 +296,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
 
 
 def _estimator(problem: Problem) -> tuple[Poles, str]:
-    """Return the poles of the scene's velocity filter, and what a claim says of it; nothing without one."""
+    """Return the poles of the scene's velocity filter, and its wording in a claim; empty without one."""
     filters = [one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)]
     if not filters:
         return PLAIN, ""
@@ -330,7 +329,7 @@ def _passivity(device: Device, corners: Sequence[Device], poles: Poles, beside: 
 
 
 def _at(device: Device, corners: int, beside: str) -> str:
-    """Say what beside the claim itself is meant."""
+    """Return the qualification of a claim, in words."""
     late = device.delay_samples
     delay = f", {late:g} sample{'' if late == 1 else 's'} of delay" if late else ""
     return delay + beside + (f", at {corners} corners of the device" if corners > 1 else "")

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def bind(effects: tuple[SceneEffect, ...], gains: Gains | GainTable | GainSchedule) -> tuple[SceneEffect, ...]:
-    """Give the adaptation its table; gains that are numbers stay as they are, whatever the estimate.
+    """Return the effects with the table bound to the adaptation; constant gains ignore the estimate.
 
     Args:
         effects: the effects of a scene.
@@ -51,7 +51,7 @@ _SPEEDS = ("velocity_m_per_s", "held_m_per_s")
 
 @dataclass(frozen=True)
 class CompiledScene:
-    """One sample of a scene as a function, and everything that its runs share.
+    """One sample of a scene as a function, and the data common to its runs.
 
     The function is (states, inputs, parameters) -> (states one sample later, traces).
 
@@ -65,14 +65,14 @@ class CompiledScene:
         inputs: names of the inputs.
         traces: names of the outputs.
         coupled: whether the gains are parameters; otherwise device and environment are joined rigidly.
-        damped: whether the contact damper is one.
+        damped: whether the contact damper is a parameter.
         environment: the virtual environment, or None in free space.
         rate_gain_per_s: gain of the computer's velocities, 1/T without a filter.
         target: motion of the hand's target.
         sample_time_s: T.
         samples: number of samples of a run.
         build_seconds: time to compile.
-        metres_per_unit: how far the hand moves for a unit of the position.
+        metres_per_unit: displacement of the hand for a unit of the position.
     """
 
     problem: str
@@ -102,7 +102,7 @@ class CompiledScene:
 
     @property
     def speeds(self) -> tuple[str, ...]:
-        """Names of the traces of what moves; they follow the first trace."""
+        """Names of the velocity traces; they follow the first trace."""
         return tuple(name for name in self.traces if name in _SPEEDS)
 
     def states_of(self, kind: str) -> int:
@@ -150,7 +150,7 @@ def compile_scene(
         effects: effects in place of those of the problem file; arrays in them stand for many hands.
         coupled: with gains as parameters; otherwise device and environment are joined rigidly.
         damped: with the contact damper b_p as a parameter.
-        stiffness_n_per_m: k of the gains that will run: 0 leaves the contact law clip-last without a surface.
+        stiffness_n_per_m: k of the gains to run: with 0 the contact law clip-last has no surface.
 
     Raises:
         InputError: an impossible scene, by name.
@@ -228,7 +228,7 @@ def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Line
 
 
 def _watch(tick: Tick) -> None:
-    """Record how the device moves, and its handle where that is another body: what a hand holds and feels."""
+    """Record the motion of the device, and of its handle where that is another body."""
     moves = {slot.name: slot.symbol for slot in tick.states}
     tick.trace("position_m", moves[f"{DEVICE}_position_m"])
     tick.trace("velocity_m_per_s", moves[f"{DEVICE}_velocity_m_per_s"])
@@ -238,14 +238,14 @@ def _watch(tick: Tick) -> None:
 
 
 def _lawful(environment: Environment, stiffness_n_per_m: ArrayLike) -> Environment:
-    """Return the environment with the contact law that runs beside such gains."""
+    """Return the environment with the contact law that is possible with such gains."""
     asked: Contact = "clip-last" if environment.clips_last else "gated"
     law = contact_law(asked, environment.stiffness_n_per_m, stiffness_n_per_m)
     return replace(environment, clips_last=law == "clip-last")
 
 
 def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> Any:
-    """Return the true position of the body that is measured: the motor, unless an effect says otherwise."""
+    """Return the true position of the measured body: the motor, unless an effect names another."""
     body = next((effect.sensed_body for effect in effects if effect.sensed_body is not None), DEVICE)
     symbols = {slot.name: slot.symbol for slot in tick.states}
     if f"{body}_position_m" not in symbols:
@@ -257,7 +257,7 @@ def _sensed(problem: Problem, effects: tuple[SceneEffect, ...], tick: Tick) -> A
 def _sample(
     tick: Tick, effects: tuple[SceneEffect, ...], environment: Environment | None, *, coupled: bool, damped: bool
 ) -> None:
-    """Add what the computer does, station by station."""
+    """Add the control computer, station by station."""
     for effect in effects:
         if effect.station < Station.ENVIRONMENT:
             with tick.owned_by(effect.kind):
@@ -276,7 +276,7 @@ def _sample(
 
 
 def _advance(problem: Problem, effects: tuple[SceneEffect, ...], plant: LinearPlant, tick: Tick) -> Advance:
-    """Choose how to get from one sample to the next: the scene's integrator, where there is something to choose."""
+    """Return the scheme from one sample to the next: the scene's integrator, where there is a choice."""
     friction = sum(effect.friction_n for effect in effects)
     integrator, substeps = problem.scene.integrator, problem.scene.substeps
     constant = tick.late if isinstance(tick.late, float) else 0.0

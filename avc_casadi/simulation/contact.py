@@ -26,7 +26,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.velocity import PLAIN
 from avc_casadi.simulation.tick import Expr, Rate, Tick
 
-# N/m: far below any gain, far above the least of single precision.
+# N/m: far below any gain, far above the smallest number of single precision.
 _NO_GAINS = 1e-20
 COUPLING_PARAMETERS = ("coupling_memory_s", "coupling_compliance_m_per_n", "series_stiffness_n_per_m")
 
@@ -49,7 +49,7 @@ class Environment:
 
     @property
     def present(self) -> bool:
-        """Whether it can give any force at all."""
+        """Whether it can exert a force."""
         return self.stiffness_n_per_m > 0 or self.damping_ns_per_m > 0
 
     @property
@@ -58,7 +58,7 @@ class Environment:
         return self.damping_ns_per_m > 0
 
     def by_law(self, clip_last: Expr, gated: Expr) -> Expr:
-        """Return what a law has in place of the other's; a two-sided environment is linear, as the clip-last law is."""
+        """Select a value by contact law; a two-sided environment is linear, as the clip-last law is."""
         import casadi as ca  # noqa: PLC0415
 
         if not self.one_sided or self.clips_last is True:
@@ -89,19 +89,19 @@ def coupling_parameters(
 
 
 def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: bool) -> Expr:
-    """Add coupling, environment and contact damper by the contact law; returns the force on the device.
+    """Add coupling, environment and contact damper by the contact law and return the force on the device.
 
     Args:
         tick: the loop so far, with the measured position.
-        environment: an environment that is present.
-        rigid: join device and environment without a coupling.
+        environment: one that can exert a force.
+        rigid: joins device and environment without a coupling.
         damped: with the contact damper b_p between device and ground.
 
     Returns:
         The force, N, positive against +x.
 
     Raises:
-        InputError: an estimator of the velocity that is not linear beside a coupling.
+        InputError: a nonlinear velocity estimator together with a coupling.
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -117,7 +117,7 @@ def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: boo
     if not environment.one_sided:
         return force
     pushing = ca.fmax(force, 0)
-    # Without the damper the gated force pushes already, and outside of the wall there is none.
+    # Without the damper the gated force is never negative, and 0 outside the wall.
     return environment.by_law(pushing, ca.if_else(tick.position > 0, pushing, 0) if damped else force)
 
 
@@ -158,7 +158,7 @@ def _series_force(tick: Tick, environment: Environment, *, rigid: bool) -> Expr:
 
 
 def _surface(tick: Tick, environment: Environment) -> Rate:
-    """Return the rate at which the environment's spring is deflected: of the tool, or of its penetration."""
+    """Return the deflection rate of the environment's spring: of the tool, or of its penetration."""
     import casadi as ca  # noqa: PLC0415
 
     name, penetration = "environment_deflection", max(tick.start_m, 0.0)
@@ -166,23 +166,23 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
         return Rate(tick, name, tick.start_m)
     if environment.clips_last is False:
         return Rate(tick, name, penetration)
-    # One state serves both laws: before the wall, the gated one sees a penetration of 0 in it.
+    # One state serves both laws: in front of the wall the gated one takes it as a penetration of 0.
     return Rate(tick, name, tick.start_m, seen=lambda before: environment.by_law(before, ca.fmax(before, 0)))
 
 
 def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
-    """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the gains of now."""
+    """Return b/kappa, 1/kappa, the stiffness in series and k/kappa: parameters of a run, or from the current gains."""
     import casadi as ca  # noqa: PLC0415
 
     if tick.adapt is None:
         memory, compliance, series = (tick.parameter(name) for name in COUPLING_PARAMETERS)
         return memory, compliance, series, None
-    # Out of contact the linear coupling is drawn out without a force: nothing is held there.
+    # Out of contact the clip-last coupling stretches without a force on the device: nothing is stored there.
     held = ca.fmax(stretch.before, 0) if environment.one_sided else stretch.before
     tick.adapted = gains = tick.adapt(environment.by_law(held, stretch.before), environment.one_sided)
     stretch.forget(environment.by_law(1, gains.touching))
     kappa = gains.stiffness_n_per_m + gains.damping_ns_per_m * stretch.gain
-    # Without gains there is no force, whatever the compliance: it only has to be a number.
+    # Without gains there is no force, whatever the compliance: it only has to be finite.
     compliance = 1 / (kappa + _NO_GAINS)
     series = kappa * (kappa_e / (kappa + kappa_e))
     return gains.damping_ns_per_m * compliance, compliance, series, gains.stiffness_n_per_m * compliance
@@ -191,7 +191,7 @@ def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -
 def _spring_energy(
     tick: Tick, environment: Environment, deflection: Expr, rate_gain_per_s: Expr, memory: Expr, compliance: Expr
 ) -> Expr:
-    """Return the energy that the coupling's spring can give back to the hand."""
+    """Return the energy of the coupling's spring that the hand can recover."""
     import casadi as ca  # noqa: PLC0415
 
     if environment.one_sided:
@@ -208,19 +208,19 @@ def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) 
     import casadi as ca  # noqa: PLC0415
 
     if tick.poles == PLAIN and tick.velocity is None:
-        # The past of a plain difference never pushes a tool that is out of the wall: f > 0 implies p > 0.
+        # A plain difference never pushes a tool outside the wall: f > 0 implies p > 0.
         return ca.fmax(force, 0)
     if compliance is None:
         return ca.if_else(free > 0, ca.fmax(force, 0), 0)
-    # A filtered rate still remembers the way in: at most the force that keeps the tool at the surface.
+    # A filtered rate still contains the approach: limited to the force that keeps the tool at the surface.
     return ca.fmax(ca.if_else(compliance * force > free, free / compliance, force), 0)
 
 
 def _contact_damper(tick: Tick) -> Expr:
     """Return the force of the damper b_p between device and ground.
 
-    It acts on the velocity of the device. The rate of the depth alone would miss a part of it at the first sample of a
-    contact, and light hands then bounce for ever.
+    It acts on the velocity of the device. The rate of the penetration would miss a part of it at the first sample of a
+    contact, and light hands would bounce for ever.
     """
     adapted = tick.adapted
     damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m

@@ -1,4 +1,4 @@
-"""Running a compiled scene: CasADi's own loop over samples, or generated C where that pays."""
+"""Execution of a compiled scene: CasADi's own loop over samples, or generated C where that is faster."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Engine = Literal["auto", "casadi", "native"]
 
 # Compiling takes about 0.1 s and 0.25 ms an instruction, and saves some 1.5 ns each time an instruction is evaluated.
 _COMPILE_S, _COMPILE_S_PER_INSTRUCTION, _SAVED_S = 0.1, 2.5e-4, 1.5e-9
-# Runs whose traces are held at a time, where they are only judged.
+# Runs whose traces are held at a time, where only verdicts are wanted.
 _TRACES = 250
 
 
@@ -32,7 +32,8 @@ def execute(
         scene: the compiled scene.
         parameters: shape (runs, parameters), of `CompiledScene.parameter_values`.
         inputs: shape (inputs, samples), of `CompiledScene.input_values`.
-        engine: ``casadi``, ``native`` (generated C; the same bits), or ``auto``: C for long work where a compiler is.
+        engine: ``casadi``, ``native`` (generated C; the same bits), or ``auto``: C for long work where there is a
+            compiler.
 
     Returns:
         Every trace, shape (runs, samples).
@@ -47,7 +48,7 @@ def execute(
 def execute_to_speed(
     scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto", workers: int = 1
 ) -> FloatArray:
-    """Run a scene once for every row of the parameters, and only say how fast each run ends.
+    """Run a scene once for every row of the parameters and return only the residual speeds.
 
     Machine code keeps no trace.
 
@@ -56,11 +57,11 @@ def execute_to_speed(
         parameters: as for `execute`.
         inputs: as for `execute`.
         engine: as for `execute`.
-        workers: number of threads; one where others have work for the other processors.
+        workers: number of threads; one where the other processors are in use.
 
     Returns:
-        The largest speed of the end that is judged over that at which a run is no longer at rest, shape (runs,):
-        below 1 is at rest as `judge` says; infinite for a run that left the workspace.
+        Largest residual speed over the threshold of settling, shape (runs,): below 1 is settled as by `judge`; infinite
+        for a run that left the workspace.
     """
     native = _compiled(scene, len(parameters), engine)
     if native is not None:
@@ -82,7 +83,7 @@ def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray
 
 
 def _compiled(scene: CompiledScene, runs: int, engine: Engine) -> NativeScene | None:
-    """Return the scene as machine code, or None where CasADi is to run it."""
+    """Return the scene as machine code, or None where CasADi runs it."""
     saved = runs * scene.samples * scene.instructions * _SAVED_S
     pays = saved > _COMPILE_S + scene.instructions * _COMPILE_S_PER_INSTRUCTION
     if engine != "native" and not (engine == "auto" and pays and compiler() is not None):
@@ -111,5 +112,5 @@ def _by_casadi(scene: CompiledScene, parameters: FloatArray, inputs: FloatArray)
 
 @lru_cache(maxsize=8)
 def _loop(function: Any, samples: int) -> Any:
-    """Return a scene's samples one after another; building that takes as long as a run or two."""
+    """Return the loop over a scene's samples; building it takes as long as a run or two."""
     return function.mapaccum("run", samples)

@@ -1,4 +1,4 @@
-"""What a run says about the loop: at rest or not, buzzing, how stiff the wall feels."""
+"""Verdicts on a run: settled or not, buzzing, rendered stiffness."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Ledger(Comparable):
     """Energies at the samples, each of shape (..., samples), J.
 
     Attributes:
-        absorbed_j: energy that the virtual side has taken in since the beginning; below 0 it has given out energy that
-            it never had, and is not passive.
-        stored_j: energy in the springs of coupling and environment, as far as it can reach the hand.
+        absorbed_j: energy absorbed by the virtual side since the beginning; below 0 it has generated energy and is not
+            passive.
+        stored_j: energy in the springs of coupling and environment that the hand can recover.
     """
 
     absorbed_j: FloatArray
@@ -27,12 +27,12 @@ class Ledger(Comparable):
 
     @property
     def dissipated_j(self) -> FloatArray:
-        """What was taken in and is not stored; where it falls, sampling, delay or quantisation create energy."""
+        """Absorbed and not stored energy; where it falls, sampling, delay or quantisation generate energy."""
         return self.absorbed_j - (self.stored_j - self.stored_j[..., :1])
 
     @property
     def generated_j(self) -> FloatArray:
-        """Largest energy given out beyond all that was taken in, shape (...)."""
+        """Largest energy given out beyond the absorbed energy, shape (...)."""
         generated: FloatArray = 0.0 - np.minimum(0.0, self.absorbed_j.min(axis=-1))
         return generated
 
@@ -46,7 +46,7 @@ def energy_ledger(
     anchor_m: ArrayLike = 0.0,
     potential_j: ArrayLike = 0.0,
 ) -> Ledger:
-    """Draw up the ledger from the traces.
+    """Return the energy ledger of traces.
 
     Args:
         position_m: true position of the device, shape (..., samples).
@@ -55,7 +55,7 @@ def energy_ledger(
         stiffness_n_per_m: k, one number or one a sample; infinite for a rigid coupling, which stores nothing.
         environment: the environment, or None in free space.
         anchor_m: deflection at which the spring of the coupling is slack.
-        potential_j: energy that detents hold, one a sample; what they hold at the beginning counts as taken in.
+        potential_j: energy stored in detents, one a sample; its initial value counts as absorbed.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         work = force_n[..., :-1] * np.diff(position_m, axis=-1)
@@ -67,7 +67,7 @@ def energy_ledger(
             stored += environment.stiffness_n_per_m * depth**2 / 2
             stiffness = np.asarray(stiffness_n_per_m, np.float64)
             deflection = position_m - tool_m
-            # Out of contact the clip-last law stretches its coupling without a force: nobody gets that energy.
+            # Out of contact the clip-last law stretches its coupling without a force: that energy is not recovered.
             deflection = environment.by_law(np.maximum(deflection, 0.0), deflection) if one_sided else deflection
             stretch = np.where(np.isinf(stiffness), 0.0, deflection - np.asarray(anchor_m, np.float64))
             stored += np.where(np.isinf(stiffness), 0.0, stiffness) * stretch**2 / 2
@@ -77,18 +77,18 @@ def energy_ledger(
 
 JUDGED_S = 0.5
 AT_REST_M_PER_S = 5e-3
-"""Speed of device and handle below which they are at rest."""
+"""Speed of device and handle below which a run counts as settled."""
 RIPPLE_HZ = (20.0, 500.0)
 BUZZ_SHARE = 0.07
 IMPACT_S = 0.01
-# Less than what a finger feels of a fly.
+# Below what a finger can feel.
 TOUCH_N = 1e-6
-# Nothing on a desk moves this far: the run has diverged.
+# Beyond any desktop workspace: the run has diverged.
 LOST_M = 10.0
 
 
 def criterion(metres_per_unit: float = 1.0) -> str:
-    """Say what is judged, of a device whose handle moves so far for a unit of its position."""
+    """Return the criterion as text, for a device with this displacement of the handle per unit of position."""
     slow = AT_REST_M_PER_S * 1e3 / metres_per_unit
     return (
         f"largest true velocity of device and handle in the last {JUDGED_S:g} s below {slow:g} mm/s; "
@@ -102,13 +102,13 @@ class Judgement(Tabular):
     """Figures of one or many runs; every array has the shape of the runs.
 
     Attributes:
-        stable: at rest at the end, as `criterion` says.
-        diverged: the device left the workspace, or its numbers are no longer finite.
-        buzzing: as `criterion` says.
+        stable: settled at the end, by `criterion`.
+        diverged: the device left the workspace, or its numbers are not finite.
+        buzzing: by `criterion`.
         peak_velocity_m_per_s: largest true velocity at the end, of device or handle.
-        position_peak_to_peak_m: travel of the true position at the end, of a limit cycle for one.
+        position_peak_to_peak_m: peak to peak of the true position at the end, as of a limit cycle.
         mean_force_n: mean force at the end.
-        mean_penetration_m: mean true position at the end, of the body that is measured.
+        mean_penetration_m: mean true position of the measured body at the end.
         force_ripple_n: rms of the force between 20 and 500 Hz at the end.
         apparent_stiffness_n_per_m: mean force over mean penetration; not a number without contact.
         rate_hardness_n_per_m: largest rate of the force within 10 ms of the first contact, over the velocity at contact
@@ -152,8 +152,8 @@ def judge(
         velocity_m_per_s: true velocity.
         force_n: force of the actuator, positive against +x.
         sample_time_s: T.
-        metres_per_unit: how far the hand moves for a unit of the position.
-        measured_m: true position of the body that is measured, where that is another; as position_m.
+        metres_per_unit: displacement of the hand for a unit of the position.
+        measured_m: true position of the measured body, where that is another; as position_m.
         held_m_per_s: true velocity of the handle, where that is another body.
     """
     last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
@@ -194,7 +194,7 @@ def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
     n = force.shape[-1]
     frequency = np.fft.rfftfreq(n, sample_time_s)
     spectrum = np.fft.rfft(force, axis=-1)[..., (frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
-    # Every frequency but that of Nyquist stands for itself and its mirror image.
+    # Every frequency but that of Nyquist counts twice, for its mirror image.
     weight = np.where(np.isclose(frequency * sample_time_s, 0.5), 1.0, 2.0)
     weight = weight[(frequency >= RIPPLE_HZ[0]) & (frequency <= RIPPLE_HZ[1])]
     rms: FloatArray = np.sqrt((weight * np.abs(spectrum) ** 2).sum(axis=-1)) / n

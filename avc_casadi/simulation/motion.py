@@ -1,4 +1,4 @@
-"""The motion of the hand's target: what the person means to do, known beforehand at every sample."""
+"""The motion of the hand's target: the intended motion, known beforehand at every sample."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Target:
     Attributes:
         position_m: x_h at each sample, shape (n,).
         velocity_m_per_s: v_h from each sample to the next, shape (n,).
-        device_start_m: where the device rests at the beginning.
+        device_start_m: initial position of the device at rest.
     """
 
     position_m: FloatArray
@@ -26,7 +26,7 @@ class Target:
 
 
 def target_of(motion: Motion, samples: int, sample_time_s: float) -> Target:
-    """Evaluate a motion.
+    """Return the target of a motion.
 
     A held target begins with the device at rest at the surface, x = 0, or at the target if that lies before it.
     """
@@ -57,9 +57,9 @@ def _position(motion: Motion, time: FloatArray) -> FloatArray:
 
 
 def _resting_from(duration_s: float, begin_s: float, motion: Tap | Stroke | Free) -> float:
-    """End of the last whole period that leaves the time to rest, or of the first one in a run too short for that.
+    """Return the end of the last whole period before the pause, or of the first one in a run too short for that.
 
-    An oscillating target comes to rest before the end, so that every run is judged at rest.
+    An oscillating target stops before the end, so that settling can be judged in every run.
     """
     periods = max(1.0, np.floor((duration_s - motion.rest_s - begin_s) * motion.frequency_hz))
     return float(begin_s + periods / motion.frequency_hz)

@@ -1,7 +1,7 @@
 """A scene as machine code: several runs side by side in the lanes of vectors, in C written from CasADi's instructions.
 
-No lane knows of another, no instruction is reordered or fused, and a choice is made bit by bit instead of by a jump: a
-run has the bits of CasADi's own evaluation, in whatever lane, alone or beside others.
+Lanes are independent, no instruction is reordered or fused, and a choice is a bit mask instead of a jump: a run has the
+bits of CasADi's own evaluation, in any lane, alone or with others.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from avc_casadi._util.parallel import processors
 if TYPE_CHECKING:
     from avc_casadi.simulation.compile import CompiledScene
 
-# Scenes whose machine code is at hand: a device with ranges is tried in some hundreds, many of the same text.
+# Cached machine code: a device with ranges is tried in some hundreds of scenes, many of the same text.
 _KEPT = 1024
-# To begin a thread takes as long as some runs do.
+# Kept, as starting a thread takes as long as some runs.
 _THREADS = ThreadPoolExecutor(processors(), thread_name_prefix="scene")
 _COMPILING = ThreadPoolExecutor(processors(), thread_name_prefix="compile")
 LANES = 16
 """Runs side by side."""
-# Nothing fused; no errno, for which a root would leave its lanes. -O2 compiles half as long again and is no faster.
+# Nothing fused; no errno, for which a root would leave its lanes. -O2 takes half as long again and is no faster.
 _FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
-# The machine's own vectors, which not every compiler knows by this name.
+# The machine's own vectors; not every compiler has this option.
 _VECTORS = "-march=native"
 
-# What an instruction does in C; those of one name in capitals are the macros below.
+# Instructions in C; names in capitals are the macros below.
 _OPERATIONS = {
     "ASSIGN": "{0}",
     "ADD": "{0} + {1}",
@@ -91,7 +91,7 @@ typedef long long Bits __attribute__((vector_size(8 * WIDTH)));
 #define EACH_PAIR(name) static inline Lanes each_##name(Lanes a, Lanes b) { \\
   Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i], b[i]); return r; }
 """
-# Of two zeros, that of this library is the second one; others may choose by sign.
+# Of two zeros this library returns the second; others may choose by sign.
 _PAIRS = """
 #if defined(__x86_64__) && defined(__GLIBC__)
 #define LARGER(a, b) PICK(((a) > (b)) | ((b) != (b)), a, b)
@@ -105,7 +105,7 @@ _PAIRS = """
 LANES_HEAD = "\n".join(
     [_HEAD, *(f"EACH({name})" for name in _OF_ONE), *(f"EACH_PAIR({name})" for name in _OF_TWO), _PAIRS]
 )
-"""What the C of a function in lanes needs before it: `Lanes` of `WIDTH` numbers, and what is done with them."""
+"""Head of the C of functions in lanes: `Lanes` of `WIDTH` numbers, and their operations."""
 
 _SAMPLE = """
 static inline void sample(const Lanes* restrict now, const double* restrict u, const Lanes* restrict p,
@@ -176,8 +176,8 @@ class NativeScene:
         scene: the compiled scene.
 
     Raises:
-        LookupError: an instruction that has no form in lanes.
-        OSError, CalledProcessError: there is no compiler, or none that knows vectors.
+        LookupError: an instruction that has no form in lanes. OSError, CalledProcessError: there is no compiler, or
+            none with vectors.
     """
 
     def __init__(self, scene: CompiledScene) -> None:
@@ -205,7 +205,7 @@ class NativeScene:
     def peaks(
         self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int
     ) -> FloatArray:
-        """Return only the largest size of the first trace, and of the speeds from a sample on, shape (runs, 2).
+        """Return only the peaks of the first trace, and of the speeds from a sample on, shape (runs, 2).
 
         Args:
             initial: as for a call, and so are the next three.
@@ -246,10 +246,10 @@ class NativeScene:
 
 
 def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
-    """Do some rows in each thread.
+    """Distribute rows over threads.
 
     Args:
-        work: what to do with a slice of the rows; it leaves Python to others.
+        work: processes a slice of the rows, with the interpreter lock released.
         rows: number of rows.
         workers: number of threads at most; all but the last get a multiple of the lanes.
     """
@@ -266,10 +266,10 @@ def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
 
 
 def compile_ahead(scene: CompiledScene) -> None:
-    """Begin to compile a scene that is run later, beside what is done until then.
+    """Start to compile a scene in the background.
 
     Args:
-        scene: the compiled scene; one that has no form in lanes is told when it is run.
+        scene: the compiled scene; one without a form in lanes is reported when it is run.
     """
     with suppress(LookupError):
         _compiled(scene.function, len(scene.speeds))
@@ -277,7 +277,7 @@ def compile_ahead(scene: CompiledScene) -> None:
 
 @lru_cache(maxsize=_KEPT)
 def _compiled(function: Any, speeds: int) -> Future[ctypes.CDLL]:
-    """Begin to compile the loop of a sample, once for each: the text of its C takes as long as some runs."""
+    """Start to compile the loop of a sample, cached: the text of its C takes as long as some runs."""
     return _begun(_code(function, speeds), compiler())
 
 
@@ -336,11 +336,11 @@ def _code(function: Any, speeds: int) -> str:
 
 
 def library(source: str) -> ctypes.CDLL:
-    """Compile C for this machine, once in the life of this process.
+    """Compile C for this machine, once per process.
 
     Raises:
         FileNotFoundError: there is no compiler.
-        CalledProcessError: it refuses.
+        CalledProcessError: it fails.
     """
     return _begun(source, compiler()).result()
 

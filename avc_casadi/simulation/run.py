@@ -1,4 +1,4 @@
-"""Run: what one simulated scene showed, as plain numbers and arrays; kept as traces (npz) and a manifest (JSON)."""
+"""Run: the results of a simulated scene as plain numbers and arrays; saved as traces (npz) and a manifest (JSON)."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class Run(PrintedColumns):
 
     Attributes:
         problem: name of the problem.
-        coupling: how the gains were chosen: none, static, ..., or given.
+        coupling: method of the gains: none, static, ..., or given.
         effects: kinds of the effects that were simulated, in the order of the loop.
         sample_time_s: T.
         position_m: true position of the device.
         velocity_m_per_s: true velocity of the device.
-        force_n: force that the computer asks of the actuator and that is held, positive against +x.
+        force_n: commanded force, held over a sample, positive against +x.
         tool_m: position of the virtual tool between coupling and environment.
         target_m: position of the hand's target.
         damping_ns_per_m: b; infinite for a rigid coupling.
@@ -59,10 +59,10 @@ class Run(PrintedColumns):
         instructions: number of instructions of one sample.
         build_seconds: time to compile.
         seconds: time to run.
-        metres_per_unit: how far the hand moves for a unit of the position.
+        metres_per_unit: displacement of the hand for a unit of the position.
         units: names and units of the device.
-        stated: the problem that `simulate` was asked, for ``print``; None of a run among many.
-        asked: gains, hand, frequency and seed that it was asked with, as `simulate` takes them.
+        stated: the problem given to `simulate`, for ``print``; None of a run among many.
+        asked: gains, hand, frequency and seed given to `simulate`.
         notes: where the scene's own coupling is designed for another device than the one simulated.
 
     Example:
@@ -124,7 +124,7 @@ class Run(PrintedColumns):
 
     @property
     def stable(self) -> bool:
-        """Whether the device came to rest."""
+        """Whether the device settled."""
         return bool(self.judgement.stable)
 
     @property
@@ -139,7 +139,7 @@ class Run(PrintedColumns):
 
     @property
     def energy_generated_j(self) -> float:
-        """Largest energy that the virtual side gave out beyond all that it had taken in."""
+        """Largest energy that the virtual side gave out beyond all that it had absorbed."""
         return float(self.ledger.generated_j)
 
     def certificate(self) -> dict[str, Any]:
@@ -158,7 +158,7 @@ class Run(PrintedColumns):
         return found
 
     def document(self, trace: Path | None = None) -> dict[str, Any]:
-        """Return the JSON document; `trace` is where the traces were written."""
+        """Return the JSON document; `trace` is the file of the traces."""
         found = self.judgement
         document = {
             "schema": "avc-simulate/1",

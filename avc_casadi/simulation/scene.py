@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 AnyGains = Coupling | Gains | GainTable | GainSchedule
-"""What a scene runs with: a coupling, gains that do not vary, a gain table, or a schedule as a method left it."""
+"""Gains of a scene: a coupling, constant gains, a gain table, or the schedule of a method."""
 
 
 def simulate(
@@ -47,18 +47,17 @@ def simulate(
 
     Args:
         problem: a validated problem.
-        gains: a coupling, with what runs beside its gains in place of what of that the scene lists; gains, or a gain
-            table.
+        gains: a coupling, whose runtime replaces that of the scene; gains, or a gain table.
         hand: a hand in place of the scene's.
         interaction_hz: frequency at which a gain table is read; None is the scene's, or the table's lowest.
-        seed: added to the seeds of all noises, so that one scene can be repeated with other draws.
+        seed: added to the seeds of all noises, for other draws of one scene.
         engine: what runs the samples; all give the same bits.
 
     Returns:
         The run, with its claim: a stable run with dry friction is repeated without it.
 
     Raises:
-        InputError: an impossible scene, or gains that are not there or were made for another sample time.
+        InputError: an impossible scene, or gains that are missing or were designed for another sample time.
         UnsupportedError: an effect that scenes do not simulate.
     """
     problem = staged(problem, gains)
@@ -76,7 +75,7 @@ def simulate_effects(
     seed: int = 0,
     engine: Engine = "auto",
 ) -> Run:
-    """Simulate settled effects and gains, of `settled`, in place of those of the problem file."""
+    """Simulate resolved effects and gains, of `settled`, in place of those of the problem file."""
     scene = compile_for(problem, effects, chosen)
     started = time.perf_counter()
     traces = _traces(scene, chosen, seed, engine)
@@ -140,7 +139,7 @@ def simulate_batch(
 
     Args:
         problem: a validated problem whose scene has the effect ``hand`` (or lists none).
-        hands: who holds the device, in place of the scene's hand.
+        hands: at the device, in place of the scene's hand.
         gains: as in `simulate`.
         friction: False leaves dry friction out, to tell asymptotic stability from being held by friction.
         interaction_hz: as in `simulate`.
@@ -188,10 +187,10 @@ _CHUNK = 256
 
 
 def staged(problem: Problem, gains: AnyGains) -> Problem:
-    """Return the problem with the scene that gains run in: a coupling brings its own part of the control computer.
+    """Return the problem with the scene for some gains: a coupling brings its own part of the control computer.
 
     Raises:
-        InputError: the gains were made for another sample time, or are neither gains nor a coupling.
+        InputError: the gains were designed for another sample time, or are neither gains nor a coupling.
     """
     if isinstance(gains, GainSchedule):
         check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
@@ -206,7 +205,7 @@ def staged(problem: Problem, gains: AnyGains) -> Problem:
 def settled(
     problem: Problem, effects: tuple[SceneEffect, ...], gains: AnyGains, interaction_hz: float | None = None
 ) -> tuple[tuple[SceneEffect, ...], Gains, str]:
-    """Return the effects with the table that they follow, the gains otherwise, and how these were chosen."""
+    """Return the effects with their gain table, or else the gains, and the method of these."""
     if isinstance(gains, Gains):
         return effects, gains, "none" if gains == NO_COUPLING else "given"
     if isinstance(gains, GainTable):
@@ -221,8 +220,8 @@ def settled(
 
 
 def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> CompiledScene:
-    """Compile with what the gains need and nothing more."""
-    # CasADi asks Python for shapes while it builds an expression, and passes over what is raised then.
+    """Compile the scene with the parameters that the gains need."""
+    # CasADi calls Python for shapes while it builds an expression, and ignores exceptions there.
     with HeldInterrupt():
         return compile_scene(
             problem,
@@ -234,12 +233,12 @@ def compile_for(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains
 
 
 def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, ...]:
-    """Leave one kind out."""
+    """Return the effects without one kind."""
     return tuple(effect for effect in effects if effect.kind != kind)
 
 
 def held_by(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | StylusHand) -> tuple[SceneEffect, ...]:
-    """Let a hand, or many, hold the device in place of the effect ``hand``.
+    """Return the effects with a hand, or many, in place of the effect ``hand``.
 
     Raises:
         InputError: the scene does not have this effect.
@@ -265,6 +264,6 @@ def _traces(scene: CompiledScene, gains: Gains, seed: int, engine: Engine) -> di
 
 
 def _completed(scene: CompiledScene, traces: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Add what free space leaves out: no force, and a tool that is the device."""
+    """Add the traces missing in free space: no force, and a tool at the device."""
     free = {"force_n": np.zeros_like(traces["position_m"]), "tool_m": traces["position_m"]}
     return (free if scene.environment is None else {}) | traces

@@ -1,4 +1,4 @@
-"""What each effect of a scene costs (states, instructions, time), and which it needs: each is left out in turn."""
+"""Cost of each effect of a scene (states, instructions, time), and which ones it needs: each is left out in turn."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ _REPEATS = 9
 
 @dataclass(frozen=True)
 class EffectCost:
-    """What one effect adds: the scene with it less the scene without it.
+    """Cost of one effect: the scene with it less the scene without it.
 
     Attributes:
         kind: name of the effect.
-        station: where in the loop it acts.
+        station: its place in the loop.
         states: states that it adds.
         instructions: instructions that it adds to a sample; None where the scene does not exist without it.
         ns_per_step: time that it adds to a sample in CasADi's evaluation; None in the same case. A cost below
-            `Explanation.scatter_ns` is not told from none, and may come out negative.
+            `Explanation.scatter_ns` is not significant, and may be negative.
     """
 
     kind: str
@@ -53,16 +53,16 @@ class EffectCost:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a scene consists of.
+    """Composition of a scene.
 
     Attributes:
-        effects: what each listed effect adds, in the order of the loop.
+        effects: costs of the listed effects, in the order of the loop.
         absent: kinds that are not listed and leave nothing behind.
         states: number of states of the whole sample.
         state_names: their names.
         instructions: number of instructions of the whole sample.
         ns_per_step: time of the whole sample.
-        scatter_ns: by how much a time of the whole sample scatters: its median less its least.
+        scatter_ns: scatter of the time of the whole sample: median less minimum.
     """
 
     effects: tuple[EffectCost, ...]
@@ -87,7 +87,7 @@ class Explanation:
 
 
 def explain(problem: Problem, gains: AnyGains, *, interaction_hz: float | None = None) -> Explanation:
-    """Say what each effect of a scene adds.
+    """Return the cost of each effect of a scene.
 
     Args:
         problem: a validated problem.
@@ -100,7 +100,7 @@ def explain(problem: Problem, gains: AnyGains, *, interaction_hz: float | None =
 
 
 def explain_effects(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> Explanation:
-    """Say what each of the settled effects adds."""
+    """Return the cost of each resolved effect."""
     scene = compile_for(problem, effects, gains)
     times_ns = _times_ns(scene, gains)
     whole_ns = min(times_ns)
@@ -167,7 +167,7 @@ _CHANGES = ("position_change", "force_change", "stiffness_change", "outcome", "o
 
 @dataclass(frozen=True)
 class Screened:
-    """What a scene loses without some of its effects.
+    """Change of a scene without some of its effects.
 
     Attributes:
         kinds: the effects left out together.
@@ -175,8 +175,8 @@ class Screened:
         force_change: the same for the force.
         stiffness_change: relative change of the apparent stiffness; None where one of the two runs has none.
         outcome: claim of the run without them.
-        outcome_changed: whether that, or buzzing, is another.
-        needed: whether any change is above the tolerance, or the outcome is another.
+        outcome_changed: whether that, or buzzing, differs.
+        needed: whether any change is above the tolerance, or the outcome differs.
     """
 
     kinds: tuple[str, ...]
@@ -195,15 +195,15 @@ class Screened:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Screening(Tabular):
-    """Effects in the order of what they change; together those that the scene does not need.
+    """Effects by the change that they make; together those that the scene does not need.
 
     Attributes:
-        tolerance: largest change that does not count.
+        tolerance: largest negligible change.
         whole: the run with all effects.
         effects: each effect that can be left out, with its cost; largest change first.
         essential: effects without which there is no scene.
         together: the scene without all effects that it does not need; None where it needs all.
-        scatter_ns: by how much the clock scatters: a cost below it is not told from none.
+        scatter_ns: scatter of the clock: a cost below it is not significant.
     """
 
     tolerance: float
@@ -278,8 +278,8 @@ def screen(
         gains: as in `simulate`.
         interaction_hz: as in `simulate`.
         seed: as in `simulate`.
-        tolerance: largest relative change of position, force and apparent stiffness that does not count, 0 to below 1.
-        progress: is told of each effect.
+        tolerance: largest negligible relative change of position, force and apparent stiffness, 0 to below 1.
+        progress: reported over the effects.
 
     Raises:
         InputError: as `simulate`; or the tolerance is outside its range.

@@ -1,4 +1,4 @@
-"""What one sample of the loop consists of: states, inputs, parameters and traces, each owned by an effect."""
+"""One sample of the loop: states, inputs, parameters and traces, each owned by an effect."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Slot:
         owner: kind of the effect that added it.
         symbol: its CasADi symbol.
         initial: value at the first sample (states).
-        values: what makes the signal of an input.
+        values: generates the signal of an input.
     """
 
     name: str
@@ -59,26 +59,26 @@ class AdaptedGains:
 class Tick:
     """The loop at one sample, built up station by station.
 
-    Signals that stations hand on are attributes; None where no effect has made them.
+    Signals between stations are attributes; None where no effect has set them.
 
     Attributes:
         sample_time_s: T.
-        start_m: position at which everything rests at the beginning.
-        position: true position of the device, then what the sensing makes of it, m.
-        command: force that the computer asks for, N, positive against +x; None in free space.
-        command_before: the force that still acts while the new one is late; None where forces are never late.
+        start_m: initial position of everything, at rest.
+        position: true position of the device, then the sensed one, m.
+        command: commanded force, N, positive against +x; None in free space.
+        command_before: previous force, which acts until a late one arrives; None where forces are never late.
         poles: of the low pass behind every backward difference (`model.velocity`; PLAIN: none).
         velocity: estimated velocity of the measured position, in place of its differences; None without.
-        late: share of the sample during which the old force still acts; None where forces are never late.
-        asked: force that the computer asks for before any delay; None without a delay.
+        late: share of the sample during which the previous force still acts; None where forces are never late.
+        asked: commanded force before any delay; None without a delay.
         dropped: 1 where the computer misses the sample; None where it never does.
         frequency_hz: estimated interaction frequency, and
         frequency_valid: 1 where there is one; None without an estimator.
-        adapt: gives the gains of this sample from the coupling's deflection so far; None where they are parameters.
-        adapted: what it gave.
+        adapt: returns the gains of this sample from the coupling's deflection so far; None where they are parameters.
+        adapted: these gains.
         environment_energy_j: energy in the environment's spring at this sample.
         coupling_energy_j: energy in the coupling's spring.
-        at_end: what is to be done when the force is settled.
+        at_end: actions once the force is known.
     """
 
     sample_time_s: float
@@ -108,12 +108,12 @@ class Tick:
 
     @property
     def rate_gain_per_s(self) -> float:
-        """What a velocity gains by the newest value, 1/T without a filter."""
+        """Weight of the newest value in a velocity, 1/T without a filter."""
         return (1.0 + self.poles[0] + self.poles[1]) / self.sample_time_s
 
     @contextmanager
     def owned_by(self, owner: str) -> Iterator[None]:
-        """Everything added inside belongs to `owner`."""
+        """Assign everything added inside to `owner`."""
         before, self._owner = self._owner, owner
         try:
             yield
@@ -121,7 +121,7 @@ class Tick:
             self._owner = before
 
     def state(self, name: str, initial: float = 0.0, *, computed: bool = True) -> Expr:
-        """Add a state; a `computed` one lives in the computer and stands still in a dropped sample."""
+        """Add a state; a `computed` one belongs to the computer and stays unchanged in a dropped sample."""
         if computed:
             self._computed.add(name)
         return self._add(self.states, name, initial=initial)
@@ -135,11 +135,11 @@ class Tick:
         return self._add(self.parameters, name, sparsity=sparsity)
 
     def follow(self, name: str, value: Expr) -> None:
-        """Set what a state becomes at the next sample."""
+        """Set the next value of a state."""
         self._next[name] = value
 
     def held_force(self) -> Expr:
-        """Return the force that the computer has held until now, a state that is added once."""
+        """Return the force held until now, a state that is added once."""
         name = "held_force_n"
         known = self._known(name)
         if known is not None:
@@ -148,7 +148,7 @@ class Tick:
         return self.state(name, computed=False)
 
     def asked_force(self) -> Expr:
-        """Return the force that the computer asked for in the sample before, a state that is added once."""
+        """Return the force commanded in the previous sample, a state that is added once."""
         name = "asked_force_n"
         known = self._known(name)
         if known is not None:
@@ -162,7 +162,7 @@ class Tick:
         return self.state(name)
 
     def _known(self, name: str) -> Expr:
-        """Return the symbol of a state that is there, or None."""
+        """Return the symbol of an existing state, or None."""
         return next((slot.symbol for slot in self.states if slot.name == name), None)
 
     def trace(self, name: str, value: Expr) -> None:
@@ -191,7 +191,7 @@ class Tick:
 
 
 class Rate:
-    """Velocity as the computer takes it: backward difference, or what the scene's estimator makes of it.
+    """Velocity in the computer: backward difference, or the scene's estimator.
 
     The value may be unknown when the rate is needed (an implicit force law): rate = gain * value - offset.
 
@@ -209,7 +209,7 @@ class Rate:
             tick: the loop so far.
             name: of the value.
             initial: value at the beginning.
-            seen: what is made of the value kept before it is used.
+            seen: transforms the stored value before it is used.
         """
         self._tick = tick
         self._name = name
@@ -219,7 +219,7 @@ class Rate:
         self.offset: Expr = self.gain * before
         self._rates: list[tuple[str, Expr]] = []
         if tick.velocity is not None:
-            # The value is the measured position, or the depth of it where the wall has any force.
+            # The value is the measured position, or its penetration where the wall has any force.
             self.offset = self.gain * tick.position - tick.velocity
         for name_of, pole in zip(("rate", "older_rate"), tick.poles, strict=True):
             if pole:
@@ -227,7 +227,7 @@ class Rate:
                 self.offset += pole * self._rates[-1][1]
 
     def forget(self, keeps: Expr) -> None:
-        """Forget the past where `keeps` is 0."""
+        """Reset the past where `keeps` is 0."""
         self.offset *= keeps
 
     def settle(self, value: Expr) -> Expr:

@@ -1,4 +1,4 @@
-"""Level L8: gains may change from row to row in kept contact."""
+"""Level L8: gains may change from row to row in sustained contact."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class ChangingGains(Claim):
-    """Stability while the gains change, in kept contact."""
+    """Stability while the gains change, in sustained contact."""
 
     name: ClassVar[str] = "L8"
     title: ClassVar[str] = "gains may change from row to row in kept contact"
@@ -29,7 +29,7 @@ class ChangingGains(Claim):
     )
 
     def judge(self, judged: Judged) -> LevelResult:
-        """Look for a common measure of the rows."""
+        """Search for a common Lyapunov function of the rows."""
         from avc_casadi.claims.proof_levels import changes_level  # noqa: PLC0415 - loads the proofs
 
         assert judged.coupling is not None  # noqa: S101 - a level on demand is judged of what runs

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class Hands(Claim):
-    """Linear stability with every hand of the ranges, on the loop that runs."""
+    """Linear stability with every hand of the ranges, on the implemented loop."""
 
     name: ClassVar[str] = "L5"
     title: ClassVar[str] = "linearly stable with a set of hands"
@@ -29,7 +29,7 @@ class Hands(Claim):
     )
 
     def judge(self, judged: Judged) -> LevelResult:
-        """Look for the worst hand of each row."""
+        """Search for the worst hand of each row."""
         from avc_casadi.claims.feedback import feedback_level, feedback_radius  # noqa: PLC0415 - help texts need the names alone
         from avc_casadi.claims.hands_level import hands_level  # noqa: PLC0415 - help texts need the names alone
         from avc_casadi.coupling import Coupling  # noqa: PLC0415 - help texts need the names alone
@@ -41,7 +41,7 @@ class Hands(Claim):
         return hands_level(judged.rows, draws=draws, seed=seed, progress=judged.progress)
 
     def prove(self, judged: Judged, checked: LevelResult) -> LevelResult:
-        """Prove it by enclosure over the whole box, row by row; no enclosure knows an observer."""
+        """Prove it by enclosure over the whole box, row by row; enclosures do not cover an observer."""
         from avc_casadi.claims.hands_level import not_proved, proved_level  # noqa: PLC0415 - help texts need the names alone
 
         if not judged.behind_feedback:

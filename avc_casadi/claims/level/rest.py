@@ -29,7 +29,7 @@ class RestWithEveryHand(Claim):
     )
 
     def judge(self, judged: Judged) -> LevelResult:
-        """Sum up the proofs of the rows."""
+        """Summarise the proofs of the rows."""
         from avc_casadi.claims.proof_levels import rest_level  # noqa: PLC0415 - loads the proofs
 
         assert judged.coupling is not None  # noqa: S101 - a level on demand is judged of what runs

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class Ripple(Claim):
-    """A bound of what encoder, noise and friction move in kept contact."""
+    """A bound of the ripple by encoder, noise and friction in sustained contact."""
 
     name: ClassVar[str] = "L9"
     title: ClassVar[str] = "ripple of encoder, noise and friction bounded in contact"

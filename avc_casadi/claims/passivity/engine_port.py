@@ -1,22 +1,22 @@
-r"""The port at which an engine meets a coupling, once a step: is what it meets passive, whatever passive engine it is?
+r"""The port between a physics engine and a coupling, once a step: its passivity, and so stability with passive engines.
 
-Every T_s = N T the engine gives the tool a velocity v and the place x(n) = x(n-1) + T_s v(n), and the coupling answers
-with the force F on the tool. What stands behind the port, coupling, device and hand, is one map from v to -F at T_s:
+Every T_s = N T the engine gives the tool a velocity v and the position x(n) = x(n-1) + T_s v(n), and the coupling
+answers with the force F on the tool. Coupling, device and hand behind the port are one map from v to -F at T_s:
 
     G(z) = z^-a K X + z^-c B - [K B] C (z I - A_N)^-1 B_N z^-q [X 1]',    X = T_s z/(z - 1)
 
 A_N, B_N are N samples of the device on the coupling with the tool's state held, C reads its newest measured position
-and velocity, q is by how many steps the device's knowledge of the tool is old, and a and c by how many its force on the
-tool is. Of a held force F_e, L being the loop from it back to itself,
+and velocity, q is the age in steps of the tool's state at the device, a and c those of its force on the tool. Of a held
+force F_e, L being the loop from it back to itself,
 
     G(z) = z^-a K X + z^-c B + L/(1 - L) z^-e (K X + B).
 
 An engine is a passive operator at this port if the sum of F v over its steps is bounded below. Brown and Colgate
 (Passive implementation of multibody simulations for haptic display, 1997): it must then be implicit, its v(n) solved
 together with F(n). With G positive real (Re G >= 0 on the unit circle, no pole outside it; Colgate and Schenkel 1997)
-the loop with any of them is stable. An explicit mass is none: T_s/(m (z - 1)) has the real part -T_s/(2 m) (Brown and
-Colgate, Minimum mass for haptic display simulations, 1998), and no strictly causal map is positive real. For N = 1
-Llewellyn's condition is the same for every hand at once (Adams and Hannaford 1999).
+the loop with any of them is stable. An explicit mass is not passive: T_s/(m (z - 1)) has the real part -T_s/(2 m)
+(Brown and Colgate, Minimum mass for haptic display simulations, 1998), and no strictly causal map is positive real. For
+N = 1 Llewellyn's condition is the same for every hand at once (Adams and Hannaford 1999).
 """
 
 from __future__ import annotations
@@ -42,27 +42,28 @@ if TYPE_CHECKING:
     from avc_casadi.model.sampled_plant import SampledPlant
     from avc_casadi.model.virtual_tool import VirtualTool
 
-# Angles per step, evenly and in the logarithm, and how often the lowest of them is looked at more finely.
+# Angles per step, linearly and logarithmically spaced, and refinements about the lowest.
 _ANGLES, _SMALLEST, _FINER = 400, 1e-5, 3
-# Share of the largest term that rounding can take from a real part: the spring's is K T_s/angle.
+# Rounding error of a real part, as a share of the largest term: the spring's is K T_s/angle.
 _TOLERANCE = 1e-9
-# Slower decay than this is not told from none.
+# Slower decay than this is indistinguishable from none.
 _RADIUS_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class EnginePort:
-    """Whether a coupling is passive at the engine's port.
+    """Passivity of a coupling at the engine's port.
 
     Attributes:
         passive: with every hand of [hands], released, and every device corner: stable with any passive engine.
         margin_ns_per_m: lowest Re G of all, at the device; minus infinity where G has a pole outside the unit circle.
-        frequency_hz: where it stands.
-        hand: with whom; all 0 for the device released.
-        step_s: at which step of the engine.
+        frequency_hz: of the lowest Re G.
+        hand: of the lowest Re G; all 0 for the device released.
+        step_s: the engine's step there.
         any_hand: at N = 1, whether it holds with any passive hand as well; None where that is not known.
         any_hand_margin_ns_per_m: of Llewellyn's condition; None where that is not known.
-        engine_is_implicit: whether the declared engine solves its tool together with the coupling, as the claim asks.
+        engine_is_implicit: whether the declared engine solves its tool together with the coupling, as the claim
+            requires.
     """
 
     passive: bool
@@ -77,13 +78,13 @@ class EnginePort:
 
 @dataclass(frozen=True)
 class PortDelays:
-    """By how many steps the velocity that the engine sets is old where it is used.
+    """Ages, in steps, of the velocity set by the engine where it is used.
 
     Attributes:
-        spring: a, of the place in the spring's force on the tool.
+        spring: a, of the position in the spring's force on the tool.
         damper: c, of the velocity in the damper's.
-        told: q, of what the device knows of the tool; of a held force, of that force.
-        held: e, of the tool in the force that is held.
+        told: q, of the tool's state at the device, or of the held force.
+        held: e, of the tool in the held force.
     """
 
     spring: int
@@ -93,10 +94,10 @@ class PortDelays:
 
     @classmethod
     def of(cls, tool: VirtualTool) -> PortDelays:
-        """Return those of an exchange; v(n) is the velocity that the force of step n is solved with.
+        """Return those of an exchange; v(n) is the velocity that is solved together with the force of step n.
 
-        An implicit engine uses the state that it solves for, so that on-time hands out the one before. Another uses and
-        hands out the state that its step began with; the one that it makes of it is ahead.
+        An implicit engine uses the state that it solves for, so that on-time sends the previous one. An explicit one
+        uses and sends the state at the beginning of its step; the new one is ahead.
         """
         implicit = tool.integrator == "implicit"
         solves = implicit or tool.integrator == "implicit-damping"
@@ -109,16 +110,16 @@ class PortDelays:
 
 
 def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGains) -> EnginePort:
-    """Judge a coupling at the engine's port; the tool's mass and what it touches do not enter.
+    """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter.
 
     Args:
         device: with its ranges.
-        hands: that may hold it; the device released is judged beside them.
+        hands: at the device; the device released is judged too.
         tool: step, integrator and exchange.
         gains: of the coupling, at the device.
 
     Raises:
-        UnsupportedError: a step of the engine that is no whole multiple of T.
+        UnsupportedError: a step of the engine that is not a multiple of T.
     """
     t, people = device.sample_time_s, with_let_go(hand_corners(hands))
     plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
@@ -155,7 +156,7 @@ class Port:
         plant: devices with hands, from sample to sample.
         gains: of the coupling.
         delays: of the exchange.
-        held_force: whether the device holds a force that the engine makes.
+        held_force: whether the device holds a force computed by the engine.
     """
 
     def __init__(self, plant: SampledPlant, gains: ToolGains, delays: PortDelays, *, held_force: bool) -> None:
@@ -194,7 +195,7 @@ class Port:
         return np.asarray(own - moved[..., 0] * place - moved[..., 1])
 
     def radius(self, samples: int) -> float:
-        """Return the largest magnitude of a pole of G: of devices on the coupling with the tool held in place.
+        """Return the largest magnitude of a pole of G: of devices on the coupling with the tool fixed.
 
         Args:
             samples: N.
@@ -214,7 +215,7 @@ class Port:
         return float(np.abs(np.linalg.eigvals(matrix)).max())
 
     def lowest(self, samples: int) -> tuple[float, float, int]:
-        """Return the lowest Re G, the angle where it stands and the number of device and hand.
+        """Return the lowest Re G, its angle and the indices of device and hand.
 
         Minus infinity where a pole lies on or outside the unit circle.
 
@@ -235,12 +236,12 @@ class Port:
 
     @property
     def _coupled(self) -> FloatArray:
-        """The coupling's force as a row of the device's state."""
+        """Return the coupling's force as a row of the device's state."""
         gains = self._gains
         return np.asarray(gains.stiffness_n_per_m * self._read[0] + gains.damping_ns_per_m * self._read[1])
 
     def _lifted(self, samples: int) -> tuple[FloatArray, FloatArray]:
-        """Return A_N and B_N: of the tool's place and velocity, or of the force that is held."""
+        """Return A_N and B_N: of the tool's position and velocity, or of the held force."""
         k, b = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m
         by = np.array([[1.0]] if self._held_force else [[-k, -b]])
         force = np.concatenate([self._force, np.zeros((*self._force.shape[:-1], 1))], axis=-1)[..., None] * by
@@ -251,7 +252,7 @@ class Port:
 
 
 def _with_any_hand(device: Device, tool: VirtualTool, gains: ToolGains) -> float | None:
-    """Return Llewellyn's margin where each sample is a step, and the device knows the tool of that step; else None."""
+    """Return Llewellyn's margin where each sample is a step, and the device has the tool of that step; else None."""
     delays, corners = PortDelays.of(tool), device_corners(device, LINEAR_KEYS)
     old = max(delays.spring, delays.damper, delays.told, delays.held if tool.exchange == "held-force" else 0)
     whole = all(corner.delay_samples == int(corner.delay_samples) for corner in corners)

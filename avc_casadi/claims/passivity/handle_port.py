@@ -1,6 +1,6 @@
-"""The port at which a hand holds the device as declared, with a sampled rendering behind it.
+"""The port between hand and device as declared, with a sampled rendering behind it.
 
-The hand moves at all frequencies omega_n = omega + n omega_s at once, which the sampler cannot tell apart. With
+The hand moves at all frequencies omega_n = omega + n omega_s at once, which the sampler aliases. With
 
     tau = Z_r/(Z_1 + Z_r)     motor velocity over handle velocity; Z_1 = m_1 s + b_d, Z_r = k_r/s + c_r; rigid: 1
     Y = 1/(Z_1 + Z_r)         motor admittance, the handle held (0 where the encoder sits at the handle, or rigid)
@@ -10,7 +10,7 @@ The hand moves at all frequencies omega_n = omega + n omega_s at once, which the
     W = (Z_eavc + b_p)/z      the rendering
 
 the impedance at the port is a diagonal matrix over n and one of rank 1. The Hermitian part of such a matrix is not
-negative, by its two eigenvalues that can be, if and only if
+negative, by the two eigenvalues that may be, if and only if
 
     |1 + W X| >= |W| U,    X = sum kappa A e (Y + tau t/(2R)),
                            U^2 = sum kappa |A|^2 |tau|^2/(2R) sum kappa |t|^2/(2R),
@@ -54,7 +54,7 @@ class HandlePort:
         centre: X, m/(N.s).
         spread: U, m/(N.s).
         excess: U^2 - |X|^2, without cancellation.
-        damped: whether R exceeds the damping taken away, at each frequency with all its aliases.
+        damped: whether R exceeds the removed damping, at each frequency with all its aliases.
     """
 
     turns: FloatArray
@@ -66,7 +66,7 @@ class HandlePort:
 
 @dataclass(frozen=True)
 class _Mechanics:
-    """Numbers of a device alone at s; a device that is rigid has infinite k_r."""
+    """Parameters of a device alone; a rigid device has infinite k_r."""
 
     device: Device
 
@@ -129,19 +129,19 @@ class _Mechanics:
 
 
 def least_loss_ns_per_m(device: Device) -> float:
-    """Return R towards infinite frequency: no more damping can be taken from the handle of a passive loop."""
+    """Return R towards infinite frequency: the most damping that can be removed from the handle of a passive loop."""
     return _Mechanics(device).least_loss
 
 
 @dataclass(frozen=True)
 class Response:
-    """What a hand meets at single frequencies, each of their shape.
+    """Frequency responses of a device at its handle, each of the shape of the frequencies.
 
     Attributes:
         alone: impedance of the device alone, N.s/m.
         loss: R, its real part.
-        sent: tau, by which a force at the motor comes to the handle.
-        seen: t, by which the handle's velocity is measured.
+        sent: tau, from a force at the motor to the handle.
+        seen: t, from the handle's velocity to the measured one.
         admittance: Y, m/(N.s).
         force: A e, of amplifier and delay.
     """
@@ -155,7 +155,7 @@ class Response:
 
 
 def response(device: Device, frequency_hz: FloatArray) -> Response:
-    """Compute the frequency responses of a device that is known exactly, at frequencies above 0."""
+    """Return the frequency responses of a device that is known exactly, at frequencies above 0."""
     mechanics = _Mechanics(device)
     s = np.asarray(2j * np.pi * frequency_hz, dtype=np.complex128)
     tau, admittance, loss = mechanics.transmission(s)
@@ -165,15 +165,15 @@ def response(device: Device, frequency_hz: FloatArray) -> Response:
 
 
 def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatArray | float = 0.0) -> HandlePort:
-    """Compute the port of a device at frequencies above 0, each with all its aliases.
+    """Return the port of a device at frequencies above 0, each with all its aliases.
 
     Sums over aliases are right to about 1e-11 of themselves, 81 terms and an integral for the rest; to 1e-8 with a
     delay of part of a sample, where 801 terms end in a taper.
 
     Args:
-        device: known exactly; its ranges are not looked at.
+        device: known exactly; its ranges are ignored.
         frequency_hz: any shape.
-        taken_ns_per_m: damping taken away at the handle, broadcast to that shape.
+        taken_ns_per_m: damping removed at the handle, broadcast to that shape.
     """
     turns, taken = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, taken_ns_per_m)
     shape, turns, taken = turns.shape, turns.ravel(), taken.ravel()
@@ -197,7 +197,7 @@ _Part = tuple[ComplexArray, FloatArray, FloatArray, BoolArray]
 
 
 def _ideal(device: Device, turns: FloatArray, taken: FloatArray) -> _Part:
-    """Rigid, ideal amplifier: the sums over aliases are closed, a fraction f of a sample interpolates linearly."""
+    """Return the port of a rigid, ideal device: closed sums over aliases, linear in a fraction f of a sample."""
     left = device.damping_ns_per_m - taken
     damped = left > 0
     half = np.where(damped, 0.5 / np.where(damped, left, 1.0), 0.0)
@@ -208,9 +208,9 @@ def _ideal(device: Device, turns: FloatArray, taken: FloatArray) -> _Part:
 
 
 def _aliases(mechanics: _Mechanics) -> tuple[FloatArray, FloatArray, int]:
-    """Numbers n, 0 first, their weights, and the last of the plain ones.
+    """Return the indices n, 0 first, their weights, and the last plain one.
 
-    What lies beyond is an integral from the middle between two numbers, by a Gauss rule in 1/n, and a 24th of the
+    The remainder is an integral from the middle between two numbers, by a Gauss rule in 1/n, and a 24th of the
     difference of the two (Euler and Maclaurin).
     """
     least = _ALIASES_OF_A_FRACTION if mechanics.device.delay_samples % 1 else _ALIASES

@@ -33,7 +33,7 @@ def llewellyn_margin(
     *,
     refine: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
-    """Device damping to spare in (6) at the worst of all frequencies.
+    """Return the device damping to spare in (6) at the worst of all frequencies.
 
     With Z_d + H b_p for Z_d, (6) reads b_d + b_p Re H >= (|H| - Re H)/(2 Re(1/Z_c)); the margin is the left side less
     the right one. It does not depend on the environment.
@@ -43,11 +43,11 @@ def llewellyn_margin(
         damping_ns_per_m: b of the coupling; all arguments broadcast to n rows.
         stiffness_n_per_m: k of the coupling.
         contact_damping_ns_per_m: b_p.
-        refine: False leaves out the refinement, for searches that end with an exact check.
+        refine: False omits the refinement, for searches that end with an exact check.
 
     Returns:
-        Margin (N.s/m; minus infinity where the coupling itself is not passive or is rigid) and the frequency (Hz) where
-        it stands, each of shape (n,).
+        Margin (N.s/m; minus infinity where the coupling itself is not passive or is rigid) and its frequency (Hz), each
+        of shape (n,).
     """
     given = (damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m, loop.device_damping_ns_per_m)
     b, k, contact, b_d = (
@@ -102,7 +102,7 @@ def _hold(loop: SampledLoop, hz: FloatArray) -> tuple[FloatArray, FloatArray, Fl
 
 
 def _stationary_hz(loop: SampledLoop, lead: FloatArray, spring: FloatArray, contact: FloatArray) -> FloatArray:
-    """Stationary points, shape (n, m): polynomials in cos(omega T), or in cos(phi) for the paper's hold."""
+    """Return the stationary points, shape (n, m): polynomials in cos(omega T), or in cos(phi) for the paper's hold."""
     paper = loop.model == "paper"
     delay = loop.whole_delay("the polynomial of stationary points")
     order = 2 * delay + 1 if paper else delay + 1
@@ -135,7 +135,7 @@ def largest_llewellyn_stiffness(
     contact_damping_ns_per_m: Values = 0.0,
     margin_ns_per_m: float = 0.0,
 ) -> FloatArray:
-    """Largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,).
+    """Return the largest k that (6) allows at given b, N/m; not a number where it allows none. Shape (n,).
 
     The loss in (6) is jointly convex in b and k, so that the allowed k of one b are an interval from 0. At each
     frequency (6) is a quadratic in k; the least of its upper ends is refined.
@@ -151,7 +151,7 @@ def largest_llewellyn_stiffness(
         loss = amplitude * lag**2
         given = loop.device_damping_ns_per_m - margin_ns_per_m + contact * (amplitude - 2 * loss)
         bend, slope, free = -(loss + amplitude * steep**2), given - 2 * b * loss, b * (given - b * loss)
-        # Where b alone uses all up, what is left is rounding.
+        # Where b alone exhausts the margin, the rest is rounding.
         free = np.where(np.abs(free) <= _ROUNDING * b * given, 0.0, free)
         return quadratic_stretch(bend + 0 * free, slope, free)[1] * 2 / loop.sample_time_s
 

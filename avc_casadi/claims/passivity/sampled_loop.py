@@ -4,7 +4,7 @@ With w = 1/z, every spring and damper is (p - q w)/(1 - w), so that coupling and
 
     Z_eavc = g + r w/(1 - w) + c w/(1 - rho w),    g, c >= 0 and |rho| <= 1 for admissible gains,
 
-with r = T k k_e/(k + k_e): the DC stiffness. No term of the real part cancels but for physical reasons.
+with r = T k k_e/(k + k_e): the DC stiffness. Terms of the real part cancel for physical reasons only.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ def passive_limit_n_per_m(device: Device) -> float:
 
 Values = float | FloatArray
 
-# Stands for the limit of zero frequency: small enough for every term to have reached it, large enough to divide by.
+# Represents the limit of zero frequency: small enough for every term, large enough to divide by.
 _ZERO_TURNS = 1e-150
-# Gains beyond this cannot be told from a rigid coupling in double precision, whatever the wall.
+# Gains beyond this equal a rigid coupling in double precision, whatever the wall.
 RIGID = 1e40
 
 
 @dataclass(frozen=True)
 class SampledLoop:
-    """What the conditions need of a problem; device and environment values may be arrays.
+    """Parameters of the conditions; device and environment values may be arrays.
 
     Attributes:
         device_damping_ns_per_m: b_d = Re Z_d.
         environment_damping_ns_per_m: b_e.
         environment_stiffness_n_per_m: k_e.
         sample_time_s: T.
-        delay_samples: delay beside the hold, in samples.
+        delay_samples: delay in addition to the hold, in samples.
         model: paper (hold (z+1)/(2z), Tustin environment) or sampled-data (hold 1/z, backward difference).
     """
 
@@ -69,7 +69,7 @@ class SampledLoop:
 
     @classmethod
     def of(cls, problem: Problem, model: Model | None = None) -> SampledLoop:
-        """Take the loop of a problem, in its own model or in the one named."""
+        """Return the loop of a problem, in its own model or in a given one."""
         return cls(
             problem.device.damping_ns_per_m,
             problem.environment.damping_ns_per_m,
@@ -80,7 +80,7 @@ class SampledLoop:
         )
 
     def whole_delay(self, what: str) -> int:
-        """Return the delay for `what`, which knows whole samples only.
+        """Return the delay for `what`, which covers whole samples only.
 
         Raises:
             UnsupportedError: the delay is fractional.
@@ -126,7 +126,7 @@ class Fractions:
 
 
 def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
-    """Split coupling and environment in series into partial fractions.
+    """Return the partial fractions of coupling and environment in series.
 
     Args:
         loop: the sampled loop.
@@ -157,7 +157,7 @@ def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Va
     direct = np.where(total != 0, (b + kt) * (lead_e / total_or_1), 0.0)
     integral = np.where(spring != 0, kt * (ket / spring_or_1), 0.0)
     decaying = np.where(plain, (cross / total_or_1) ** 2 / spring_or_1, 0.0)
-    # A pole without residue is no pole; taken as 0 it stays out of every test.
+    # A pole without residue is no pole; 0 excludes it from every test.
     real_pole = (decaying != 0) & ~rigid
     gap = np.where(real_pole, spring / total_or_1, 1.0)
     double = (spring == 0) & (kt != 0)
@@ -193,7 +193,7 @@ def size_of_terms(
         loop: the sampled loop.
         parts: partial fractions.
         contact_damping_ns_per_m: b_p.
-        frequency_hz: where; None takes the largest magnitude of each term at any frequency.
+        frequency_hz: of the evaluation; None takes the largest magnitude of each term at any frequency.
     """
     if frequency_hz is not None:
         amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
@@ -207,7 +207,7 @@ def size_of_terms(
 def _terms(
     loop: SampledLoop, parts: Fractions, contact: Values, frequency_hz: Values
 ) -> tuple[FloatArray, tuple[FloatArray, ...]]:
-    """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign apart."""
+    """Return h and the terms of Re Z_h in the braces of `real_part`, those of opposite sign separate."""
     turns = np.maximum(np.asarray(frequency_hz, dtype=np.float64) * loop.sample_time_s, _ZERO_TURNS)
     sine, cosine = np.sin(np.pi * turns), np.sin(np.pi * (0.5 - turns))
     half_turns = 2 * loop.delay_samples + (1 if loop.model == "paper" else 2)

@@ -25,7 +25,7 @@ _POINTS = 2000
 
 @dataclass(frozen=True)
 class Teleoperator:
-    """What the condition knows of two devices of one sample time, as the leader counts.
+    """Parameters of two devices of one sample time, in the leader's units.
 
     Attributes:
         leader_damping_ns_per_m: b_l.
@@ -53,7 +53,7 @@ def passivity_margin(device: Teleoperator, gains: ToolGains) -> tuple[float, flo
         device: both devices.
         gains: K, B and the damper of each loop.
     """
-    # Springs are worst where the delay is hardly a turn, dampers where it is many.
+    # Springs are worst where the delay is a small angle, dampers where it is many turns.
     slow = 1e-3 / (1 + device.there_samples + device.back_samples)
     theta = np.concatenate([np.geomspace(slow, 0.1, _POINTS // 2), np.linspace(0.1, math.pi, _POINTS)])
     lowest = np.linalg.eigvalsh(_matrix(device, gains, theta))[:, 0]
@@ -62,10 +62,10 @@ def passivity_margin(device: Teleoperator, gains: ToolGains) -> tuple[float, flo
 
 
 def damping_needed_ns_per_m(device: Teleoperator, gains: ToolGains) -> float:
-    """Return the damping that both devices need for passivity, alike at both ends.
+    """Return the damping that both devices need for passivity, the same at both ends.
 
     Args:
-        device: whose own damping plays no part.
+        device: its own damping is not used.
         gains: K, B and the damper of each loop.
     """
     bare = Teleoperator(

@@ -1,4 +1,4 @@
-"""The worst margin of Re Z_h over a band of frequencies, and what else passivity asks for."""
+"""The worst margin of Re Z_h over a band of frequencies, and the other conditions of passivity."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _EPS = float(np.finfo(np.float64).eps)
 _GOLDEN = (5**0.5 - 1) / 2
-# Leaves 2e-7 of the bracket, so that the value, flat there, is right to 4e-14 of its change over the bracket.
+# Reduces the bracket to 2e-7, so that the value, flat there, is right to 4e-14 of its change over the bracket.
 _STEPS = 32
 _MINIMA = 6
 # Eigenvalues cost the cube of the degree.
@@ -29,7 +29,7 @@ _MOST_ROOTS = 64
 
 
 def real_parts_of_roots(rows: FloatArray) -> FloatArray:
-    """Real parts of the roots of each row of Chebyshev coefficients, by eigenvalues of colleague matrices."""
+    """Return the real parts of the roots of rows of Chebyshev coefficients, by eigenvalues of colleague matrices."""
     roots = np.ones((rows.shape[0], rows.shape[1] - 1))
     significant = np.abs(rows) > _EPS * np.max(np.abs(rows), axis=1, keepdims=True)
     degrees = np.where(significant.any(axis=1), significant.shape[1] - 1 - np.argmax(significant[:, ::-1], axis=1), 0)
@@ -41,7 +41,7 @@ def real_parts_of_roots(rows: FloatArray) -> FloatArray:
 
 
 def _colleague(rows: FloatArray) -> FloatArray:
-    """Symmetrised colleague matrices, shape (n, degree, degree)."""
+    """Return the symmetrised colleague matrices, shape (n, degree, degree)."""
     degree = rows.shape[1] - 1
     if degree == 1:
         return np.asarray(-rows[:, :1, None] / rows[:, 1:, None])
@@ -58,17 +58,17 @@ def _colleague(rows: FloatArray) -> FloatArray:
 
 
 def seeds_hz(oscillations: int, nyquist_hz: float) -> FloatArray:
-    """Frequencies, shape (m,), that resolve so many half-waves up to Nyquist; many more where no roots are computed."""
+    """Return frequencies, shape (m,), that resolve so many half-waves up to Nyquist; many more without roots."""
     return np.linspace(0.0, nyquist_hz, (4 if has_roots(oscillations) else 24) * oscillations + 1)
 
 
 def has_roots(degree: int) -> bool:
-    """Whether stationary points of this degree are computed as roots; beyond, a fine scan takes their place."""
+    """Return whether stationary points of this degree are computed as roots; beyond, a fine scan replaces them."""
     return degree <= _MOST_ROOTS
 
 
 def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray, oscillations: int) -> FloatArray:
-    """Golden-section search about the lowest local minima of sorted points; about all that a scan may have left open.
+    """Refine the lowest local minima of sorted points, or all those of a scan, by golden section.
 
     Args:
         value: frequencies of shape (n, k) to values of the same shape.
@@ -98,10 +98,10 @@ def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray,
 
 
 def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """Positions of the next lower and the next higher point, and whether each point is the first of its equals.
+    """Return the positions of the next lower and higher point, and whether each point is the first of its equals.
 
-    Points that were clipped at the end of a band are many and equal: taken for neighbours they leave nothing between
-    them, and taken for minima they leave no room for the others.
+    Points clipped at the end of a band are many and equal: as neighbours they leave an empty bracket, and as minima
+    they displace the others.
     """
     size = points.shape[1]
     at = np.broadcast_to(np.arange(size), points.shape)
@@ -113,7 +113,7 @@ def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
 
 
 def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the ends of the lowest stretch of x >= 0 with bend x^2 + slope x + free >= 0; infinite without one.
+    """Return the ends of the lowest interval of x >= 0 with bend x^2 + slope x + free >= 0; infinite without one.
 
     Args:
         bend: all of one shape.
@@ -135,8 +135,8 @@ def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> 
 def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: FloatArray) -> FloatArray:
     """Return the real parts of all roots, clipped to [-1, 1].
 
-    A root counts whether its imaginary part is small or not: the caller evaluates Re Z_h there, which costs little, and
-    no double root is lost to rounding.
+    Roots of any imaginary part are included: the caller evaluates Re Z_h there, which costs little, and no double root
+    is lost to rounding.
 
     Args:
         loop: the sampled loop.
@@ -161,7 +161,7 @@ def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_p
 
 
 def _shapes(loop: SampledLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Re H, Re H w/(1 - w) and Re H w as Chebyshev coefficients."""
+    """Return Re H, Re H w/(1 - w) and Re H w as Chebyshev coefficients."""
     d = loop.whole_delay("the polynomial of stationary points")
     unit = np.eye(d + 3)
     ramp = np.array([[-0.5, *([-1.0] * (n - 1)), *([0.0] * (d + 3 - n))] for n in (d + 1, d + 2)])
@@ -203,10 +203,10 @@ class WorstMargin:
 
     Attributes:
         margin_ns_per_m: its value, N.s/m.
-        frequency_hz: where it stands; 0 means the limit of zero frequency.
+        frequency_hz: its frequency; 0 means the limit of zero frequency.
         poles_stable: whether all poles of the rendered impedance but a simple one at z = 1 lie inside the circle.
         dc_stiffness_n_per_m: k k_e/(k + k_e), the residue at z = 1 over T; passivity needs it not negative.
-        tolerance_ns_per_m: what rounding can make of a margin of 0.
+        tolerance_ns_per_m: rounding error of a margin of 0.
     """
 
     margin_ns_per_m: FloatArray
@@ -233,12 +233,12 @@ def worst_margin(
     refine: bool = True,
     progress: Progress = SILENT,
 ) -> WorstMargin:
-    """Find the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
+    """Return the smallest Re Z_h of frozen gains over low_hz <= f <= high_hz, exactly.
 
     Re Z_h is rational in c = cos(omega T). Every stationary point and both ends are evaluated, together with points
-    that resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is
-    right to about 1e-12 of the terms that it is the sum of. Beyond 62 samples of delay, where roots cost too much, a
-    scan with 24 points to each half-wave of the delay takes the place of the stationary points.
+    that resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is right
+    to about 1e-12 of its terms. Beyond 62 samples of delay, where roots cost too much, a scan with 24 points to each
+    half-wave of the delay takes the place of the stationary points.
 
     Args:
         loop: device, environment, hold.
@@ -247,9 +247,8 @@ def worst_margin(
         contact_damping_ns_per_m: b_p, N.s/m.
         low_hz: lower end of the band; 0 includes the limit of zero frequency.
         high_hz: upper end; clipped at the Nyquist frequency.
-        refine: False leaves out the refinement, which takes most of the time; for searches that end with an exact
-            check.
-        progress: told of the rows.
+        refine: False omits the refinement, which takes most of the time; for searches that end with an exact check.
+        progress: reported over the rows.
 
     Returns:
         One result per row, shape (n,).
@@ -284,7 +283,7 @@ def worst_margin(
 
 
 def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, refine: bool) -> WorstMargin:
-    """Judge some rows; `degree` is that of Re Z_h in cos(omega T), None where each band is a single frequency."""
+    """Return the margins of some rows; `degree` of Re Z_h in cos(omega T), None for bands of a single frequency."""
     b, k, contact, low, high, b_d, b_e, k_e = columns
     loop = SampledLoop(b_d, b_e, k_e, loop.sample_time_s, loop.delay_samples, loop.model)
     nyquist = loop.nyquist_hz
@@ -308,7 +307,7 @@ def _worst(loop: SampledLoop, columns: list[FloatArray], degree: int | None, *, 
     values = value(frequency)
     lowest = np.take_along_axis(frequency, np.argmin(values, axis=1)[:, None], axis=1)
     size = size_of_terms(columned, spread, contact[:, None], lowest)
-    # Among equal values the first: an end or a stationary point, rather than what rounding made of it.
+    # Among equal values the first: an end or a stationary point, rather than a refinement within rounding.
     first = np.argmax(values <= values.min(axis=1, keepdims=True) + _EQUAL * size, axis=1)[:, None]
     at = np.take_along_axis(frequency, first, axis=1)
     tolerance = RELATIVE_TOLERANCE * size[:, 0]
@@ -321,7 +320,7 @@ def _rest(loop: SampledLoop) -> tuple[float, float, Model]:
 
 
 def _resolving_points(loop: SampledLoop, parts: Fractions, degree: int) -> FloatArray:
-    """Frequencies, shape (n, m), that resolve the hold's oscillation and the slowest pole: seeds for refinement."""
+    """Return frequencies, shape (n, m), that resolve the hold's oscillation and the slowest pole, as seeds."""
     even = seeds_hz(degree, loop.nyquist_hz)
     corner = np.clip(np.abs(parts.pole_gap), 1e-16, 1.0)[:, None]
     decades = corner ** np.linspace(1.2, 0, 25)[None, :]

@@ -47,7 +47,7 @@ def wave(
     sine, cosine = np.sin(half), np.sin(np.pi * (0.5 - turns))
     z = np.exp(2j * half)
     hold = cosine * np.exp(-1j * half) if model == "paper" else 1 / z
-    # H w/(1 - w): its real part is written out, for at low frequency it is all that counts of a large number.
+    # H w/(1 - w): its real part, small beside a large number at low frequency, is written out.
     steps = 2 if model == "paper" else 3
     integral = (-np.sin(steps * half) - 1j * np.cos(steps * half)) / (2 * sine)
     integral = integral * cosine if model == "paper" else integral
@@ -57,10 +57,10 @@ def wave(
 
 
 class Slack(Protocol):
-    """Of some rows at a port of shape (m,) or (rows, m): what passivity leaves, and its rounding, shape (rows, m)."""
+    """Slack of the passivity of some rows at a port of shape (m,) or (rows, m), and its rounding, shape (rows, m)."""
 
     def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return what is left, not negative where the rows are passive, and what rounding can make of 0."""
+        """Return the slack, not negative where the rows are passive, and its rounding error."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class RenderingSlack:
     contact_damping_ns_per_m: FloatArray
 
     def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Judge some rows."""
+        """Return the slack of some rows."""
         column = (rows, None)
         w = wave(self.parts.pick(column), self.contact_damping_ns_per_m[column], port.turns)
         size = np.abs(w)
@@ -83,11 +83,11 @@ class RenderingSlack:
 
 @dataclass(frozen=True)
 class CouplingSlack:
-    """The same for n couplings before every passive wall: the least that any Z_e leaves.
+    """The same for n couplings with every passive wall: the smallest slack over Z_e.
 
     Coupling and wall in series are (1 + e)/(2 Re(1/Z_c)), |e| <= 1, so that W lies in a disk of radius rho = 1/(2
-    Re(1/Z_c)) about w_0 = (rho + b_p)/z; that of the renderings that are passive is another disk, or what lies outside
-    of one. The first lies within where
+    Re(1/Z_c)) about w_0 = (rho + b_p)/z; that of the passive renderings is another disk, or the outside of one. The
+    first lies within where
 
         1 + 2 Re(w_0 X) - 2 U rho - (U^2 - |X|^2)(|w_0|^2 - rho^2) >= 0    and    U >= rho (U^2 - |X|^2).
 
@@ -112,7 +112,7 @@ class CouplingSlack:
             return np.asarray(finite & ((b + k * self.sample_time_s / 2 > 0) | ((b == 0) & (k == 0))))
 
     def __call__(self, port: HandlePort, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Judge some rows."""
+        """Return the slack of some rows."""
         column, valid = (rows, None), self.valid
         b, k = (np.where(valid, gain, 0.0)[column] for gain in (self.damping_ns_per_m, self.stiffness_n_per_m))
         contact = self.contact_damping_ns_per_m[column]
@@ -137,12 +137,12 @@ class PortWorst:
     """The worst of all frequencies and devices for n rows, each of shape (n,).
 
     Attributes:
-        passed: whether nothing is missing, to rounding, at any frequency of the scan.
+        passed: whether the slack is not negative, to rounding, at all frequencies of the scan.
         margin_ns_per_m: the smallest eigenvalue of the Hermitian part of the impedance at the handle, there: the
             damping that the handle can lose (negative: that it lacks); no more than the least R of the device alone.
-        frequency_hz: where least is left.
+        frequency_hz: of the smallest slack.
         device: index of the device.
-        tolerance_ns_per_m: what rounding can make of a margin of 0.
+        tolerance_ns_per_m: rounding error of a margin of 0.
     """
 
     passed: BoolArray
@@ -152,12 +152,12 @@ class PortWorst:
     tolerance_ns_per_m: FloatArray
 
     def pick(self, rows: IndexArray) -> PortWorst:
-        """Take some of the rows."""
+        """Return some of the rows."""
         return PortWorst(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def frequencies_hz(device: Device) -> FloatArray:
-    """Frequencies, shape (m,), that resolve every pole of a port, however slow, the delay, and what ends at Nyquist."""
+    """Return frequencies, shape (m,), that resolve every pole of a port, the delay, and the end at Nyquist."""
     low = np.geomspace(_LOWEST_TURNS, _LOW_TURNS, round(_A_DECADE_BELOW * np.log10(_LOW_TURNS / _LOWEST_TURNS)))
     high = np.geomspace(_LOW_TURNS, 0.5, round(_A_DECADE * np.log10(0.5 / _LOW_TURNS)))
     even = np.linspace(0.0, 0.5, 1 + round(_A_HALF_WAVE * (device.delay_samples + 3)))[1:]
@@ -165,9 +165,9 @@ def frequencies_hz(device: Device) -> FloatArray:
 
 
 def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Progress = SILENT) -> PortWorst:
-    """Find where least is left, over all frequencies and devices.
+    """Return the smallest slack over all frequencies and devices.
 
-    A scan, no root-finding: what is left is a smooth function of the logarithm of the frequency, for the port has no
+    A scan, no root-finding: the slack is a smooth function of the logarithm of the frequency, for the port has no
     lightly damped pole. 60 points a decade, 150 in the last two, and more where the delay turns the phase; the worst
     point of all devices is refined.
 
@@ -175,7 +175,7 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
         devices: corners of a device, each known exactly.
         slack: of the rows.
         rows: how many.
-        progress: told of the devices.
+        progress: reported over the devices.
     """
     every = np.arange(rows)
     least, rounding = np.full(rows, np.inf), np.zeros(rows)
@@ -206,7 +206,7 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
 def _refined(
     device: Device, slack: Slack, frequency: FloatArray, found: IndexArray, rows: IndexArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Frequency, what is left there and its rounding, near the lowest point of the scan."""
+    """Return frequency, slack and its rounding, refined near the lowest point of the scan."""
     low, high = frequency[np.maximum(found - 1, 0)], frequency[np.minimum(found + 1, len(frequency) - 1)]
     own = np.arange(len(rows))
     best = frequency[found]
@@ -220,7 +220,7 @@ def _refined(
 
 
 def _margin(device: Device, slack: Slack, frequency: FloatArray, rows: IndexArray, left: FloatArray) -> FloatArray:
-    """Largest damping that can be taken from the handle at one frequency a row, N.s/m, by bisection."""
+    """Return the largest damping that can be removed from the handle at one frequency a row, N.s/m, by bisection."""
 
     def meets(taken: FloatArray) -> BoolArray:
         return np.asarray(slack(handle_port(device, frequency[:, None], taken[:, None]), rows)[0][:, 0] >= 0)
@@ -259,7 +259,7 @@ def perceived_real(
 
     Returns:
         Re Z_h (N.s/m); the same times |1 + A e W Y|^2, which has no sharp peak where the motor oscillates against a
-        handle that is held; and the size of the terms.
+        fixed handle; and the size of the terms.
     """
     port = response(device, frequency_hz)
     w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
@@ -273,8 +273,8 @@ def perceived_real(
 def impedance_at_handle(device: Device, rendered: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
     """Z_h of the device as declared, at its handle, for a rendering of the model 'sampled-data', N.s/m.
 
-    The model's W counts the force and the velocity in samples; at the frequency itself, which the aliases leave out, it
-    is kappa = (sin(omega T/2)/(omega T/2))^2 times that.
+    The model's W relates sampled force and velocity; at the frequency itself, which the aliases leave out, it is kappa
+    = (sin(omega T/2)/(omega T/2))^2 times that.
 
     Args:
         device: known exactly.

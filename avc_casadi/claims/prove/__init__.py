@@ -1,1 +1,1 @@
-"""Proofs by interval arithmetic, loaded when somebody asks for one."""
+"""Proofs by interval arithmetic, loaded on demand."""

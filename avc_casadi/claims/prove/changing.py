@@ -1,8 +1,9 @@
-"""Changing gains in kept contact: rows of a table that follow one another; proved, refuted by a pattern, or open.
+"""Changing gains in sustained contact: rows of a table that follow one another; proved, refuted by a pattern, or open.
 
-The claim is of the loop that is clipped last, of rigid mechanics with a whole delay, while the device stays in contact:
-then it is linear, and its state decays geometrically to where the hand rests, or stays bounded while a change of
-stiffness moves that place. Rows themselves are judged; `_between` gives rows that hold what is between others.
+The claim is of the loop clipped last, with rigid mechanics and a whole delay, while the device stays in contact: then
+it is linear, and its state decays geometrically to the equilibrium of the hand, or stays bounded while a change of
+stiffness moves that equilibrium. Rows themselves are judged; `proof_levels.rows_and_between` adds rows that cover what
+is between others.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 Order = Literal["any", "neighbours"]
-"""Which row may come next: any, or the same and its neighbours (one row a sample)."""
+"""Which row may follow: any, or the same and its neighbours (one row a sample)."""
 MOST_CELLS = 200
-"""Cells of hands that are looked at for a proof."""
+"""Largest number of cells of hands in a proof."""
 _REFUTED = 1 + 1e-9
 _ROUGH = {"longest": 6, "most_products": 400}
 _WORDS = {"any": "in any order", "neighbours": "by one row a sample at most"}
@@ -39,7 +40,7 @@ _WORDS = {"any": "in any order", "neighbours": "by one row a sample at most"}
 
 @dataclass(frozen=True)
 class Changing:
-    """What is known of gains that change.
+    """Proof or refutation for gains that change.
 
     Attributes:
         outcome: proved: every allowed order decays with every hand of the ranges; refuted: the pattern below grows with
@@ -47,12 +48,12 @@ class Changing:
         sentence: the same in words.
         order: which row may follow.
         gains: b, k and b_p of the rows, shape (3, rows).
-        low: lower bound of the joint spectral radius: what the pattern reaches with the hand.
+        low: lower bound of the joint spectral radius: the growth of the pattern with the hand.
         high: upper bound with that hand, the worst of the corners.
-        pattern: rows by number in the order in which they act, repeated.
+        pattern: indices of the rows in the order in which they act, repeated.
         hand: the worst corner of the hands, by name.
         device: the worst corner of the device, by key.
-        cells: cells of hands with their norms; they fill the ranges where it is proved.
+        cells: cells of hands with their norms; they fill the ranges if proved.
         seconds: time taken.
     """
 
@@ -74,7 +75,7 @@ class Changing:
     __hash__ = None  # type: ignore[assignment]
 
     def replays(self, problem: Problem) -> bool:
-        """Tell without any search whether the cells prove it, or the pattern refutes it, once more."""
+        """Return whether the stored cells prove it, or the stored pattern refutes it, without any search."""
         if self.outcome == "refuted":
             inside = all(
                 low <= self.hand[name] <= high
@@ -89,14 +90,14 @@ class Changing:
         )
 
     def growth(self, problem: Problem) -> float:
-        """Return what the pattern grows by a sample with the stored hand and device."""
+        """Return the growth of the pattern per sample with the stored hand and device."""
         device = device_with(problem.device, self.device)
         matrices = _matrices(problem.changed(device=device), self.gains, Hand(**self.hand))
         return growth(matrices, self.pattern)
 
     @property
     def follows(self) -> BoolArray:
-        """Whether the second of two rows may come after the first, shape (rows, rows)."""
+        """Return whether the second of two rows may follow the first, shape (rows, rows)."""
         return _follows(self.order, self.gains.shape[1])
 
     def document(self) -> dict[str, Any]:
@@ -111,7 +112,7 @@ class Changing:
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> Changing:
-        """Read what `document` gives; nothing of it is believed before `replays`."""
+        """Read the output of `document`; unverified before `replays`."""
         gains = [[np.inf if gain is None else float(gain) for gain in row] for row in found["gains"]]
         return cls(
             outcome=found["outcome"],
@@ -139,17 +140,17 @@ def prove_changes(
     most_cells: int = MOST_CELLS,
     progress: Progress = SILENT,
 ) -> Changing:
-    """Prove that rows of gains may follow one another in kept contact, refute it by a pattern, or say how far it goes.
+    """Prove that rows of gains may follow one another in sustained contact, refute it by a pattern, or leave it open.
 
     Args:
         problem: device with its ranges, wall, ranges of the hands.
         gains: b, k and b_p of the rows, shape (3, rows); infinite is rigid.
         order: which row may follow.
-        most_cells: cells of hands that are looked at for a proof; with 0 none is tried.
-        progress: told of corners and cells.
+        most_cells: largest number of cells of hands in a proof; with 0 none is tried.
+        progress: reported over corners and cells.
 
     Raises:
-        MissingExtraError: nothing refutes it, and clarabel, by which a proof is sought, is not installed.
+        MissingExtraError: nothing refutes it, and clarabel, needed for a proof, is not installed.
         KeyboardInterrupt: Ctrl-C.
     """
     began = time.perf_counter()
@@ -202,7 +203,7 @@ def prove_changes(
 
 
 def _lacking(problem: Problem) -> str:
-    """Say why the proof does not know a loop; empty where it does."""
+    """Return the reason why the proof does not cover a loop; empty where it does."""
     device = problem.device
     delays = {one.delay_samples for one in device_corners(device, ("delay_samples",))}
     if reason := out_of_reach(problem):
@@ -213,7 +214,7 @@ def _lacking(problem: Problem) -> str:
 
 
 def _box(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of all hands and devices as cells are counted, rounded outwards."""
+    """Return the corners of all hands and devices in the coordinates of cells, rounded outwards."""
     low, high = moving_box(problem)
     lightness = 1.0 / Interval.of(low[0], high[0])
     return np.array([lightness.low, *low[1:]]), np.array([lightness.high, *high[1:]])

@@ -1,14 +1,14 @@
 """Norms, one for each row of gains, in which every allowed change of rows shrinks every state, for all hands of a box.
 
-A row a is left for a row b: its matrix A(a, hand) must shrink from the norm |R_a x| into |R_b x|. In a cell of hands
-the matrix is affine in 1/mass, damping and stiffness up to enclosed slopes; a norm is convex, so that the vertices of
-the affine part decide, and what the slopes may be off is added. The norms come from a semidefinite programme at the
-vertices; a cell that is not verified is cut in two. Within a cell the hand may even move about.
+From a row a to a row b the matrix A(a, hand) must contract from the norm |R_a x| into |R_b x|. In a cell of hands the
+matrix is affine in 1/mass, damping and stiffness up to enclosed slopes; a norm is convex, so that the vertices of the
+affine part decide, and the error of the slopes is added. The norms come from a semidefinite programme at the vertices;
+a cell that is not verified is bisected. Within a cell the hand may even vary in time.
 
-The loop is that in kept contact whose row of gains changes from sample to sample. Its state is
-that of `stability.joint_rendering`: position, velocity by the sample, the position before, the joint between coupling
-and wall, forces under way. It means the same with every row. Mechanics G, shape (2, 3), is all that
-depends on the hand: with beta = B T/M, kappa = k T^2/M and phi, psi of `frozen_loop`,
+The loop is that in sustained contact whose row of gains changes from sample to sample. Its state is that of
+`stability.joint_rendering`: position, velocity times T, the previous position, the joint between coupling and wall,
+delayed forces. Its meaning is the same with every row. Mechanics G, shape (2, 3), is all that depends on the hand: with
+beta = B T/M, kappa = k T^2/M and phi, psi of `frozen_loop`,
 
     G = [[1 - kappa psi, phi, psi T^2/M], [-kappa phi, 1 - beta phi - kappa psi, phi T^2/M]],
     A(row) = base(row) + [G; 0] select(row).
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 
 LIGHTNESS, DAMPING, STIFFNESS = range(3)
-"""Rows of a cell: 1 over all mass that moves, 1/kg, in which the loop is almost linear; all damping, N.s/m; stiffness
-of the hand, N/m."""
+"""Rows of a cell: 1 over the total moving mass, 1/kg, in which the loop is almost linear; total damping, N.s/m;
+stiffness of the hand, N/m."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class ChangingLoop:
 
     Attributes:
         sample_time_s: T.
-        base: what no hand changes, shape (rows, s, s).
-        select: what mechanics acts on: position, velocity, force; shape (rows, 3, s).
+        base: the part independent of the hand, shape (rows, s, s).
+        select: inputs of the mechanics: position, velocity, force; shape (rows, 3, s).
     """
 
     sample_time_s: float
@@ -56,9 +56,9 @@ class ChangingLoop:
 
     @classmethod
     def of(cls, problem: Problem, gains: FloatArray) -> ChangingLoop:
-        """Take rows of gains b, k and b_p, shape (3, rows); a whole number of samples of delay.
+        """Return the loops of gains b, k and b_p, shape (3, rows); a whole number of samples of delay.
 
-        Forces under way are counted in the distance that they move the lightest mass in a sample.
+        Delayed forces are scaled to the displacement of the lightest mass in a sample.
         """
         t = problem.device.sample_time_s
         rendering = joint_rendering(problem, *gains)
@@ -138,7 +138,7 @@ def _stacked(entries: list[list[Jet[Interval]]]) -> tuple[Interval, Interval]:
 
 
 _SHRINKS = 1 - 1e-8
-"""Rounding of a few products of small matrices is far below what is missing to 1, by `_WORST_CONDITION`."""
+"""Contraction factor: its distance from 1 exceeds by far, by `_WORST_CONDITION`, the rounding of small products."""
 _WORST_CONDITION = 1e6
 _VERTICES = np.array(list(product((-1.0, 1.0), repeat=3)))
 
@@ -148,7 +148,7 @@ class NormedCell:
     """Hands with their norms.
 
     Attributes:
-        low: lower corner, shape (3,): 1 over the mass that moves, 1/kg; damping, N.s/m; stiffness, N/m.
+        low: lower corner, shape (3,): 1 over the moving mass, 1/kg; damping, N.s/m; stiffness, N/m.
         high: upper corner.
         roots: R of every row, shape (rows, s, s).
     """
@@ -173,20 +173,20 @@ def normed_cells(
     most_cells: int,
     progress: Progress = SILENT,
 ) -> list[NormedCell] | None:
-    """Fill a box of hands with cells whose norms are verified; None where that needs more cells than are allowed.
+    """Return cells with verified norms that fill a box of hands; None where that takes more cells than allowed.
 
     Args:
         loop: the rows.
         follows: shape (rows, rows): whether the second may act after the first.
         low: lower corner of the box, shape (3,).
         high: upper corner.
-        most_cells: cells that may be looked at.
-        progress: told of the cells.
+        most_cells: largest number of evaluated cells.
+        progress: reported over the cells.
 
     Raises:
         MissingExtraError: clarabel is not installed.
     """
-    # One hand that has none spares the search: the lightest and least damped.
+    # Without a norm for one hand, the lightest and least damped, there is none for the box.
     worst = np.array([high[LIGHTNESS], *low[1:]])
     if _norms(loop, follows, worst, worst) is None:
         return None
@@ -207,7 +207,7 @@ def normed_cells(
 
 
 def shrinks(loop: ChangingLoop, follows: BoolArray, cell: NormedCell) -> bool:
-    """Tell whether every allowed change of rows shrinks every state with every hand of a cell."""
+    """Return whether every allowed change of rows contracts every state with every hand of a cell."""
     roots = cell.roots
     if roots.shape != loop.base.shape or not np.isfinite(roots).all():
         return False
@@ -223,7 +223,7 @@ def shrinks(loop: ChangingLoop, follows: BoolArray, cell: NormedCell) -> bool:
 
 
 def covers(cells: list[NormedCell], low: FloatArray, high: FloatArray) -> bool:
-    """Tell whether cells fill a box: cut at every side of any of them, every piece lies in one."""
+    """Return whether cells fill a box: cut at every side of any cell, every piece lies in one."""
     if not cells:
         return False
     lows, highs = np.array([cell.low for cell in cells]), np.array([cell.high for cell in cells])
@@ -242,7 +242,7 @@ def covers(cells: list[NormedCell], low: FloatArray, high: FloatArray) -> bool:
 
 
 def _affine(loop: ChangingLoop, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the affine part at the vertices of a cell, (8, rows, s, s), and what mechanics may be off, (2, 3)."""
+    """Return the affine part at the vertices of a cell, (8, rows, s, s), and the error of the mechanics, (2, 3)."""
     middle, slopes = loop.over(Interval.of(low[:, None], high[:, None]))
     reach = 0.5 * (high - low) * (1 + 1e-9)
     steady = slopes.middle[:, 0]
@@ -254,7 +254,7 @@ def _affine(loop: ChangingLoop, low: FloatArray, high: FloatArray) -> tuple[Floa
 
 
 def _halves(loop: ChangingLoop, low: FloatArray, high: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-    """Cut a cell across the side along which mechanics moves most."""
+    """Bisect a cell across the side along which the mechanics varies most."""
     _, slopes = loop.over(Interval.of(low[:, None], high[:, None]))
     weight = np.abs(loop.select).max(axis=(0, 2))
     moved = (high - low) * (slopes.magnitude[:, 0] * weight).max(axis=(-2, -1))

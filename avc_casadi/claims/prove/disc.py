@@ -1,11 +1,11 @@
 """Complex numbers known to lie in a disc, and their rates of change: midpoint and radius, every rounding enclosed.
 
-A disc is a centre c and a radius r; what a function gives contains its value at every point of its arguments. Radii
-are rounded up by a factor that is far above what double precision can lose. exp, sin and cos are taken to be right to
-four units in the last place.
+A disc is a centre c and a radius r; the result of a function contains its value at every point of its arguments. Radii
+are rounded up by a factor far above the errors of double precision. exp, sin and cos are assumed right to four units in
+the last place.
 
-Beside it stands `_interval`, whose rectangles fit real numbers and their signs: here numbers are turned and inverted
-many times over, by which a disc stays a disc.
+The rectangles of `interval` suit real numbers and their signs: here numbers are rotated and inverted repeatedly, by
+which a disc stays a disc.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _UP = 1.0 + 2.0**-46
 # Of the radius of a reciprocal, whose difference of squares cancels.
 _UP_OPEN = 1.0 + 2.0**-40
 _TINY = 1e-300
-# Beyond this ratio of radius to centre a reciprocal says nothing.
+# Beyond this ratio of radius to centre a reciprocal is taken as unbounded.
 _MOST_OPEN = 0.99
 
 Number = float | complex
@@ -35,7 +35,7 @@ class Disc:
 
     Attributes:
         centre: c.
-        radius: r >= 0; not finite where nothing is known.
+        radius: r >= 0; not finite where there is no bound.
     """
 
     centre: ComplexArray
@@ -48,7 +48,7 @@ class Disc:
 
     @classmethod
     def rounded(cls, value: Number | FloatArray) -> Disc:
-        """Return numbers that were rounded on the way here."""
+        """Return numbers with previous rounding as discs."""
         return cls(np.asarray(value, dtype=np.complex128), np.asarray(_ROUNDING * np.abs(value) + _TINY))
 
     def __add__(self, other: Disc | Number) -> Disc:
@@ -92,7 +92,7 @@ class Disc:
         return Disc(self.centre.sum(axis=0), (self.radius.sum(axis=0) + spread) * _UP)
 
     def reciprocal(self) -> Disc:
-        """Return 1/z; unknown where the disc comes near to 0."""
+        """Return 1/z; unbounded where the disc comes near to 0."""
         size = np.abs(self.centre)
         apart = self.radius < _MOST_OPEN * size
         with np.errstate(all="ignore"):
@@ -135,7 +135,7 @@ class Moving:
 
     Attributes:
         value: the value.
-        slopes: rate along each variable that it depends on, by the variable's number.
+        slopes: rate along each variable that it depends on, by the variable's index.
     """
 
     value: Disc
@@ -151,7 +151,7 @@ class Moving:
 
     @classmethod
     def fixed(cls, value: FloatArray) -> Moving:
-        """Return a number that does not move."""
+        """Return a constant."""
         return cls(Disc.around(value, np.zeros(len(value))), {})
 
     def __add__(self, other: Moving | Disc | Number) -> Moving:
@@ -247,9 +247,9 @@ def smallest(*discs: Disc) -> Disc:
 
 
 def in_series(near: Moving, far: Moving) -> Moving:
-    """Return near far/(near + far), two impedances in series, each named once in what bounds it.
+    """Return near far/(near + far), two impedances in series, each occurring once in the bound.
 
-    Which form is tight depends on which of the two is small and which is vague; the tightest of them is taken.
+    Which form is tight depends on which of the two is small and which is uncertain; the tightest is taken.
     """
     one, other = near.value, far.value
     both = (one + other).reciprocal()

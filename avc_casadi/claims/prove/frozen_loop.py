@@ -1,16 +1,16 @@
 """The characteristic function of a frozen loop with a rigid device, enclosed over cells of frequency and hands.
 
-With delta = z - 1, w = 1/z, eta = 1 - w, and M, B, k mass, damping and stiffness of all that moves,
+With delta = z - 1, w = 1/z, eta = 1 - w, and M, B, k total mass, damping and stiffness,
 
     F = T A(delta) E(eta) + Q(delta) G(eta) w^n
 
 where A = (M/T^2) delta^2 + (B phi/T + 2 k psi) delta + k N is the mechanics discretised exactly, with N = phi^2 + beta
-phi psi + kappa psi^2; Q = B1 delta + (beta phi + kappa psi) B1 + phi B2 is what a held force moves, with B1 = psi and
-B2 = phi, or less where a fraction of the delay lets it arrive inside the sample (the force before it moves the rest);
+phi psi + kappa psi^2; Q = B1 delta + (beta phi + kappa psi) B1 + phi B2 is the response to a held force, with B1 = psi
+and B2 = phi, or less where a fractional delay lets it arrive inside the sample (the previous force acts until then);
 and G/(T E) is the coupling with its wall. No term cancels as the frequency goes to 0. F times a power of z is a
 polynomial whose zeros are the eigenvalues of the loop, and 0; its degree is the same everywhere.
 
-How a mass on a spring and a damper moves within one sample: its power series with the remainder enclosed.
+The motion of a mass on a spring and a damper within one sample: its power series with the remainder enclosed.
 
 In units of the sample time, u'' + beta u' + kappa u = 0 with u(0) = 0 and u'(0) = 1: phi(s) = u(s), and psi(s) its
 integral from 0, which is the step response. With c(n) = n! times the coefficient of s^n in u,
@@ -67,7 +67,7 @@ def oscillator(
     for _ in range(terms - 1):
         before, now = now, -(damping * now + spring * before)
         series.append(now)
-    # Horner's scheme: u = s (c1 + s/2 (c2 + s/3 (c3 + ...))), and one place further for the integral.
+    # Horner's scheme: u = s (c1 + s/2 (c2 + s/3 (c3 + ...))), and one order higher for the integral.
     phi, psi = (Jet(Interval.of(np.zeros(beta.shape)), Interval.of(zero)) for _ in range(2))
     for n in range(terms, 0, -1):
         phi, psi = ((one + series[n - 1]) for one in (phi, psi))
@@ -85,7 +85,7 @@ def _over(one: Jet[Interval], number: int) -> Jet[Interval]:
 
 
 def _terms(reach: FloatArray) -> tuple[int, FloatArray]:
-    """Return how many terms are summed, and the bound of all that follow and of their slopes."""
+    """Return the number of summed terms, and the bound of the remainder and of its slopes."""
     terms = 8
     while True:
         q = Interval.of(reach)
@@ -108,7 +108,7 @@ _GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 
 @dataclass(frozen=True)
 class FrozenGains:
-    """Rows of gains before a wall; every number counts as exact.
+    """Rows of gains in series with a wall; every number counts as exact.
 
     Attributes:
         damping_ns_per_m: b of the coupling, shape (rows,); infinite where it is rigid.
@@ -131,7 +131,7 @@ class FrozenGains:
 
     @property
     def rigid(self) -> BoolArray:
-        """Whether the coupling gives way nowhere."""
+        """Whether the coupling is rigid in all rows."""
         return np.isinf(self.damping_ns_per_m) | np.isinf(self.stiffness_n_per_m)
 
     @property
@@ -140,7 +140,7 @@ class FrozenGains:
         return np.asarray((self.wall_stiffness_n_per_m > 0) & (self.rigid | (self.stiffness_n_per_m > 0)))
 
     def pick(self, rows: IndexArray) -> FrozenGains:
-        """Take some of the rows."""
+        """Return some of the rows."""
         return replace(
             self,
             damping_ns_per_m=self.damping_ns_per_m[rows],
@@ -154,7 +154,7 @@ class FrozenGains:
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> FrozenGains:
-        """Read what `document` gives."""
+        """Read the output of `document`."""
         b, k, contact = (np.array([np.inf if gain is None else float(gain) for gain in found[name]]) for name in _GAINS)
         wall_b, wall_k, time = (float(found[name]) for name in _NUMBERS)
         return cls(b, k, contact, wall_b, wall_k, time)
@@ -171,7 +171,7 @@ class FrozenGains:
         low = [rest, rate]
         high = [k * wall_k, k * wall_b + b * wall_k + contact * rest, b * wall_b + contact * rate]
         stiff = ([one, none], [wall_k, wall_b + contact, none])
-        # Two dampers: the joint's own place is nowhere felt, and its eigenvalue of 1 no part of the loop.
+        # Two dampers: the position of the joint has no effect, and its eigenvalue of 1 is no part of the loop.
         loose = (self.stiffness_n_per_m == 0) & (self.wall_stiffness_n_per_m == 0) & ~rigid
         both = (self.damping_ns_per_m > 0) & (self.wall_damping_ns_per_m > 0)
         joined = _where(both, b * wall_b / (b + wall_b), none)
@@ -187,7 +187,7 @@ class FrozenLoop:
     """F of rows of gains; a delay of `whole_delay` samples and a fraction, fixed or a row of the cells.
 
     Attributes:
-        gains: the rows; each cell names its own.
+        gains: the rows; each cell refers to one.
         whole_delay: n.
         fraction: of the delay, in [0, 1]; None where it varies.
     """
@@ -262,7 +262,7 @@ class FrozenLoop:
         return mechanics + moves(psi_new, phi_new) + moves(psi - psi_new, phi - phi_new)
 
     def _rest(self, cells: Interval) -> Jet[Interval]:
-        """Return what is left of a sample once the force has arrived, with its slopes along beta, kappa and itself."""
+        """Return the share of a sample after the arrival of the force, with slopes along beta, kappa and itself."""
         count = cells.shape[1]
         late = cells[LATE] if self.fraction is None else Interval.of(np.full(count, self.fraction))
         slope = np.zeros((3, count))
@@ -275,7 +275,7 @@ def _basis(index: int, count: int) -> Interval:
 
 
 def _chained(jets: tuple[Jet[Interval], ...], slopes: tuple[Interval, ...], size: int) -> list[Jet[Interval]]:
-    """Turn slopes along beta, kappa (and s) into those along mass, damping, stiffness (and the fraction, 1 - s)."""
+    """Return slopes along beta, kappa (and s) as those along mass, damping, stiffness (and the fraction, 1 - s)."""
     beta_mass, beta_damping, kappa_mass, kappa_stiffness = slopes
     found = []
     for jet in jets:
@@ -313,7 +313,7 @@ def _where(condition: BoolArray, one: Interval, other: Interval) -> Interval:
 
 
 def stacked(rows: list[Interval]) -> Interval:
-    """Put intervals of one shape on top of one another."""
+    """Stack intervals of one shape."""
     return Interval(np.stack([row.low for row in rows]), np.stack([row.high for row in rows]))
 
 

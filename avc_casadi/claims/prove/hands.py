@@ -1,7 +1,7 @@
 """Whether a frozen loop is stable with every hand of the ranges and every device of its own: proved, refuted or open.
 
 Where F has no zero on the unit circle with any hand, the number of eigenvalues outside is the same with all of them.
-With one hand the argument of F is followed along the circle, cell by cell: over the upper half it grows by 2 pi where
+With one hand the argument of F is tracked along the circle, cell by cell: over the upper half it grows by 2 pi where
 all eigenvalues lie inside, and by pi less for each that does not.
 """
 
@@ -43,19 +43,19 @@ _NAMES = ("angle_rad", "mass_kg", "damping_ns_per_m", "stiffness_n_per_m", "dela
 
 @dataclass(frozen=True)
 class HandsProof:
-    """What is known of one row of gains with every hand and every device of the ranges.
+    """Proof or refutation for one row of gains with every hand and every device of the ranges.
 
     Attributes:
         outcome: proved: stable with all of them; refuted: unstable with the hand below; open: neither.
         gains: the row.
         pieces: the proof.
-        hand: the hand that breaks the loop, or None.
-        device: the device that it breaks it on, or None.
+        hand: the hand with which the loop is unstable, or None.
+        device: the device with it, or None.
         radius: spectral radius with them; not a number where there are none.
-        left: the middle of a cell that is left open, by name; empty where none is.
+        left: the middle of an open cell, by name; empty where none is open.
         reason: why it is open, in a sentence; else empty.
         looked_at: cells that were evaluated.
-        seconds: time taken, of all rows that were proved together, divided by their number.
+        seconds: time taken, averaged over the rows that were proved together.
     """
 
     outcome: Outcome
@@ -70,7 +70,7 @@ class HandsProof:
     seconds: float = 0.0
 
     def sentence(self) -> str:
-        """Say it in one line."""
+        """The result in one line."""
         if self.outcome == "proved":
             cells = sum(len(piece.cells) for piece in self.pieces)
             return f"proved: stable with every hand and device of the ranges ({cells} cells)"
@@ -80,7 +80,7 @@ class HandsProof:
         return f"open: {self.reason}"
 
     def replays(self) -> bool:
-        """Whether the stored cells prove it, or the stored hand refutes it, once more and without any search."""
+        """Return whether the stored cells prove it, or the stored hand refutes it, without any search."""
         if self.outcome == "refuted":
             return self.hand is not None and self.device is not None and _radius(self, self.device) > 1
         return (
@@ -88,7 +88,7 @@ class HandsProof:
         )
 
     def document(self) -> dict[str, Any]:
-        """Return JSON values; `from_document` reads them. Cells are stored as the cuts that make them."""
+        """Return JSON values; `from_document` reads them. Cells are stored as a tree of cuts."""
         kept = ("outcome", "hand", "radius", "left", "reason", "looked_at", "seconds")
         return {
             "schema": "avc-proof/1",
@@ -102,7 +102,7 @@ class HandsProof:
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> HandsProof:
-        """Read what `document` gives; nothing of it is believed before `replays`."""
+        """Read the output of `document`; unverified before `replays`."""
         hand, device, radius, left = (found[name] for name in ("hand", "device", "radius", "left"))
         return cls(
             outcome=found["outcome"],
@@ -130,16 +130,17 @@ def prove_hands(
     """Prove or refute that frozen rows of gains are linearly stable with every hand of the ranges.
 
     Args:
-        problem: device with its ranges of mass, damping and delay, wall, and ranges of the hands. The device let go is
-            not among them, whatever `let_go` says: it is one loop, which its spectral radius judges.
+        problem: device with its ranges of mass, damping and delay, wall, and ranges of the hands. The released device
+            is excluded, whatever `let_go`: it is one loop, judged by its spectral radius.
         damping_ns_per_m: b, shape (n,); infinite is rigid.
         stiffness_n_per_m: k, shape (n,).
         contact_damping_ns_per_m: b_p, shape (n,).
-        budget: cells that may be evaluated for a row.
-        progress: told of the rows.
+        budget: largest number of evaluated cells for a row.
+        progress: reported over the rows.
 
     Returns:
-        n proofs. Amplifier and resonance are no part of the enclosure: such devices stay open, unless a hand is found.
+        n proofs. The enclosure does not cover amplifier and resonance: such devices stay open, unless an unstable hand
+        is found.
 
     Raises:
         KeyboardInterrupt: Ctrl-C.
@@ -171,7 +172,7 @@ def prove_hands(
 
 
 def out_of_reach(problem: Problem) -> str:
-    """Say why a device is none that the enclosure knows; empty where it is one."""
+    """Return the reason why the enclosure does not cover a device; empty where it does."""
     device = problem.device
     if not rigid(device):
         parts = [
@@ -195,7 +196,7 @@ def _delays(device: Device) -> tuple[float, float]:
 
 
 def moving_box(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the ranges of all mass, damping and stiffness that move, rounded outwards, (3,) each."""
+    """Return the ranges of total moving mass, damping and stiffness, rounded outwards, (3,) each."""
     corners = device_corners(problem.device, ("mass_kg", "damping_ns_per_m"))
     hands = hand_ranges(problem.hands)
     own = [[one.mass_kg for one in corners], [one.damping_ns_per_m for one in corners], [0.0]]
@@ -205,7 +206,7 @@ def moving_box(problem: Problem) -> tuple[FloatArray, FloatArray]:
 
 
 def _stretches(problem: Problem) -> Iterator[tuple[int, float | None, float, float]]:
-    """Return whole delay, fraction (None where it varies) and its ends, for each stretch of the range of the delay."""
+    """Return whole delay, fraction (None where it varies) and its ends, for each part of the range of the delay."""
     low, high = _delays(problem.device)
     if low == high:
         yield int(low), low - int(low), 0.0, 0.0
@@ -215,7 +216,7 @@ def _stretches(problem: Problem) -> Iterator[tuple[int, float | None, float, flo
 
 
 def _refuted(problem: Problem, gains: FrozenGains, rows: IndexArray) -> dict[int, HandsProof]:
-    """Rows that a hand of the ranges breaks at a corner of the device, found by search."""
+    """Return refutations of rows unstable with a hand of the ranges at a corner of the device, found by search."""
     found: dict[int, HandsProof] = {}
     parts = _parts(gains)
     inner = problem.hands.model_copy(update={"let_go": False})
@@ -238,7 +239,7 @@ def _parts(gains: FrozenGains) -> Fractions:
 
 
 def _radius(proof: HandsProof, device: Device) -> float:
-    """Spectral radius of the loop, discretised exactly, with the hand of a refutation."""
+    """Return the spectral radius of the loop, discretised exactly, with the hand of a refutation."""
     hand = Hand(**proof.hand) if proof.hand is not None else Hand(0.0, 0.0, 0.0)
     return float(whole_stability(device, _parts(proof.gains), proof.gains.contact_damping_ns_per_m, hand).radius[0, 0])
 
@@ -291,7 +292,7 @@ def _proved(
 
 
 def _left_open(problem: Problem, gains: FrozenGains, left: Cells, whole: int, fraction: float | None) -> HandsProof:
-    """Try the hands in the cells that are left; where none breaks the loop the row is open."""
+    """Try the hands in the remaining cells; where the loop is stable with all of them the row is open."""
     smallest = np.argsort((left.high - left.low)[1:4].sum(axis=0), kind="stable")[:_WITNESSES]
     middles = 0.5 * (left.low + left.high)[:, smallest]
     hands = hand_ranges(problem.hands)
@@ -299,7 +300,7 @@ def _left_open(problem: Problem, gains: FrozenGains, left: Cells, whole: int, fr
     ends = [[one.mass_kg for one in devices], [one.damping_ns_per_m for one in devices]]
     for middle in middles.T:
         late = fraction if fraction is not None else middle[4]
-        # The device takes what lies beyond the hand of the middle of its range.
+        # The device takes the difference from the hand at the middle of its range.
         own = [float(np.clip(middle[1 + i] - hands[i].mean(), min(ends[i]), max(ends[i]))) for i in range(2)]
         hand = [float(np.clip(value, *limits)) for value, limits in zip(middle[1:4] - [*own, 0.0], hands, strict=True)]
         values = {"mass_kg": own[0], "damping_ns_per_m": own[1], "delay_samples": whole + late}

@@ -1,12 +1,12 @@
-"""The device in a hand as the sampler sees it, over a whole box of hands: sampled position over held force.
+"""The sampled plant of device and hand over a whole box of hands: sampled position over held force.
 
-The held force repeats its spectrum, and the sampler folds what the device makes of it: with w_n = omega + 2 pi n,
+The held force has a periodic spectrum, and the sampler folds the response of the device: with w_n = omega + 2 pi n,
 
     P(omega) = sum over n of (1 - exp(-j omega))/(j w_n) exp(-j w_n delay) A(j w_n/T) Y(j w_n/T),
 
 A of the amplifier and Y the position of the device over a force on its motor. In this form hand, delay (whole or not),
-amplifier and resonance stay as they are declared, and the numbers of a hand enter as they stand. The terms left out are
-bounded (`tail`). Angles are counted by the sample, impedances times T^2.
+amplifier and resonance stay as declared, and the numbers of a hand enter directly. The omitted terms are bounded
+(`tail`). Angles are per sample, impedances times T^2.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ STYLUS = (
     "arm_stiffness_n_per_m",
 )
 _RATIO = "amplifier_damping_ratio"
-# Of a current loop that rises nowhere.
+# Damping ratio of a current loop without resonance peak.
 _NO_PEAK = 0.7072
 _RANGED = ("mass_kg", "damping_ns_per_m", "delay_samples", "amplifier_bandwidth_hz", _RATIO)
 # Terms on each side of the middle one.
 _TERMS, _TERMS_UNPAIRED = 6, 16
 _TOO_SLOW = "damping or stiffness of hand and device are too large for the sample time"
-# Room for the rounding of bounds that are computed in plain numbers.
+# Allowance for rounding of bounds that are computed in plain numbers.
 _ROOM = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
 class HeldDevice:
-    """A device, known exactly or within ranges, in every hand of a box.
+    """A device, known exactly or within ranges, with every hand of a box.
 
     Attributes:
         device: the device as declared.
@@ -116,14 +116,14 @@ class HeldDevice:
 
     @property
     def paired(self) -> bool:
-        """Whether terms on both sides nearly cancel: a rigid device, an ideal amplifier, whole samples of delay."""
+        """Whether terms of n and -n nearly cancel: a rigid device, an ideal amplifier, whole samples of delay."""
         device = self.device
         whole = "device.delay_samples" not in self.ranges and device.delay_samples == int(device.delay_samples)
         return whole and device.resonance is None and device.amplifier_bandwidth_hz is None
 
     @property
     def terms(self) -> int:
-        """Number of terms on each side that are taken."""
+        """Number of terms on each side."""
         return _TERMS if self.paired else _TERMS_UNPAIRED
 
     def corners(self) -> FloatArray:
@@ -138,11 +138,11 @@ class HeldDevice:
         return np.asarray(above / below + around)
 
     def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> tuple[Moving, Moving, Moving]:
-        """Enclose the terms that are taken; those left out are within `tail` of them.
+        """Enclose the included terms; the omitted ones are within `tail`.
 
         Returns:
-            Numerator and denominator of the middle term, which a hand moves far and may all but cancel, and the sum of
-            the others.
+            Numerator and denominator of the middle term, which varies most with the hand and may nearly cancel, and the
+            sum of the others.
         """
         return self._folded(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
 
@@ -156,7 +156,7 @@ class HeldDevice:
         whole = not ranged and delay == int(delay)
         step = hold(omega)
         lift = step * (omega * 1j)
-        # The largest terms come last, after the small ones have been added up.
+        # The largest terms are added last, after the small ones.
         places = np.array(sorted(range(-terms, terms + 1), key=abs, reverse=True)[:-1], dtype=np.float64)
         around: Value = None
         # All at once for the few cells of an enclosure, one by one for the many points of a search.
@@ -167,7 +167,7 @@ class HeldDevice:
             if ranged:
                 term = term * turn(delay * known(2 * math.pi * n))
             elif not whole:
-                # The whole part of n delay turns nothing.
+                # The whole part of n delay does not rotate.
                 late = np.exp(-2j * math.pi * np.fmod(n * delay, 1.0))
                 term = term * (Disc(late, _ROUGH) if moving else late)
             if moving:
@@ -180,7 +180,7 @@ class HeldDevice:
         return above * (step * scale), below, around * scale
 
     def _moved(self, s: Value, numbers: dict[str, Value], t: float) -> tuple[Value, Value]:
-        """Position over the force that is asked, over T^2, as a numerator and a denominator; s by the sample."""
+        """Return position over commanded force, over T^2, as a numerator and a denominator; s per sample."""
         known = Disc.rounded if isinstance(s, Moving) else complex
         device = self.device
 
@@ -215,7 +215,7 @@ class HeldDevice:
         return above, below
 
     def tail(self, omega_high: FloatArray) -> FloatArray:
-        """Bound what the terms left out add to P, at angles up to the given ones."""
+        """Bound the omitted terms of P, at angles up to the given ones."""
         lift = np.minimum(omega_high, 2.0) * self.device.sample_time_s**2 * _ROOM
         n = self.terms
         if not self.paired:
@@ -223,7 +223,7 @@ class HeldDevice:
             return lift * 2 * self._largest_yield() * share_passed * _left_out(3 + order, n)
         mass, b, k = self._rigid_bounds()
         share = 1 / (2 * (n + 1))
-        # Terms of both sides: what does not cancel of 1/(m w^3), then what damping and stiffness add to it.
+        # Terms of both sides: the remainder of 1/(m w^3), then the contribution of damping and stiffness.
         across = 6 * (1 + share**2 / 3) / (1 - share**2) ** 3 / (2 * math.pi) ** 4 / (3 * n**3)
         first = (2 * n + 1) * math.pi
         small = b / (mass * first) + k / (mass * first**2)
@@ -244,7 +244,7 @@ class HeldDevice:
         return mass, (damping + near[0]) * t, near[1] * t**2
 
     def _amplifier(self) -> tuple[float, int]:
-        """Bound what the amplifier lets pass beyond the terms taken: c/w^order, c and the order."""
+        """Bound the amplifier's gain beyond the included terms: c/w^order, c and the order."""
         device = self.device
         if device.amplifier_bandwidth_hz is None:
             return 1.0, 0
@@ -255,12 +255,12 @@ class HeldDevice:
             return rate, 1
         if rate < 0.9 * first:
             return rate**2 / (1 - (rate / first) ** 2), 2
-        # What a current loop passes at most: with a damping ratio beyond 0.707 nowhere more than all.
+        # Largest gain of a current loop: 1 for a damping ratio beyond 0.707.
         ratio = self._ends(f"device.{_RATIO}", device.amplifier_damping_ratio)[0]
         return (1.0 if ratio >= _NO_PEAK else 1 / (2 * ratio * math.sqrt(1 - ratio**2))) * _ROOM, 0
 
     def _largest_yield(self) -> float:
-        """Bound |Y| w^2 beyond the terms taken, 1/kg."""
+        """Bound |Y| w^2 beyond the included terms, 1/kg."""
         first = (2 * self.terms + 1) * math.pi
         mode, device = self.device.resonance, self.device
         if mode is None:
@@ -284,9 +284,9 @@ class HeldDevice:
         return _bounded(motor - link**2 / far if far > link else -1.0)
 
     def _grip_bound(self) -> tuple[float, float]:
-        """Damping and stiffness that bound a hand on a stylus beyond the terms taken.
+        """Return damping and stiffness that bound a hand on a stylus beyond the included terms.
 
-        Its mass all but stands still there, so that it resists no more than twice what its grip alone would.
+        Its mass hardly moves there, so that its impedance is at most twice that of its grip.
         """
         first = (2 * self.terms + 1) * math.pi / self.device.sample_time_s
         damping, stiffness = (self.hand[name][1] for name in STYLUS[1:3])
@@ -306,7 +306,7 @@ _ROUGH = np.asarray(1e-12)
 
 
 def _grip(s: Value, numbers: dict[str, Value], t: float) -> Value:
-    """Impedance of the hand times T^2 over the sample."""
+    """Return the impedance of the hand times T^2 over the sample."""
     known = Disc.rounded if isinstance(s, Moving) else complex
     once, twice = known(t), known(t * t)
     if "grip_stiffness_n_per_m" not in numbers:

@@ -1,18 +1,18 @@
-"""Intervals of doubles over whole arrays, rounded outwards: what they enclose is proved, not estimated.
+"""Intervals of doubles over whole arrays, rounded outwards: enclosures are proved, not estimated.
 
 Assumed is IEEE 754 double precision with rounding to nearest for +, -, *, / and square root, which numpy passes to the
 processor; results that underflow may be flushed to zero. Nothing is assumed of libm: sine and cosine are summed here.
 Every result is widened by one to two units in the last place and by 2^-1022.
 
-An end that is not a number says that nothing is known. Every comparison with it is false, so that nothing follows from
-it: ask `x.low > 0`, never `not x.low <= 0`.
+An end that is not a number is unknown. Every comparison with it is false, so that nothing follows from it: test `x.low
+> 0`, never `not x.low <= 0`.
 
-Beside it stands `_disc`, for complex numbers that turn: a rectangle grows by up to the root of 2 with each turn, a disc
-does not. Rectangles keep real and imaginary parts apart, whose signs decide here, and trust no function of libm.
+Complex numbers that are rotated have `disc`: a rectangle grows by up to the root of 2 with each rotation, a disc does
+not. Rectangles keep real and imaginary parts separate, whose signs decide here, and need no function of libm.
 
 python-flint and mpmath enclose one number at a time: products and quotients of 100 000 intervals take python-flint four
-to nine times as long, sums twelve times, to which come 0.7 and 1.1 us a number there and back. The packages that work
-on arrays come as binaries for few platforms.
+to nine times as long, sums twelve times, plus 0.7 and 1.1 us a number of conversion. Packages for arrays have binaries
+for few platforms.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Index = int | slice | EllipsisType | NDArray[Any] | None | tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """An array of closed intervals; numbers and arrays beside it in a formula count as exact.
+    """An array of closed intervals; numbers and arrays in the same formula count as exact.
 
     Attributes:
         low: lower ends.
@@ -50,7 +50,7 @@ class Interval:
 
     @classmethod
     def of(cls, low: ArrayLike, high: ArrayLike | None = None) -> Self:
-        """Return the intervals between two arrays of ends, or the numbers of one array, each taken as exact."""
+        """Return the intervals between two arrays of ends, or the numbers of one array as exact."""
         first = np.asarray(low, dtype=np.float64)
         one, other = np.broadcast_arrays(first, first if high is None else np.asarray(high, dtype=np.float64))
         return cls(one, other)
@@ -116,7 +116,7 @@ class Interval:
     __rmul__ = __mul__
 
     def __truediv__(self, other: Interval | FloatArray | float) -> Interval:
-        """Divide; where the divisor may be 0 nothing is known of the quotient."""
+        """Divide; where the divisor may be 0 the quotient is unknown."""
         if isinstance(other, float) and other > 0:
             with np.errstate(over="ignore", invalid="ignore", under="ignore"):
                 return Interval(_below(self.low / other), _above(self.high / other))
@@ -140,17 +140,17 @@ class Interval:
             return Interval(np.asarray(np.maximum(_below(low), 0.0)), _above(high))
 
     def sqrt(self) -> Interval:
-        """Return the square roots; of intervals that reach below 0 nothing is known."""
+        """Return the square roots; unknown for intervals that reach below 0."""
         with np.errstate(invalid="ignore"):
             root = np.sqrt(self.low)
             return Interval(np.asarray(np.maximum(_below(root), 0.0)), _above(np.sqrt(self.high) + 0.0 * root))
 
     def hull(self, other: Interval) -> Interval:
-        """Return the smallest intervals that hold both."""
+        """Return the smallest intervals that contain both."""
         return Interval(np.minimum(self.low, other.low), np.maximum(self.high, other.high))
 
     def clip(self, low: float, high: float) -> Interval:
-        """Return the part between two bounds that are known to hold."""
+        """Return the intersection with two known bounds."""
         return Interval(np.clip(self.low, low, high), np.clip(self.high, low, high))
 
     def sum(self, axis: int) -> Interval:
@@ -280,7 +280,7 @@ def _over_range(angle: Interval, at_low: Interval, at_high: Interval, shift: flo
     ends = at_low.hull(at_high)
     with np.errstate(invalid="ignore"):
         first, last = angle.low / math.pi - shift, angle.high / math.pi - shift
-        # An extremum just outside does no harm, one missed would.
+        # An extremum just outside is harmless, a missed one is not.
         spare = 1e-12 * (1.0 + np.abs(first) + np.abs(last))
         first, last = np.ceil(first - spare), np.floor(last + spare)
         top = 2 * np.ceil(first / 2) <= last
@@ -289,7 +289,7 @@ def _over_range(angle: Interval, at_low: Interval, at_high: Interval, shift: flo
 
 
 def _below(value: FloatArray) -> FloatArray:
-    """Return numbers below all that round to these: |x| 2^-52 is a unit in the last place or up to two."""
+    """Return lower bounds of all numbers that round to these: |x| 2^-52 is a unit in the last place or up to two."""
     return np.asarray(value - (np.abs(value) * _UNIT + _LEAST))
 
 

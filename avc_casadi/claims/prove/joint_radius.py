@@ -1,8 +1,8 @@
-"""Joint spectral radius: how fast products of some matrices grow at most, in any order; bounded from both sides.
+"""Joint spectral radius: the largest growth rate of products of some matrices, in any order; bounded from both sides.
 
 Below by the spectral radius of a product, whose order is the witness. Above by branch and bound after Gripenberg: a
-product is followed only while every beginning of it grows faster, by its norm, than what is known from below. The norm
-is that of an ellipsoid which all matrices shrink, or stretch least, among weighted means of their own.
+product is extended only while every prefix of it grows faster, by its norm, than the lower bound. The norm is that of
+an ellipsoid which all matrices contract, or stretch least, among weighted means of their own.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ class JointRadius:
     """Bounds of a joint spectral radius, each a factor by one matrix.
 
     Attributes:
-        low: what the pattern reaches.
-        high: what no order exceeds.
-        pattern: numbers of the matrices in the order in which they act; repeated, it grows by `low` a matrix.
-        products: products that were looked at.
+        low: growth of the pattern.
+        high: bound for any order.
+        pattern: indices of the matrices in the order in which they act; repeated, it grows by `low` a matrix.
+        products: number of evaluated products.
     """
 
     low: float
@@ -47,7 +47,7 @@ def product_of(matrices: FloatArray, pattern: tuple[int, ...]) -> FloatArray:
 
 
 def growth(matrices: FloatArray, pattern: tuple[int, ...]) -> float:
-    """Return by what factor a repeated pattern grows, by one matrix of it."""
+    """Return the growth factor of a repeated pattern, per matrix."""
     radius = np.abs(np.linalg.eigvals(product_of(matrices, pattern))).max()
     return float(radius ** (1 / len(pattern)))
 
@@ -65,10 +65,10 @@ def joint_spectral_radius(
     Args:
         matrices: shape (m, s, s), finite.
         follows: shape (m, m): whether the second may act after the first; None lets them act in any order.
-        accuracy: the bounds need not be nearer to one another.
+        accuracy: sufficient distance of the bounds.
         longest: most matrices in a product.
-        most_products: how many are held at a time; beyond it the search for a pattern goes on with the largest of them
-            and the upper bound stays.
+        most_products: largest number held at a time; beyond it the search for a pattern continues with the largest of
+            them and the upper bound stays.
 
     Returns:
         Bounds and the pattern that reaches the lower one.
@@ -111,7 +111,7 @@ def joint_spectral_radius(
 
 
 def _shortest(pattern: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the word of which a pattern is made by repetition, from its smallest turn on."""
+    """Return the shortest word of which a pattern is a repetition, in its smallest rotation."""
     for size in range(1, len(pattern) + 1):
         if len(pattern) % size == 0 and pattern[:size] * (len(pattern) // size) == pattern:
             return min(pattern[turn:size] + pattern[:turn] for turn in range(size))

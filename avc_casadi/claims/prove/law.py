@@ -1,11 +1,11 @@
 """The law of a coupling before it is clipped, as exact transfer functions: linear, on both sides of the wall.
 
-The position x that is measured and the force F that was asked for before give what is clipped,
+The measured position x and the previously commanded force F give the force before clipping,
 
     y = C1(z) x + C2(z) F,      F = min(max(0, y), largest force),
 
-where C2 is there only behind an observer that is told the force. Every number of the law is a binary fraction, so that
-the coefficients come exactly, by rational arithmetic; they are polynomials in z - 1, in which low frequencies keep
+where C2 exists only behind an observer that takes the force as input. Every number of the law is a binary fraction, so
+that the coefficients are exact, by rational arithmetic; they are polynomials in z - 1, in which low frequencies keep
 their digits.
 
     coupling and wall in series:   S (1 - d w)(1 - a w)/(1 + q w) + b_p (1 - w)/T,   w = 1/z,
@@ -36,7 +36,7 @@ _ZERO, _ONE = Fraction(0), Fraction(1)
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Gains, wall and observer that run at one sample time, clipped last.
+    """Gains, wall and observer at one sample time, clipped last.
 
     Attributes:
         sample_time_s: T.
@@ -45,7 +45,7 @@ class ContactLaw:
         contact_damping_ns_per_m: b_p.
         wall_damping_ns_per_m: b_e.
         wall_stiffness_n_per_m: k_e.
-        state_feedback: observer and feedback, its dead zone left out; None for the position as measured.
+        state_feedback: observer and feedback, without its dead zone; None for the position as measured.
     """
 
     sample_time_s: float
@@ -65,7 +65,7 @@ class ContactLaw:
         contact_damping_ns_per_m: float,
         state_feedback: StateFeedback | None = None,
     ) -> Self:
-        """Take wall and sample time of a problem."""
+        """Return the law with wall and sample time of a problem."""
         wall = problem.environment
         return cls(
             problem.device.sample_time_s,
@@ -84,7 +84,7 @@ class ContactLaw:
 
     @cached_property
     def _series(self) -> tuple[Polynomial, Polynomial]:
-        """Numerator and denominator of force over the position that the coupling sees, in z - 1."""
+        """Return numerator and denominator of force over the coupling's input position, in z - 1."""
         t = Fraction(self.sample_time_s)
         b_e, k_e = Fraction(self.wall_damping_ns_per_m), Fraction(self.wall_stiffness_n_per_m)
         kappa_e = k_e + b_e / t
@@ -104,7 +104,7 @@ class ContactLaw:
 
     @cached_property
     def transfer(self) -> tuple[Polynomial, Polynomial, Polynomial]:
-        """Numerators of C1 and C2 and their common denominator, in z - 1; C2 is [0] without an observer."""
+        """Return the numerators of C1 and C2 and their common denominator, in z - 1; C2 is [0] without an observer."""
         force, own = self._series
         law = self.state_feedback
         if law is None:
@@ -135,7 +135,7 @@ class ContactLaw:
 
     @classmethod
     def from_document(cls, found: dict[str, Any]) -> Self:
-        """Read what `document` gives."""
+        """Read the output of `document`."""
         numbers = {name: math.inf if found[name] is None else float(found[name]) for name in _NUMBERS}
         law = found["state_feedback"]
         if law is not None:
@@ -171,7 +171,7 @@ def total(one: Polynomial, two: Polynomial) -> Polynomial:
 
 
 def _observer(law: StateFeedback) -> tuple[Polynomial, Polynomial, Polynomial]:
-    """Return what it believes over position and over force, and its poles, without dead zone.
+    """Return the estimated position over position and over force, and the observer's poles, without dead zone.
 
     With K = I - L m', s = K A s/z + K B F/z + L x and y = R s: y/x = z R (z I - K A)^-1 L and
     y/F = R (z I - K A)^-1 K B, by Faddeev and LeVerrier in exact fractions.
@@ -201,7 +201,7 @@ def _observer(law: StateFeedback) -> tuple[Polynomial, Polynomial, Polynomial]:
 
 
 def _inside(polynomial: Polynomial) -> bool:
-    """Tell by Schur and Cohn whether all roots lie inside the unit circle."""
+    """Return by Schur and Cohn whether all roots lie inside the unit circle."""
     while polynomial and polynomial[0] == 0:
         polynomial = polynomial[1:]
     if not polynomial:

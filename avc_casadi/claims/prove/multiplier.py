@@ -1,16 +1,16 @@
 """Verification of a multiplier for every angle and every hand of a box: enclosures, branch and bound.
 
-With P = N/D + R, the middle term of the folded spectrum and the rest of it, what has to be positive is taken times
-|D|^2: Re{M C1 N D*} + Re{M (1 + R C1 - C2)} |D|^2. Nothing is divided by D then, which a light and loose hand makes
-vanish all but.
+With P = N/D + R, the middle term of the folded spectrum and the rest of it, the real part to be positive is multiplied
+by |D|^2: Re{M C1 N D*} + Re{M (1 + R C1 - C2)} |D|^2. This avoids a division by D, which nearly vanishes with a light
+and loose hand.
 
-The terms of P that are left out take at most e |D|^2, with e the largest that |M C1| times their bound is over the
-angles of a cell. With that taken off, what has to be positive is a function whose rates are known.
+The omitted terms of P take at most e |D|^2, with e the largest value of |M C1| times their bound over the angles of a
+cell. Less this, the real part is a function with known rates.
 
-On a cell of (omega, hand) the value at the middle, less what the rates of change over the cell can take from it,
-bounds it from below (mean-value form), and so does the value over the cell. A number along which it only rises, or only
-falls, over a cell that is not decided is fixed at its worse end: most cells lose most of their sides. From then on e is
-that of the whole cell, for which the fixed end stands. What is left is cut in two across the number that takes most.
+On a cell of (omega, hand) the value at the middle, less its largest decrease by the rates over the cell, bounds it from
+below (mean-value form), and so does the value over the cell. A number along which it is monotone over an undecided cell
+is fixed at its worse end: most cells lose most of their sides. From then on e is that of the whole cell, which the
+fixed end represents. The rest is bisected across the number with the largest decrease.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from avc_casadi.claims.prove.law import ContactLaw, Polynomial
 
 
-# What the taps leave of 1, so that the multiplier is strict.
+# Distance of the sum of the taps from 1, so that the multiplier is strict.
 _LEFT = 1e-4
 LAGS = tuple(lag for lag in range(-5, 6) if lag)
 
@@ -48,12 +48,12 @@ class Multiplier:
 
     @property
     def valid(self) -> bool:
-        """Whether it is one: no tap negative or at lag 0, their sum below 1 whatever the rounding."""
+        """Whether it is a multiplier: no tap negative or at lag 0, their sum below 1 whatever the rounding."""
         values = list(self.taps.values())
         return 0 not in self.taps and all(0 <= value < 1 for value in values) and sum(values) < 1 - 1e-12
 
     def at(self, omega: FloatArray) -> ComplexArray:
-        """Return it at angles, in plain numbers."""
+        """Return its values at angles, in plain numbers."""
         found = np.ones(np.shape(omega), dtype=np.complex128)
         for lag, tap in self.taps.items():
             found -= tap * np.exp(-1j * lag * np.asarray(omega))
@@ -69,14 +69,14 @@ class Multiplier:
 
 
 def search(omega: FloatArray, loop: ComplexArray) -> tuple[Multiplier, float]:
-    """Find the taps with the largest t in Re{M (1 + L)} >= t |1 + L|.
+    """Return the taps with the largest t in Re{M (1 + L)} >= t |1 + L|.
 
     Args:
         omega: angles of the points, shape (p,).
         loop: L there, shape (p,); many hands may share an angle.
 
     Returns:
-        The multiplier and t; there is none where t is not positive, as where the programme was not solved.
+        The multiplier and t; None where t is not positive, or where the programme was not solved.
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -109,18 +109,18 @@ _QUIET: dict[str, Any] = {"error_on_fail": False, "highs": {"output_flag": False
 
 _AT_ONCE = 4096
 _FIRST_ANGLES = 64
-# A second or two for three numbers of a hand, about two minutes for the five of one on a stylus.
+# A second or two for the three numbers of a hand, about two minutes for the five of one on a stylus.
 MOST_CELLS = {3: 400_000, 5: 10_000_000}
 
 
 @dataclass(frozen=True)
 class Verified:
-    """What became of a multiplier.
+    """Result of the verification of a multiplier.
 
     Attributes:
         holds: whether it holds for every angle and hand.
-        cells: cells that were looked at.
-        fails_at: an angle and a hand at which it does not hold, shape (1 + numbers,); None where none was met.
+        cells: number of evaluated cells.
+        fails_at: an angle and a hand at which it does not hold, shape (1 + numbers,); None where none was found.
     """
 
     holds: bool
@@ -142,8 +142,8 @@ def verify(
         law: the law, with its poles inside the unit circle.
         device: the device and the box of hands.
         multiplier: the multiplier.
-        most_cells: where to give up; None is `MOST_CELLS` of such hands.
-        progress: told of the share of the box that is done.
+        most_cells: largest number of cells; None is `MOST_CELLS` of such hands.
+        progress: reported over the share of the box that is done.
     """
     coefficients = tuple(_rounded(part) for part in law.transfer)
     ends = np.array(list(device.ranges.values()))
@@ -182,8 +182,8 @@ class _Cells(NamedTuple):
     Attributes:
         low: lower corners, shape (n, 1 + numbers).
         high: upper corners.
-        share: of the box that each stands for, shape (n,).
-        left_out: e of a cell for which each stands; not a number where it stands for itself alone.
+        share: of the box that each represents, shape (n,).
+        left_out: e of the cell that each represents; not a number where it represents itself alone.
     """
 
     low: FloatArray
@@ -195,20 +195,20 @@ class _Cells(NamedTuple):
         return _Cells(*(part[rows] for part in self))
 
     def at_worse_ends(self, way: FloatArray, left_out: FloatArray) -> _Cells:
-        """Fix what only rises at its lower end, and what only falls at its upper."""
+        """Fix increasing numbers at their lower end, and decreasing ones at their upper."""
         low, high = np.where(way < 0, self.high, self.low), np.where(way > 0, self.low, self.high)
         fixed = (high - low < self.high - self.low).any(axis=1)
         return _Cells(low, high, self.share, np.where(fixed, left_out, self.left_out))
 
 
 class _Bounds(NamedTuple):
-    """What is known of the scaled real part in n cells.
+    """Bounds of the scaled real part in n cells.
 
     Attributes:
-        at_middle: above its value at the middle, shape (n,).
-        lower: below it over the cell, shape (n,).
-        across: what each number can take over the cell, shape (n, 1 + numbers); not a number where nothing is known.
-        way: 1 where it only rises along a number, -1 where it only falls, else 0.
+        at_middle: upper bound of its value at the middle, shape (n,).
+        lower: lower bound over the cell, shape (n,).
+        across: largest decrease by each number over the cell, shape (n, 1 + numbers); not a number where unknown.
+        way: 1 where it increases along a number, -1 where it decreases, else 0.
         left_out: e, shape (n,).
     """
 
@@ -256,7 +256,7 @@ def _weights(coefficients: tuple[list[Disc], ...], multiplier: Multiplier, omega
 def _real(
     weights: tuple[Moving, Moving], device: HeldDevice, cell: list[Moving], left_out: FloatArray
 ) -> tuple[Moving, FloatArray]:
-    """Enclose Re{M C1 N D*} + (Re{M (1 + R C1 - C2)} - e) |D|^2; return |D|^2 at most beside it."""
+    """Enclose Re{M C1 N D*} + (Re{M (1 + R C1 - C2)} - e) |D|^2; return also an upper bound of |D|^2."""
     through, own = weights
     above, below, around = device.over(cell[0], tuple(cell[1:]))
     scale = below.abs2()
@@ -269,7 +269,7 @@ def _rounded(polynomial: Polynomial) -> list[Disc]:
 
 
 def _value(coefficients: list[Disc], at: Moving) -> Moving:
-    """Enclose a polynomial and its rate by its Taylor series about the middle, which keeps what cancels."""
+    """Enclose a polynomial and its rate by its Taylor series about the middle, which preserves cancellation."""
     middle = Disc(at.value.centre, np.zeros_like(at.value.radius))
     ones = Disc.around(np.ones_like(middle.radius), middle.radius)
     left = [ones * coefficient for coefficient in coefficients]
@@ -290,7 +290,7 @@ def _value(coefficients: list[Disc], at: Moving) -> Moving:
 
 
 def _cut(cells: _Cells, across: FloatArray, whole: FloatArray) -> _Cells:
-    """Cut each cell in two across the number that takes most; where nothing is known, across the widest."""
+    """Bisect each cell across the number with the largest decrease; where none is known, across the widest."""
     width = cells.high - cells.low
     wide = width / np.where(whole > 0, whole, 1.0)
     worth = np.where(np.isfinite(across), across * (width > 0), wide)

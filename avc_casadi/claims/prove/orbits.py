@@ -1,8 +1,8 @@
 """Periodic orbits of a loop that makes and breaks contact: found by Newton's method, confirmed by enclosure.
 
-From a state that is guessed, the pieces that it runs through over a period make one affine map; its fixed point is the
-next guess. Where the fixed point runs through the same pieces it lies on an orbit: Newton's method ends after finitely
-many steps. A loop with an orbit that is no place of rest does not rest from every state. None found proves nothing.
+From an initial guess, the pieces visited over a period make one affine map; its fixed point is the next iterate. Where
+the fixed point visits the same pieces it lies on an orbit: Newton's method ends after finitely many steps. A loop with
+an orbit other than an equilibrium does not settle from every state. None found proves nothing.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ if TYPE_CHECKING:
 
 PERIODS = tuple(range(3, 33))
 _NEWTON_STEPS = 12
-# Relative error that the discretisation of the plant may have, and the loop's own numbers.
+# Relative error of the discretised plant and of the loop's own numbers.
 _ENTRY_ERROR = 1e-11
-# An orbit moves by more than this share of the hand's depth.
+# An orbit moves by more than this share of the hand's penetration.
 _MOVES = 1e-4
 
 
 @dataclass(frozen=True)
 class Orbit:
-    """A motion that repeats for ever: what a hand and a target make of it.
+    """A periodic motion with a hand and its target.
 
     Attributes:
         hand: the numbers of the hand, by name.
-        target_m: where the hand rests, m; the wall begins at 0.
+        target_m: of the hand, m; the wall begins at 0.
         state_names: names of the states.
         states: at each sample of a period, shape (p, n).
-        force_n: asked at each sample, shape (p,).
-        multiplier: largest absolute Floquet multiplier; above 1 where neighbouring motions leave the orbit.
+        force_n: commanded at each sample, shape (p,).
+        multiplier: largest absolute Floquet multiplier; above 1 where the orbit is unstable.
         enclosed: whether an enclosure proves that there is such an orbit.
     """
 
@@ -57,7 +57,7 @@ class Orbit:
 
     @property
     def period(self) -> int:
-        """Samples until it repeats."""
+        """Period in samples."""
         return len(self.states)
 
     def document(self) -> dict[str, Any]:
@@ -66,7 +66,7 @@ class Orbit:
 
     @classmethod
     def from_document(cls, found: dict[str, Any]) -> Orbit:
-        """Read what `document` gives."""
+        """Read the output of `document`."""
         return cls(
             hand=dict(found["hand"]),
             target_m=float(found["target_m"]),
@@ -90,19 +90,19 @@ def find_orbit(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Orbit | None:
-    """Look for an orbit with some hands; the first that an enclosure confirms, or None.
+    """Return the first orbit with some hands that an enclosure confirms, or None.
 
     Args:
         law: the law.
-        contact: how it is made one-sided.
-        device: the device, known exactly, its force not limited: orbits grow with the press, so that the limit of a
-            device only bounds the press at which one is met.
+        contact: the contact law.
+        device: the device, known exactly, its force not limited: orbits grow with the press, so that the force limit
+            only bounds the press at which one occurs.
         hands: h hands.
         periods: numbers of samples to try.
         starts: random states to start from, for each hand and press.
-        press_n: forces with which the hands press; negative where they hover before the wall.
+        press_n: forces with which the hands press; negative in front of the wall.
         seed: of the starts.
-        progress: told of the periods.
+        progress: reported over the periods.
     """
     random = np.random.default_rng(seed)
     count = len(hands)
@@ -127,7 +127,7 @@ def _only(loop: SwitchingLoop, row: int) -> SwitchingLoop:
 
 
 def _guesses(loop: SwitchingLoop, random: np.random.Generator) -> FloatArray:
-    """States on the way into the wall, or out of it: a depth, a speed, and the past that belongs to them."""
+    """Return initial guesses into the wall or out of it: a penetration, a speed, and the past of these."""
     h, n = len(loop.target_m), loop.states
     state = np.zeros((h, n))
     speed = random.uniform(-0.4, 0.4, h) * loop.law.sample_time_s
@@ -145,7 +145,7 @@ def _guesses(loop: SwitchingLoop, random: np.random.Generator) -> FloatArray:
 
 
 def _newton(loop: SwitchingLoop, period: int, state: FloatArray) -> list[tuple[int, FloatArray]]:
-    """Return the hands whose guess became a fixed point of its own pieces, with the state."""
+    """Return the hands whose guess converged to a fixed point of its own pieces, with the state."""
     h, n = state.shape
     before: BoolArray | None = None
     same = np.zeros(h, dtype=bool)
@@ -179,7 +179,7 @@ def _fixed(whole: FloatArray, state: FloatArray) -> FloatArray:
 
 
 def _travels(loop: SwitchingLoop, state: FloatArray) -> BoolArray:
-    """Tell orbits from places of rest."""
+    """Return which states are orbits, not equilibria."""
     rows, _, _ = loop.piece(state)
     n = state.shape[1]
     following = np.einsum("hmn,hn->hm", rows[:, :, :n], state) + rows[:, :, n]
@@ -187,9 +187,9 @@ def _travels(loop: SwitchingLoop, state: FloatArray) -> BoolArray:
 
 
 def _confirmed(loop: SwitchingLoop, period: int, start: FloatArray, hand: dict[str, float]) -> Orbit | None:
-    """Enclose the orbit by Krawczyk's test on all samples at once, and hold every piece against the enclosure.
+    """Enclose the orbit by Krawczyk's test on all samples at once, and check every piece against the enclosure.
 
-    The numbers of each piece may be off by `_ENTRY_ERROR`, so that the loop in exact numbers is among those enclosed.
+    The numbers of each piece have an error of `_ENTRY_ERROR`, so that the loop in exact numbers is enclosed.
     """
     n = loop.states
     states, forces, maps, switches = [], [], [], []
@@ -228,7 +228,7 @@ def _confirmed(loop: SwitchingLoop, period: int, start: FloatArray, hand: dict[s
 
 
 def _loop_gain(loop: SwitchingLoop) -> float:
-    """Bound how much what decides the piece moves where each state moves by one."""
+    """Bound the change of the deciding values for a change of each state by one."""
     law, t = loop.law, loop.law.sample_time_s
     stiff = law.wall_stiffness_n_per_m + (law.wall_damping_ns_per_m + law.contact_damping_ns_per_m) / t
     observer = law.state_feedback
@@ -256,7 +256,7 @@ def _krawczyk(
     left += constant_off + off @ np.abs(guess) + unit * (np.abs(system) @ np.abs(guess) + np.abs(constant))
     first = absolute @ left * (1 + unit)
     contraction = np.abs(np.eye(size) - inverse @ system) + absolute @ (off + unit * np.abs(system))
-    # An interval that is mapped into its own inside holds the only solution.
+    # An interval mapped into its own interior contains a unique solution.
     radius = 2 * first + 1e-300
     mapped = first + contraction @ radius * (1 + unit)
     return radius if (mapped < radius).all() else None

@@ -1,8 +1,8 @@
-"""Rest: whether a coupling comes to rest in every hand of a box, making and breaking contact; proved, refuted or open.
+"""Rest: whether a coupling settles with every hand of a box, making and breaking contact; proved, refuted or open.
 
-The claim is for every resting target of the hand and every initial state of the loop, without friction and with the
-position measured exactly. It is made of the law that is clipped last, which leaves one nonlinearity with a slope
-between 0 and 1, the limit of the force among it.
+The claim is for every constant target of the hand and every initial state of the loop, without friction and with the
+position measured exactly. It is on the law clipped last, with one nonlinearity of a slope between 0 and 1, the force
+limit included.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _LEFT_OUT = {
 
 
 def covered(device: Device) -> str:
-    """Say which device a proof of rest covers: mechanics, amplifier and delay as declared, and what is left out.
+    """Return the coverage of a proof of rest in words: mechanics, amplifier and delay as declared, and what is omitted.
 
     Args:
         device: as declared, with its ranges.
@@ -71,7 +71,7 @@ def _between(value: float, ends: tuple[float, float] | None) -> str:
 
 
 _DRAWS = 24
-# Loops whose radius is this near to 1 are not called unstable.
+# Loops with a radius this near to 1 are not taken as unstable.
 _UNSTABLE = 1 + 1e-9
 _SEARCHES = 6
 _LOW_ANGLE = 1e-4
@@ -80,11 +80,11 @@ _NEAR = np.array([0.97, 0.99, 1.0, 1.01, 1.03])
 
 @dataclass(frozen=True)
 class Unstable:
-    """A hand with which the loop is unstable in contact for good.
+    """A hand with which the loop is unstable in permanent contact.
 
     Attributes:
         hand: the numbers of the hand, by name.
-        device: those of the device that are not known exactly, by key.
+        device: values of the device not known exactly, by key.
         spectral_radius: of the loop.
     """
 
@@ -95,19 +95,19 @@ class Unstable:
 
 @dataclass(frozen=True)
 class Rest:
-    """What is known of rest.
+    """Proof or refutation of rest.
 
     Attributes:
         outcome: proved, refuted or open.
-        sentence: what holds, what breaks it, or why it is open.
-        contact: how the law is made one-sided.
+        sentence: the claim, its counterexample, or why it is open.
+        contact: the contact law.
         law: the law.
         device: the device as declared.
         hand: the box of hands, by name.
-        multiplier: what proves it, or what holds without what the sentence names; None where none was verified.
+        multiplier: proof, or proof but for the restriction in the sentence; None where none was verified.
         cells: cells of the verification.
-        seconds: time of all of it.
-        orbit: a motion that never ends, or None.
+        seconds: total time.
+        orbit: a sustained oscillation, or None.
         unstable: a hand with which the loop is unstable in contact, or None.
     """
 
@@ -124,7 +124,7 @@ class Rest:
     unstable: Unstable | None = None
 
     def verified(self, progress: Progress = SILENT) -> bool:
-        """Verify the stored multiplier anew; law and device have to mean one clock, the box hands that there are."""
+        """Return whether the stored multiplier verifies again; law and device must share T, and the box be valid."""
         found = self.multiplier
         if found is None or not found.valid or self.device.sample_time_s != self.law.sample_time_s:
             return False
@@ -154,7 +154,7 @@ class Rest:
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> Rest:
-        """Read what `document` gives; nothing of it is believed before `verified`."""
+        """Read the output of `document`; unverified before `verified`."""
         taps, orbit, unstable = found["multiplier"], found["orbit"], found["unstable"]
         return cls(
             outcome=found["outcome"],
@@ -182,17 +182,17 @@ def prove_rest(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Rest:
-    """Prove rest, refute it, or say why it is open.
+    """Prove rest, refute it, or give the reason why it is open.
 
     Args:
         law: gains, wall and observer.
-        contact: how the law is made one-sided.
+        contact: the contact law.
         device: as declared, with its ranges.
         hand: the box of hands, [lowest, highest] by name.
-        most_cells: where verification gives up; None is `MOST_CELLS` of such hands.
-        orbits: look for a motion that never ends where there is no proof; with a hand on a stylus none is looked for.
-        seed: of the hands drawn and of the starts of orbits.
-        progress: told of the work.
+        most_cells: limit of the verification; None is `MOST_CELLS` of such hands.
+        orbits: search for a sustained oscillation where there is no proof; not with a hand on a stylus.
+        seed: of the drawn hands and of the initial guesses of orbits.
+        progress: reported over the work.
     """
     began = time.perf_counter()
 
@@ -260,7 +260,7 @@ def promising(law: ContactLaw, held: HeldDevice) -> float:
 def _proof(
     law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], most_cells: int | None, progress: Progress
 ) -> tuple[str, Multiplier | None, int]:
-    """Return why there is no proof, or the multiplier; and the cells that were looked at."""
+    """Return the reason why there is no proof, or the multiplier; and the number of evaluated cells."""
     if not law.stable:
         return "the law has a pole on or outside the unit circle while it gives no force", None, 0
     try:
@@ -286,7 +286,7 @@ def _proof(
 
 @dataclass(frozen=True)
 class _Points:
-    """Angles and hands at which a multiplier is sought, and the loop there, all of shape (p,)."""
+    """Angles and hands of the search for a multiplier, and the loop there, all of shape (p,)."""
 
     omega: FloatArray
     loop: ComplexArray
@@ -297,7 +297,7 @@ class _Points:
         return cls(*_loop(law, held, omega, held.corners()))
 
     def with_hand(self, law: ContactLaw, held: HeldDevice, where: FloatArray) -> _Points:
-        """Add what a hand does about an angle."""
+        """Add a hand at an angle and its neighbourhood."""
         omega, loop = _loop(law, held, np.clip(where[0] * _NEAR, 0.0, np.pi), where[None, 1:])
         return _Points(np.append(self.omega, omega), np.append(self.loop, loop))
 
@@ -310,7 +310,7 @@ def _loop(law: ContactLaw, held: HeldDevice, omega: FloatArray, hands: FloatArra
 
 
 def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | StylusHand | None:
-    """Corners of the box and draws within it; None for hands that are not known."""
+    """Return corners of the box and draws within it; None for hands that are not known."""
     kinds: dict[tuple[str, ...], type[Hand | StylusHand]] = {HAND: Hand, STYLUS: StylusHand}
     kind = kinds.get(tuple(hand))
     if kind is None:

@@ -1,12 +1,12 @@
-"""Ripple: how far errors of the sensor and dry friction can move a hand that keeps in contact, by l1 norms.
+"""Ripple: bounds on the motion by sensor errors and dry friction in sustained contact, by l1 norms.
 
-In contact the loop is linear: x+ = A x + g n, with n the error of the measured position. Whatever n does within its
-bound, what it moves is at most that bound times the sum of the absolute impulse response. Over a box of hands the loop
-of the middle is known and the others differ from it by a matrix within E, elementwise: with N the sum of |A^j|,
+In contact the loop is linear: x+ = A x + g n, with n the error of the measured position. For any n within its bound,
+the response is at most that bound times the sum of the absolute impulse response. Over a box of hands the loops differ
+from that of the middle by a matrix within E, elementwise: with N the sum of |A^j|,
 
     s <= sum |A^j g| + N E s      bounds the sum of the states' absolute impulse responses,
 
-and the output follows. Boxes for which this says nothing, or too much, are cut. Rounding counts as part of E.
+and the output follows. Boxes for which this bound is infinite or too large are bisected. Rounding counts as part of E.
 """
 
 from __future__ import annotations
@@ -32,36 +32,37 @@ if TYPE_CHECKING:
     from avc_casadi.claims.prove.law import ContactLaw
     from avc_casadi.model.device import Device
 
-# Gaussian noise is taken for bounded at so many times its rms.
+# Gaussian noise is taken as bounded by so many times its rms.
 NOISE_BOUND = 4.0
 _SAMPLES = 40_000
 _DIES_TO = 1e-7
 _BOXES_AT_ONCE = 64
 _MOST_BOXES = 4096
-# Boxes times samples until the slowest loop has died out: some seconds.
+# Boxes times samples until the slowest loop has decayed: some seconds.
 _BUDGET = 1_500_000
-# A box is cut until its enclosure is within this factor of its middle.
+# A box is bisected until its enclosure is within this factor of its middle.
 _LOOSE = 1.3
 _UP = 1 + 1e-9
 
 
 @dataclass(frozen=True)
 class Ripple:
-    """Bounds in kept contact, in every hand of a box.
+    """Bounds in sustained contact, with every hand of a box.
 
     Attributes:
         error_m: bound of the error of the measured position: half an encoder step, a dead zone, noise.
         friction_n: bound of the dry friction.
-        position_m: how far both move the device at most.
-        force_n: how far both move the force at most.
+        position_m: largest displacement by both.
+        force_n: largest force ripple by both.
         position_per_error: metres a metre of error, at most.
         force_per_error_n_per_m: newtons a metre of error.
         position_per_friction_m_per_n: metres a newton of friction.
         force_per_friction: newtons a newton of friction.
-        corners_position_m: the same bound at the corners of the hands alone: the truth lies between both.
+        corners_position_m: the same bound at the corners of the hands alone, a lower estimate.
         corners_force_n: of the force.
         boxes: boxes that were enclosed.
-        press_n: presses for which contact and force limit are kept, [lowest, highest]; highest None without a limit.
+        press_n: presses that stay in contact and within the force limit, [lowest, highest]; highest None without a
+            limit.
     """
 
     error_m: float
@@ -81,16 +82,16 @@ class Ripple:
 def bound_ripple(
     law: ContactLaw, device: Device, hand: Mapping[str, tuple[float, float]], progress: Progress = SILENT
 ) -> Ripple:
-    """Bound the ripple of a coupling in kept contact, over every hand of a box.
+    """Bound the ripple of a coupling in sustained contact, over every hand of a box.
 
     Args:
         law: the law; the dead zone of its observer counts as error.
         device: known exactly but for its friction, sensor and force; a rigid one, with whole samples of delay.
         hand: the box of hands.
-        progress: told of the boxes.
+        progress: reported over the boxes.
 
     Raises:
-        UnsupportedError: a device or hand that is not enclosed, or a loop that is not stable in contact.
+        UnsupportedError: a device or hand that is not covered, or a loop that is not stable in contact.
     """
     devices = device_corners(device, LINEAR_KEYS)
     if len(devices) > 1:
@@ -139,7 +140,7 @@ def _lowest_limit(device: Device) -> float:
 def _over_box(
     law: ContactLaw, device: Device, ends: FloatArray, known: FloatArray, progress: Progress
 ) -> tuple[FloatArray, int]:
-    """Return the norms over the box, and the boxes that it was cut into."""
+    """Return the norms over the box, and the boxes of its partition."""
     low, high = ends[None, :, 0], ends[None, :, 1]
     worst, done = known.copy(), 0
     corners = Hand(*np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")]))
@@ -166,7 +167,7 @@ def _over_box(
 
 
 def _halves(law: ContactLaw, device: Device, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Cut boxes in two across the number that changes the loop most."""
+    """Bisect boxes across the number that changes the loop most."""
     if not len(low):
         return low, high
     middle = _middle(low, high)
@@ -184,7 +185,7 @@ def _halves(law: ContactLaw, device: Device, low: FloatArray, high: FloatArray) 
 
 
 def _middle(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the middle by ratio, or of the sum where a range begins at 0."""
+    """Return the geometric mean, or the arithmetic one where a range begins at 0."""
     return np.where(low > 0, np.sqrt(low * high), 0.5 * (low + high))
 
 
@@ -206,7 +207,7 @@ def _norms(law: ContactLaw, device: Device, low: FloatArray, high: FloatArray) -
     n = loop.states
     matrix, s = rows[:, :, :n], len(loop.measured)
     spread, kick, kick_spread = _plant_spread(device, hands, low, high, n)
-    # How the plants of the box differ from that of the middle, and what the force does through that.
+    # Deviation of the plants of the box from that of the middle, and its effect on the force.
     off = np.zeros_like(matrix)
     off[:, :, :n] = spread[:, :, :n]
     through = spread[:, :, n]
@@ -224,7 +225,7 @@ def _norms(law: ContactLaw, device: Device, low: FloatArray, high: FloatArray) -
 def _plant_spread(
     device: Device, hands: Hand, low: FloatArray, high: FloatArray, states: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return by how much the plant's map may differ over each box, what friction does in a sample, and its spread.
+    """Return the deviation of the plant's map over each box, the effect of friction in a sample, and its deviation.
 
     Every entry of the continuous matrix is monotone in each number of the hand, so that the corners of a box bound it;
     |exp(M + D) - exp(M)| <= exp(|M| + |D|) - exp(|M|), elementwise.
@@ -247,11 +248,11 @@ def _plant_spread(
     spread = np.zeros((h, states, states + 1))
     spread[:, :s, :s] = grown[:, :s, :s]
     delay = int(device.delay_samples)
-    # With a delay of n samples the oldest of the forces under way acts.
+    # With a delay of n samples the oldest of the delayed forces acts.
     place = states if delay == 0 else s + delay - 1
     spread[:, :s, place] = grown[:, :s, s]
     kick, kick_spread = np.zeros((h, states)), np.zeros((h, states))
-    # A bounded force does no more than its absolute response to an impulse, held.
+    # The effect of a bounded force is at most the integral of the absolute impulse response.
     kick[:, :s] = expm(np.abs(middle))[:, :s, s + 1]
     kick_spread[:, :s] = grown[:, :s, s + 1]
     return spread, kick, kick_spread
@@ -293,7 +294,7 @@ def _enclosed(
             break
     later = np.abs(power)
     dies = later.sum(axis=2).max(axis=1) <= _DIES_TO
-    # What comes after the samples that were summed: at most the same again, times |A^J|, |A^J|^2, ...
+    # Remainder after the summed samples: at most the same sum times |A^J|, |A^J|^2, ...
     again = np.linalg.inv(eye - np.where(dies[:, None, None], later, 0.0))
     passing, carried = passing @ again * _UP, carried @ again * _UP
     column = (column + carried @ later @ np.abs(inputs)) * _UP

@@ -1,8 +1,8 @@
 """The loop from sample to sample as an affine map that switches with contact: clipped last, or gated.
 
-Position and velocity of the device, forces under way, and what the law remembers. In each piece the next state is an
-affine function of this one; a scalar of the loop is kept as its row over (state, 1), so that the map and its Jacobian
-are one thing.
+The state is position and velocity of the device, delayed forces, and the law's own states. In each piece the next state
+is an affine function of this one; a scalar of the loop is kept as its row over (state, 1), so that the map and its
+Jacobian coincide.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SwitchingLoop:
-    """The loop with h hands, each with its own target at rest.
+    """The loop with h hands, each with its own constant target.
 
     Attributes:
         law: the law.
-        contact: how it is made one-sided.
-        matrix: of the plants with their forces under way, shape (h, s, s); velocities are counted by the sample.
+        contact: the contact law.
+        matrix: of the plants with their delayed forces, shape (h, s, s); velocities times T.
         push: of the force, shape (h, s).
         measured: row of the position, shape (s,).
-        target_m: where each hand rests, shape (h,), m; the wall begins at 0.
+        target_m: of each hand, shape (h,), m; the wall begins at 0.
         names: of all states.
     """
 
@@ -51,7 +51,7 @@ class SwitchingLoop:
     def of(
         cls, law: ContactLaw, contact: Contact, device: Device, hands: Hand | StylusHand, target_m: FloatArray
     ) -> SwitchingLoop:
-        """Hold a device, known exactly."""
+        """Return the loop of a device, known exactly, with hands."""
         plant = sampled_plant(device, hands)
         matrix, push, measured = plants_with_forces(plant)
         under_way = [f"force_{place + 1}_samples_ago_n" for place in range(len(measured) - len(plant.names))]
@@ -64,13 +64,13 @@ class SwitchingLoop:
         return len(self.names)
 
     def contact_radius(self) -> FloatArray:
-        """Return the spectral radius of the loop in contact for good, shape (h,)."""
+        """Return the spectral radius of the loop in permanent contact, shape (h,)."""
         n = self.states
         rows, _, _ = self.piece(np.zeros((len(self.target_m), n)), always=True)
         return np.asarray(np.abs(np.linalg.eigvals(rows[:, :, :n])).max(axis=-1))
 
     def piece(self, state: FloatArray, *, always: bool = False) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the affine map of the piece that each state lies in.
+        """Return the affine map of the piece of each state.
 
         Args:
             state: shape (h, n).
@@ -104,7 +104,7 @@ class SwitchingLoop:
     def _law(
         self, x: FloatArray, own: Callable[[int], FloatArray], value: Callable[[FloatArray], FloatArray]
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """Return the row of the force, those of what the law remembers next, and the values that chose the piece."""
+        """Return the row of the force, those of the law's next states, and the values that chose the piece."""
         law, t = self.law, self.law.sample_time_s
         observer = law.state_feedback
         first = 0 if observer is None else observer.states
@@ -148,7 +148,7 @@ class SwitchingLoop:
 
 @dataclass(frozen=True)
 class _Numbers:
-    """What coupling and wall are over one sample: a, 1/kappa, S and d of `ContactLaw`."""
+    """Coupling and wall over one sample: a, 1/kappa, S and d of `ContactLaw`."""
 
     memory: float
     compliance: float

@@ -1,4 +1,4 @@
-"""How stiff a wall is proved, and how stiff the loop is stable in contact: what a proof costs."""
+"""Stiffest proved wall and stiffest wall stable in contact: the cost of a proof."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from avc_casadi.claims.prove.law import ContactLaw
     from avc_casadi.model.device import Device
 
-# Laws that may be taken at a stiffness of the wall.
+# Candidate laws at a stiffness of the wall.
 Laws = Callable[[float], Sequence["ContactLaw"]]
 
 _STEPS = 12
-# How far to step back where the stiffest promising wall is not verified.
+# Reduction of the stiffness where the stiffest promising wall is not verified.
 _BACK = 0.998
 _TRIES = 5
 
@@ -28,7 +28,7 @@ class WallGap:
 
     Attributes:
         proved_n_per_m: with which rest is proved; 0 where none was.
-        promised_n_per_m: with which a multiplier serves the corners of the box: what is proved is no stiffer.
+        promised_n_per_m: with a multiplier at the corners of the box: an upper bound of the proved stiffness.
         linear_n_per_m: with which the loop is stable in contact with the corners of the hands and draws.
     """
 
@@ -46,15 +46,15 @@ def wall_gap(
     steps: int = _STEPS,
     most_cells: int | None = None,
 ) -> WallGap:
-    """Find the stiffest wall that is proved and the stiffest that is linearly stable, by bisection.
+    """Return the stiffest proved wall and the stiffest linearly stable one, by bisection.
 
     Args:
-        laws: the laws to choose from at a stiffness.
+        laws: the candidate laws at a stiffness.
         device: the device as declared.
         hand: the box of hands.
         highest_n_per_m: a stiffness above both.
         steps: of the bisection.
-        most_cells: where a verification gives up; None is `MOST_CELLS` of such hands.
+        most_cells: limit of a verification; None is `MOST_CELLS` of such hands.
     """
     held = HeldDevice(device, hand)
     hands = sampled_hands(hand, 0)
@@ -82,7 +82,7 @@ def wall_gap(
 
 
 def same_gains(law: ContactLaw) -> Laws:
-    """Return the law before other walls."""
+    """Return the law with other walls."""
     return lambda stiffness: (replace(law, wall_stiffness_n_per_m=stiffness),)
 
 

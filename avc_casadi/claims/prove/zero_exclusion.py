@@ -4,7 +4,7 @@ In a cell, F(p) = F(centre) + sum of slope times distance (mean value form, slop
 order the values fill a zonotope; it misses 0 where a half plane through 0 does, and then one whose edge runs along a
 generator. That half plane is chosen in plain floating point and checked in intervals.
 
-Of a proof over hands is stored: cells without a zero, and one loop whose eigenvalues are counted.
+A stored proof over hands consists of cells without a zero, and one loop whose eigenvalues are counted.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ _LEAF = "."
 
 
 class Cover(NamedTuple):
-    """How cells fill a box.
+    """Partition of a box into cells.
 
     Attributes:
-        cuts: the tree, each box before its halves, lower half first: the number of the side that is halved, or a dot
-            for a cell.
+        cuts: the tree, each box before its halves, lower half first: the index of the bisected side, or a dot for a
+            cell.
         order: the cells in the order of the dots, shape (n,).
     """
 
@@ -36,7 +36,7 @@ class Cover(NamedTuple):
 
 
 def cover_of(low: FloatArray, high: FloatArray, cell_low: FloatArray, cell_high: FloatArray) -> Cover | None:
-    """Tell how cells fill a box: by halving it, along any side that cuts no cell; None where they do not.
+    """Return how cells fill a box by bisection, along any side that cuts no cell; None where they do not.
 
     Args:
         low: lower corner of the box, shape (v,).
@@ -71,7 +71,7 @@ def cover_of(low: FloatArray, high: FloatArray, cell_low: FloatArray, cell_high:
 
 
 def cells_of(low: FloatArray, high: FloatArray, cuts: str) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of the cells that cuts make of a box, (v, n) each, in the order of the dots.
+    """Return the corners of the cells of a partition, (v, n) each, in the order of the dots.
 
     Raises:
         ValueError: no tree of cuts.
@@ -102,13 +102,13 @@ def _middle(low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 _AT_ONCE = 8192
-# Cells are split more than once at a time while they are few: each round costs some milliseconds whatever it holds.
+# Few cells are split more than once at a time: each round costs some milliseconds whatever its size.
 _FEW = 512
 _MOST_SPLITS = 5
 
 
 class Enclosed(Protocol):
-    """Functions of v variables, one a row, that can be enclosed."""
+    """Interface of functions of v variables, one a row, that can be enclosed."""
 
     def over(self, cells: Interval, rows: IndexArray) -> Jet[ComplexInterval]:
         """Enclose values and slopes over cells, shape (v, n), of the rows (n,) that they belong to."""
@@ -119,13 +119,13 @@ class Enclosed(Protocol):
 
 @dataclass(frozen=True)
 class Cells:
-    """Cells, each with a half plane Re(F conj(direction)) > 0 that holds all its values.
+    """Cells, each with a half plane Re(F conj(direction)) > 0 that contains all its values.
 
     Attributes:
         low: lower ends, shape (v, n).
         high: upper ends, shape (v, n).
         direction: shape (n,); not a number where none was found.
-        row: the function that each cell belongs to, shape (n,).
+        row: the function of each cell, shape (n,).
     """
 
     low: FloatArray
@@ -138,7 +138,7 @@ class Cells:
 
     @classmethod
     def joined(cls, parts: list[Cells]) -> Cells:
-        """Put lists of cells together."""
+        """Concatenate lists of cells."""
         return cls(
             np.concatenate([part.low for part in parts], axis=1),
             np.concatenate([part.high for part in parts], axis=1),
@@ -147,28 +147,28 @@ class Cells:
         )
 
     def pick(self, some: BoolArray | slice) -> Cells:
-        """Take some of the cells."""
+        """Return some of the cells."""
         return Cells(self.low[:, some], self.high[:, some], self.direction[some], self.row[some])
 
     def of_row(self, row: int) -> Cells:
-        """Take those of one row, which becomes row 0."""
+        """Return those of one row, which becomes row 0."""
         mine = self.pick(self.row == row)
         return replace(mine, row=np.zeros(len(mine), dtype=np.intp))
 
     @classmethod
     def boxes(cls, low: FloatArray, high: FloatArray, row: IndexArray) -> Cells:
-        """Return cells that nothing is known of yet."""
+        """Return boxes as cells without half planes."""
         return cls(low, high, np.full(len(row), np.nan, dtype=np.complex128), row)
 
 
 @dataclass(frozen=True)
 class Exclusion:
-    """What a search found.
+    """Result of a search.
 
     Attributes:
         excluded: cells without a zero.
-        open: cells left over; the proof is complete where there are none.
-        looked_at: cells evaluated.
+        open: undecided cells; the proof is complete where there are none.
+        looked_at: number of evaluated cells.
     """
 
     excluded: Cells
@@ -177,7 +177,7 @@ class Exclusion:
 
 
 def excludes(function: Enclosed, cells: Cells) -> BoolArray:
-    """Whether the half plane of each cell is proved to hold all values of the function there, shape (n,)."""
+    """Return whether the half plane of each cell provably contains all values of the function there, shape (n,)."""
     return _held(*_first_order(function, cells), cells.direction)
 
 
@@ -187,13 +187,13 @@ def exclude_zeros(
     budget: int,
     on_round: Callable[[Cells], BoolArray] = lambda left: np.ones(len(left), dtype=bool),
 ) -> Exclusion:
-    """Split boxes until no cell can hold a zero.
+    """Split boxes until no cell can contain a zero.
 
     Args:
         function: the functions.
         boxes: one or more boxes of each row.
-        budget: cells that may be evaluated, of all rows together.
-        on_round: told of cells that could not be proved so far; says which are worth going on with.
+        budget: largest number of evaluated cells, of all rows together.
+        on_round: called with undecided cells; returns which to continue with.
     """
     waiting, done, given_up = boxes, [boxes.pick(slice(0, 0))], [boxes.pick(slice(0, 0))]
     looked_at = 0
@@ -222,7 +222,7 @@ def _first_order(function: Enclosed, cells: Cells) -> tuple[ComplexInterval, Com
 
 
 def _held(centre: ComplexInterval, slopes: ComplexInterval, reach: FloatArray, direction: ComplexArray) -> BoolArray:
-    """Whether Re(F conj(direction)) > 0 in each cell, proved."""
+    """Return whether Re(F conj(direction)) > 0 provably in each cell."""
     real, imag = np.real(direction), np.imag(direction)
     near = centre.real * real + centre.imag * imag
     spread = (abs(slopes.real * real + slopes.imag * imag) * reach).sum(axis=0)
@@ -230,7 +230,7 @@ def _held(centre: ComplexInterval, slopes: ComplexInterval, reach: FloatArray, d
 
 
 def _directions(centre: ComplexInterval, slopes: ComplexInterval, reach: FloatArray) -> ComplexArray:
-    """Choose the half planes with the most room, shape (n,)."""
+    """Return the half planes with the largest margin, shape (n,)."""
     c = centre.real.middle + 1j * centre.imag.middle
     generators = slopes.real.middle + 1j * slopes.imag.middle
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -248,14 +248,14 @@ def _directions(centre: ComplexInterval, slopes: ComplexInterval, reach: FloatAr
 
 
 def _weights(slopes: ComplexInterval, reach: FloatArray) -> FloatArray:
-    """How much each side of a cell spreads the values, shape (v, n)."""
+    """Return the spread of the values by each side of a cell, shape (v, n)."""
     with np.errstate(invalid="ignore"):
         spread = np.hypot(slopes.real.magnitude, slopes.imag.magnitude) * reach
     return np.asarray(np.where(np.isnan(spread), np.where(reach > 0, np.inf, 0.0), spread))
 
 
 def _split(cells: Cells, weight: FloatArray, times: int) -> Cells:
-    """Halve the side with the most weight, some times over."""
+    """Bisect the side with the most weight, repeatedly."""
     low, high, row_of = cells.low, cells.high, cells.row
     for _ in range(times):
         side = np.argmax(weight, axis=0)
@@ -272,22 +272,22 @@ def _split(cells: Cells, weight: FloatArray, times: int) -> Cells:
 
 _CLEAR_TURN = 3.0
 _TURN_TOLERANCE = 1e-3
-# Digits of a stored half plane's angle; the few cells that are near enough to mind keep all.
+# Digits of a stored half plane's angle; the few cells close to the limit keep all.
 _ANGLE_DIGITS = 3
 TOP = float(np.nextafter(np.pi, 4.0))
-"""Where the upper half of the unit circle ends, rad: the function repeats there."""
+"""End of the upper half of the unit circle, rad: the function is symmetric beyond."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """What was proved for delays between two whole numbers of samples; rows of cells as in `Enclosed` functions.
+    """Proof for delays between two whole numbers of samples; rows of cells as in `Enclosed` functions.
 
     Attributes:
         whole_delay: samples of delay, less the fraction.
         fraction: of the delay; None where it is a row of the cells.
-        low: lower corner of the box, shape (v,): angle, rad; all mass that moves, kg; damping; stiffness; fraction.
+        low: lower corner of the box, shape (v,): angle, rad; total moving mass, kg; damping; stiffness; fraction.
         high: upper corner.
-        cells: cells that fill the box, none of which holds a zero.
+        cells: cells that fill the box, none of which contains a zero.
         member: cells along the unit circle at one point of the box.
     """
 
@@ -299,7 +299,7 @@ class Piece:
     member: Cells
 
     def replays(self, gains: FrozenGains) -> bool:
-        """Whether the cells prove it once more."""
+        """Return whether the stored cells prove it."""
         loop = FrozenLoop(gains, self.whole_delay, self.fraction)
         cells, member = (replace(one, row=np.zeros(len(one), dtype=np.intp)) for one in (self.cells, self.member))
         inside = (member.low[1:] >= self.low[1:, None]) & (member.high[1:] <= self.high[1:, None])
@@ -317,7 +317,7 @@ class Piece:
         )
 
     def document(self, gains: FrozenGains) -> dict[str, Any]:
-        """Return JSON values; `from_document` reads them. Cells are stored as the cuts that make them."""
+        """Return JSON values; `from_document` reads them. Cells are stored as a tree of cuts."""
         loop = FrozenLoop(gains, self.whole_delay, self.fraction)
         point = self.member.low[1:, 0]
         ends = np.array([0.0, *point]), np.array([TOP, *point])
@@ -333,10 +333,10 @@ class Piece:
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> Piece:
-        """Read what `document` gives.
+        """Read the output of `document`.
 
         Raises:
-            ValueError: what stands there is no cover.
+            ValueError: the document is no valid cover.
         """
         low, high, point = (np.array(found[name], dtype=np.float64) for name in ("low", "high", "point"))
         fraction = found["fraction"]
@@ -351,7 +351,7 @@ class Piece:
 
 
 def all_inside(loop: FrozenLoop, line: Cells) -> bool:
-    """Whether the argument of F grows by 2 pi along the cells: all eigenvalues lie inside the unit circle."""
+    """Return whether the argument of F grows by 2 pi along the cells: all eigenvalues lie inside the unit circle."""
     order = np.argsort(line.low[0], kind="stable")
     low, high = line.low[:, order], line.high[:, order]
     if not len(line) or low[0, 0] != 0.0 or high[0, -1] != TOP or (low[0, 1:] != high[0, :-1]).any():

@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
 
-# Environments between free and the stiffest are tried at so many stiffnesses, evenly in the logarithm.
+# Number of stiffnesses between free and the stiffest environment, spaced logarithmically.
 _ENVIRONMENTS = 4
-# Of a contact of which nothing is said.
+# Damping of a contact without a declared one.
 _CONTACT_DAMPING_RATIO = 0.1
-# Stiffest environment beside a rigid one, and softest, as shares of the follower's m/T^2: beyond these nothing changes.
+# Stiffest non-rigid environment, and softest, as shares of the follower's m/T^2: no effect beyond these.
 _STIFFEST, _SOFTEST = 1.0, 1e-5
 
 
 @dataclass(frozen=True)
 class BilateralCase:
-    """One loop: who holds the leader, what the follower touches, how late the link is.
+    """One loop: the hand on the leader, the environment of the follower, the delays of the link.
 
     Attributes:
-        hand: its numbers; all 0 for the leader released.
-        environment_n_per_m: what the follower touches, as the leader counts; infinite where it is rigid.
+        hand: its parameters; all 0 for the leader released.
+        environment_n_per_m: stiffness at the follower, in the leader's units; infinite where it is rigid.
         device: number of the corner of both devices.
         delays_s: to the follower and back.
     """
@@ -56,7 +56,7 @@ class BilateralLoops(PeriodicLoops):
         patterns: the loop of each corner, delay and clock.
         follower: the [follower].
         hands: corners of [hands], the leader released last.
-        environments_n_per_m: what the follower touches, as the leader counts.
+        environments_n_per_m: stiffnesses at the follower, in the leader's units.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -87,7 +87,7 @@ class BilateralLoops(PeriodicLoops):
         return loop.monodromy(gains).reshape(-1, loop.size, loop.size)
 
     def radius(self, gains: ToolGains) -> tuple[float, BilateralCase]:
-        """Return the spectral radius of the loop that grows fastest, counted by a sample of the leader, and that."""
+        """Return the largest spectral radius, per sample of the leader, and its loop."""
         place, row, radius = self.worst(gains)
         hand, environment = np.unravel_index(row, (len(self.hands), len(self.environments_n_per_m)))
         number, delays_s = self._about[place]
@@ -102,7 +102,7 @@ def required_follower(problem: Problem) -> Follower:
     """Return the [follower] of a problem.
 
     Raises:
-        InputError: it has none.
+        InputError: it has no [follower].
     """
     if problem.follower is None:
         raise InputError.of(
@@ -114,7 +114,7 @@ def required_follower(problem: Problem) -> Follower:
 
 
 def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
-    """Return stiffness and damping of what the follower touches, as the leader counts: free, springs, rigid.
+    """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid.
 
     Args:
         follower: with its ranges.
@@ -132,7 +132,7 @@ def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
 
 
 def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> list[float]:
-    """Return the dampers beside a contact spring, as the follower counts.
+    """Return the dampers in parallel with a contact spring, in the follower's units.
 
     Args:
         follower: with the range.

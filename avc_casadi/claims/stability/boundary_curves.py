@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import StylusHand
 
-# The curves begin here: softer walls than m (theta/T)^2 of all that moves are taken as this one.
+# Start of the curves: walls softer than m (theta/T)^2, m the total moving mass, are taken as this one.
 _LOWEST_ANGLE = 1e-7
 _A_DECADE, _A_HALF_WAVE = 20, 12
-# A zero of the device near the circle turns the phase of L by pi within few nodes: more are put between.
+# A zero of the device near the circle turns the phase of L by pi within few nodes: more are inserted.
 _MOST_TURN, _SPLITS = 0.4, 40
-# Nodes about each pole, in widths of its resonance.
+# Nodes about each pole, in bandwidths of its resonance.
 _ABOUT = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
 # Each zoom narrows the bracket of an extremum to a quarter, each root step at least every second one to a half.
 _ZOOMS, _NINE = 6, np.linspace(0.0, 1.0, 9)
@@ -110,7 +110,7 @@ class _Loops:
         old: column of the force before it.
         whole_delay: shape (cases,).
         measured: index of the state that is measured.
-        free: where nothing calls the device back, shape (cases,).
+        free: where no spring restores the device, shape (cases,).
         sample_time_s: T.
         poles: a1 and a2.
     """
@@ -126,7 +126,7 @@ class _Loops:
 
     @classmethod
     def of(cls, corners: Sequence[Device], hands: Hand | StylusHand, poles: Poles) -> _Loops | None:
-        """Take all that can move; None where a device with a hand has no equation of motion."""
+        """Return all cases with an equation of motion; None where a device with a hand has none."""
         first, h = corners[0], len(hands)
         back = hands.stiffness_n_per_m if isinstance(hands, Hand) else hands.arm_stiffness_n_per_m
         if rigid(first) and isinstance(hands, Hand):
@@ -156,14 +156,14 @@ class _Loops:
         )
 
     def pick(self, cases: IndexArray | slice) -> _Loops:
-        """Take some of the cases."""
+        """Return some of the cases."""
         return _Loops(
             self.change[cases], self.new[cases], self.old[cases], self.whole_delay[cases], self.measured,
             self.free[cases], self.sample_time_s, self.poles,
         )  # fmt: skip
 
     def response(self, angle: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """L (N/m) and q (1/s) at angles of the cases, shape (cases) or (cases, m)."""
+        """Return L (N/m) and q (1/s) at angles of the cases, shape (cases) or (cases, m)."""
         case = (slice(None), *(None,) * (angle.ndim - 1))
         step = np.empty(angle.shape, dtype=np.complex128)
         step.real, step.imag = -2 * np.sin(angle / 2) ** 2, np.sin(angle)
@@ -240,7 +240,7 @@ def _nodes(loops: _Loops, corners: Sequence[Device], most_damping_ns_per_m: floa
 
 
 def _inserted(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray:
-    """Put new nodes among those of each case; a case with fewer of them repeats its first node."""
+    """Merge new nodes into those of each case; a case with fewer of them repeats its first node."""
     case, index = np.nonzero(where)
     place = (np.cumsum(where, axis=1) - 1)[case, index]
     new = np.repeat(angle[:, :1], int(where.sum(axis=1).max()), axis=1)
@@ -249,7 +249,7 @@ def _inserted(angle: FloatArray, where: BoolArray, at: FloatArray) -> FloatArray
 
 
 def _root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: FloatArray) -> FloatArray:
-    """Find a root in each bracket: false position that halves the weight of an end that stays (Illinois)."""
+    """Return a root in each bracket: false position that halves the weight of a retained end (Illinois)."""
     at_left, at_right = value(left), value(right)
     middle = right
     for _ in range(_ROOT_STEPS):
@@ -293,7 +293,7 @@ def _crossings(
 def _outside_without_spring(
     loops: _Loops, angle: FloatArray, slope: FloatArray, curve: FloatArray, damping: FloatArray
 ) -> IndexArray:
-    """Return how many poles of all cases are outside the circle at each B, where K begins to grow from 0.
+    """Return the number of poles of all cases outside the circle at each B, for K just above 0.
 
     Args:
         loops: some cases.
@@ -314,13 +314,13 @@ def _outside_without_spring(
     places = np.concatenate([at, np.nan_to_num((inverse / damper).real, nan=np.inf)])
     leaving = np.concatenate([np.where(slope[case, index] > 0, -2, 2), np.where(slope[:, -1] > 0, -1, 1)])
     passed = (places > 0) & (places < damping[:, None])
-    # Without damping a spring that is late by any time at all drives a free mass.
+    # Without damping a spring with any delay at all destabilises a free mass.
     driven = 2 * (loops.free & (curve[:, 0] >= damping[:, None]))
     return np.asarray((passed * leaving).sum(axis=1) + driven.sum(axis=1))
 
 
 def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leaving: IndexArray) -> Stretches:
-    """Return where no pole is outside, from the number outside at K = 0 and all crossings."""
+    """Return the intervals without poles outside, from the number outside at K = 0 and all crossings."""
     some = stiffness > 0
     row, stiffness, leaving = row[some], stiffness[some], leaving[some]
     order = np.lexsort((stiffness, row))

@@ -1,4 +1,4 @@
-"""Linear stability on the device as it is declared: with its amplifier, its resonance and its delay, whole or not."""
+"""Linear stability on the device as declared: with amplifier, resonance and delay, of whole samples or not."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _NUMBERS_AT_ONCE = 4_000_000
 
 
 def rigid(device: Device) -> bool:
-    """Whether mechanics and amplifier are ideal: `linear_stability` then knows the whole of it."""
+    """Return whether mechanics and amplifier are ideal, so that `linear_stability` covers the device."""
     return device.amplifier_bandwidth_hz is None and device.resonance is None
 
 
@@ -36,20 +36,20 @@ def closed_loop(matrix: FloatArray, push: FloatArray, measured: FloatArray, rend
     """Close n renderings around p plants.
 
     Args:
-        matrix: A of each plant with its forces under way, shape (p, s, s).
+        matrix: A of each plant with its delayed forces, shape (p, s, s).
         push: B, shape (p, s).
         measured: row of the measured position, shape (s,).
         rendering: n renderings.
 
     Returns:
-        Shape (n, p, s + 2, s + 2). States: those of the plant, the position measured before, the rendering's own.
+        Shape (n, p, s + 2, s + 2). States: those of the plant, the previous measured position, the rendering's own.
     """
     every = Rendering(rendering.force[:, None], rendering.state[:, None])
     return _closed(matrix, push, measured, every)
 
 
 def paired_loop(matrix: FloatArray, push: FloatArray, measured: FloatArray, rendering: Rendering) -> FloatArray:
-    """Do the same for n renderings, each around a plant of its own, shape (n, s + 2, s + 2)."""
+    """Close n renderings, each around its own plant, shape (n, s + 2, s + 2)."""
     return _closed(matrix, push, measured, rendering)
 
 
@@ -69,7 +69,7 @@ def _closed(matrix: FloatArray, push: FloatArray, measured: FloatArray, renderin
 def plants_with_forces(plant: SampledPlant) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return A (p, s, s), B (p, s) and the measured row (s,) of every device with every hand, devices first.
 
-    Velocities are counted by the sample, so that eigenvalues keep their digits.
+    Velocities are scaled by the sample time, which keeps the digits of the eigenvalues.
     """
     matrix, push = plant.with_forces_under_way()
     s = push.shape[-1]
@@ -90,7 +90,7 @@ def whole_stability(
     damping_shift_ns_per_m: float = 0.0,
     progress: Progress = SILENT,
 ) -> LinearStability:
-    """Spectral radius of each frozen rendering with each hand, on the loop of a device as it is declared.
+    """Return the spectral radius of each frozen rendering with each hand, on the device as declared.
 
     Args:
         device: mass, damping, sample time, delay, amplifier, resonance, side of the encoder.
@@ -98,7 +98,7 @@ def whole_stability(
         contact_damping_ns_per_m: b_p, broadcast to shape (n,).
         hands: h hands.
         damping_shift_ns_per_m: added to the damping of the device.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Raises:
         UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
@@ -116,7 +116,7 @@ def sampled_stability(
     damping_shift_ns_per_m: float = 0.0,
     progress: Progress = SILENT,
 ) -> LinearStability:
-    """Do the same by the sampled plant, for a rigid device with an ideal amplifier too."""
+    """Return the same from the sampled plant, for a rigid device with an ideal amplifier too."""
     if device.delay_samples > MAX_DELAY_SAMPLES:
         raise UnsupportedError(
             f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {device.delay_samples}"
@@ -130,7 +130,7 @@ def sampled_stability(
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
     plant = sampled_plant(device, hands.pick(moved), damping_shift_ns_per_m)
     matrix, push, measured = plants_with_forces(plant)
-    # Damping that is taken away may let a light device grow beyond all numbers within a sample.
+    # A light device with its damping reduced may overflow within a sample.
     finite = np.isfinite(matrix).all(axis=(-2, -1)) & np.isfinite(push).all(axis=-1)
     matrix, push, moved = matrix[finite], push[finite], moved[finite]
     if len(moved) == 0:

@@ -10,14 +10,14 @@ import numpy as np
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.parallel import processors
 
-# Fewer are done sooner than a thread takes them up.
+# Fewer matrices take less time than starting a thread.
 _MANY = 48
 
 
 def eigenvalues(matrices: FloatArray) -> ComplexArray:
     """Return the eigenvalues of matrices, shape (..., s, s), as shape (..., s).
 
-    Half of many are worked out by another thread, where there is a processor for it: LAPACK runs without Python.
+    A second thread computes half of many, where there is a processor for it: LAPACK releases the interpreter lock.
     """
     flat = matrices.reshape(-1, *matrices.shape[-2:])
     if len(flat) < _MANY or processors() == 1:
@@ -33,12 +33,12 @@ def _helper() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1)
 
 
-# A loop is raised to the power 4, so often; from the first of these on those drop out that another exceeds.
+# Repeated raising to the power 4; loops exceeded by another drop out from the first of these on.
 _FIRST, _ROUNDS = 5, 11
-# Eigenvalues of smaller ones are as quick.
+# For smaller matrices eigenvalues are as quick.
 _LARGE = 10
-# What powers of loops may lose of the logarithm of the radius; a trace that is smaller beside the largest number of a
-# power may be rounding.
+# Rounding error of the logarithm of the radius by powers; traces smaller than this relative to a power's largest
+# element may be rounding.
 _LOST, _LEAST_TRACE = 1e-7, 1e-5
 
 
@@ -96,7 +96,7 @@ def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
 
 
 def _balanced(power: FloatArray) -> FloatArray:
-    """Count states in units in which rows and columns are as large as each other, on average."""
+    """Return loops with states scaled so that rows and columns are equally large on average."""
     size = np.abs(power).mean(axis=0) + np.finfo(np.float64).tiny
     # Powers of 2 are exact.
     unit = np.exp2(np.round(np.log2(size.sum(axis=1) / size.sum(axis=0)) / 2))

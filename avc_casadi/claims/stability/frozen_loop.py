@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def mechanics(mass_kg: Values, damping_ns_per_m: Values, stiffness_n_per_m: Values, sample_time_s: float) -> FloatArray:
-    """Propagate position and velocity exactly over one sample with a held force.
+    """Return the exact propagation of position and velocity over one sample with a held force.
 
     Args:
         mass_kg: total moving mass; 0 is a first-order device. All broadcast to shape (h,).
@@ -87,12 +87,12 @@ class Rendering:
     state: FloatArray
 
     def pick(self, some: slice) -> Rendering:
-        """Take some of the rows."""
+        """Return some of the rows."""
         return Rendering(self.force[some], self.state[some])
 
 
 def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, sample_time_s: float) -> Rendering:
-    """Render partial fractions; a fraction without residue keeps a state that dies at once."""
+    """Return the rendering of partial fractions; a fraction without residue keeps a state that vanishes at once."""
     damper = (parts.direct + contact_damping_ns_per_m) / sample_time_s
     force = np.stack([damper, parts.integral / sample_time_s - damper, parts.decaying / sample_time_s], axis=-1)
     one = np.ones_like(damper)
@@ -102,10 +102,10 @@ def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, s
 def joint_rendering(
     problem: Problem, damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray, contact_damping_ns_per_m: FloatArray
 ) -> Rendering:
-    """Render gains with the position of the joint between coupling and wall for state, as a device does.
+    """Return the rendering of gains with the joint between coupling and wall as state, as on a device.
 
     This state keeps its meaning when the gains switch. The gains must not leave the joint undefined (all of b, k, b_e
-    and k_e zero); where b or k is infinite the joint goes with the device.
+    and k_e zero); where b or k is infinite the joint moves with the device.
     """
     t, wall = problem.device.sample_time_s, problem.environment
     rigid = np.isinf(damping_ns_per_m) | np.isinf(stiffness_n_per_m)
@@ -125,7 +125,7 @@ def joint_rendering(
 def frozen_transition(
     device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float = 0.0
 ) -> FloatArray:
-    """Transition matrices of every frozen rendering with every hand.
+    """Return the transition matrices of every frozen rendering with every hand.
 
     Args:
         device: mass, damping, sample time, delay.
@@ -134,8 +134,8 @@ def frozen_transition(
         damping_shift_ns_per_m: added to the damping of the device.
 
     Returns:
-        Shape (n, h, 4 + d, 4 + d), d the samples of delay, rounded up. States: x, v T, the x before, the rendering's
-        own state, and d forces under way. A fractional delay lets the newer force arrive inside the sample.
+        Shape (n, h, 4 + d, 4 + d), d the samples of delay, rounded up. States: x, v T, the previous x, the rendering's
+        own state, and d delayed forces. A fractional delay lets the newer force arrive inside the sample.
     """
     every = Rendering(rendering.force[:, None], rendering.state[:, None])
     return _with_hands(device, every, hands, damping_shift_ns_per_m)
@@ -144,12 +144,12 @@ def frozen_transition(
 def paired_transition(
     device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float = 0.0
 ) -> FloatArray:
-    """Do the same for n renderings, each with a hand of its own, shape (n, 4 + d, 4 + d)."""
+    """Return those of n renderings, each with its own hand, shape (n, 4 + d, 4 + d)."""
     return _with_hands(device, rendering, hands, damping_shift_ns_per_m)
 
 
 def _with_hands(device: Device, rendering: Rendering, hands: Hand, damping_shift_ns_per_m: float) -> FloatArray:
-    """Transition matrices of renderings of a shape that broadcasts with that of the hands."""
+    """Return the transition matrices of renderings broadcast against the hands."""
     d = math.ceil(device.delay_samples)
     before = device.delay_samples - (d - 1) if d else 0.0
     moving = (
@@ -174,7 +174,7 @@ def _with_hands(device: Device, rendering: Rendering, hands: Hand, damping_shift
     if before == 1:
         matrix[..., :2, size - 1] -= push
         return matrix
-    # The newer force acts for the rest of the sample only; what it lacks is that of the force before it.
+    # The newer force acts for the rest of the sample only; until then the previous one does.
     later = mechanics(*moving, (1 - before) * device.sample_time_s)[:, :, 2]
     later[:, 1] /= 1 - before
     matrix[..., :2, size - 1] -= push - later
@@ -185,9 +185,9 @@ def _with_hands(device: Device, rendering: Rendering, hands: Hand, damping_shift
     return matrix
 
 
-# Some seconds for a table of 200 rows and 32 hands.
+# Takes seconds for a table of 200 rows and 32 hands.
 MAX_DELAY_SAMPLES = 32
-# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is not told from none.
+# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 RADIUS_TOLERANCE = 1e-10
 _NUMBERS_AT_ONCE = 2_000_000
 
@@ -218,7 +218,7 @@ def linear_stability(
     damping_shift_ns_per_m: float = 0.0,
     progress: Progress = SILENT,
 ) -> LinearStability:
-    """Spectral radius of each frozen rendering with each hand, on the loop that runs on a device.
+    """Return the spectral radius of each frozen rendering with each hand, on the implemented loop.
 
     Args:
         device: mass, damping, sample time, delay.
@@ -226,7 +226,7 @@ def linear_stability(
         contact_damping_ns_per_m: b_p, broadcast to shape (n,).
         hands: h hands.
         damping_shift_ns_per_m: added to the damping of the device.
-        progress: told of the rows.
+        progress: reported over the rows.
 
     Raises:
         UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
@@ -253,7 +253,7 @@ def linear_stability(
 
 
 def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
-    """Partial fractions, n rows, of frozen gains before the problem's wall, as a device computes them."""
+    """Return partial fractions, n rows, of frozen gains in series with the wall, as a device computes them."""
     b, k = np.broadcast_arrays(damping_ns_per_m, stiffness_n_per_m)
     return fractions(SampledLoop.of(problem, "sampled-data"), np.ravel(b), np.ravel(k))
 
@@ -261,7 +261,7 @@ def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: 
 def frozen_rendering(
     problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values, contact_damping_ns_per_m: Values = 0.0
 ) -> Rendering:
-    """Frozen gains before the problem's wall as a device renders them; contact_damping is broadcast to n rows."""
+    """Return the rendering of frozen gains in series with the wall; contact_damping is broadcast to n rows."""
     parts = frozen_parts(problem, damping_ns_per_m, stiffness_n_per_m)
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), parts.direct.shape)
     return fraction_rendering(parts, contact, problem.device.sample_time_s)

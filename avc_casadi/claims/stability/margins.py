@@ -1,9 +1,9 @@
-"""Gain, phase and delay margins of the loop in contact, broken at the actuator: by how much its force may be wrong.
+"""Gain, phase and delay margins of the loop in contact, broken at the actuator.
 
-The loop gain L(z) = -C(z) P(z) goes from the force of the actuator round to the force that is asked for: P from that
-force to the measured position, with delay, amplifier, structure and hand; C from there to the force, with coupling,
-wall, and an observer with state feedback. The loop closes where 1 + L = 0 (Nyquist; Franklin, Powell and Workman,
-Digital Control of Dynamic Systems, 1998, section 7.5).
+The loop gain L(z) = -C(z) P(z) leads from the actuator's force round to the commanded force: P from that force to the
+measured position, with delay, amplifier, structure and hand; C from there to the commanded force, with coupling, wall,
+and an observer with state feedback. The loop closes where 1 + L = 0 (Nyquist; Franklin, Powell and Workman, Digital
+Control of Dynamic Systems, 1998, section 7.5).
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.runtime import StateFeedback
 
-# Angles of z from the lowest that matters to half the sample rate, and so many about each pole, in its bandwidths.
+# Angles of z up to half the sample rate, from the lowest of interest, and about each pole, in its bandwidths.
 _POINTS, _ABOUT = 200, np.sinh(np.linspace(-4.0, 4.0, 17))
 _LOWEST_TURN = 1e-5
-# A pole so near to 1 is that of a position that nothing holds.
+# A pole so near to 1 belongs to an unconstrained position.
 _ANYWHERE = 1e-9
-# Steps to a crossing between two angles, whose number of right digits each of them doubles.
+# Ridders steps to a crossing between two angles; each doubles the correct digits.
 _STEPS = 10
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How far some loops are from the edge of stability; 1 and 0 where one is not stable, infinite without a limit.
+    """Smallest margins of some loops; 1 and 0 where one is not stable, infinite without a limit.
 
     Attributes:
         gain: factor by which the loop gain may rise, the smallest of the loops.
         gain_down: factor to which it may fall, the largest of the loops; 0 where it may vanish.
-        phase_deg: by which the force may turn, either way.
-        delay_samples: by which it may be late, beside the delay that is declared.
+        phase_deg: phase margin, either way.
+        delay_samples: delay margin, in addition to the declared delay.
         gain_hz: where the smallest gain margin lies; 0 where there is none, as for the others.
         phase_hz: where the smallest phase margin lies.
         delay_hz: where the smallest delay margin lies.
@@ -68,7 +68,7 @@ class Margins:
 class OpenLoop:
     """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none.
 
-    Linear: gains at rest, the whole innovation of a law passing; an observer between encoder steps is left out.
+    Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
 
     Attributes:
         law: observer with state feedback, or None.
@@ -98,7 +98,7 @@ class OpenLoop:
 
     @classmethod
     def of(cls, coupling: Coupling) -> Self:
-        """Take the loop of a coupling, gains with what runs beside them."""
+        """Return the loop of a coupling, its gains with their runtime."""
         problem, law, gains = coupling.problem, coupling.runtime.state_feedback, coupling.table.at_rest
         corners = hand_corners(problem.hands.model_copy(update={"let_go": False}))
         plant = sampled_plant(problem.device, with_let_go(corners))
@@ -144,7 +144,7 @@ class OpenLoop:
         return np.asarray(-(asked[0] / (1 + believed[0])).reshape(angles.shape) * position)
 
     def turns(self) -> FloatArray:
-        """Return angles of z at which L is looked at, dense where it or 1/(1 + L) has a peak, shape (n,)."""
+        """Return angles of z at which L is evaluated, dense at peaks of it or of 1/(1 + L), shape (n,)."""
         poles = np.concatenate([self.poles.ravel(), np.linalg.eigvals(self.matrix).ravel()])
         poles = poles[np.abs(poles) > _LOWEST_TURN]
         about = np.abs(np.angle(poles))[:, None] + np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN)[:, None] * _ABOUT
@@ -152,7 +152,7 @@ class OpenLoop:
         return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, _POINTS), about]))
 
     def struck(self, speed_m_per_s: float, samples: int) -> FloatArray:
-        """Return where the device is that meets its wall at a speed, the wall acting on both sides, shape (h, samples).
+        """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples).
 
         Args:
             speed_m_per_s: of device and hand, whose target rests at the face of the wall.
@@ -173,7 +173,7 @@ class OpenLoop:
         kind, who, place = np.nonzero(of_phase[..., :-1] * of_phase[..., 1:] < 0)
         crossed = self._crossings(kind == 0, who, turn[place], turn[place + 1])
         there = self.gain(crossed[:, None], who)[:, 0] if len(who) else np.empty(0, dtype=np.complex128)
-        # Half the sample rate is the end, where L is real.
+        # L is real at half the sample rate, the last angle.
         everyone = np.arange(len(gain))
         crossed, who = np.append(crossed, np.full(len(gain), math.pi)), np.append(who, everyone)
         there, real = np.append(there, gain[:, -1]), np.append(kind == 0, everyone >= 0)
@@ -185,7 +185,7 @@ class OpenLoop:
     def _least(self, crossed: FloatArray, there: ComplexArray, real: BoolArray, some: BoolArray, who: slice) -> Margins:
         """Return the smallest margins of some hands from the crossings of their loops."""
         poles = self.poles[who].ravel()
-        # Before a wall without a spring a device rests anywhere.
+        # At a wall without a spring any position is an equilibrium.
         if np.abs(poles[np.abs(poles - 1) > _ANYWHERE]).max(initial=0.0) >= 1:
             return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         hz = 1 / (2 * math.pi * self.sample_time_s)
@@ -221,7 +221,7 @@ class OpenLoop:
             slope = np.sqrt(middle**2 - below * above)
             new = half + (half - low) * np.sign(below) * middle / np.where(slope > 0, slope, 1.0)
             found = value(new)
-            # The pair among the four that is nearest about the crossing.
+            # The closest of the four that still bracket the crossing.
             ordered = np.sort(np.stack([half, new]), axis=0)
             first = np.where(half <= new, middle, found)
             second = np.where(half <= new, found, middle)

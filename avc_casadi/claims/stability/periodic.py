@@ -16,18 +16,18 @@ from avc_casadi.claims.stability.eigenvalues import eigenvalues, leading_radii
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
 
-# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is not told from none.
+# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9
-# Eigenvalues this small belong to what is forgotten within a step; slower swings than this are drift.
+# Eigenvalues this small are deadbeat; oscillations slower than this are drift.
 _DEAD, _DRIFT_HZ = 1e-6, 0.1
 
 
 class Periodic(Protocol):
-    """What is known of loops that share a pattern of samples.
+    """Properties common to loops of one pattern of samples.
 
     Attributes:
-        shift: the state that has everything one metre on, shape (size,).
-        period_s: after which the pattern recurs.
+        shift: the state in which all is displaced by one metre, shape (size,).
+        period_s: of the pattern.
     """
 
     shift: FloatArray
@@ -39,9 +39,9 @@ class Mode:
     """An oscillation of a loop.
 
     Attributes:
-        damping_ratio: as a share of the critical; 1 where nothing swings.
+        damping_ratio: as a share of critical damping; 1 without oscillation.
         frequency_hz: of the oscillation.
-        time_constant_s: in which it falls to 1/e.
+        time_constant_s: of its decay to 1/e.
     """
 
     damping_ratio: float
@@ -50,13 +50,13 @@ class Mode:
 
 
 class PeriodicLoops(ABC):
-    """Loops, some of each pattern, that a coupling must make stable."""
+    """Loops, of one or several patterns, that a coupling must stabilise."""
 
     patterns: Sequence[Periodic]
 
     def __init__(self) -> None:
         self._few: list[list[int]] = [[] for _ in self.patterns]
-        # The gains asked about last are asked about again: first of some loops, then of all.
+        # Consecutive calls have the same gains: first for some loops, then for all.
         self._last: dict[int, tuple[ToolGains, FloatArray]] = {}
 
     @abstractmethod
@@ -64,7 +64,7 @@ class PeriodicLoops(ABC):
         """Return the monodromy matrices of the loops of a pattern, shape (loops, size, size)."""
 
     def stable(self, gains: ToolGains) -> bool:
-        """Whether every loop is; those that failed before are asked first."""
+        """Return whether every loop is stable; loops that failed before are checked first."""
         if not self._settle(gains, self._few):
             return False
         failed = self._first_unstable(gains)
@@ -74,7 +74,7 @@ class PeriodicLoops(ABC):
         return False
 
     def worst(self, gains: ToolGains) -> tuple[int, int, float]:
-        """Return pattern and row of the loop that grows fastest in time, and its spectral radius over a period."""
+        """Return pattern and row of the fastest growing loop, and its spectral radius over a period."""
         found = []
         for place, pattern in enumerate(self.patterns):
             values = np.abs(self.eigenvalues(place, gains)).max(axis=-1)
@@ -84,7 +84,7 @@ class PeriodicLoops(ABC):
         return place, row, radius
 
     def slowest(self, gains: ToolGains) -> Mode:
-        """Return the least damped mode of all loops that swings, faster than once in ten seconds."""
+        """Return the least damped oscillatory mode of all loops, above 0.1 Hz."""
         found = Mode(1.0, 0.0, math.inf)
         for place, pattern in enumerate(self.patterns):
             values = self.eigenvalues(place, gains).ravel()
@@ -111,7 +111,7 @@ class PeriodicLoops(ABC):
         return None
 
     def eigenvalues(self, place: int, gains: ToolGains, rows: Sequence[int] | None = None) -> ComplexArray:
-        """Return the eigenvalues of loops, one of what floats freely taken out, shape (loops, size)."""
+        """Return the eigenvalues of loops without one of a free translation, shape (loops, size)."""
         return eigenvalues(self._held(place, gains, rows))
 
     def _held(self, place: int, gains: ToolGains, rows: Sequence[int] | None = None) -> FloatArray:
@@ -127,7 +127,7 @@ def _contracts(values: ComplexArray) -> BoolArray:
 
 
 def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:
-    """Take the eigenvalue 1 of a free translation out of matrices that have it, the others staying (Wielandt)."""
+    """Return matrices with the eigenvalue 1 of a free translation deflated, the others unchanged (Wielandt)."""
     floats = np.abs(matrices @ shift - shift).max(axis=-1) < 1e-9
     taken = matrices - shift[:, None] * matrices[..., :1, :]
     return np.where(floats[..., None, None], taken, matrices)

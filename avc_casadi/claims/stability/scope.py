@@ -1,4 +1,4 @@
-"""The scope of a problem as a condition on one row of gains: what "for all omega" means there."""
+"""The scope of a problem as a condition on one row of gains."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScopeSlack:
-    """How far each row is inside its scope, shape (n,).
+    """Slack of each row within its scope, shape (n,).
 
     Attributes:
-        slack: smallest Re Z_h less the margin asked for, N.s/m; for scope hands 1 less the largest spectral radius.
-        frequency_hz: where it stands; 0 is the limit of zero frequency.
+        slack: smallest Re Z_h less the required margin, N.s/m; for scope hands 1 less the largest spectral radius.
+        frequency_hz: of the smallest slack; 0 is the limit of zero frequency.
         hands: for scope hands the worst hand of each row; else None.
     """
 
@@ -40,7 +40,7 @@ class ScopeSlack:
 
 
 def scope_band_hz(problem: Problem, frequency_hz: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Band in which the row of each frequency must be passive; scope hands has none and gives the frequency."""
+    """Return the band in which the row of each frequency must be passive; the frequency itself for scope hands."""
     nyquist = 0.5 / problem.device.sample_time_s
     scope, factor = problem.stability.scope, problem.stability.band_factor
     if scope == "all":
@@ -51,7 +51,7 @@ def scope_band_hz(problem: Problem, frequency_hz: FloatArray) -> tuple[FloatArra
 
 
 def deciding_frequencies_hz(problem: Problem, frequency_hz: FloatArray) -> FloatArray | None:
-    """Frequencies at which Re Z_h >= margin is enough for the whole scope, shape (n, m); None where none are known.
+    """Return frequencies at which Re Z_h >= margin implies the whole scope, shape (n, m); None if none are known.
 
     In the sampled-data model without delay N(c) is concave for admissible gains: the ends of a band decide, and for all
     frequencies Nyquist alone.
@@ -72,19 +72,19 @@ def scope_slack(
     stiffness_n_per_m: Values,
     contact_damping_ns_per_m: Values = 0.0,
 ) -> ScopeSlack:
-    """Judge rows of gains against the scope, model and margin of a problem.
+    """Return the slack of rows of gains in the scope, model and margin of a problem.
 
     Args:
-        problem: its ``stability`` table says what is asked.
+        problem: with the ``stability`` table.
         frequency_hz: interaction frequency of each row; all arguments broadcast to n rows.
         damping_ns_per_m: b.
         stiffness_n_per_m: k.
         contact_damping_ns_per_m: b_p.
 
     Returns:
-        For pointwise, band and all: passivity in the problem's model. For hands: linear stability of the loop that
-        runs, its device robbed of the margin in damping, with the worst hand that a search of the whole box finds; a
-        row that is unstable with one of the first hands is searched no further.
+        For pointwise, band and all: passivity in the problem's model. For hands: linear stability of the implemented
+        loop, the device's damping reduced by the margin, with the worst hand found by a search of the whole box; a row
+        unstable with one of the first hands is not searched further.
     """
     given = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
     own, b, k, contact = (

@@ -1,7 +1,8 @@
-"""The loop in contact with an observer and state feedback, where a share of the innovation passes the dead zone.
+"""The loop in contact with an observer and state feedback, for sector gains of the dead zone.
 
-Quantiser and dead zone together are a gain between 0 and 1 on the innovation. The loop is looked at with that gain
-held: damped for every share is what a loop without buzz between two encoder steps must be, and no proof that it is.
+Quantiser and dead zone together are a gain between 0 and 1 on the innovation. The loop is analysed with that sector
+gain constant: damping for every gain is necessary, not sufficient, for a loop without limit cycles between two encoder
+steps.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ class Laws:
         force_m_per_n: B, shape (laws, n).
         innovation: L, shape (laws, n).
         feedback: R, shape (laws, n).
-        measures: the state that stands for the measured position.
-        positions: the states that are positions.
+        measures: index of the estimated measured position.
+        positions: indices of the positions.
     """
 
     state: FloatArray
@@ -41,7 +42,7 @@ class Laws:
 
     @classmethod
     def of(cls, law: StateFeedback) -> Laws:
-        """Take one law."""
+        """Return one law as arrays."""
         state, asked, gain, weight = (
             np.array(part)[None] for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
         )
@@ -51,7 +52,7 @@ class Laws:
         return len(self.state)
 
     def pick(self, rows: IndexArray) -> Laws:
-        """Take some of them."""
+        """Return some of the laws."""
         state, asked, gain, weight = (
             part[rows] for part in (self.state, self.force_m_per_n, self.innovation, self.feedback)
         )
@@ -69,12 +70,12 @@ def state_feedback_loop(
     Args:
         plants: A (p, s, s), B (p, s) and the measured row (s,), of `plants_with_forces`.
         law: observer and feedback with n states.
-        rendering: one frozen rendering; what it sees is the position that the law gives.
-        shares: of the innovation that pass, shape (a,); 1 is the loop without dead zone.
+        rendering: one frozen rendering, of the position that the law gives.
+        shares: sector gains of the dead zone, shape (a,); 1 is the loop without dead zone.
 
     Returns:
         Shape (a, p, s + n + 2, s + n + 2); two less where the rendering is a spring alone. States: those of the plant,
-        of the observer, the position seen before, the rendering's own.
+        of the observer, the previous rendered position, the rendering's own.
     """
     return np.asarray(state_feedback_loops(plants, Laws.of(law), rendering, shares)[0])
 
@@ -85,7 +86,7 @@ def state_feedback_loops(
     rendering: Rendering,
     shares: FloatArray | tuple[float, ...] = (1.0,),
 ) -> FloatArray:
-    """Do the same for many laws, shape (laws, a, p, s + n + 2, s + n + 2)."""
+    """Close the loops of many laws, shape (laws, a, p, s + n + 2, s + n + 2)."""
     matrix, push, measured = plants
     now, before, own = rendering.force[0]
     remembers = bool(before or own)
@@ -96,7 +97,7 @@ def state_feedback_loops(
     kept = np.empty((*passed.shape[:2], n, n))
     kept[:] = np.eye(n)
     kept[..., laws.measures] -= passed
-    # Rows over (plant, observer): the corrected states, the position that is seen, the force.
+    # Rows over (plant, observer): the corrected states, the rendered position, the force.
     weight, state = laws.feedback[:, None, None, :], laws.state[:, None]
     seen = np.zeros((*passed.shape[:2], size))
     seen[..., plant] = (weight @ passed[..., None])[..., 0] * measured
@@ -123,14 +124,14 @@ def poles(loop: FloatArray) -> ComplexArray:
 
 
 def largest_radius(loop: FloatArray) -> FloatArray:
-    """Return the spectral radius of each loop, one axis for the two of a matrix less."""
+    """Return the spectral radius of each loop, shape (...) for loops (..., s, s)."""
     return np.asarray(np.abs(poles(loop)).max(axis=-1))
 
 
 def force_over_innovation(
     laws: Laws, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return force and believed position over the innovation at each frequency, the dead zone passing all.
+    """Return force and estimated position over the innovation at each frequency, without dead zone.
 
     Returns:
         F/e and s_m/e, each of shape (laws, f): F/x is F/e over 1 + s_m/e.
@@ -143,7 +144,7 @@ def force_over_innovation(
     )
     pencil = z[:, None, None] * np.eye(laws.state.shape[-1]) - closed
     believed = np.linalg.solve(pencil, closed @ gain[..., None])[..., 0]
-    # One product for each law: all at once would be rounded otherwise where there is a single frequency.
+    # One product for each law: a single product rounds differently where there is one frequency.
     force = [wall * (states @ weight) for states, weight in zip(believed + gain, laws.feedback, strict=True)]
     return np.reshape(force, believed.shape[:2]), np.asarray(believed[..., laws.measures])
 
@@ -154,11 +155,11 @@ def stiffness_at_rest(rendering: Rendering) -> float:
 
 
 def force_over_position(rendering: Rendering, z: ComplexArray) -> ComplexArray:
-    """Return the force of one rendering over the position that it sees, N/m.
+    """Return the force of one rendering over its input position, N/m.
 
     Args:
-        rendering: one.
-        z: where, of any shape.
+        rendering: a single one.
+        z: points, of any shape.
     """
     now, before, own = rendering.force[0]
     state = rendering.state[0]

@@ -1,9 +1,8 @@
-"""The stiffest wall that a set of hands can hold at all, exactly: rigid coupling and a contact damper, no friction.
+"""The stiffest wall stable with a set of hands, exactly: rigid coupling and a contact damper, no friction.
 
 The force K x + D (x - x')/T, x the measured position, is held for T; D is the damping of wall and contact damper
-together. The device is that which is declared: delay, amplifier and resonance, at every corner of their ranges. The
-loop is linear, and its spectral radius with each hand says whether it dies out. No coupling in series can hold a
-stiffer wall: it only softens it.
+together. The device is as declared: delay, amplifier and resonance, at every corner of their ranges. The loop is linear
+and judged by its spectral radius with each hand. No coupling in series stabilises a stiffer wall: it only softens it.
 """
 
 from __future__ import annotations
@@ -28,25 +27,25 @@ if TYPE_CHECKING:
 
 _SCAN = 121
 _HALVINGS = 40
-# Up to so many devices with hands all are looked at every time; of more those alone that once decided, the others at
+# Up to so many pairs of device and hand all are evaluated every time; of more only those once critical, the others at
 # the end.
 _FEW = 32
-# Those decide first that are the worst with one of so many dampings.
+# The initial critical pairs are the worst at each of so many dampings.
 _PROBED = 9
-# The damping of the stiffest wall is looked for among so many, then so often among so many about the best.
+# The damping of the stiffest wall is scanned at so many values, then repeatedly at so many about the best.
 _COARSE, _FINE, _ZOOMS = 61, 61, 2
-# What is told stays so far below the boundary, as a share, that the eigenvalues say so too.
+# Relative distance of the result below the boundary, so that eigenvalues confirm it.
 _BELOW = 5e-5
 
 
 def loop_radius(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
 ) -> FloatArray:
-    """Spectral radius of the frozen loop in contact at the worst corner of the device, shape (walls, people).
+    """Return the spectral radius of the frozen loop in contact at the worst corner of the device, shape (walls, hands).
 
     Args:
         device: the device as declared.
-        subjects: the people.
+        subjects: the hands.
         stiffness_n_per_m: K, shape (walls,).
         damping_ns_per_m: D, shape (walls,).
     """
@@ -57,12 +56,12 @@ def loop_radius(
 def loop_poles(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
 ) -> ComplexArray:
-    """Poles of the frozen loop with a spring of either sign and a damper, always in contact, shape (pairs, poles).
+    """Return the poles of the frozen loop with a spring of either sign and a damper, in contact, shape (pairs, poles).
 
     Args:
-        device: the device as declared, all its corners; those come first.
-        subjects: the people.
-        stiffness_n_per_m: K, below 0 where it drives the device away.
+        device: the device as declared; its corners are the first axis.
+        subjects: the hands.
+        stiffness_n_per_m: K, below 0 where it repels the device.
         damping_ns_per_m: D.
     """
     loops = _Loops.of(device, subjects)
@@ -74,15 +73,15 @@ def loop_poles(
 
 @dataclass(frozen=True)
 class _Loops:
-    """Every corner of a device with everybody.
+    """Every corner of a device with every hand.
 
     Attributes:
-        matrix: A with the forces under way, shape (pairs, s, s); corners first.
+        matrix: A with the delayed forces, shape (pairs, s, s); corners first.
         push: B, shape (pairs, s).
         measured: row of the measured position, shape (s,).
         sample_time_s: T.
-        most_damping_ns_per_m: more no wall can have: 2 m/T of all that moves.
-        deciding: the pairs that are looked at every time.
+        most_damping_ns_per_m: upper bound for any wall: 2 m/T of the total moving mass.
+        deciding: the critical pairs, evaluated every time.
     """
 
     matrix: FloatArray
@@ -104,7 +103,7 @@ class _Loops:
     def radius(
         self, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray, pairs: IndexArray | None = None
     ) -> FloatArray:
-        """Spectral radius of walls with all pairs, or some, shape (walls, pairs)."""
+        """Return the spectral radius of walls with all pairs, or some, shape (walls, pairs)."""
         rate = damping_ns_per_m / self.sample_time_s
         force = np.stack([stiffness_n_per_m + rate, -rate, np.zeros_like(rate)], axis=-1)
         rendering = Rendering(force, np.zeros_like(force))
@@ -114,7 +113,7 @@ class _Loops:
         return np.asarray(np.abs(np.linalg.eigvals(loop[..., :-1, :-1])).max(axis=-1))
 
     def worst(self, stiffness_n_per_m: float) -> Callable[[FloatArray], FloatArray]:
-        """Return the radius of a wall, from its damping, with the worst of the deciding pairs."""
+        """Return the spectral radius of a wall as a function of its damping, with the worst critical pair."""
 
         def radius(damping: FloatArray) -> FloatArray:
             stiffness = np.full(len(damping), stiffness_n_per_m)
@@ -123,7 +122,7 @@ class _Loops:
         return radius
 
     def confirmed(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> bool:
-        """Whether a wall is stable with all pairs too; where it is not, the worst are added to those that decide."""
+        """Return whether a wall is stable with all pairs; where it is not, the worst become critical."""
         if len(self.deciding) == len(self.matrix):
             return True
         every = self.radius(np.full(len(damping_ns_per_m), stiffness_n_per_m), damping_ns_per_m)
@@ -132,7 +131,7 @@ class _Loops:
         return not found
 
     def start(self, stiffness_n_per_m: float) -> None:
-        """Let those decide first that are the worst with some damping."""
+        """Take the worst pairs at a scan of dampings as critical."""
         if not self.deciding:
             damping = np.linspace(0.0, self.most_damping_ns_per_m, _PROBED)
             every = self.radius(np.full(len(damping), stiffness_n_per_m), damping)
@@ -145,7 +144,7 @@ class DampingRange:
 
     Attributes:
         stiffness_n_per_m: K.
-        lowest_ns_per_m: smallest D; not a number where no damping will do.
+        lowest_ns_per_m: smallest D; not a number where no damping suffices.
         highest_ns_per_m: largest D.
     """
 
@@ -155,9 +154,9 @@ class DampingRange:
 
 
 def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
-    """Find the damping with which a wall is stable with everybody at every corner of the device.
+    """Return the damping with which a wall is stable with every hand at every corner of the device.
 
-    The stable damping of each hand is an interval below 2 m/T of all that moves.
+    The stable damping of each hand is an interval below 2 m/T of the total moving mass.
     """
     return _damping_range(_Loops.of(device, subjects), stiffness_n_per_m)
 
@@ -180,7 +179,7 @@ def _stable_dampings(
 ) -> tuple[FloatArray, IndexArray]:
     """Return a scan of dampings and which of them are stable; finer about the least radius where none is.
 
-    The scan is as short as can be where one damping is known to be.
+    The scan is short where one stable damping is known.
     """
     most = loops.most_damping_ns_per_m
     first = np.linspace(0.0, most, _SCAN) if known_ns_per_m is None else np.array([0.0, known_ns_per_m, most])
@@ -197,7 +196,7 @@ def _stable_dampings(
 
 
 def _about(scan: FloatArray, best: int) -> FloatArray:
-    """Scan finer between the neighbours of the best."""
+    """Return a finer scan between the neighbours of the best."""
     return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
 
 
@@ -212,15 +211,15 @@ def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: fl
 
 
 def softest_wall_n_per_m(device: Device) -> float:
-    """Return 1 N/m at the hand, below which no wall is looked for."""
+    """Return 1 N/m at the hand, the softest wall of a search."""
     return device.metres_per_unit**2
 
 
 def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
-    """Find the stiffest wall that is stable with everybody for some damping, to 0.01 %.
+    """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %.
 
-    For each damping the boundary curves tell up to which stiffness walls are stable. It is 0, and the damping not a
-    number, where nothing has a mass, or no damping holds 1 N/m at the hand.
+    For each damping the boundary curves give the largest stable stiffness. It is 0, and the damping not a number,
+    without any mass, or where no damping stabilises 1 N/m at the hand.
     """
     none = DampingRange(0.0, np.nan, np.nan)
     if device.mass_kg + float(np.min(subjects.mass_kg)) == 0:

@@ -57,8 +57,8 @@ def switching_proof(
         damping_ns_per_m: b of n rows in order of frequency.
         stiffness_n_per_m: k.
         contact_damping_ns_per_m: b_p.
-        hands: hands that hold the device, each constant in time.
-        progress: told of the pairs.
+        hands: hands at the device, each constant in time.
+        progress: reported over the pairs.
 
     Returns:
         The count, or None where the search is not offered: fewer than two rows, infinite gains, no spring at all, or
@@ -70,7 +70,7 @@ def switching_proof(
     offered = gains.shape[1] > 1 and (np.abs(gains) <= RIGID).all() and device.delay_samples <= _MAX_DELAY_SAMPLES
     if not offered or (springs <= 0).any():
         return None
-    # Forces under way are counted in the distance that they move the device.
+    # Delayed forces are scaled to the displacement that they cause.
     mass = max(device.mass_kg + float(np.mean(hands.mass_kg)), np.finfo(np.float64).tiny)
     unit = np.ones(4 + math.ceil(device.delay_samples))
     unit[4:] = device.sample_time_s**2 / mass
@@ -87,7 +87,7 @@ def switching_proof(
 
 
 def lyapunov(matrices: FloatArray, decrease: FloatArray) -> FloatArray:
-    """Solve P = A'PA + Q for stable A by doubling; all of shape (..., s, s); not finite where A grows."""
+    """Return P = A'PA + Q for stable A, by doubling; all of shape (..., s, s); not finite where A is unstable."""
     total, power = decrease, matrices
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_DOUBLINGS):
@@ -97,7 +97,7 @@ def lyapunov(matrices: FloatArray, decrease: FloatArray) -> FloatArray:
 
 
 def common_lyapunov(matrices: FloatArray) -> BoolArray:
-    """Look for one P > 0 with A_i' P A_i < P for all matrices of a group.
+    """Return whether one P > 0 with A_i' P A_i < P was found for all matrices of a group.
 
     P is sought among weighted means of the members' own solutions, which decrease almost evenly in all directions; the
     weights move towards the member that decreases least. The search is quick and not complete: True is a proof (every

@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import VirtualTool
 
-# Contacts between free and the stiffest are tried at so many stiffnesses, evenly in the logarithm.
+# Number of stiffnesses between free and the stiffest contact, spaced logarithmically.
 _CONTACTS = 4
-# Softest contact beside free motion, as a share of the stiffest.
+# Softest contact, as a share of the stiffest.
 _SOFTEST = 1e-3
 
 
 @dataclass(frozen=True)
 class ToolCase:
-    """One loop: who holds which device, and what the tool is and touches.
+    """One loop: hand, device, tool with its contact, engine step.
 
     Attributes:
-        hand: its numbers; all 0 for the device released.
+        hand: its parameters; all 0 for the device released.
         device: number of the device corner.
         tool: the tool, at the device.
         step_s: of the engine.
@@ -81,12 +81,12 @@ class ToolLoops(PeriodicLoops):
         return loop.monodromy(gains, self.tools).reshape(-1, loop.size, loop.size)
 
     def radius(self, gains: ToolGains) -> tuple[float, ToolCase]:
-        """Return the spectral radius of the loop that grows fastest, counted by one step of the engine, and that."""
+        """Return the largest spectral radius, per step of the engine, and its loop."""
         place, row, radius = self.worst(gains)
         return radius ** (1 / len(self.patterns[place].clock.samples)), self._case(place, row)
 
     def engine_alone_stable(self) -> bool:
-        """Whether the tool in contact stays where it is without any coupling: an engine's own matter."""
+        """Return whether the tool in contact is stable without any coupling, a property of the engine alone."""
         touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]
         alone = [np.linalg.eigvals(loop.tool_alone(one)) for loop in self.patterns for one in touching]
         return all(np.abs(values).max() <= 1 + TOLERANCE for values in alone)
@@ -102,7 +102,7 @@ def required_tool(problem: Problem) -> VirtualTool:
     """Return the [simulation] of a problem.
 
     Raises:
-        InputError: it has none.
+        InputError: it has no [simulation].
     """
     if problem.simulation is None:
         raise InputError.of(
@@ -116,7 +116,7 @@ def required_tool(problem: Problem) -> VirtualTool:
 def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
     """Return the contacts that are tried, in the scene: free and rigid, and the springs of a range that has an end.
 
-    A range without an end stands for an engine that solves its contacts as constraints: the tool moves freely or stops.
+    An unbounded range stands for an engine that solves contacts as constraints: the tool is free or stopped.
 
     Args:
         tool: with the range.

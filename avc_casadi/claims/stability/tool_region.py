@@ -1,4 +1,4 @@
-"""Which springs and dampers to a virtual tool are stable: K against B, a curve for each engine rate."""
+"""Stable springs and dampers to a virtual tool: K against B, a curve for each engine rate."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from avc_casadi.model.lifted_loop import ToolGains
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# Dampers beside none at all, as shares of m/T, evenly in the logarithm.
+# Nonzero dampers, as shares of m/T, spaced logarithmically.
 _DAMPERS, _LIGHTEST, _HEAVIEST = 24, 1e-3, 1.0
 # Engine rates, as factors of the declared step.
 _STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
-# Damping ratio that the device's own loop gives the released device where it damps.
+# Damping ratio of the released device with the damper of the device's own loop.
 _LOCAL_RATIO = 1.0
 # Softest spring, as a share of m/T_s^2, and stiffest, as one of m/T^2.
 _SOFTEST, _STIFFEST = 1e-3, 10.0
-# Ratio of two stiffnesses that are tried, and precision of a limit.
+# Ratio of consecutive stiffnesses, and precision of a limit.
 _RATIO, _PRECISION = 1.6, 1.02
 
 
@@ -37,7 +37,7 @@ class ToolCurve(Comparable):
 
     Attributes:
         step_s: of the engine; the longest of its range where it is the declared one.
-        declared: whether it is the declared one, with its whole range.
+        declared: whether this is the declared step, with its whole range.
         stiffness_n_per_m: K up to which every softer one is stable too, shape (n,); 0 where none is.
     """
 
@@ -56,10 +56,10 @@ class ToolRegion(Comparable):
     Attributes:
         problem: name of the problem.
         damping_ns_per_m: B, shape (n,), the first 0.
-        local_damping_ratio: of a damper in the device's loop: that which the released device has on each K with it; 0
-            where there is none.
-        curves: one for each engine rate, fast ones first.
-        chosen: a coupling that a picture marks; None marks none.
+        local_damping_ratio: of a damper in the device's loop: of the released device on each K; 0 without such a
+            damper.
+        curves: one for each engine rate, fastest first.
+        chosen: a coupling to mark in the figure; None marks none.
     """
 
     problem: str
@@ -104,15 +104,15 @@ def _stiffest(damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray) -> di
 
 
 def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
-    """Compute the region at the declared step of the engine, and at 2 and 4 times faster and slower ones.
+    """Return the region at the declared step of the engine, and at 2 and 4 times faster and slower ones.
 
     Each curve is followed from the softest spring up to the first that is unstable, at 25 dampers; K is right to 2 %.
-    Where a damper of its own belongs to it (`VirtualTool.damped_locally`), the device's loop damps the released device
-    critically on each K.
+    With local damping (`VirtualTool.damped_locally`) the device's own loop damps the released device critically on each
+    K.
 
     Args:
         problem: with [simulation].
-        progress: told of the curves.
+        progress: reported over the curves.
     """
     tool, device = required_tool(problem), problem.device
     t, declared = device.sample_time_s, max(tool.step_s)
@@ -142,18 +142,18 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
 
 
 def _limit(stable: Callable[[float], bool], softest: float, near: float, stiffest: float) -> float:
-    """Return the stiffness up to which all that are tried are stable; 0 where the softest is not.
+    """Return the stiffness up to which all tried ones are stable; 0 where the softest is not.
 
     Args:
-        stable: whether a stiffness is.
-        softest: where it begins.
-        near: where the limit may lie, that of the damper before.
-        stiffest: where it ends.
+        stable: test of a stiffness.
+        softest: start of the scan.
+        near: expected limit, that of the previous damper.
+        stiffest: end of the scan.
     """
     low = softest
     if not stable(low):
         return 0.0
-    # What lies well below the last limit is tried more coarsely.
+    # Coarser steps well below the previous limit.
     while low < near / _RATIO:
         after = min(_RATIO**3 * low, near / _RATIO)
         if not stable(after):

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 SETTLED = 0.02
-"""Share of the start to which an oscillation has died away when it counts as settled."""
-# A pole that turns less a sample does not swing; a smaller one is gone after one.
+"""Share of its initial amplitude below which an oscillation counts as settled."""
+# A pole that turns less per sample does not oscillate; a smaller one is deadbeat.
 _TURN, _GONE = 1e-6, 1e-9
 
 
@@ -30,10 +30,10 @@ class Transient:
     """How the loop in contact settles, on the nominal device.
 
     Attributes:
-        settling_s: time to settle of the slowest oscillation, to 2 %; 0 where nothing oscillates, infinite where it
-            does not die away.
-        damping_ratio: of the least damped oscillation; 1 where nothing oscillates.
-        frequency_hz: of that one; 0 where nothing oscillates.
+        settling_s: time to settle of the slowest oscillation, to 2 %; 0 without oscillation, infinite where it does not
+            decay.
+        damping_ratio: of the least damped oscillation; 1 without oscillation.
+        frequency_hz: of the same; 0 without oscillation.
     """
 
     settling_s: float
@@ -42,7 +42,7 @@ class Transient:
 
     @classmethod
     def of(cls, loops: FloatArray, sample_time_s: float) -> Transient:
-        """Take the worst of some loops, shape (..., s, s)."""
+        """Return the worst of some loops, shape (..., s, s)."""
         poles = eigenvalues(loops).ravel()
         swinging = poles[_swings(poles)]
         if len(swinging) == 0:
@@ -55,7 +55,7 @@ class Transient:
 
 
 def settling_s(poles: ComplexArray, sample_time_s: float) -> FloatArray:
-    """Return how long the slowest oscillation of each loop takes to settle, shape (...).
+    """Return the settling time of the slowest oscillation of each loop, shape (...).
 
     Args:
         poles: of the loops, shape (..., s).
@@ -72,12 +72,12 @@ def _swings(poles: ComplexArray) -> BoolArray:
 
 
 def transients(coupling: Coupling) -> tuple[Transient, Transient]:
-    """Return how the device settles in contact: released, and with the worst of the hands' corners.
+    """Return the transients of the device in contact: released, and with the worst corner of the hands.
 
-    Linear: gains at rest, the whole innovation of a law passing; an observer between encoder steps is left out.
+    Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
 
     Args:
-        coupling: gains with what runs beside them.
+        coupling: gains with their runtime.
     """
     problem = coupling.problem
     ranges = problem.hands.model_copy(update={"let_go": False})

@@ -1,6 +1,6 @@
 """The worst hand of a whole box of hands: the spectral radius has maxima inside, which corners and draws miss.
 
-A search, not a proof: from the worst of some hands a quadratic in each direction is climbed, all rows at once.
+A search, not a proof: ascent on local quadratic models from the worst of some hands, all rows at once.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _STARTS, _APART = 4, 0.6
 _ROUNDS, _SWEEPS = 12, 15
-# A climb ends that gains or moves less, as a share of the box.
+# An ascent ends below this gain or step, the step as a share of the box.
 _GAINED, _STILL = 1e-10, 1e-4
 _REACH, _SHRINK = 0.2, 0.45
 _PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -40,7 +40,7 @@ class WorstHands:
         radius: spectral radius with it, shape (n,).
         frequency_hz: frequency of that eigenvalue, shape (n,).
         hands: n hands.
-        known: radii and frequencies with the hands that were looked at first, (n, h).
+        known: radii and frequencies with the initial hands, (n, h).
     """
 
     radius: FloatArray
@@ -49,7 +49,7 @@ class WorstHands:
     known: LinearStability
 
     def pick(self, rows: IndexArray) -> WorstHands:
-        """Take some of the rows."""
+        """Return some of the rows."""
         known = LinearStability(self.known.radius[rows], self.known.frequency_hz[rows])
         return WorstHands(self.radius[rows], self.frequency_hz[rows], self.hands.pick(rows), known)
 
@@ -66,18 +66,18 @@ def worst_hands(
     enough: float = np.inf,
     progress: Progress = SILENT,
 ) -> WorstHands:
-    """Look for the hand of the ranges with which each frozen row has the largest spectral radius.
+    """Search the ranges for the hand with which each frozen row has the largest spectral radius.
 
     Args:
         device: the device as declared.
         parts: partial fractions of n renderings, as in `linear_stability`.
         contact_damping_ns_per_m: b_p, broadcast to shape (n,).
-        hands: the ranges; their corners and draws are looked at first.
+        hands: the ranges; their corners and draws are the initial hands.
         damping_shift_ns_per_m: added to the damping of the device.
-        draws: hands drawn beside the corners.
+        draws: hands drawn in addition to the corners.
         seed: seed of the draws.
-        enough: rows that reach this radius with the first hands are not searched further.
-        progress: told of the rows.
+        enough: rows that reach this radius with the initial hands are not searched further.
+        progress: reported over the rows.
 
     Raises:
         UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
@@ -105,7 +105,7 @@ def worst_hands(
     n = len(parts.direct)
     ranges = hand_ranges(hands)
     at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
-    # The device let go lies outside the ranges and is no place to climb from.
+    # The released device lies outside the ranges and is no initial guess.
     inside = ((at >= ranges[:, :1]) & (at <= ranges[:, 1:])).all(axis=0)
     shares = (at - ranges[:, :1]) / np.maximum(np.ptp(ranges, axis=1)[:, None], np.finfo(np.float64).tiny)
     order = _far_apart(np.where(inside, known.radius, -np.inf), shares)
@@ -129,7 +129,7 @@ def worst_hands(
 
 
 def _far_apart(radius: FloatArray, places: FloatArray) -> IndexArray:
-    """Choose the worst hands of each row that stand some way apart, worst first; places (3, h) as shares of the box."""
+    """Return the worst hands of each row that lie apart, worst first; places (3, h) as shares of the box."""
     distance = np.abs(places[:, :, None] - places[:, None, :]).max(axis=0)
     left = radius.copy()
     chosen = []
@@ -148,7 +148,7 @@ class _Search:
     shift: float
 
     def radius(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Spectral radius and frequency of rows (m,), each with a hand of its own (3, m)."""
+        """Return spectral radius and frequency of rows (m,), each with its own hand (3, m)."""
         hands = Hand(*places)
         rendering = Rendering(self.rendering.force[rows], self.rendering.state[rows])
         if rigid(self.device):
@@ -164,7 +164,7 @@ class _Search:
         return np.abs(value), np.abs(np.angle(value)) / (2 * math.pi * self.device.sample_time_s)
 
     def climb(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Climb from places (3, m) in the box; return where it ends, the radii and the frequencies."""
+        """Ascend from initial guesses (3, m) in the box; return the final iterates, radii and frequencies."""
         size = 4 + math.ceil(self.device.delay_samples)
         at_once = max(1, _NUMBERS_AT_ONCE // (9 * size * size))
         parts = [
@@ -204,14 +204,14 @@ class _Search:
         return low + width * at, top, where
 
     def _at(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Do the same at several places for each row, (p, 3, m); returns (p, m) each."""
+        """Return radius and frequency at several places for each row, (p, 3, m), as (p, m) each."""
         flat = places.transpose(1, 0, 2).reshape(3, -1)
         radius, frequency = self.radius(np.tile(rows, len(places)), flat)
         return radius.reshape(-1, len(rows)), frequency.reshape(-1, len(rows))
 
 
 def _moves(at: FloatArray, reach: FloatArray) -> FloatArray:
-    """Both ways along each side of the box, then inwards along two sides at once, (9, 3, m)."""
+    """Return probes both ways along each side of the box, then inwards along two sides at once, (9, 3, m)."""
     inner = np.where(at <= 0.5, reach, -reach)
     moves = [move for i in range(3) for move in (_only(inner, i), _only(-inner, i))]
     return np.array([*moves, *(_only(inner, i) + _only(inner, j) for i, j in _PAIRS)])
@@ -224,7 +224,7 @@ def _only(move: FloatArray, side: int) -> FloatArray:
 
 
 def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the step (3, m) to the top of the quadratic through the probes, between two bounds (3, m)."""
+    """Return the step (3, m) to the maximum of the quadratic through the probes, between two bounds (3, m)."""
     m = moves.shape[2]
     slope, bend = np.zeros((3, m)), np.zeros((3, 3, m))
     for i in range(3):

@@ -22,7 +22,7 @@ def column(*symbols: Expr) -> Expr:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where a plant has numbers that differ from 0 for any hand.
+    """Structure of a plant: its entries that are nonzero for any hand.
 
     Attributes:
         states: number of states.
@@ -40,7 +40,7 @@ class Layout:
 
     @classmethod
     def of(cls, plant: LinearPlant, friction_n: float) -> Layout:
-        """Take the layout of a plant, of all hands."""
+        """Return the layout of a plant, of all hands."""
         hands = tuple(range(plant.matrix.ndim - 2))
         rows = np.flatnonzero(np.any(plant.target != 0, axis=(*hands, plant.target.ndim - 1)))
         return cls(
@@ -105,7 +105,7 @@ class PlantSymbols:
 
 @dataclass(frozen=True)
 class Drive:
-    """What moves the plant between two samples.
+    """Inputs of the plant between two samples.
 
     Attributes:
         force: held force of the actuator, N, positive against +x; None in free space.
@@ -121,7 +121,7 @@ class Drive:
 
 
 class Advance(Protocol):
-    """How the continuous part gets from one sample to the next."""
+    """Propagation of the continuous part from one sample to the next."""
 
     def step(self, tick: Tick, state: list[Expr], drive: Drive) -> list[Expr]:
         """Add the parameters and return the state one sample later."""
@@ -132,7 +132,7 @@ class Advance(Protocol):
 
 @dataclass(frozen=True)
 class Continuous(ABC):
-    """A scheme that is given the plant's rates, and goes through each stretch in which the force stays.
+    """A scheme on the plant's rates, over each stretch of constant force.
 
     Attributes:
         layout: the plant's numbers.
@@ -161,13 +161,13 @@ class Continuous(ABC):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of the sample in which the force stays.
+    """A part of the sample of constant force.
 
     Attributes:
-        name: what the names of its parameters end with.
-        begin: where it begins, as a share of the sample.
+        name: suffix of the names of its parameters.
+        begin: its start, as a share of the sample.
         share: its length.
-        before: whether the force before the new one acts.
+        before: whether the previous force acts.
     """
 
     name: str

@@ -1,10 +1,10 @@
-"""Power series of the plant between two samples, with dry friction that truly sticks.
+"""Power series of the plant between two samples, with dry friction and true sticking.
 
-Inside a sample the plant is linear while it slides one way or sticks. Each stretch is the power series of
-exp(A t), cut where the rest is below rounding; its end, where the velocity reaches 0 or the load exceeds the friction,
-is a root of a polynomial. Time is counted in samples, so that all coefficients are of the size of the state.
+Inside a sample the plant is linear while it slides one way or sticks. Each stretch is the power series of exp(A t),
+truncated below rounding; its end, where the velocity reaches 0 or the load exceeds the friction, is a root of a
+polynomial. Time is counted in samples, so that all coefficients are of the size of the state.
 
-Beside it, in substeps: friction by projection, the constant one that stops the device or the largest there is; and
+Beside it, in substeps: friction by projection, the constant force that stops the device or the largest available; and
 explicit steps of order four, for comparison.
 """
 
@@ -34,7 +34,7 @@ from avc_casadi.simulation.tick import Expr, Tick
 _REST = 1e-17
 _HIGHEST_ORDER = 22
 _MOST_SUBSTEPS = 32
-# Larger terms would cancel against each other and take digits with them.
+# Larger terms would cancel and lose digits.
 _LARGEST_TERM = 1e3
 _NEWTON_STEPS = 4
 # Changes between sliding and sticking that are located in one series; a third one waits for its end.
@@ -59,7 +59,7 @@ class TaylorSeries(Continuous):
             plant: the linear plant, of all hands.
             sample_time_s: T.
             friction_n: dry friction; 0 for none.
-            substeps: at least that many.
+            substeps: the fewest.
 
         Raises:
             UnsupportedError: the plant is too fast for a reasonable number of substeps.
@@ -93,14 +93,14 @@ class TaylorSeries(Continuous):
     def _until_event(
         self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
     ) -> tuple[list[Expr], Expr, Expr]:
-        """Slide or stick until that ends or the time is over; returns the state, the time used and what breaks away."""
+        """Slide or stick until an event or the end; return the state, the time used and the break-away direction."""
         import casadi as ca  # noqa: PLC0415
 
         sliding, direction = _mode(plant, state, force, target, breaking)
         series, loads = self._series(plant, state, force, target, direction * plant.friction, sliding)
         sticking = 1 - sliding
-        # What must not become negative: the velocity in its direction, or what friction can still hold. While the
-        # device sticks, all powers of its velocity are 0.
+        # The event function: the velocity in its direction, or the remaining friction force. While the device sticks,
+        # all powers of its velocity are 0.
         sign = sliding * direction - sticking * ca.sign(_horner(loads, remaining))
         reserve = [sign * (v + sticking * r) for v, r in zip(series[1], loads, strict=False)]
         reserve[0] += sticking * plant.friction
@@ -110,14 +110,14 @@ class TaylorSeries(Continuous):
         used = _first_zero(reserve, remaining)
         moved = [_horner(powers, used) for powers in series]
         ended = used < remaining
-        # At the end of sliding the velocity is exactly 0.
+        # Sliding ends at a velocity of exactly 0.
         moved[1] *= ca.logic_or(sticking, ca.logic_not(ended))
         return moved, used, ca.logic_and(sticking, ended)
 
     def _to_the_end(
         self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, remaining: Expr, breaking: Expr
     ) -> list[Expr]:
-        """Move for the rest of the time; with dry friction, a velocity that would turn is stopped at the end."""
+        """Propagate for the remaining time; with dry friction, a velocity that would reverse is set to 0 at the end."""
         if self.layout.friction_n == 0:
             return [_horner(powers, remaining) for powers in self._series(plant, state, force, target)[0]]
         sliding, direction = _mode(plant, state, force, target, breaking)
@@ -153,7 +153,7 @@ class TaylorSeries(Continuous):
 def _mode(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, breaking: Expr) -> tuple[Expr, Expr]:
     """Return whether the device slides (1) or sticks (0), and the direction in which it slides or would break away.
 
-    At the moment of breaking away the load equals the friction but for rounding, so that the comparison is not asked.
+    At break-away the load equals the friction but for rounding, so that the two are not compared.
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -196,7 +196,7 @@ def _horner(powers: list[Expr], at: Expr) -> Expr:
 
 
 def _order(plant: LinearPlant, step_s: float) -> int:
-    """Return the power after which no term of exp(A h) counts, with velocities in metres a step."""
+    """Return the power beyond which the terms of exp(A h) are negligible, with velocities in metres a step."""
     scale = time_scale(plant, step_s)
     matrix = plant.matrix * step_s * scale[:, None] / scale
     term = np.eye(plant.states)
@@ -212,7 +212,7 @@ def _order(plant: LinearPlant, step_s: float) -> int:
 
 @dataclass(frozen=True)
 class RungeKutta(Continuous):
-    """Explicit steps of equal length; friction neither sticks nor is its change of sign located."""
+    """Explicit steps of equal length; friction does not stick, and its change of sign is not located."""
 
     def _through(self, plant: PlantSymbols, state: list[Expr], force: Expr, target: Any, duration: Expr) -> list[Expr]:
         h = duration / self.substeps
@@ -242,7 +242,7 @@ def _rates(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any) -> 
 
 @dataclass(frozen=True)
 class Projected:
-    """Implicit and free of events; exact while the device slides, of first order where it stops or breaks away.
+    """Implicit, without events; exact while the device slides, of first order where it stops or breaks away.
 
     Attributes:
         substeps: equal steps a stretch.

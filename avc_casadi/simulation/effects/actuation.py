@@ -16,7 +16,7 @@ from avc_casadi.simulation.tick import Tick
 
 @dataclass(frozen=True)
 class Saturation(SceneEffect):
-    """Clips the command.
+    """Saturation of the commanded force.
 
     Attributes:
         force_n: largest force either way.
@@ -31,7 +31,7 @@ class Saturation(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.max_force_n", problem.device.max_force_n
         return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
 
@@ -65,7 +65,7 @@ class Amplifier(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         device, key, source = problem.device, "bandwidth_hz", "device.amplifier_bandwidth_hz"
         default = device.amplifier_bandwidth_hz
         bandwidth = required_number(table.bandwidth_hz, default, key=key, place=place, problem=problem, source=source)

@@ -1,4 +1,4 @@
-"""What every effect of a scene declares: its station in the loop and what it adds there."""
+"""Interface of the effects of a scene: station in the loop and contribution there."""
 
 from __future__ import annotations
 
@@ -45,16 +45,16 @@ class Station(IntEnum):
 
 @dataclass(frozen=True)
 class SceneEffect(ABC):
-    """One effect with its numbers settled. A subclass that gives its kind is in the registry `EFFECTS`.
+    """One effect with its numbers resolved. A subclass that gives its kind is in the registry `EFFECTS`.
 
     Attributes:
         kind: its name in a problem file.
         keys: its table there.
         rank: its place in the loop and in every list.
-        station: where it acts.
+        station: its place in the loop.
         role: effects of one role exclude each other; empty where none does.
         of_coupling: whether it belongs to the control computer, so that a coupling brings its own.
-        scene_alone: whether scenes alone simulate it where the device does not declare it.
+        scene_alone: whether only scenes simulate it unless the device declares it.
     """
 
     kind: ClassVar[str]
@@ -73,7 +73,7 @@ class SceneEffect(ABC):
     @classmethod
     @abstractmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Settle the numbers: what the table leaves out is taken from the problem.
+        """Resolve the numbers: what the table leaves out is taken from the problem.
 
         Args:
             table: the validated table of the problem file.
@@ -86,24 +86,24 @@ class SceneEffect(ABC):
 
     @property
     def environment(self) -> Environment | None:
-        """The virtual environment, of the effect that brings one."""
+        """The virtual environment, of the effect that defines one."""
         return None
 
     @property
     def gain_table(self) -> GainTable | None:
-        """The table from which it sets the gains of the coupling in every sample."""
+        """The table from which it sets the gains of the coupling at every sample."""
         return None
 
     @property
     def sensed_body(self) -> str | None:
-        """The body whose position is measured, of the effect that says so; None leaves it to the others."""
+        """The body whose position is measured; None leaves it to other effects."""
         return None
 
     @property
     def numbers(self) -> FloatArray:
         """Its parameters of a run, in the order in which it adds them to the sample; none where they are constants.
 
-        Shape (n,), or (people, n) where they differ between people.
+        Shape (n,), or (hands, n) where they differ between hands.
         """
         return np.zeros(0)
 
@@ -122,10 +122,10 @@ class SceneEffect(ABC):
 def required_number(
     value: float | None, default: float | None, *, key: str, place: str, problem: Problem, source: str
 ) -> float:
-    """Return the value of a table or its default; both may not be 0.
+    """Return the value of a table or its default, which must not both be 0.
 
     Raises:
-        InputError: without a value above 0 the effect would do nothing.
+        InputError: no value above 0, without which the effect does nothing.
     """
     number = default if value is None else value
     if not number:

@@ -32,11 +32,11 @@ from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick
 
 @dataclass(frozen=True)
 class Guard(SceneEffect):
-    """Watches the energy through the held force and acts where some is missing.
+    """Monitors the energy through the held force and acts on a deficit.
 
     Attributes:
         method: passivity-controller or energy-tank.
-        settings: how far it may go.
+        settings: its limits.
     """
 
     kind: ClassVar[str] = "guard"
@@ -67,7 +67,7 @@ class Guard(SceneEffect):
 
 @dataclass(frozen=True)
 class StateFeedback(SceneEffect):
-    """Replaces the measured position by a weighted sum of what the observer believes.
+    """Replaces the measured position by a weighted sum of the observer's states.
 
     Attributes:
         settings: its matrices.
@@ -84,7 +84,7 @@ class StateFeedback(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; its rows must be of one size."""
+        """Build it from the table; its rows must be of one size."""
         try:
             return cls(Settings(**{key: getattr(table, key) for key in STATE_FEEDBACK_KEYS}))
         except InputError as error:
@@ -93,7 +93,7 @@ class StateFeedback(SceneEffect):
 
     @property
     def numbers(self) -> FloatArray:
-        """The matrices: scenes with others of the same size are the same code."""
+        """The matrices: scenes with others of the same size share their code."""
         return self.settings.numbers()
 
     def sample(self, tick: Tick) -> None:
@@ -103,17 +103,17 @@ class StateFeedback(SceneEffect):
         tick.position = insert(tick, "state_feedback", step, [tick.position, tick.asked_force()], numbers)[0]
 
 
-# A mass taken too small turns every force into too much motion; far above the lightest, light hands buzz.
+# An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.
 _ABOVE = 1.07
 
 
 @dataclass(frozen=True)
 class Observer(SceneEffect):
-    """Replaces the counted position by one that the commanded forces explain, at the time when the next one acts.
+    """Replaces the counted position by one predicted from the commanded forces, at the time when the next one acts.
 
     Attributes:
-        settings: what it knows.
-        late: whether the loop has a delay: the force that acts is not the one that was asked for.
+        settings: its assumed model.
+        late: whether the loop has a delay: the acting force is not the commanded one.
     """
 
     kind: ClassVar[str] = "observer"
@@ -128,7 +128,7 @@ class Observer(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take step and delay from the loop, and the mass from the device and the lightest hand, if left out."""
+        """Build it; missing step and delay are taken from the loop, the mass from the device and the lightest hand."""
         encoder = next((effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)), None)
         if encoder is None:
             message = "has no steps to look between; allowed: beside the effect encoder"
@@ -158,7 +158,7 @@ class Adaptation(SceneEffect):
     """Look-up with hold and decay, slew limit and passive change.
 
     Attributes:
-        hold: how the look-up leaves a lost estimate.
+        hold: how the look-up treats a lost estimate.
         settings: how the gains change.
         table: the gain table; a run sets it.
     """
@@ -175,7 +175,7 @@ class Adaptation(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; without an estimator there is nothing to follow."""
+        """Build it from the table; an estimator is required."""
         if not any(effect.kind == "estimator" for effect in problem.scene.effects):
             message = "has no estimate to follow; allowed: beside the effect estimator"
             raise InputError([Fault(problem.name, None, place, message)])
@@ -187,12 +187,12 @@ class Adaptation(SceneEffect):
         return self.table
 
     def sample(self, tick: Tick) -> None:
-        """Look the gains up; they come into force when the coupling asks for them."""
+        """Look up the gains; they take effect when the coupling reads them."""
         if self.table is None:
             return
         rows = self.table
         step = hold_step(tick.sample_time_s, self.hold)
-        # Without an estimator, as when its worth is being weighed, the gains are those of rest.
+        # Without an estimator, as where its effect is screened, the gains are those at rest.
         estimate = [0.0, 0.0] if tick.frequency_hz is None else [tick.frequency_hz, tick.frequency_valid]
         frequency, _ = insert(tick, "hold", step, estimate, (rows.rest_hz,))
         wanted = rows.expressions(frequency)
@@ -231,7 +231,7 @@ class Estimator(SceneEffect):
 
     Attributes:
         method: name of the estimator.
-        settings: what it takes for motion.
+        settings: its thresholds of motion.
     """
 
     kind: ClassVar[str] = "estimator"
@@ -245,7 +245,7 @@ class Estimator(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take the method; the floor stands above the noise of the encoder, where the scene has one."""
+        """Build it from the table; the floor lies above the noise of the encoder, where the scene has one."""
         encoders = [effect for effect in problem.scene.effects if isinstance(effect, EncoderEffect)]
         resolution = problem.device.encoder_resolution_m if encoders else 0.0
         if encoders and encoders[0].resolution_m is not None:

@@ -23,10 +23,10 @@ def dc_gain(section: Sequence[float]) -> float:
 
 
 def filter_position(tick: Tick, name: str, section: Sequence[float]) -> None:
-    """Pass the position through y(k) = b0 u(k) + b1 u(k-1) + b2 u(k-2) - a1 y(k-1) - a2 y(k-2), at rest at first.
+    """Pass the position through y(k) = b0 u(k) + b1 u(k-1) + b2 u(k-2) - a1 y(k-1) - a2 y(k-2), initially at rest.
 
     Args:
-        tick: the sample; where the filter's gain is not 1, what follows begins elsewhere.
+        tick: the sample; where the filter's gain is not 1, the initial position downstream differs.
         name: of its two states.
         section: b0, b1, b2, a1, a2.
     """
@@ -43,7 +43,7 @@ def filter_position(tick: Tick, name: str, section: Sequence[float]) -> None:
 
 @dataclass(frozen=True)
 class Compensator(SceneEffect):
-    """Second-order sections, one after the other.
+    """Second-order sections in series.
 
     Attributes:
         sections: b0, b1, b2, a1, a2 of each.
@@ -59,7 +59,7 @@ class Compensator(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; every section must be stable."""
+        """Build it from the table; every section must be stable."""
         faults = []
         for index, (*_, a1, a2) in enumerate(table.sections):
             if not (abs(a2) < 1 and abs(a1) < 1 + a2):
@@ -97,7 +97,7 @@ class Notch(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; the frequency lies below that of Nyquist."""
+        """Build it from the table; the frequency lies below that of Nyquist."""
         nyquist = 0.5 / problem.device.sample_time_s
         if table.frequency_hz >= nyquist:
             message = f"is {table.frequency_hz:g}; allowed: below the Nyquist frequency {nyquist:g} Hz"
@@ -125,7 +125,7 @@ class Notch(SceneEffect):
 
 @dataclass(frozen=True)
 class VelocityFilter(SceneEffect):
-    """Estimator of the velocity: of coupling, environment and contact damper; one that is not linear knows x alone.
+    """Velocity estimator of coupling, environment and contact damper; a nonlinear one takes x alone.
 
     Attributes:
         estimator: its numbers.
@@ -141,7 +141,7 @@ class VelocityFilter(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Settle the numbers."""
+        """Resolve the numbers."""
         return cls(velocity_estimator(problem, table, place))
 
     def sample(self, tick: Tick) -> None:

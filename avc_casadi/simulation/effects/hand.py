@@ -14,7 +14,7 @@ from avc_casadi.simulation.effects.base import SceneEffect, Station, required_nu
 
 @dataclass(frozen=True)
 class Grip(SceneEffect):
-    """Whoever holds the device; a hand of many stands for as many scenes.
+    """The hand at the device; an array of hands stands for as many scenes.
 
     Attributes:
         hand: the hand, or many.
@@ -30,14 +30,14 @@ class Grip(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take what is left out from the middle of the problem's set of hands."""
+        """Build it; missing numbers are taken from the middle of the problem's set of hands."""
         given = {item.name: getattr(table, item.name) for item in fields(Hand)}
         return cls(
             Hand(**{key: sum(getattr(problem.hands, key)) / 2 if one is None else one for key, one in given.items()})
         )
 
     def mechanics(self, plant: Plant) -> None:
-        """Add the hand to what it holds."""
+        """Add the hand to the handle."""
         self.hand.mechanics(plant)
 
 
@@ -52,6 +52,6 @@ class StylusGrip(Grip):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table as it stands; the hand needs a mass."""
+        """Build it from the table as given; the hand needs a mass."""
         required_number(table.mass_kg, None, key="mass_kg", place=place, problem=problem, source="")
         return cls(StylusHand(**{item.name: getattr(table, item.name) for item in fields(StylusHand)}))

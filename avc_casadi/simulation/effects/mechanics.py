@@ -23,8 +23,8 @@ from avc_casadi.simulation.tick import Tick
 class Backlash(SceneEffect):
     """The encoder at the motor follows the position only beyond half the play either way: a hysteresis (play operator).
 
-    The force passes without play, as a gear under load does; the play is taken up at the samples. A dead zone of the
-    force would need the stiffness of the gear's flanks, which nobody declares.
+    The force passes without play, as in a gear under load; the play is taken up at the samples. A dead zone of the
+    force would need the stiffness of the gear's flanks, which is not declared.
 
     Attributes:
         gap_m: the whole play.
@@ -40,7 +40,7 @@ class Backlash(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.backlash_m", problem.device.backlash_m
         return cls(required_number(table.gap_m, default, key="gap_m", place=place, problem=problem, source=source))
 
@@ -77,7 +77,7 @@ class Resonance(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device; a device without mass has no resonance."""
+        """Build it; missing numbers are taken from the device; a device without mass has no resonance."""
         keys = ("frequency_hz", "damping_ratio", "mass_ratio")
         declared = [getattr(problem.device.resonance, key, None) for key in keys]
         values = [getattr(table, key) for key in keys]
@@ -104,7 +104,7 @@ class Resonance(SceneEffect):
         return cls(frequency, damping, mass_ratio)
 
     def mechanics(self, plant: Plant) -> None:
-        """Move a share of the device's mass to a second body, which the hand holds."""
+        """Move a share of the device's mass to a second body, at the hand."""
         plant.split(self.frequency_hz, self.damping_ratio, self.mass_ratio)
 
 
@@ -126,7 +126,7 @@ class ViscousFriction(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; what the device model has already is not taken twice."""
+        """Build it from the table; the damping of the device model is not counted twice."""
         key = "damping_ns_per_m"
         return cls(required_number(table.damping_ns_per_m, None, key=key, place=place, problem=problem, source=""))
 
@@ -137,10 +137,10 @@ class ViscousFriction(SceneEffect):
 
 @dataclass(frozen=True)
 class CoulombFriction(SceneEffect):
-    """A force of constant size against the velocity; at rest, whatever holds the device up to that size.
+    """A force of constant magnitude against the velocity; at rest it balances the load up to that magnitude.
 
     Attributes:
-        force_n: its size.
+        force_n: its magnitude.
     """
 
     kind: ClassVar[str] = "coulomb-friction"
@@ -152,11 +152,11 @@ class CoulombFriction(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.coulomb_friction_n", problem.device.coulomb_friction_n
         return cls(required_number(table.force_n, default, key="force_n", place=place, problem=problem, source=source))
 
     @property
     def friction_n(self) -> float:
-        """Its size."""
+        """Its magnitude."""
         return self.force_n

@@ -18,7 +18,7 @@ from avc_casadi.simulation.effects.virtual_tool import Engine
 
 
 def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
-    """Settle the effects of a problem's scene, in the order of the loop; with none listed, all that is declared.
+    """Return the effects of a problem's scene, in the order of the loop; with none listed, all declared ones.
 
     Raises:
         InputError: impossible combinations and missing numbers, all at once.
@@ -51,7 +51,7 @@ def _impossible(problem: Problem, kinds: list[str]) -> list[Fault]:
 
 
 def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
-    """Effects whose numbers do not go together."""
+    """Return errors of effects with incompatible numbers."""
     messages = []
     delays = [effect.samples for effect in built if isinstance(effect, Delay)]
     late = any(isinstance(effect, Jitter) and effect.rms_s > 0 for effect in built)

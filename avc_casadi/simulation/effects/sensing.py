@@ -19,12 +19,12 @@ from avc_casadi.simulation.tick import Tick
 
 @dataclass(frozen=True)
 class Jitter(SceneEffect):
-    """The position is sampled in time; the new force comes |e| late, e Gaussian, at most one sample.
+    """The position is sampled in time; the new force is late by |e|, e Gaussian, at most one sample.
 
-    In a dropped sample the computer does nothing: the force stays, and the next velocity is taken over two samples.
+    In a dropped sample the computer does nothing: the force is held, and the next velocity is taken over two samples.
 
     Attributes:
-        rms_s: standard deviation of e; 0 for forces in time.
+        rms_s: standard deviation of e; 0 without lateness.
         seed: seed of the generator.
         dropped_share: share of the samples that are dropped.
     """
@@ -41,14 +41,14 @@ class Jitter(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; one of lateness and drops must be there."""
+        """Build it from the table; lateness or drops are required."""
         if table.rms_s == 0 and table.dropped_share == 0:
             message = "rms_s and dropped_share are both 0; allowed: one above 0, or leave the effect out"
             raise InputError([Fault(problem.name, None, place, message)])
         return cls(table.rms_s, table.seed, table.dropped_share)
 
     def sample(self, tick: Tick) -> None:
-        """Draw lateness and drops, and keep the last force."""
+        """Draw lateness and drops, and store the last force."""
         import casadi as ca  # noqa: PLC0415
 
         if tick.command is None:
@@ -74,7 +74,7 @@ class Jitter(SceneEffect):
 
 @dataclass(frozen=True)
 class Delay(SceneEffect):
-    """A line of past commands; after whole samples a share of one, in which the command before still acts.
+    """A delay line of commands; a fractional part lets the previous command act for a share of the sample.
 
     Attributes:
         samples: its length.
@@ -89,12 +89,12 @@ class Delay(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.delay_samples", problem.device.delay_samples
         return cls(required_number(table.samples, default, key="samples", place=place, problem=problem, source=source))
 
     def sample(self, tick: Tick) -> None:
-        """Put the command into the line and take out the oldest, or the last two."""
+        """Shift the command into the line and take the oldest, or the last two."""
         if tick.command is None:
             return
         whole = int(self.samples)
@@ -131,13 +131,13 @@ class Noise(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.position_noise_rms_m", problem.device.position_noise_rms_m
         rms = required_number(table.rms_m, default, key="rms_m", place=place, problem=problem, source=source)
         return cls(rms, table.seed)
 
     def sample(self, tick: Tick) -> None:
-        """Add a drawn number to the position."""
+        """Add the noise to the position."""
         rms, seed = self.rms_m, self.seed
         tick.position += tick.input("noise_m", lambda samples, run: rms * _draw(seed, run, samples))
 
@@ -153,8 +153,8 @@ class Encoder(SceneEffect):
     Attributes:
         resolution_m: length of a step; 0 only at the handle, for a position without steps.
         body: the body whose position is measured.
-        phase: where a step lies that reads 0, in steps, of one person each, shape (people,); None puts all at the
-            middle of a step.
+        phase: offset of the step that reads 0, in steps, one per hand, shape (hands,); None puts all at the middle of a
+            step.
     """
 
     kind: ClassVar[str] = "encoder"
@@ -168,7 +168,7 @@ class Encoder(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take what is left out from the device."""
+        """Build it; missing numbers are taken from the device."""
         source, default = "device.encoder_resolution_m", problem.device.encoder_resolution_m
         resonant = any(effect.kind == "resonance" for effect in scene_effects(problem))
         if (table.at or problem.device.encoder_at) == "handle" and (table.at is not None or resonant):
@@ -186,7 +186,7 @@ class Encoder(SceneEffect):
 
     @property
     def numbers(self) -> FloatArray:
-        """The phase of each, shape (people, 1)."""
+        """The phase of each hand, shape (hands, 1)."""
         return np.zeros(0) if self.phase is None or self.resolution_m == 0 else self.phase[:, None]
 
     def sample(self, tick: Tick) -> None:

@@ -1,4 +1,4 @@
-"""A further resonance of the device, of a part that the hand does not hold: a stage, a link, a cover."""
+"""A further resonance of the device, of a part away from the hand: a stage, a link, a cover."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class Structure(SceneEffect):
     """A share of the device's mass on a spring beside the motor; sensor, actuator and hand are not on it.
 
     Attributes:
-        frequency_hz: frequency of motor and part against each other, nothing else being joined to them.
+        frequency_hz: frequency of motor and part against each other, free of other loads.
         damping_ratio: damping of that mode, as a share of the critical.
-        mass_ratio: share of the device's mass that swings.
+        mass_ratio: share of the device's mass on the part.
     """
 
     kind: ClassVar[str] = "structure"
@@ -34,12 +34,12 @@ class Structure(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take the table; a device without mass has no part that swings."""
+        """Build it from the table; a device without mass has no such part."""
         if problem.device.mass_kg == 0:
             message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
             raise InputError([Fault(problem.name, None, place, message)])
         return cls(table.frequency_hz, table.damping_ratio, table.mass_ratio)
 
     def mechanics(self, plant: Plant) -> None:
-        """Move a share of the device's mass to a body of its own."""
+        """Move a share of the device's mass to a separate body."""
         plant.hang(self.kind, self.frequency_hz, self.damping_ratio, self.mass_ratio)

@@ -1,4 +1,4 @@
-"""A simulation at the other end of the coupling: an engine that moves its tool at its own rate."""
+"""A simulation at the other end of the coupling: a physics engine that moves its tool at its own rate."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from avc_casadi.simulation.tick import Expr, Tick
 
 @dataclass(frozen=True)
 class Engine(SceneEffect):
-    """An engine, its tool, what that touches, and the coupling to the device.
+    """An engine, its tool with the contact, and the coupling to the device.
 
     The contact is one-sided, at x = 0: rigid, the tool stops there within the step, as constraint solvers have it; or a
     spring and damper that never pull.
 
     Attributes:
         tool: the [simulation].
-        state: the tool and its contact, as the device counts them.
+        state: the tool and its contact, in the device's units.
         gains: of the coupling.
         dropped_share: share of the engine's steps that it misses.
         seed: of the draws.
@@ -47,7 +47,7 @@ class Engine(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Take tool and engine from [simulation]: the heaviest tool, the stiffest contact.
+        """Build it; tool and engine are those of [simulation]: the heaviest tool, the stiffest contact.
 
         Raises:
             InputError: the problem has no [simulation], or no gains were given.
@@ -71,7 +71,7 @@ class Engine(SceneEffect):
 
     @property
     def numbers(self) -> FloatArray:
-        """Gains, tool and contact; a mass that never moves, and a contact that is rigid, are infinite."""
+        """Gains, tool and contact; an immovable mass and a rigid contact are infinite."""
         gains, state = self.gains, self.state
         return np.array(
             [
@@ -86,7 +86,7 @@ class Engine(SceneEffect):
         )
 
     def sample(self, tick: Tick) -> None:
-        """Let the engine step where its time has come, and add the force of the coupling."""
+        """Step the engine where a step is due, and add the force of the coupling."""
         import casadi as ca  # noqa: PLC0415
 
         names = ("coupling_n_per_m", "coupling_ns_per_m", "local_ns_per_m", "tool_kg", "tool_ns_per_m")
@@ -125,7 +125,7 @@ class Engine(SceneEffect):
         joined: tuple[Expr, Expr, Expr, Expr],
         contact: tuple[Expr, Expr],
     ) -> tuple[Expr, Expr]:
-        """Return position and velocity of the tool after a step; as `LiftedLoop` has it, with a one-sided contact."""
+        """Return position and velocity of the tool after a step, as in `LiftedLoop`, with a one-sided contact."""
         import casadi as ca  # noqa: PLC0415
 
         (x, v), (seen, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, joined, contact
@@ -152,7 +152,7 @@ class Engine(SceneEffect):
     def _handed(
         self, tick: Tick, steps: Expr, before: tuple[Expr, Expr], after: tuple[Expr, Expr], force: Expr, start_m: float
     ) -> list[Expr]:
-        """Keep what the engine hands out for as many steps as it is late, and return what the device has now."""
+        """Delay the engine's output by its queued steps and return what the device receives now."""
         import casadi as ca  # noqa: PLC0415
 
         exchange = self.tool.exchange
@@ -164,12 +164,12 @@ class Engine(SceneEffect):
                 kept = tick.state(name, starts[row])
                 now = ca.if_else(steps, value, kept)
                 tick.follow(name, now)
-                # What is late by one step is what stood here before this one.
+                # The stored value is late by one more step.
                 fresh[row] = now if late == self.tool.queued else kept
         return fresh
 
     def _steps_s(self, sample_time_s: float) -> Any:
-        """Return what tells the lengths of the engine's steps, at the first samples after them; 0 elsewhere."""
+        """Return the signal of the engine's step lengths, at the first samples after the steps; 0 elsewhere."""
 
         def values(samples: int, run: int) -> FloatArray:
             ends, lengths = self._course(samples, run, sample_time_s)
@@ -183,7 +183,7 @@ class Engine(SceneEffect):
         return values
 
     def _aged(self, sample_time_s: float) -> Any:
-        """Return what says, at the same samples, whether the step fell between two of them: 1, and 0 elsewhere."""
+        """Return the signal that is 1 at the same samples where the step fell between two of them, 0 elsewhere."""
 
         def values(samples: int, run: int) -> FloatArray:
             ends, _ = self._course(samples, run, sample_time_s)
@@ -196,7 +196,7 @@ class Engine(SceneEffect):
         return values
 
     def _course(self, samples: int, run: int, sample_time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return when the engine steps, counted in samples, and how long its steps are, s."""
+        """Return the times of the engine's steps, in samples, and their lengths, s."""
         low, high = self.tool.step_s
         count = math.ceil(samples * sample_time_s / low) + 1
         share = np.random.default_rng((self.seed, run, 4)).random(count) if high > low else np.zeros(count)

@@ -35,10 +35,10 @@ class Detents(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take those of the problem.
+        """Build it from the detents of the problem.
 
         Raises:
-            InputError: it has none.
+            InputError: the problem has none.
         """
         if problem.detent is None:
             message = "is listed and [detent] is missing; allowed: both, or neither"
@@ -46,7 +46,7 @@ class Detents(SceneEffect):
         return cls(problem.detent)
 
     def sample(self, tick: Tick) -> None:
-        """Add their force to what is asked of the actuator."""
+        """Add their force to the commanded force."""
         import casadi as ca  # noqa: PLC0415
 
         one = self.detent
@@ -65,7 +65,7 @@ class Detents(SceneEffect):
         return one.force_n * one.width * one.pitch_m / (2 * math.pi)
 
     def potential_j(self, position_m: FloatArray) -> FloatArray:
-        """Return the energy that they hold at positions, 0 in the valleys."""
+        """Return the energy stored in the detents at positions, 0 in the valleys."""
         one = self.detent
         turns = (position_m - one.centre_m) / one.pitch_m
         share = np.minimum(np.abs(turns - np.floor(turns + 0.5)) / one.width, 0.5)
@@ -94,7 +94,7 @@ class Wall(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Take what is left out from the environment."""
+        """Build it; missing numbers are taken from the environment."""
         given = problem.environment
         return cls(
             given.damping_ns_per_m if table.damping_ns_per_m is None else table.damping_ns_per_m,

@@ -1,1 +1,1 @@
-"""Populations of simulated hands: who they are, what they do, and whether they settle with a coupling."""
+"""Populations of simulated hands: parameters, motions, and whether they settle with a coupling."""

@@ -1,7 +1,7 @@
 """A teleoperator tried by many hands: in free motion, making and breaking contact, pressed, over an uneven link.
 
-Both devices are exact from sample to sample as long as what is touched does not change; encoders, force limits, late
-and lost messages are simulated. Dry friction is not: without it nothing rests that does not settle by itself.
+Both devices are integrated exactly from sample to sample while the contact state does not change; encoders, force
+limits, delayed and lost messages are simulated. Dry friction is not, so that it settles no unstable loop.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ BILATERAL_MOTIONS: dict[str, Motion] = {
 }
 """Free motion; a press; taps that break contact; held in contact; struck. The follower's contact begins at x = 0."""
 TRIAL_S = 5.0
-"""How long a motion lasts; rest is judged in the last half second."""
+"""Duration of a motion; settling is judged in the last half second."""
 _JUDGED_S = 0.5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BilateralTrial(OtherEndTrial):
-    """How simulated hands fared, felt at the leader; settled: leader and follower; the seed is of the messages too.
+    """Results by simulated hand, at the leader; settled: leader and follower; the seed is of the messages too.
 
     Attributes:
-        jitter: share of the delay by which messages were late or early.
+        jitter: timing jitter of the messages, as a share of the delay.
         lost_share: share of messages that were lost.
     """
 
@@ -59,10 +59,10 @@ class BilateralTrial(OtherEndTrial):
 
 @dataclass(frozen=True)
 class Link:
-    """Messages that arrive by the samples of who receives them.
+    """Arrivals of messages by the receiver's samples.
 
     Attributes:
-        newest: number of the newest message of the other side that has arrived, at each sample; below 0 none has.
+        newest: index of the newest message received from the other side, at each sample; negative before the first.
     """
 
     newest: IndexArray
@@ -71,14 +71,14 @@ class Link:
     def drawn(
         cls, sender_s: float, receiver_s: float, delay_s: float, samples: int, jitter: float, lost: float, seed: int
     ) -> Link:
-        """Draw when the messages of a sender arrive at a receiver, who keeps the newest of them.
+        """Draw the arrivals of a sender's messages at a receiver, which keeps the newest.
 
         Args:
             sender_s: time between messages.
             receiver_s: time between samples of the receiver.
-            delay_s: of a message.
+            delay_s: of a message, s.
             samples: of the receiver.
-            jitter: share of the delay by which a message may be early or late, evenly.
+            jitter: largest deviation from the delay, as a share of it; uniform.
             lost: share of messages that are lost.
             seed: of the draw.
         """
@@ -86,7 +86,7 @@ class Link:
         count = int(np.ceil(samples * receiver_s / sender_s)) + 1
         arrival = np.arange(count) * sender_s + delay_s * (1 + jitter * rng.uniform(-1, 1, count))
         arrival[rng.random(count) < lost] = np.inf
-        # Those that come after a newer one are of no use.
+        # A message that arrives after a newer one is discarded.
         order = np.argsort(arrival, kind="stable")
         best = np.maximum.accumulate(order)
         place = np.searchsorted(arrival[order], np.arange(samples) * receiver_s + 1e-12, side="right") - 1
@@ -94,13 +94,13 @@ class Link:
 
 
 def try_bilateral(problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0) -> BilateralTrial:
-    """Let hands move a follower, on a link with the declared delay, jitter and losses.
+    """Simulate hands that move a follower, on a link with the declared delay, jitter and losses.
 
     Args:
         problem: with [follower].
         gains: of the coupling, at the leader.
-        hands: who hold the leader.
-        seed: of the draw of the hands, to be told, and of the messages.
+        hands: at the leader.
+        seed: of the draw of the hands, to be reported, and of the messages.
     """
     follower = required_follower(problem)
     stiffness, _ = environments(follower)
@@ -118,12 +118,12 @@ def try_bilateral(problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0
 
 
 class _Side:
-    """One device of many lanes, from sample to sample.
+    """One device in many parallel runs (lanes), advanced sample by sample.
 
     Args:
-        device: as the leader counts.
-        hold: what holds each lane, shape (lanes,); two of them where a lane may be free or in contact.
-        start_m: where each begins.
+        device: in the leader's units.
+        hold: mechanical load on each lane, shape (lanes,); two of them where a lane may be free or in contact.
+        start_m: initial positions.
     """
 
     def __init__(self, device: Device, hold: list[Hand], start_m: FloatArray) -> None:
@@ -142,7 +142,7 @@ class _Side:
         self.sent = [self.measured()]
 
     def send(self) -> None:
-        """Keep the measured positions of this sample as a message."""
+        """Store the measured positions of this sample as a message."""
         self.sent.append(self.measured())
 
     def measured(self) -> FloatArray:
@@ -151,7 +151,7 @@ class _Side:
         return np.asarray(np.round(seen / self.step_m) * self.step_m if self.step_m > 0 else seen)
 
     def move(self, which: BoolArray, force: FloatArray, target: FloatArray | None = None) -> None:
-        """Move on by a sample.
+        """Advance by a sample.
 
         Args:
             which: lanes in contact.
@@ -173,8 +173,8 @@ class _Run:
     Args:
         problem: with [follower].
         gains: of the coupling.
-        hands: who hold the leader.
-        contacts_n_per_m: as the leader counts; infinite where it is rigid.
+        hands: at the leader.
+        contacts_n_per_m: in the leader's units; infinite where it is rigid.
         delays_s: to the follower and back.
         seed: of the messages.
     """
@@ -240,7 +240,7 @@ class _Run:
             self.stiffness_n_per_m = np.where(np.abs(force) > 0.97 * self.sides[0].limit_n, np.nan, stiff)
 
     def _lead(self, sample: int) -> FloatArray:
-        """Move the leader on by a sample, and return the force that it held."""
+        """Advance the leader by a sample and return the force held over it."""
         newest = int(self.links[0].newest[sample])
         felt = self.follower.architecture == "position-force"
         pull = -self.forces[max(newest, 0)] if felt else self._pull(0, newest)
@@ -251,7 +251,7 @@ class _Run:
         return np.asarray(asked)
 
     def _follow(self, sample: int) -> None:
-        """Move the follower on by a sample."""
+        """Advance the follower by a sample."""
         side, pull = self.sides[1], self._pull(1, int(self.links[1].newest[sample]))
         asked = np.clip(pull + self._local(1), -side.limit_n, side.limit_n)
         touching = side.state[:, 0] > 0
@@ -265,9 +265,9 @@ class _Run:
         side.state[into, 0] = 0.0
 
     def _pull(self, to: int, newest: int) -> FloatArray:
-        """Return the force of the coupling on a side, from its own newest message and that of the other."""
+        """Return the coupling force on a side, from its own newest message and the newest received."""
         own, far = self.sides[to].sent, self.sides[1 - to].sent
-        # What stood at the beginning comes first in each list.
+        # The initial positions come first in each list.
         place = newest + 1
         speed = (own[-1] - own[-2]) / self.times[to]
         far_speed = (far[place] - far[max(place - 1, 0)]) / self.times[1 - to]

@@ -1,4 +1,4 @@
-"""A coupling tried in the scene of all that its problem declares of the device: many hands, three motions."""
+"""Trial of a coupling in the scene of all declared device effects: many hands, three motions."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand, StylusHand
 
-# What is looked at in one motion, each of shape (people,).
+# Results of one motion, each of shape (hands,).
 _Figures: TypeAlias = dict[str, Any]
-# A press that ends at this share of the largest force leans on the limit, not on the wall.
+# A press that ends above this share of the largest force is saturated: its stiffness is not the wall's.
 _NEAR_LIMIT = 0.97
-# People whom an executor is given at a time.
+# Hands of one task of an executor.
 _AT_ONCE = 1000
-# What of a scene a problem's [device] has no key for, or that is not a part of it.
+# Covered neither by [device] nor by a scene.
 NOT_SIMULATED = ("hands that change while they hold on", "several axes")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CouplingTrial(Tabular):
-    """How simulated hands fared; every array has shape (hands,).
+    """Results by simulated hand; every array has shape (hands,).
 
     Attributes:
         seed: of the hands.
         effects: what was simulated.
-        stable: at rest in every motion, by the published criterion of 5 mm/s.
+        stable: settled in every motion, by the published criterion of 5 mm/s.
         stable_without_friction: the same without the declared dry friction.
-        by_motion: at rest in each motion.
-        vibration: felt at the end of a press, in detection thresholds.
-        stiffness_n_per_m: felt at the end of a press; not a number without contact, or at the force limit.
-        at_force_limit: whether a press ends at the largest force of the actuator, which is as stiff as nothing.
+        by_motion: settled in each motion.
+        vibration: at the end of a press, in multiples of the vibrotactile detection threshold.
+        stiffness_n_per_m: rendered at the end of a press; not a number without contact, or at the force limit.
+        at_force_limit: whether a press ends at the largest force of the actuator, where no stiffness is rendered.
         tap_force_n: largest force of a tap.
-        tap_depth_m: how deep a tap goes.
+        tap_depth_m: largest penetration of a tap.
         wall_n_per_m: stiffness of the wall.
-        devices: number of devices that they tried it on.
-        longest_s: how long everybody was watched in a motion.
+        devices: number of devices tried.
+        longest_s: duration of the longest motion.
     """
 
     seed: int
@@ -77,18 +77,18 @@ class CouplingTrial(Tabular):
 
     @property
     def quiet(self) -> BoolArray:
-        """At rest with a vibration that a hand does not detect."""
+        """Settled with a vibration below the vibrotactile detection threshold."""
         quiet: BoolArray = self.stable & (self.vibration < QUIET)
         return quiet
 
     @property
     def stiffness(self) -> float:
-        """Median stiffness felt; not a number where nobody is in contact."""
+        """Median rendered stiffness; not a number where no hand is in contact."""
         felt = self.stiffness_n_per_m[np.isfinite(self.stiffness_n_per_m)]
         return float(np.median(felt)) if len(felt) else np.nan
 
     def to_dict(self) -> Columns:
-        """Return what became of each hand as columns, each of shape (hands,)."""
+        """Return the results by hand as columns, each of shape (hands,)."""
         return {
             "hand": np.arange(self.hands),
             "stable": self.stable,
@@ -107,7 +107,7 @@ class CouplingTrial(Tabular):
         )
 
     def counts(self) -> dict[str, int]:
-        """Return how many there are, on how many devices, rest, rest without dry friction, and rest quietly."""
+        """Return counts: hands, devices, settled, settled without friction, settled below the detection threshold."""
         return {
             "hands": self.hands,
             "devices": self.devices,
@@ -157,14 +157,14 @@ def try_coupling(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> CouplingTrial:
-    """Let everybody press, tap and hold, with all that the problem declares of the device.
+    """Simulate press, tap and hold by all hands, with all that the problem declares of the device.
 
     Args:
-        coupling: what runs.
-        subjects: the people.
-        seed: of their draw, to be told.
-        progress: told of the motions; with an executor, of the people.
-        executor: who lets some at a time try it, as for `Chunked.run`; None stays in this process.
+        coupling: the coupling under trial.
+        subjects: the hands.
+        seed: of their draw, to be reported.
+        progress: reported over the motions; with an executor, over the hands.
+        executor: runs chunks of hands, as for `Chunked.run`; None stays in this process.
     """
     conditions = Conditions.of(coupling)
     if executor is None:
@@ -182,7 +182,7 @@ def try_coupling(
 
 
 def _joined(parts: list[CouplingTrial]) -> CouplingTrial:
-    """Return the trial of all people, in the order of the parts."""
+    """Return the trial of all hands, in the order of the parts."""
     whole: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS}
     by_motion = {name: np.concatenate([part.by_motion[name] for part in parts]) for name in MOTIONS}
     return replace(parts[0], **whole, by_motion=by_motion)
@@ -197,7 +197,7 @@ def _tried(
 ) -> CouplingTrial:
     found: dict[tuple[str, bool], list[_Figures]] = {}
     simulated = _simulations(coupling, subjects, conditions)
-    # Without a compiler a simulation takes seconds, and Ctrl-C is not to wait for it.
+    # Without a compiler a simulation takes seconds: one at a time, so that Ctrl-C stops it.
     parts = ((key, one()) for key, one in simulated) if compiler() is None else one_ahead(simulated)
     for key, part in parts:
         found.setdefault(key, []).append(part)
@@ -241,7 +241,7 @@ def _fared(judged: Callable[[Traces], _Figures], one: Callable[[], Traces]) -> _
 
 
 def _figures(name: str | None, limit_n: float, part: Traces) -> _Figures:
-    """Judge what is looked at in a motion; None is one that is only to come to rest."""
+    """Return the results of a motion; None is one of which only settling counts."""
     found = part.judged()
     figures: _Figures = {"stable": found.stable}
     if name == "press":
@@ -262,14 +262,14 @@ def try_on_devices(
     seed: int = 0,
     executor: Executor | None = None,
 ) -> CouplingTrial:
-    """Let everybody try a coupling on one of several devices, which are dealt out in turn.
+    """Simulate hands with a coupling, each on one of several devices, assigned in turn.
 
     Args:
-        coupling: what runs.
-        subjects: the people.
-        devices: what the device may be.
-        seed: of their draw, to be told.
-        executor: who tries some of the devices, as for `Chunked.run`.
+        coupling: the coupling under trial.
+        subjects: the hands.
+        devices: perturbed or nominal devices.
+        seed: of the draw of the hands, to be reported.
+        executor: runs some of the devices, as for `Chunked.run`.
     """
     dealt = [np.arange(place, len(subjects), len(devices)) for place in range(len(devices))]
     met = [

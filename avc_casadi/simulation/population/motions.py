@@ -1,4 +1,4 @@
-"""What hands do in a trial, and how long: until what hand and device do by themselves would have died away."""
+"""Motions of a trial and their durations: until the free response of hand and device would have decayed."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ THRESHOLD_HZ = np.array([10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 500.0])
 THRESHOLD_M = np.array([20e-6, 12e-6, 5e-6, 1.6e-6, 0.5e-6, 0.25e-6, 0.7e-6])
 JUDGED_S = 0.5
 QUIET = 1.0
-"""Ratio below which a vibration is not detected."""
-# Power of Hann's window beside that of its mean, squared.
+"""Multiple of the vibrotactile detection threshold below which a vibration is not detected."""
+# Mean square of Hann's window over its squared mean.
 _HANN_BANDWIDTH = 1.5
 
 
 def felt_vibration(position_m: FloatArray, sample_time_s: float) -> FloatArray:
-    """Return how many times the detection threshold the vibration at the end of runs amounts to.
+    """Return the vibration at the end of runs in multiples of the vibrotactile detection threshold.
 
     The peak displacement of each frequency from 10 to 500 Hz over its threshold; several add as the root of the sum of
     squares. The last half second counts, a straight drift taken out.
 
     Args:
-        position_m: true position where the hand holds, shape (..., samples).
+        position_m: true position at the hand, shape (..., samples).
         sample_time_s: T.
 
     Returns:
@@ -57,44 +57,43 @@ def felt_vibration(position_m: FloatArray, sample_time_s: float) -> FloatArray:
 
 
 def threshold_m(frequency_hz: FloatArray) -> FloatArray:
-    """Return the peak displacement that is just detected, on straight lines in the logarithms, shape (n,)."""
+    """Return the detection threshold (peak displacement, m), interpolated log-log, shape (n,)."""
     return np.asarray(np.exp(np.interp(np.log(frequency_hz), np.log(THRESHOLD_HZ), np.log(THRESHOLD_M))))
 
 
 _TAP = Stroke(frequency_hz=2.0, amplitude_m=0.015)
-# A tap leaves the wall and strikes it again twice a second, and ends in contact: where it ended in free space, every
-# coupling would be at rest.
+# A tap leaves the wall and strikes it again twice a second, and ends in contact: in free space every coupling settles.
 MOTIONS: dict[str, Motion] = {"press": Press(), "tap": _TAP, "hold": Hold()}
 _TOUCH_M_PER_S = 0.03
 BEYOND: tuple[Motion, ...] = (Press(speed_m_per_s=0.3), Press(end_m=5e-4, speed_m_per_s=_TOUCH_M_PER_S))
-"""Beyond what a trial tells. A wall that is struck may be driven to the force limit and not come back; where one is
-touched lightly, by a loose hand, an observer may hop from one side of its dead zone to the other for ever."""
+"""Beyond the reported motions. A hard impact may saturate the actuator and end in a limit cycle; under a light touch of
+a loose grip an observer may hop across its dead zone for ever."""
 LIGHTEST: Motion = Press(end_m=2e-4, speed_m_per_s=_TOUCH_M_PER_S)
-"""A touch so light that dry friction, where any is declared, mostly carries it: it is always there. Without any, the
-device may lift off the wall and fall back to it for ever."""
-# A quarter of a second more than the paper's experiment: the last tap is then a second past when rest is judged, and
-# what dies out is told from what does not.
+"""A touch so light that declared dry friction mostly carries it, and always acts. Without any friction the device may
+bounce on the wall for ever."""
+# A quarter of a second more than the paper's experiment: settling is judged a second after the last tap, which tells a
+# decaying response from a sustained one.
 TRIAL_S = 3.25
-"""How long a motion lasts, at least."""
+"""Shortest duration of a motion."""
 LONGEST_S = 30.0
-"""How long one is watched, at most."""
-# So much faster than reckoned a hand may swing: what sets it going meets what still swings.
+"""Longest duration of a motion."""
+# Margin on the initial speed: a tap may add to an oscillation that has not decayed.
 _SURELY = 1.25
-# Longer ones grow by so much, so that devices much alike share a scene.
+# Durations are rounded up to multiples of this, so that similar devices share a scene.
 _STEP_S = 0.25
 
 Watched: TypeAlias = tuple[Motion, float]
-"""A motion with its duration, s, at whose end everybody is judged."""
+"""A motion with its duration, s, at whose end settling is judged."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """What everybody does, as the device counts it.
+    """The motions of a trial, in the device's units.
 
     Attributes:
         motions: of the hands' target.
-        beyond: the wall struck, and touched lightly, no part of what a trial tells.
-        lightest: the wall hardly touched, no part of it either.
+        beyond: a hard impact and a light touch, not reported by a trial.
+        lightest: the lightest touch, not reported either.
     """
 
     motions: dict[str, Watched]
@@ -103,14 +102,14 @@ class Course:
 
     @property
     def longest_s(self) -> float:
-        """How long everybody is watched."""
+        """Duration of the longest motion."""
         return self.motions["press"][1]
 
 
 def course_of(problem: Problem) -> Course:
-    """Return what hands do with a device, and how long: longer where a heavy one swings for long in a hand alone.
+    """Return the motions with a device, lengthened where device and hand alone oscillate for long.
 
-    A coupling cannot be blamed for what a hand and a device do without it.
+    An oscillation that is there without the coupling is not the coupling's.
     """
     longer_s = float(np.clip(_swinging_s(problem) - _TAP.rest_s, 0.0, LONGEST_S - TRIAL_S))
     longer_s = _STEP_S * float(np.ceil(longer_s / _STEP_S))
@@ -124,19 +123,19 @@ def course_of(problem: Problem) -> Course:
 
 
 def _resting(motion: Motion, longer_s: float) -> Motion:
-    """Let a motion that oscillates rest for longer at its end; the others rest as long as there is time."""
+    """Lengthen the pause at the end of an oscillating motion; the others pause for the time that is left."""
     if longer_s and isinstance(motion, Stroke):
         return motion.model_copy(update={"rest_s": motion.rest_s + longer_s})
     return motion
 
 
 def motions_at(device: Device) -> dict[str, Motion]:
-    """Return the same motions of the hand at the handle of a device that turns, as angles."""
+    """Return the same motions of the hand at the handle of a rotary device, as angles."""
     return {name: at_handle(motion, device) for name, motion in MOTIONS.items()}
 
 
 def at_handle(motion: Motion, device: Device) -> Motion:
-    """Return a motion of the hand as the device counts it."""
+    """Return a motion of the hand in the device's units."""
     radius = device.metres_per_unit
     lengths = {"start_m", "end_m", "speed_m_per_s", "amplitude_m"}
     return type(motion).model_validate(
@@ -145,14 +144,14 @@ def at_handle(motion: Motion, device: Device) -> Motion:
 
 
 def _swinging_s(problem: Problem) -> float:
-    """Return how long the slowest hand of the set swings on with the device after a tap, nothing else acting.
+    """Return the longest decay time of hand and device alone after a tap, over the hands of the set.
 
-    (m + m_h) s^2 + (b + b_h) s + k_h has the poles; each is set going with the speed of the tap, or by all the way that
-    the hand goes at the pole's own frequency where that is slower, by as much more as the tap meets a resonance of hand
-    and device.
+    (m + m_h) s^2 + (b + b_h) s + k_h has the poles; each starts at the speed of the tap, or that of the hand's whole
+    displacement at the pole's own frequency if slower, amplified by the resonance of hand and device at the frequency
+    of the tap.
     """
     device, corners = problem.device, hand_corners(problem.hands)
-    hand = corners.pick(np.flatnonzero(corners.stiffness_n_per_m > 0))  # nothing swings without a spring
+    hand = corners.pick(np.flatnonzero(corners.stiffness_n_per_m > 0))  # no oscillation without a spring
     mass = device.mass_kg + hand.mass_kg
     damping = device.damping_ns_per_m + hand.damping_ns_per_m
     tap, way_m = 2 * np.pi * _TAP.frequency_hz, _TAP.amplitude_m + abs(_TAP.end_m - _TAP.start_m)
@@ -166,6 +165,6 @@ def _swinging_s(problem: Problem) -> float:
         for decay in (fast, slow):
             frequency = np.where(spread > 0, decay, np.sqrt(square))
             speed = _SURELY * more * np.minimum(tap * _TAP.amplitude_m, frequency * way_m)
-            # Not a number where there is no such pole; below 0 where it never was faster than what counts as rest.
+            # Not a number where there is no such pole; below 0 where the speed never exceeds the threshold of settling.
             needed.append(np.fmax(np.log(speed / AT_REST_M_PER_S) / decay, 0.0))
     return float(np.max(needed, initial=0.0))

@@ -1,9 +1,9 @@
-"""The simulated people: two fixed populations of hands, drawn anew for each seed.
+"""The simulated operators: two fixed populations of hands, drawn anew for each seed.
 
 Set A is uniform in mass, damping and stiffness of a hand that moves with the device. Set B is a hand on a stylus with
 five parameters, within the ranges that Fu and Cavusoglu (2012) measured on 15 subjects; logarithms are uniform, which
 puts the means near the measured ones. A fingertip is assumed, uniform. The arm of van Beek et al. (Sci Rep 5:18004, one
-trial) stands beside them.
+trial) is added.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from avc_casadi.model.problem import Hands
 
 Population = Literal["A", "B", "arm", "fingertip"]
 HOLDING: dict[str, Population] = {"stylus": "B", "fingertip": "fingertip"}
-"""How a device may be held otherwise than [hands] says, and who holds it so."""
+"""Grips other than [hands], with the population of each."""
 Split = Literal["training", "test"]
 
 ARM = Hand(0.554, 6.45, 135.0)
-# Where in the ranges of mass, damping and stiffness loose hands lie, as shares.
+# Loose grips, as shares of the ranges of mass, damping and stiffness.
 _LOOSE = np.array([1.0, 0.15, 0.35])
 _STREAMS: dict[tuple[Population, Split], int] = {
     ("A", "training"): 1,
@@ -33,22 +33,22 @@ _STREAMS: dict[tuple[Population, Split], int] = {
 }
 
 
-# People who are drawn with one seed. The first so many have the seed itself, all others one that is spawned from it, so
-# that anybody among millions is drawn without those before.
+# Hands drawn with one seed. The first block has the seed itself, all others one spawned from it, so that any hand among
+# millions is drawn without those before.
 BLOCK = 10_000
 
 
 def draw_subjects(
     population: Population, count: int, seed: int, split: Split = "test", *, first: int = 0
 ) -> Hand | StylusHand:
-    """Draw a population; those drawn for training are never those drawn for a test.
+    """Draw hands of a population; the training and test streams are disjoint.
 
     Args:
-        population: A, B or fingertip; the arm is one person.
-        count: number of people.
-        seed: seed of the draw; the first of many are the same people as a few.
+        population: A, B or fingertip; the arm is a single operator.
+        count: number of hands.
+        seed: seed of the draw; a larger draw begins with the same hands as a smaller one.
         split: which stream of the seed.
-        first: how many of the same draw come before them.
+        first: index of the first in the same draw.
     """
     if population == "arm":
         return ARM
@@ -60,11 +60,11 @@ def draw_subjects(
 
 
 def draw_hands(hands: Hands, count: int, seed: int, split: Split = "test", *, first: int = 0) -> Hand:
-    """Draw people uniformly within the ranges of a problem's hands, as set A within the default ones.
+    """Draw hands uniformly within the ranges of a problem's hands, as set A within the default ones.
 
     Args:
         hands: ranges of mass, damping and stiffness.
-        count: number of people.
+        count: number of hands.
         seed: as in `draw_subjects`.
         split: as in `draw_subjects`.
         first: as in `draw_subjects`.
@@ -74,7 +74,7 @@ def draw_hands(hands: Hands, count: int, seed: int, split: Split = "test", *, fi
 
 
 def _uniform(entropy: list[int], first: int, count: int, columns: int) -> FloatArray:
-    """Draw some rows of an endless table, uniform in [0, 1)."""
+    """Draw a block of rows of an unbounded table, uniform in [0, 1)."""
     if entropy[0] < 0:
         raise InputError.of(f"is {entropy[0]}; allowed: 0 or more", key="seed")
     rows = [np.empty((0, columns))]
@@ -86,13 +86,13 @@ def _uniform(entropy: list[int], first: int, count: int, columns: int) -> FloatA
 
 
 def loose_hands(hands: Hands, count: int, seed: int) -> Hand:
-    """Draw people who hold on loosely: nearly the least damping and a low stiffness, any mass.
+    """Draw loose grips: nearly the least damping and a low stiffness, any mass.
 
-    In their hands the step of an encoder keeps a device going that comes to rest with everybody else.
+    With these, encoder quantisation sustains oscillations that settle with all other hands.
 
     Args:
         hands: ranges of mass, damping and stiffness.
-        count: number of people.
+        count: number of hands.
         seed: as in `draw_subjects`, of the training split.
     """
     low, high = hand_ranges(hands).T
@@ -101,11 +101,11 @@ def loose_hands(hands: Hands, count: int, seed: int) -> Hand:
 
 
 def people_of(hands: Hands, count: int, seed: int = 0) -> Hand:
-    """Draw people from a problem's own set of hands, its corners first.
+    """Draw hands from a problem's own set, its corners first.
 
     Args:
         hands: ranges of mass, damping and stiffness.
-        count: number of people.
+        count: number of hands.
         seed: of the draw.
     """
     corners = hand_corners(hands)
@@ -115,7 +115,7 @@ def people_of(hands: Hands, count: int, seed: int = 0) -> Hand:
 
 
 def corner_subjects(population: Population) -> Hand | StylusHand:
-    """Every corner of the ranges of a population: the extreme people."""
+    """Return every corner of the ranges of a population."""
     if population == "A":
         return hand_corners(Hands())
     return hand_corners(FINGERTIP) if population == "fingertip" else stylus_corners()

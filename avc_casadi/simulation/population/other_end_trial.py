@@ -1,4 +1,4 @@
-"""What the trials of couplings to another end than a wall tell of their hands: a tool's, and a teleoperator's."""
+"""Common results of trials of couplings to a virtual tool and of teleoperators."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from avc_casadi._util.text import Columns, Tabular, short
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OtherEndTrial(Tabular):
-    """How simulated hands fared; every array has shape (hands,).
+    """Results by simulated hand; every array has shape (hands,).
 
     Attributes:
         seed: of the draw of the hands.
@@ -45,7 +45,7 @@ class OtherEndTrial(Tabular):
         return bool(np.all(self.stable))
 
     def to_dict(self) -> Columns:
-        """Return what became of each hand as columns, each of shape (hands,)."""
+        """Return the results by hand as columns, each of shape (hands,)."""
         return {
             "hand": np.arange(self.hands),
             "stable": self.stable,

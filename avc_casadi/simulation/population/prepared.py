@@ -1,4 +1,4 @@
-"""The compiled scene of a trial, which couplings that differ in numbers alone share."""
+"""The compiled scene of a trial, shared by couplings of one structure."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
     from avc_casadi.simulation.effects.base import SceneEffect
     from avc_casadi.simulation.population.trial import Conditions
 
-# Dry friction is projected this many times a sample: several times quicker for a stylus hand than its exact events,
-# with the same share of stable hands (58.8 against 59.8 % of 500 where it is most divided).
+# Friction projections per sample: several times quicker for a stylus hand than exact events, with the same share of
+# stable hands (58.8 against 59.8 % of 500 where they differ most).
 _FRICTION_SUBSTEPS = 4
-# A person's numbers times these have fractions that look like chance.
+# Multiples of a hand's parameters whose fractional parts scatter evenly (low discrepancy).
 _SCATTER, _PRIMES = 1e3, (2, 3, 5, 7, 11)
-# Scenes that are kept: all motions, watched usually and for long, with and without friction, on some two dozen devices
-# of the ranges.
+# Cached scenes: all motions, of usual and long duration, with and without friction, on some two dozen devices of the
+# ranges.
 _KEPT = 512
 
 Prepared: TypeAlias = tuple[CompiledScene, "FloatArray", "FloatArray"]
-"""A scene, everybody's parameters, and what all share."""
+"""A scene, the parameters of each hand, and the inputs common to all."""
 
 
 def prepared(
@@ -49,7 +49,7 @@ def prepared(
     conditions: Conditions,
     duration_s: float,
 ) -> Prepared:
-    """Return the scene with everybody's parameters, and what all share; arguments as for `simulations`."""
+    """Return the scene, the parameters of each hand and the common inputs; arguments as for `simulations`."""
     if isinstance(gains, Gains):
         law = conditions.state_feedback
         stage = _Stage(problem, subjects)
@@ -63,14 +63,14 @@ def prepared(
 
 
 def with_law(effects: tuple[SceneEffect, ...], law: StateFeedback | None) -> tuple[SceneEffect, ...]:
-    """Put the numbers of another state feedback in place of the one there is."""
+    """Return the effects with the numbers of another state feedback."""
     settings = {} if law is None else {"settings": law}
     return tuple(replace(one, **settings) if one.kind == "state-feedback" else one for one in effects)
 
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """Problem and people, compared by value: of a device in ranges, the same ones come as new objects."""
+    """Problem and hands, compared by value: a device in ranges makes equal ones as new objects."""
 
     problem: Problem
     subjects: Hand | StylusHand
@@ -89,15 +89,15 @@ class _Stage:
 
 @dataclass(frozen=True)
 class _Structure:
-    """What scenes with constant gains differ in but for numbers.
+    """Structure of a scene with constant gains: all but its numbers.
 
     Attributes:
         conditions: without state feedback.
         law: shape of the state feedback: its states, which are positions, and which is measured.
-        coupled: there is a coupling.
-        sprung: it has a spring.
-        damped: there is a contact damper.
-        example: conditions and gains of this kind; no part of the comparison.
+        coupled: whether there is a coupling.
+        sprung: whether it has a spring.
+        damped: whether there is a contact damper.
+        example: conditions and gains of this structure; excluded from comparison.
     """
 
     conditions: Conditions
@@ -122,7 +122,7 @@ class _Structure:
 
 
 class _Example:
-    """Conditions and gains; all are equal, so that they are no part of a comparison."""
+    """Conditions and gains; any two compare equal, which excludes them from comparison."""
 
     def __init__(self, conditions: Conditions, gains: Gains) -> None:
         self.conditions, self.gains = conditions, gains
@@ -150,7 +150,7 @@ def _staged(
     runtime: tuple[Any, ...],
     duration_s: float,
 ) -> tuple[tuple[SceneEffect, ...], Problem]:
-    """Return the effects with everybody in place of the hand, and the problem with the scene."""
+    """Return the effects with all hands in place of the declared one, and the problem with the scene."""
     how: dict[str, Any] = (
         {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if conditions.friction_n > 0 else {}
     )
@@ -164,9 +164,9 @@ def _staged(
 
 
 def _phases(subjects: Hand | StylusHand, motion: Motion) -> FloatArray:
-    """Return where the face of the wall lies between two steps of the encoder: elsewhere for each, in each motion.
+    """Return the phase of the wall's face between two encoder steps, by hand and motion.
 
-    It hangs on the person alone, so that whoever tries beside them changes nothing.
+    It depends on the hand alone, so that the other hands of a run change nothing.
     """
     begin = zlib.crc32(motion.model_dump_json().encode()) / 2**32
     values = (np.atleast_1d(np.asarray(value, dtype=np.float64)) for value in vars(subjects).values())

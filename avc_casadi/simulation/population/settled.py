@@ -1,4 +1,4 @@
-"""Any number of hands with a coupling, at rest or not: a study in chunks, people drawn where they are tried."""
+"""How many of any number of hands settle with a coupling: a study in chunks, each drawing its own hands."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CONFIDENCE = 0.95
 
 
 def exact_interval(count: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Clopper and Pearson's interval of a probability, which holds with at least the stated confidence.
+    """Return Clopper and Pearson's interval of a probability, of at least the stated confidence.
 
     Args:
         count: successes.
@@ -39,7 +39,7 @@ def exact_interval(count: int, trials: int, confidence: float = CONFIDENCE) -> t
         confidence: two-sided confidence, between 0 and 1.
 
     Returns:
-        Its ends: each leaves half of the rest beyond it; 0 and 1 where there is no success or no failure.
+        Its ends, of equal tail probability; 0 and 1 where there is no success or no failure.
     """
     if not 0 <= count <= trials or trials < 1:
         raise ValueError(f"{count} of {trials} is no count of trials")
@@ -52,23 +52,23 @@ def exact_interval(count: int, trials: int, confidence: float = CONFIDENCE) -> t
 
 
 SCHEMA = "avc-trial/1"
-# Of those who do not come to rest, so many are named.
+# Unsettled hands whose indices are reported.
 _NAMED = 20
 _DEPENDS_ON = ("problem_file", "contact", "table", "runtime", "wall", "max_force_n")
 
 
 @dataclass(frozen=True)
 class HandsAtRest:
-    """How many of many hands come to rest.
+    """Counts of settled hands.
 
     Attributes:
         coupling: its name.
-        hands: how many there are.
+        hands: number of hands.
         seed: of their draw.
         friction: whether the declared dry friction acts.
-        at_rest: how many come to rest in every motion, by the published criterion of 5 mm/s.
-        by_motion: how many in each.
-        moving: numbers of the first of the others in the draw, from 0.
+        at_rest: number settled in every motion, by the published criterion of 5 mm/s.
+        by_motion: number settled in each.
+        moving: indices of the first unsettled hands in the draw, from 0.
         effects: what was simulated.
     """
 
@@ -83,7 +83,7 @@ class HandsAtRest:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Ends of the exact binomial interval of the share at rest."""
+        """Ends of the exact binomial interval of the settled share."""
         return exact_interval(self.at_rest, self.hands)
 
     def document(self) -> dict[str, Any]:
@@ -101,17 +101,17 @@ class HandsAtRest:
 def hands_at_rest(
     coupling: Coupling, hands: int, seed: int = 0, *, friction: bool = True, chunk: int = BLOCK
 ) -> Chunked[tuple[int, int], HandsAtRest]:
-    """Plan to let many people press, tap and hold, drawn uniformly from the problem's set of hands.
+    """Plan press, tap and hold by many hands, drawn uniformly from the problem's set.
 
     Args:
-        coupling: what runs.
+        coupling: the coupling under trial.
         hands: how many.
-        seed: of their draw; the first of many are the same people as a few.
+        seed: of their draw; a larger draw begins with the same hands as a smaller one.
         friction: False leaves the declared dry friction out.
         chunk: hands tried at a time; the result does not depend on it.
 
     Returns:
-        The study; its ``run()`` tries everybody.
+        The study; its ``run()`` simulates all hands.
 
     Example:
         >>> coupling = avc.recommend("soft", 20).coupling
@@ -132,7 +132,7 @@ def hands_at_rest(
         "friction": friction,
         "effects": [effect.kind for effect in conditions.effects()],
     }
-    # What a coupling carries with it and does not run would only cost time on the way to a worker.
+    # Certificate and trial do not run and would only slow the transfer to a worker.
     bare = replace(coupling, certificate=None, trial=None)
     return Chunked(
         about={
@@ -158,20 +158,20 @@ def unrest(
     device: Device | None = None,
     effects: tuple[Effect, ...] = (),
 ) -> FloatArray:
-    """Return how fast each of many ends the motion that ends fastest, with constant gains.
+    """Return the largest residual speed of each hand over all motions, with constant gains.
 
-    Couplings in a row that differ in the numbers of their state feedback alone are one scene, run once.
+    Consecutive couplings that differ only in the numbers of their state feedback share a scene, run once.
 
     Args:
-        couplings: what runs.
-        people: who press, tap and hold.
+        couplings: the couplings under trial.
+        people: hands that press, tap and hold.
         friction: False leaves the declared dry friction out.
-        beyond: whether they also strike the wall, and touch it lightly; the lightest with the declared friction.
-        device: on which; None is that of each coupling.
-        effects: what is simulated beside what the device declares.
+        beyond: adds a hard impact and light touches; the lightest with the declared friction.
+        device: the device; None is that of each coupling.
+        effects: simulated in addition to what the device declares.
 
     Returns:
-        Largest speed over that at which a hand is no longer at rest, shape (couplings, people).
+        Largest residual speed over the threshold of settling, shape (couplings, hands).
     """
     found = [np.zeros((0, len(people)))]
     for _, group in groupby(couplings, _but_for_numbers):
@@ -191,7 +191,7 @@ def ends_of(
     effects: tuple[Effect, ...] = (),
     racing: bool = False,
 ) -> Ends:
-    """Prepare to ask that of couplings that differ from one in nothing but the numbers of their state feedback.
+    """Prepare `unrest` for couplings that differ from this one only in the numbers of their state feedback.
 
     Args:
         coupling: as for `unrest`.
@@ -205,7 +205,7 @@ def ends_of(
     coupling, conditions = on_device(coupling, device, effects)
     gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()
-    # Who moves at all mostly does so after a tap.
+    # Hands that fail to settle mostly do so after a tap.
     told = sorted(course.motions, key=lambda name: name != "tap")
     motions = [(course.motions[name], whole) for name in told]
     if beyond:
@@ -214,7 +214,7 @@ def ends_of(
 
 
 def _but_for_numbers(coupling: Coupling) -> tuple[Any, ...]:
-    """Return what tells couplings apart whose scenes are others."""
+    """Return the key that groups couplings of a common scene."""
     law = coupling.runtime.state_feedback
     structure = None if law is None else (law.states, law.positions, law.measures)
     return id(coupling.problem), coupling.table.at_rest, replace(coupling.runtime, state_feedback=None), structure
@@ -229,7 +229,7 @@ def _by_motion(coupling: Coupling, conditions: Conditions, people: Hand) -> dict
 
 
 def _tried(coupling: Coupling, conditions: Conditions, seed: int, task: tuple[int, int]) -> dict[str, Any]:
-    """Try some of the draw, from a first one on."""
+    """Simulate a block of the draw, from a first index on."""
     first, count = task
     rest = _by_motion(coupling, conditions, draw_hands(coupling.problem.hands, count, seed, first=first))
     whole = np.all(list(rest.values()), axis=0)

@@ -1,4 +1,4 @@
-"""A coupling to a virtual tool tried by many hands: in free motion, making and breaking contact, pressed, dragged."""
+"""Trial of a coupling to a virtual tool: many hands in free motion, making and breaking contact, pressed, dragged."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ TOOL_MOTIONS: dict[str, Motion] = {
 }
 """Free motion; a press; taps that break contact; held in contact; moved while pressed; struck; touched lightly."""
 DROPPED_SHARE = 0.01
-"""Share of the engine's steps that are missed in the runs that say so."""
+"""Share of the engine's steps that are missed in the runs with dropped steps."""
 # As in the trial of a wall: dry friction projected, exact events being several times slower.
 _FRICTION_SUBSTEPS = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolTrial(OtherEndTrial):
-    """How simulated hands fared; every array has shape (hands,).
+    """Results by simulated hand; every array has shape (hands,).
 
     Attributes:
         stable_without_friction: settled in every motion without dry friction.
@@ -86,16 +86,16 @@ class ToolTrial(OtherEndTrial):
 def try_tool(
     problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0, motions: Sequence[str] = tuple(TOOL_MOTIONS)
 ) -> ToolTrial:
-    """Let hands move a tool, with all that the problem declares of the device.
+    """Simulate hands that move a tool, with all that the problem declares of the device.
 
-    Every motion is simulated as declared, without dry friction and with missed steps of the engine, on every contact
-    that the range of [simulation] stands for.
+    Every motion is simulated as declared, without dry friction and with missed steps of the engine, on every contact of
+    the range of [simulation].
 
     Args:
         problem: with [simulation].
         gains: of the coupling.
-        hands: who hold the device.
-        seed: of their draw, to be told.
+        hands: at the device.
+        seed: of their draw, to be reported.
         motions: of `TOOL_MOTIONS`.
     """
     tool = required_tool(problem)
@@ -134,7 +134,7 @@ class _Run:
 
 
 class _Stage:
-    """A motion of many hands, compiled once for all gains and contacts; compared by identity of what it holds."""
+    """A motion of many hands, compiled once for all gains and contacts; compared by identity of its members."""
 
     def __init__(self, problem: Problem, hands: Hand, motion: str, *, friction: bool, dropped_share: float) -> None:
         self.problem, self.hands, self.motion = problem, hands, motion
@@ -172,7 +172,7 @@ def _prepared(stage: _Stage) -> tuple[CompiledScene, FloatArray]:
 
 
 def _heavier(problem: Problem) -> Problem:
-    """Return the problem with the tool's mass on the device: as heavy swings in free motion."""
+    """Return the problem with the tool's mass added to the device, as in free motion."""
     tool = required_tool(problem)
     mass = 0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1]
     return problem.changed(device={"mass_kg": problem.device.mass_kg + mass, "range": {"mass_kg": None}})

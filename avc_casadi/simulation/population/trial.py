@@ -1,4 +1,4 @@
-"""One coupling before one wall, tried by many simulated people: do their hands come to rest?"""
+"""Simulation of a coupling at a wall with many hands: which of them settle."""
 
 from __future__ import annotations
 
@@ -46,16 +46,16 @@ if TYPE_CHECKING:
 
 
 DURATION_S = 3.0
-# Up to so many people, the scene's own choice of what runs it is left alone.
+# Up to so many hands, the scene chooses its engine itself.
 _FEW = 3
-# People whose traces are held at a time, and samples of them all.
+# Hands whose traces are held at a time, and samples of them all.
 PEOPLE_AT_ONCE = 250
 _SAMPLES_AT_ONCE = 4_000_000
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """What of the device is simulated.
+    """Simulated effects of the device.
 
     Attributes:
         friction_n: dry friction.
@@ -63,11 +63,11 @@ class Conditions:
         delay_samples: delay.
         max_force_n: largest force of the actuator; None is no limit.
         dropped_share: share of the samples that the computer misses.
-        observer: behind the encoder, with what it reckons with; None is no observer.
+        observer: behind the encoder, with its assumed model; None is no observer.
         state_feedback: observer and feedback behind the encoder; None is none.
         guarded: with the passivity controller in the time domain.
-        runtime: what follows a gain table.
-        others: what else the device declares, its values left to the problem.
+        runtime: estimators and adaptation of a gain table.
+        others: further declared effects, their values left to the problem.
         steps_anywhere: whether the face of the wall lies anywhere between two steps of the encoder; otherwise in the
             middle of one.
     """
@@ -92,7 +92,7 @@ class Conditions:
 
     @classmethod
     def of(cls, coupling: Coupling) -> Conditions:
-        """Take all that the problem of a coupling declares of its device, and what runs beside the gains."""
+        """Take all that the problem of a coupling declares of its device, and the coupling's runtime."""
         device, runtime = coupling.problem.device, coupling.runtime
         return cls(
             device.coulomb_friction_n,
@@ -109,7 +109,7 @@ class Conditions:
         )
 
     def without_friction(self) -> Conditions:
-        """Leave dry friction out."""
+        """Return the same without dry friction."""
         return replace(self, friction_n=0.0)
 
     def effects(self) -> tuple[Effect, ...]:
@@ -138,12 +138,12 @@ class Conditions:
 def on_device(
     coupling: Coupling, device: Device | None, effects: tuple[Effect, ...] = ()
 ) -> tuple[Coupling, Conditions]:
-    """Return a coupling that was made for one device on another one, and what is simulated.
+    """Return a coupling designed for one device on another, and the simulated conditions.
 
     Args:
-        coupling: as it was made.
-        device: which it meets; None is its own.
-        effects: what is simulated beside what the device declares.
+        coupling: as designed.
+        device: the perturbed device; None is its own.
+        effects: simulated in addition to what the device declares.
     """
     met, conditions = _on_device(coupling, device)
     return met, replace(conditions, others=(*conditions.others, *effects))
@@ -156,7 +156,7 @@ def _on_device(coupling: Coupling, device: Device | None) -> tuple[Coupling, Con
     met = replace(coupling, problem=coupling.problem.changed(device=device))
     observer, made_for = conditions.observer, coupling.problem.device
     if observer is not None:
-        # What runs reckons with the device as declared, whichever it meets.
+        # The controller keeps the declared model, whatever the device.
         observer = ObserverEffect(
             mass_kg=observer.mass_kg,
             resolution_m=made_for.encoder_resolution_m or None,
@@ -166,7 +166,7 @@ def _on_device(coupling: Coupling, device: Device | None) -> tuple[Coupling, Con
 
 
 def _others(problem: Problem) -> tuple[Effect, ...]:
-    """Return the declared effects that conditions have no number for; of encoders that without steps, at the handle."""
+    """Return the declared effects without a field of `Conditions`; of encoders the one without steps, at the handle."""
     numbered = {"hand", "wall", "detent", "coulomb-friction", "delay", "saturation"}
     if problem.device.encoder_resolution_m > 0:
         numbered.add("encoder")
@@ -175,15 +175,15 @@ def _others(problem: Problem) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class Traces:
-    """Traces of some people, each of shape (people, samples).
+    """Traces of some hands, each of shape (hands, samples).
 
     Attributes:
         position_m: true position of the device.
         velocity_m_per_s: its true velocity.
         force_n: force of the actuator, positive against +x.
         sample_time_s: T.
-        metres_per_unit: how far the hand moves for a unit of the position.
-        measured_m: true position of the body that is measured; None where that is the device itself.
+        metres_per_unit: displacement of the hand for a unit of the position.
+        measured_m: true position of the measured body; None where that is the device itself.
         held_m: true position of the handle; None where that is the device itself.
         held_m_per_s: its velocity.
     """
@@ -199,17 +199,17 @@ class Traces:
 
     @property
     def depth_m(self) -> FloatArray:
-        """How deep the body is that is measured, shape (people, samples)."""
+        """Penetration of the measured body, shape (hands, samples)."""
         return self.position_m if self.measured_m is None else self.measured_m
 
     @property
     def vibration(self) -> FloatArray:
-        """What the hand feels at the end, in detection thresholds, shape (people,)."""
+        """Vibration at the hand at the end, in multiples of the detection threshold, shape (hands,)."""
         held = self.position_m if self.held_m is None else self.held_m
         return felt_vibration(held * self.metres_per_unit, self.sample_time_s)
 
     def judged(self) -> Judgement:
-        """Judge every run."""
+        """Return the verdicts of every run."""
         return judge(
             self.position_m,
             self.velocity_m_per_s,
@@ -229,7 +229,7 @@ def traces(
     conditions: Conditions,
     duration_s: float = DURATION_S,
 ) -> Iterator[Traces]:
-    """Simulate everybody, some at a time; arguments as for `simulations`."""
+    """Simulate all hands, in blocks; arguments as for `simulations`."""
     for simulation in simulations(problem, gains, subjects, motion, conditions, duration_s):
         yield simulation()
 
@@ -242,15 +242,15 @@ def simulations(
     conditions: Conditions,
     duration_s: float = DURATION_S,
 ) -> Iterator[Callable[[], Traces]]:
-    """Prepare to simulate everybody, some at a time; each is simulated when it is called.
+    """Prepare to simulate all hands, in blocks; each block is simulated when it is called.
 
     Args:
         problem: device and environment.
-        gains: constant gains; or a gain table, which is then followed by estimator and adaptation.
-        subjects: the people.
-        motion: motion of their hands' target.
-        conditions: what of the device is simulated.
-        duration_s: how long.
+        gains: constant gains; or a gain table, which estimator and adaptation then follow.
+        subjects: the hands.
+        motion: motion of the hands' target.
+        conditions: simulated effects of the device.
+        duration_s: of the motion.
     """
     compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
     engine = engine_for(len(parameters))
@@ -281,23 +281,23 @@ def resting(
     motion: Watched,
     conditions: Conditions,
 ) -> BoolArray:
-    """Whether each of many comes to rest, on one thread and without traces; arguments as for `simulations`."""
+    """Return whether each hand settles, on one thread and without traces; arguments as for `simulations`."""
     compiled, parameters, inputs = prepared(problem, gains, subjects, motion[0], conditions, motion[1])
     return execute_to_speed(compiled, parameters, inputs, engine=engine_for(len(subjects))) < 1
 
 
 class Ends:
-    """How fast each of many ends the motion that ends fastest, with any state feedback of one structure.
+    """Largest residual speed of each hand over all motions, with any state feedback of one structure.
 
     Args:
         problem: as for `simulations`.
         gains: constant gains.
         subjects: as for `simulations`.
-        motions: of their hands' target, and what of the device is simulated in each, with some state feedback of the
-            structure, or none.
-        racing: whether a law with which somebody moves is out, and not asked about in the motions that follow. With
-            it nobody is taken to end more slowly than at what is no longer rest: so it is worth less than one with
-            which all rest so far.
+        motions: of the hands' target, with the simulated conditions of each: some state feedback of the structure, or
+            none.
+        racing: whether a law with which some hand does not settle is skipped in the motions that follow. Its residual
+            speeds are then raised to the threshold at least, so that it ranks behind every law with which all hands
+            settle so far.
     """
 
     def __init__(
@@ -319,7 +319,7 @@ class Ends:
                 compile_ahead(compiled)
 
     def __call__(self, laws: Sequence[StateFeedback | None]) -> FloatArray:
-        """Return the largest speed as of `execute_to_speed` in the motions asked about, shape (laws, people)."""
+        """Return the largest speed as of `execute_to_speed` over the simulated motions, shape (laws, hands)."""
         found, left = np.zeros((len(laws), self.people)), np.arange(len(laws))
         for scene in self._scenes:
             compiled, _, inputs = scene
@@ -338,14 +338,14 @@ class Ends:
 
 
 def engine_for(runs: int) -> Engine:
-    """Return what runs many scenes at once: generated C where there is a compiler and more than a few."""
+    """Return the engine for many scenes at once: generated C where there is a compiler and more than a few runs."""
     return "native" if compiler() is not None and runs > _FEW else "auto"
 
 
 def judged(
     problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, motion: Motion, conditions: Conditions
 ) -> Judgement:
-    """Judge everybody's run; every array has shape (people,)."""
+    """Return the verdicts of all hands; every array has shape (hands,)."""
     parts = [part.judged() for part in traces(problem, gains, subjects, motion, conditions)]
     return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
 
@@ -353,7 +353,7 @@ def judged(
 def all_motions(
     problem: Problem, gains: Gains | GainSchedule, subjects: Hand | StylusHand, conditions: Conditions
 ) -> BoolArray:
-    """Whether each person comes to rest in every motion."""
+    """Return whether each hand settles in every motion."""
     motions = motions_at(problem.device).values()
     runs = [judged(problem, gains, subjects, motion, conditions).stable for motion in motions]
     return np.asarray(np.all(runs, axis=0))

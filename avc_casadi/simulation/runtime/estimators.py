@@ -10,7 +10,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi.simulation.runtime.signal import EstimatorSettings, band_passed, envelope
 from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
 
-# Resonators a decade, and the centre frequency of each over its rate of decay.
+# Resonators per decade, and the centre frequency of each over its decay rate.
 _PER_DECADE = 9
 _QUALITY = 4.0
 # Smoothing of the ripple at twice the frequency, in periods; and periods of motion before the estimate is valid.
@@ -19,12 +19,12 @@ _FIRST_TURN = 0.75
 
 
 def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """Frequency of the strongest of logarithmically spaced resonators, read from the advance of their phases.
+    """Return the step that estimates the frequency by the phase advance of the strongest of log-spaced resonators.
 
-    Each resonator is a pair of complex leaky integrators that turn at its centre frequency (a Goertzel bin whose window
-    is the gamma function of order 2, as long as fits its frequency). Power over frequency, half way between the spectra
-    of position and velocity, lets neither drift nor harmonics win; its fifth power weighs the advance of each phase
-    (besides the power in it), which leaves the strongest and its equals without a switch between them.
+    Each resonator is a pair of complex leaky integrators that turn at its centre frequency (a Goertzel bin with a gamma
+    window of order 2, its length in proportion to the period). Power over frequency, half way between the spectra of
+    position and velocity, favours neither drift nor harmonics; its fifth power weights each phase advance (besides the
+    power in it), which selects the strongest ones without switching.
 
     Returns:
         velocity_m_per_s -> frequency_hz (0 where not valid), valid.
@@ -95,28 +95,28 @@ def _resonator(
 
 
 def _arc_tangent(slope: Expr) -> Expr:
-    """Arc tangent for slopes up to 2, where 60 Hz at 1 kHz is 0.4; error below 2e-4 of it."""
+    """Return the arc tangent for slopes up to 2, where 60 Hz at 1 kHz is 0.4; error below 2e-4 of it."""
     square = slope * slope
     return slope * (1 + 0.43157974 * square) / (1 + square * (0.76443945 + 0.05831938 * square))
 
 
 # Three half periods from rest on: the first began at rest and does not count.
 _HALVES = 3
-# Half periods that differ by less than this share are regular.
+# Half periods within this relative difference are regular.
 _REGULAR = 0.12
-# Share of the lowest frequency at which the device is at rest.
+# Share of the lowest frequency below which the device is at rest.
 _SLOWEST = 0.8
 
 
 def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """Frequency from the last two half periods, timed between samples by linear interpolation.
+    """Return the step that estimates the frequency from the last two half periods, timed by linear interpolation.
 
-    While no crossing comes, the frequency cannot be more than half the inverse of the time that has passed: the
-    estimate falls with it, and ends at the lowest frequency. A half period counts only if it exceeds the floor.
+    Without a crossing the frequency is at most half the inverse of the elapsed time: the estimate falls with it, and
+    ends at the lowest frequency. A half period counts only if it exceeds the floor.
 
     Returns:
         velocity_m_per_s -> frequency_hz (0 where not valid), valid, even (1 where the last two half periods agree),
-        regular (where the last three do), longest_half_s (of the last half period and the one in progress).
+        regular (where the last three do), longest_half_s (of the last half period and the current one).
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -130,7 +130,7 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
 
     older = age + 1
     passes = (before < 0) != (now < 0)
-    # Where both are on one side the quotient is not used, and 1 keeps it finite.
+    # Where both have one sign the quotient is not used, and 1 keeps it finite.
     at = ca.if_else(passes, older - now / ca.if_else(passes, now - before, 1), crossing)
     here = ca.if_else(now > settings.floor_m_per_s, 1, ca.if_else(now < -settings.floor_m_per_s, -1, 0))
     turned = ca.logic_and(here != 0, here != side)
@@ -177,7 +177,7 @@ _LONGEST_HALVES = 1.5
 
 
 def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """The spectral peak, unless regular zero crossings contradict it: then the resonators have not settled yet.
+    """Return the step of the spectral peak, overridden by regular zero crossings until the resonators settle.
 
     A harmonic that adds crossings makes the half periods irregular, so that the spectral peak decides; a step in
     frequency leaves them regular after two or three, long before the resonators have settled.
@@ -193,7 +193,7 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
     robust = builder.insert("robust", spectral_peak_step(sample_time_s, settings), [velocity])
     quick, steady = fast["frequency_hz"], robust["frequency_hz"]
     apart = ca.fabs(quick - steady) > _AGREE * steady
-    # Harmonics add crossings and never take any away: two equal half periods that are longer are enough.
+    # Harmonics add crossings and never remove any: two equal, longer half periods suffice.
     slower = ca.logic_and(fast["even"], quick < steady)
     trusted = ca.logic_and(apart, ca.logic_or(fast["regular"], slower))
     take_fast = ca.logic_or(trusted, ca.logic_not(robust["valid"]))
@@ -206,12 +206,12 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
 # Damping of the oscillator, and gain of the frequency loop in units of the frequency.
 _DAMPING = 1.0
 _LOOP_GAIN = 0.6
-# Share of the signal's power that the notch may leave over and still count as locked.
+# Residual share of the signal's power below which the notch counts as locked.
 _LOCKED = 0.6
 
 
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """Second-order generalised integrator with a frequency-locked loop, normalised by its own power.
+    """Return the step of a second-order generalised integrator with frequency-locked loop, normalised by its power.
 
     Returns:
         velocity_m_per_s -> frequency_hz (0 where not valid), valid.
@@ -231,7 +231,7 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     quadrature_next = quadrature + turn * inphase_next
     power = inphase_next * inphase_next + quadrature_next * quadrature_next
     floor = settings.floor_m_per_s**2
-    # The floor in the denominator keeps noise at rest from turning the frequency.
+    # The floor in the denominator keeps noise at rest from shifting the frequency.
     gain = _LOOP_GAIN * _DAMPING * turn / (power + rest * rest + 0.25 * floor)
     change = ca.fmin(ca.fmax(-gain * rest * quadrature_next, -0.05), 0.05)
     turn_next = ca.fmin(ca.fmax(turn * (1 + change), low), high)
@@ -240,7 +240,7 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     left_over_next = left_over + share * (rest * rest - left_over)
     whole_next = whole + share * (0.5 * (power + signal * signal) - whole)
     moving = whole_next > 0.5 * floor
-    # The oscillator, stepped once a sample, runs at 2 asin(turn/2) a sample.
+    # The oscillator, stepped once a sample, advances by 2 asin(turn/2).
     frequency = turn_next * (1 + turn_next * turn_next / 24) / (math.tau * sample_time_s)
     lasting = envelope(builder, signal, frequency, settings, sample_time_s)
     moving = ca.logic_and(moving, lasting > 0.5 * settings.floor_m_per_s)
@@ -273,7 +273,7 @@ def estimator_step(method: str, sample_time_s: float, settings: EstimatorSetting
     Args:
         method: a key of `ESTIMATORS`.
         sample_time_s: T.
-        settings: what is taken for motion; None for the usual.
+        settings: thresholds of motion; None for the default.
 
     Raises:
         UnsupportedError: an unknown method.

@@ -1,8 +1,8 @@
-"""Guards: what takes out the energy that a sampled loop generates.
+"""Guards against the energy that a sampled loop generates.
 
-Both watch the energy that passes through the held force, f(k) (x(k+1) - x(k)), less the energy that the virtual side
-stores: its reserve. In a passive loop the reserve never falls; what exceeds a ceiling is forgotten, so that old losses
-do not pay for new activity.
+Both monitor the energy through the held force, f(k) (x(k+1) - x(k)), less the energy stored in the virtual side: its
+reserve. In a passive loop the reserve never falls; it saturates at a ceiling, so that old losses do not cover new
+activity.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ GUARDS = ("passivity-controller", "energy-tank")
 
 @dataclass(frozen=True)
 class GuardSettings:
-    """How far a guard may go.
+    """Limits of a guard.
 
     Attributes:
-        damping_limit_ns_per_m: largest damping of the passivity controller, near the device's own b_d: a damper on a
-            backward difference generates energy itself beyond that.
+        damping_limit_ns_per_m: largest damping of the passivity controller, near the device's own b_d: beyond that a
+            damper on a backward difference generates energy itself.
         ceiling_j: largest reserve.
-        debt_j: most that is remembered to be missing.
+        debt_j: largest deficit.
     """
 
     damping_limit_ns_per_m: float
@@ -32,11 +32,11 @@ class GuardSettings:
 
 
 def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> Step:
-    """Return the step from the wanted to the allowed force.
+    """Return the step from the desired to the allowed force.
 
-    ``passivity-controller`` adds the damper that takes out what is missing within one tick, at most the limit
-    (Hannaford and Ryu 2002, with the held force in the observer). ``energy-tank`` cuts a force that would give out more
-    in the coming tick than reserve and stored energy together.
+    ``passivity-controller`` adds the damper that dissipates the deficit within one tick, up to the limit (Hannaford and
+    Ryu 2002, with the held force in the observer). ``energy-tank`` reduces a force that would give out more in the next
+    tick than reserve and stored energy together.
 
     Args:
         method: one of `GUARDS`.
@@ -44,8 +44,8 @@ def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> St
         settings: limits.
 
     Returns:
-        force_n (wanted, positive against +x), position_m, stored_j (of the virtual side, with that force), held_force_n
-        (until now) -> force_n, reserve_j.
+        force_n (desired, positive against +x), position_m, stored_j (of the virtual side, with that force),
+        held_force_n (until now) -> force_n, reserve_j.
 
     Raises:
         UnsupportedError: an unknown method.
@@ -77,7 +77,7 @@ def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> St
 
 
 def _damping(reserve: Expr, moved: Expr, settings: GuardSettings, sample_time_s: float) -> Expr:
-    """Damping over T: with it the next displacement, taken to be the last, dissipates what is missing."""
+    """Return the damping over T that dissipates the deficit if the next displacement equals the last."""
     import casadi as ca  # noqa: PLC0415
 
     most = settings.damping_limit_ns_per_m / sample_time_s
@@ -87,7 +87,7 @@ def _damping(reserve: Expr, moved: Expr, settings: GuardSettings, sample_time_s:
 
 
 def _within(wanted: Expr, moved: Expr, available: Expr) -> Expr:
-    """Limit the energy given out over the next displacement, taken to be the last."""
+    """Limit the energy given out if the next displacement equals the last."""
     import casadi as ca  # noqa: PLC0415
 
     gives = -wanted * moved

@@ -11,12 +11,12 @@ from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """What the observer knows.
+    """Assumed model and gains of the observer.
 
     Attributes:
         resolution_m: length of an encoder step.
-        mass_kg: mass of device and hand together, about.
-        ahead: samples between a command and the force, whole or not; the position is predicted over them.
+        mass_kg: assumed mass of device and hand together.
+        ahead: samples from command to force, whole or not; the prediction horizon.
         velocity_gain: share of a position error per sample that corrects the velocity.
         load_gain: share of a position error per sample squared, times the mass, that corrects the unknown force.
     """
@@ -29,22 +29,22 @@ class ObserverSettings:
 
 
 def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
-    """Predict the motion from the commands and an unknown load; correct it only by what the encoder contradicts.
+    """Return the observer's step: predict from commands and an unknown load, correct beyond the encoder's resolution.
 
-    An encoder says that the position lies within half a step of its count. Inside, the prediction stands, so that the
-    force does not jump by stiffness times step; outside, position, velocity and load are corrected by the excess. Over
-    a delay the forces that are still to act are known, so that the position is predicted to when the next one acts.
+    The position lies within half a step of the encoder's count. Inside, the prediction is kept, so that the force does
+    not jump by stiffness times step; outside, position, velocity and load are corrected by the excess. Over a delay the
+    pending forces are known, so that the position is predicted to when the next one acts.
 
     Returns:
-        position_m (in whole steps), force_n (asked for in the tick before, positive against +x)
-        -> position_m, `ahead` samples from now.
+        position_m (in whole steps), force_n (commanded in the previous tick, positive against +x) -> position_m,
+        `ahead` samples from now.
     """
     import casadi as ca  # noqa: PLC0415
 
     builder = StepBuilder()
     measured, asked = builder.input("position_m"), builder.input("force_n")
     started, position = builder.state("started"), builder.state("position_m")
-    # Velocity and acceleration in metres a sample, so that all states are of one size.
+    # Velocity and acceleration in metres per sample (squared), so that all states are of one magnitude.
     velocity, load = builder.state("step_m"), builder.state("load_step_m")
     push = sample_time_s * sample_time_s / settings.mass_kg
     whole = int(settings.ahead)
@@ -52,14 +52,14 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     line = _in_flight(builder, asked, whole + (late > 0))
 
     def moved(place: Expr, speed: Expr, gain: Expr, acting: list[tuple[float, Expr]]) -> tuple[Expr, Expr]:
-        """Motion under an unknown load and forces, each for a share of a sample."""
+        """Return the motion under an unknown load and forces, each for a share of a sample."""
         for share, force in acting:
             gained = gain - push * force
             place += share * speed + 0.5 * share * share * gained
             speed += share * gained
         return place, speed
 
-    # A force that is late by a share of a sample lets the one before act for that long.
+    # A fractional delay lets the previous force act for that share of the sample.
     acted = [(1.0, line[whole])] if late == 0 else [(late, line[whole + 1]), (1 - late, line[whole])]
     coming = [(1.0, force) for force in line[:whole][::-1]]
     if late > 0:
@@ -91,20 +91,20 @@ def _in_flight(builder: StepBuilder, asked: Expr, older: int) -> list[Expr]:
 
 
 def state_feedback_step(settings: StateFeedback) -> Step:
-    """Believe the prediction as long as the encoder does not contradict it by more than the dead zone.
+    """Return the step of observer and state feedback: the innovation is corrected only beyond the dead zone.
 
-    Quantiser and dead zone together let a share between 0 and 1 of the innovation pass, so that a loop that is damped
-    for every such share does not buzz between two steps of an encoder. The force that was asked for is known, with its
-    way through delay and amplifier; the push of the hand is a state.
+    Quantiser and dead zone together have a sector gain between 0 and 1 on the innovation, so that a loop damped for
+    every such gain does not buzz between two encoder steps. The commanded force is an input, delay and amplifier
+    included; the force of the hand is a state.
 
-    The matrices are parameters: one compiled step serves all that are of a size.
+    The matrices are parameters: one compiled step serves all of one size.
 
     Args:
-        settings: of the same size and places as those that will run.
+        settings: of the same size and indices as those that will run.
 
     Returns:
-        position_m, force_n (asked for in the tick before, positive against +x; what is asked is what the actuator can
-        give) -> position_m that the wall sees. The first tick takes the position as it is, the device at rest.
+        position_m, force_n (commanded in the previous tick, within the actuator's limit, positive against +x) ->
+        position_m at the wall. The first tick takes the measured position, the device at rest.
     """
     return _step_of(settings.states, tuple(settings.positions), settings.measures)
 

@@ -1,4 +1,4 @@
-"""The signal that all estimators see: the velocity between two corner frequencies."""
+"""The common input of all estimators: the velocity between two corner frequencies."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from dataclasses import dataclass
 
 from avc_casadi.simulation.runtime.step import Expr, StepBuilder
 
-# Of the hand; where the device turns they are told at its handle.
+# Of the hand; for a rotary device, at its handle.
 _FLOOR_M_PER_S = 3e-3
 _FASTEST_M_PER_S = 5.0
 
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """What an estimator takes for motion, in the unit of the position: metres, or rad where the device turns.
+    """Thresholds of motion of an estimator, in the unit of the position: metres, or rad for a rotary device.
 
     Attributes:
-        low_hz: lowest interaction frequency; what is slower is drift, or rest.
+        low_hz: lowest interaction frequency; slower motion is drift, or rest.
         high_hz: highest interaction frequency; at most a fifth of the sampling rate is used.
         floor_m_per_s: amplitude of velocity below which the device is at rest, above the noise of the encoder.
-        fastest_m_per_s: no hand is faster; what is comes from a fault, and must not leave single precision's range.
+        fastest_m_per_s: bound on the speed of a hand; faster is a fault, clipped to stay in single precision's range.
     """
 
     low_hz: float = 1.0
@@ -38,12 +38,12 @@ class EstimatorSettings:
 
     @classmethod
     def for_encoder(cls, resolution_m: float, sample_time_s: float, metres_per_unit: float = 1.0) -> EstimatorSettings:
-        """Raise the floor above what one step of the encoder looks like behind the low pass of the estimators.
+        """Return settings with the floor above the response of the estimators' low pass to one encoder step.
 
         Args:
             resolution_m: step of the encoder; 0 for none.
             sample_time_s: T.
-            metres_per_unit: how far the hand moves for a unit of the position: 1, or the radius of a handle that turns.
+            metres_per_unit: displacement of the hand for a unit of the position: 1, or the radius of a rotary handle.
         """
         corner = min(1.0, math.tau * cls().top_hz(sample_time_s) * sample_time_s)
         floor, fastest = _FLOOR_M_PER_S / metres_per_unit, _FASTEST_M_PER_S / metres_per_unit
@@ -51,7 +51,7 @@ class EstimatorSettings:
 
 
 def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSettings, sample_time_s: float) -> Expr:
-    """Take out drift by a first-order high pass at half the lowest frequency, noise by two low passes."""
+    """Remove drift by a first-order high pass at half the lowest frequency, noise by two low passes."""
     import casadi as ca  # noqa: PLC0415
 
     mean = builder.state("mean_m_per_s")
@@ -70,7 +70,7 @@ def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSetting
 def envelope(
     builder: StepBuilder, signal: Expr, frequency_hz: Expr, settings: EstimatorSettings, sample_time_s: float
 ) -> Expr:
-    """Size of the signal, forgotten over half a period: it tells a hand that stopped from a filter that rings on."""
+    """Return the envelope, decaying over half a period: it distinguishes a hand at rest from a filter that rings on."""
     import casadi as ca  # noqa: PLC0415
 
     before = builder.state("envelope_m_per_s")

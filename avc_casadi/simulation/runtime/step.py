@@ -21,7 +21,7 @@ class Step:
     """One tick of an algorithm: (state, input, parameter) -> (next state, output), all columns.
 
     The function uses only arithmetic, comparisons, minimum and maximum: no library call, no NaN, no loop. Every state
-    is bounded, so that single precision holds for as long as the device runs.
+    is bounded, so that single precision suffices for any running time.
 
     Attributes:
         name: name of the function.
@@ -47,7 +47,7 @@ class Step:
         return int(self.function.n_instructions())
 
     def apply(self, state: list[Expr], inputs: list[Expr], parameters: list[Expr]) -> tuple[list[Expr], list[Expr]]:
-        """Write the tick out on expressions; returns the next states and the outputs."""
+        """Apply the tick to expressions and return the next states and the outputs."""
         import casadi as ca  # noqa: PLC0415
 
         columns = (ca.SX(ca.vertcat(*part)) if part else ca.SX(0, 1) for part in (state, inputs, parameters))
@@ -85,7 +85,7 @@ class Step:
 
 @dataclass
 class StepBuilder:
-    """Collects what a step consists of."""
+    """Collects the parts of a step."""
 
     _states: dict[str, tuple[Expr, float]] = field(default_factory=dict)
     _inputs: dict[str, Expr] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class StepBuilder:
         return self._parameters.setdefault(name, _symbol(name))
 
     def follow(self, name: str, value: Expr) -> None:
-        """Set what a state becomes."""
+        """Set the next value of a state."""
         self._next[name] = value
 
     def output(self, name: str, value: Expr) -> None:
@@ -114,7 +114,7 @@ class StepBuilder:
         self._outputs[name] = value
 
     def insert(self, prefix: str, step: Step, inputs: list[Expr]) -> dict[str, Expr]:
-        """Make another step, which has no parameters, a part of this one; returns its outputs."""
+        """Insert another step, which has no parameters, and return its outputs."""
         names = [f"{prefix}_{name}" for name in step.states]
         state = [self.state(name, initial) for name, initial in zip(names, step.initial, strict=True)]
         following, outputs = step.apply(state, inputs, [])
