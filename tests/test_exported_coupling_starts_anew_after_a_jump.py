@@ -51,6 +51,20 @@ def test_wrong_samples_at_rest_outside_give_no_force_then_or_later(name: str) ->
             assert np.abs(device.forces(way)).max() == 0
 
 
+@pytest.mark.parametrize("share", [0.12, 0.5, 1.0])
+@pytest.mark.parametrize("stiffness_n_per_m", [4e3, 1e8])
+def test_the_first_sample_outside_gives_no_force(share: float, stiffness_n_per_m: float) -> None:
+    """The position of a law begins elsewhere than the measured one: no damper may take that for a movement."""
+    problem = bench_problem((5.0, STIFFNESS), encoder_resolution_m=STEP, max_force_n=8.0)
+    law = believer(3)
+    law = dataclasses.replace(law, feedback=tuple(share * one for one in law.feedback))
+    coupling = with_gains(problem, 0.0, stiffness_n_per_m, 3.0)
+    device = Exported(dataclasses.replace(coupling, runtime=Runtime("zero-crossing", state_feedback=law)))
+    for place_m in (-1.0, -0.05, -1e-3, -STEP):
+        device.start()
+        assert np.abs(device.forces(np.full(20, place_m))).max() == 0
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_a_fault_in_contact_gives_back_no_more_than_had_been_stored(name: str) -> None:
     """The wall goes on at the depth that was seen, wherever the device is by then; outside all is as new."""

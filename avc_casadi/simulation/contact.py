@@ -163,11 +163,16 @@ def _surface(tick: Tick, environment: Environment) -> Rate:
 
     name, penetration = "environment_deflection", max(tick.start_m, 0.0)
     if not environment.one_sided or environment.clips_last is True:
-        return Rate(tick, name, tick.start_m)
+        return Rate(tick, name, tick.start_m, seen=tick.since_start)
     if environment.clips_last is False:
-        return Rate(tick, name, penetration)
+        return Rate(tick, name, penetration, seen=lambda before: ca.fmax(tick.since_start(before), 0))
     # One state serves both laws: in front of the wall the gated one takes it as a penetration of 0.
-    return Rate(tick, name, tick.start_m, seen=lambda before: environment.by_law(before, ca.fmax(before, 0)))
+    return Rate(
+        tick,
+        name,
+        tick.start_m,
+        seen=lambda before: environment.by_law(tick.since_start(before), ca.fmax(tick.since_start(before), 0)),
+    )
 
 
 def _gains(tick: Tick, stretch: Rate, kappa_e: Expr, environment: Environment) -> tuple[Expr, Expr, Expr, Expr]:
@@ -224,4 +229,5 @@ def _contact_damper(tick: Tick) -> Expr:
     """
     adapted = tick.adapted
     damping = tick.parameter("contact_damping_ns_per_m") if adapted is None else adapted.contact_damping_ns_per_m
-    return damping * Rate(tick, "contact_position", tick.start_m).settle(tick.position)
+    rate = Rate(tick, "contact_position", tick.start_m, seen=tick.since_start)
+    return damping * rate.settle(tick.position)

@@ -65,6 +65,7 @@ class Tick:
         sample_time_s: T.
         start_m: initial position of everything, at rest.
         position: true position of the device, then the sensed one, m.
+        observing: 0 in the first sample of an observer with state feedback; None without one.
         command: commanded force, N, positive against +x; None in free space.
         command_before: previous force, which acts until a late one arrives; None where forces are never late.
         poles: of the low pass behind every backward difference (`model.velocity`; PLAIN: none).
@@ -84,6 +85,7 @@ class Tick:
     sample_time_s: float
     start_m: float
     position: Expr = None
+    observing: Expr = None
     command: Expr = None
     command_before: Expr = None
     poles: Poles = PLAIN
@@ -134,6 +136,15 @@ class Tick:
         """Add a number (or a matrix of the given sparsity) that a run sets, for example for each hand."""
         return self._add(self.parameters, name, sparsity=sparsity)
 
+    def since_start(self, before: Expr) -> Expr:
+        """Return the previous value of something that moves with the position; in an observer's first sample the same.
+
+        An observer's first position need not be the measured one: from that to it nothing has moved.
+        """
+        import casadi as ca  # noqa: PLC0415
+
+        return before if self.observing is None else ca.if_else(self.observing, before, self.position)
+
     def follow(self, name: str, value: Expr) -> None:
         """Set the next value of a state."""
         self._next[name] = value
@@ -141,7 +152,7 @@ class Tick:
     def held_force(self) -> Expr:
         """Return the force held until now, a state that is added once."""
         name = "held_force_n"
-        known = self._known(name)
+        known = self.known(name)
         if known is not None:
             return known
         self.at_end.append(lambda: self.follow(name, 0.0 if self.command is None else self.command))
@@ -150,7 +161,7 @@ class Tick:
     def asked_force(self) -> Expr:
         """Return the force commanded in the previous sample, a state that is added once."""
         name = "asked_force_n"
-        known = self._known(name)
+        known = self.known(name)
         if known is not None:
             return known
 
@@ -161,7 +172,7 @@ class Tick:
         self.at_end.append(settle)
         return self.state(name)
 
-    def _known(self, name: str) -> Expr:
+    def known(self, name: str) -> Expr:
         """Return the symbol of an existing state, or None."""
         return next((slot.symbol for slot in self.states if slot.name == name), None)
 

@@ -101,6 +101,7 @@ class StateFeedback(SceneEffect):
         step = state_feedback_step(self.settings)
         numbers = tuple(tick.parameter(f"state_feedback_{name}") for name in step.parameters)
         tick.position = insert(tick, "state_feedback", step, [tick.position, tick.asked_force()], numbers)[0]
+        tick.observing = tick.known("state_feedback_started")
 
 
 # An assumed mass too small predicts too much motion; far above the lightest hand's, light hands buzz.
