@@ -9,12 +9,12 @@ the three. Six calls answer most questions:
     gains = avc.solve("figure5", "direct")         # gains against frequency, by one of the methods
     avc.certify("figure5", gains)                  # which stability claims they meet, and where they fail
     avc.compare("figure5", mine=(2000.0, 7.0))     # the methods and your own (k, b), frequency by frequency
-    avc.simulate("scenes/stiff-wall-pressed")      # what a hand would feel
+    avc.simulate("scenes/stiff-wall-pressed")      # position and force at the hand over time
     avc.zwidth("figure5")                          # which walls the device can render at all
 
 ``print`` shows each of these answers in the rows of the command; ``repr`` is a line, and a notebook shows a table.
-Those with columns give them with ``to_dict()`` and ``to_pandas()``; ``avc.figures`` draws them. Errors derive from
-`AvcError` and say what is wrong, where, and what to do.
+Those with columns return them with ``to_dict()`` and ``to_pandas()``; ``avc.figures`` draws them. Errors derive from
+`AvcError` and state the fault, its place, and the next step.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ else:
     }
 
     class _OldRooms:
-        """Asked last, for modules that are not there: a room of 0.2 may be meant."""
+        """Finder of last resort for missing modules: a room of 0.2 may be meant."""
 
         @staticmethod
         def find_spec(fullname, path=None, target=None):

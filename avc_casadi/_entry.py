@@ -1,4 +1,4 @@
-"""Where the process `avc` begins and ends: Ctrl-C leaves neither a traceback nor half an answer at either end."""
+"""Start and end of the process `avc`: Ctrl-C leaves neither a traceback nor a partial answer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def run() -> int:
-    """Run `avc` with the arguments of the process and return its exit code; Ctrl-C is passed over from then on.
+    """Run `avc` with the arguments of the process and return its exit code; Ctrl-C is ignored from then on.
 
     An interrupted process ends here, with 130.
     """
@@ -22,7 +22,7 @@ def run() -> int:
     handled = before is signal.default_int_handler  # not where the caller of the process had it ignored
     if handled:
         signal.signal(signal.SIGINT, _interrupted)
-    # Matrices are small here: threads of a product or a factorisation wait for each other longer than they work.
+    # Matrices are small here: threads of a product or a factorisation would mostly wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # An interrupt of these imports is handled too.
     from contextlib import suppress  # noqa: PLC0415
@@ -42,7 +42,7 @@ def run() -> int:
     if handled:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if handled and code == EXIT_CODE:
-        # Where Ctrl-C fell into code made from text, as of a dataclass, Python would end by the signal in spite of us.
+        # After Ctrl-C in code generated from text, as of a dataclass, Python would still end by the signal.
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError, AttributeError):
                 stream.flush()

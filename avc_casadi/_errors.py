@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 
-# What is told of faults, however many and however long they are: nobody reads more.
+# Largest size of a fault report, for any number and length of faults.
 _MOST_FAULTS, _MOST_CHARACTERS = 20, 1800
 
 
@@ -72,7 +72,7 @@ class InputError(AvcError, ValueError):
 
     @property
     def told(self) -> tuple[Fault, ...]:
-        """The first faults, in 20 lines and 1800 characters, and one that says how many more there are."""
+        """The first faults, in 20 lines and 1800 characters, and one with the number of the others."""
         told: list[Fault] = []
         left = _MOST_CHARACTERS
         for fault in self.faults[:_MOST_FAULTS]:
@@ -88,12 +88,12 @@ class InputError(AvcError, ValueError):
 
     @classmethod
     def of(cls, message: str, *, file: str = "", key: str = "") -> InputError:
-        """Make the error of a single fault."""
+        """Return the error of a single fault."""
         return cls([Fault(file=file, line=None, key=key, message=message)])
 
 
 def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | None]]]:
-    """Return the JSON document of bad input, ``{"errors": [{file, line, key, message}]}``: what is told of the faults.
+    """Return the JSON document of bad input, ``{"errors": [{file, line, key, message}]}``: the faults as reported.
 
     Example:
         >>> avc.fault_document(avc.InputError.of("is wrong", file="p.toml", key="device"))
@@ -103,10 +103,10 @@ def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | No
 
 
 class UnsupportedError(AvcError, NotImplementedError):
-    """The request is valid but this method, model or combination does not offer it; says which one does.
+    """The request is valid but this method, model or combination does not offer it; names one that does.
 
     Attributes:
-        key: dotted key or option that asks for it; empty where none does alone.
+        key: dotted key or option that requires it; empty where none does alone.
 
     Example:
         >>> try:
@@ -145,7 +145,7 @@ class LinkError(AvcError, OSError):
 
 
 class PortError(LinkError):
-    """The port that was named is not there or cannot be opened (command line: exit code 2).
+    """The named port does not exist or cannot be opened (command line: exit code 2).
 
     Example:
         >>> try:
@@ -157,7 +157,7 @@ class PortError(LinkError):
 
 
 class NotDeployableError(AvcError):
-    """A coupling that may not go into a device: which claim fails and what to do (command line: exit code 1).
+    """A coupling that must not be deployed: the claim that fails and the next step (command line: exit code 1).
 
     Example:
         >>> try:
@@ -169,7 +169,7 @@ class NotDeployableError(AvcError):
 
 
 class WorkerLostError(AvcError, RuntimeError):
-    """A worker of a study in chunks died, and what it did could not be given to another one (exit code 2).
+    """A worker of a study in chunks died, and its task could not be reassigned (exit code 2).
 
     Example:
         >>> try:

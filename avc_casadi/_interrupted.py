@@ -1,4 +1,4 @@
-"""What a command says that Ctrl-C ended: known before anything is loaded, needing nothing that it may have spoiled."""
+"""Message of a command ended by Ctrl-C, independent of any module that the interrupt may have left half loaded."""
 
 DOCUMENT = """\
 {

@@ -1,4 +1,4 @@
-"""Names of release 0.2: its rooms still answer in 0.3, with a warning that says where each name stands now."""
+"""Names of release 0.2: its rooms still answer in 0.3, with a warning that names each one's present place."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ HOMES = {
 """The rooms of 0.2, each with the packages whose modules hold its names now."""
 
 STUDIES = ("study.accuracy", "study.estimators", "study.reference", "study.table1")
-"""The rooms of 0.2 that are no part of the package any more."""
+"""The rooms of 0.2 that are no longer part of the package."""
 
 
 def lookup(room: str) -> Callable[[str], Any]:
@@ -73,12 +73,12 @@ def lookup(room: str) -> Callable[[str], Any]:
 
 
 def _is_module(room: str, name: str) -> bool:
-    """Whether a room has a module of that name, which goes first: Python asks the room before it imports one."""
+    """Return whether a room has a module of that name, which precedes: Python queries the room before importing one."""
     return hasattr(import_module(room), "__path__") and util.find_spec(f"{room}.{name}") is not None
 
 
 def spec_of_old_room(fullname: str) -> ModuleSpec | None:
-    """Return the spec of a room of 0.2 that is no folder any more; None for everything else.
+    """Return the spec of a room of 0.2 that is no longer a folder; None for everything else.
 
     Raises:
         ModuleNotFoundError: a study.
@@ -95,6 +95,6 @@ def spec_of_old_room(fullname: str) -> ModuleSpec | None:
 
 class _OldRoom(Loader):
     def exec_module(self, module: ModuleType) -> None:
-        """Let the module look its names up where they stand now."""
+        """Let the module look up its names at their present place."""
         module.__path__ = []
         vars(module)["__getattr__"] = lookup(module.__name__.removeprefix(f"{__package__}."))

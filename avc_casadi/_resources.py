@@ -1,4 +1,4 @@
-"""Where the data that comes with the package lies: in a wheel, a checkout or an editable install."""
+"""Location of the package's data: in a wheel, a checkout or an editable install."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coupling: what goes into a device, as one object that every verb shares."""
+"""The coupling that is deployed to a device, as one object that every verb shares."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
 
 
 FIRST_CONTACT: Contact = "gated"
-"""The contact law before there were two: that of files which name none, and part of no name that was given then."""
+"""The only contact law of earlier releases: that of files which name none, and part of no id of that time."""
 
 
 def contact_law(asked: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m: ArrayLike) -> Contact:
     """Return the contact law that runs at a wall.
 
-    Dampers alone know no place: clipped last they would be felt in free space, wherever the device moves towards the
-    wall. Without a spring in the wall, or in the coupling at any frequency, the law is therefore gated.
+    Dampers alone do not depend on position: clipped last they would act in free space, whenever the device moves
+    towards the wall. Without a spring in the wall, or in the coupling at any frequency, the law is therefore gated.
 
     Args:
-        asked: of the problem.
+        asked: law of the problem.
         wall_stiffness_n_per_m: k_e.
         stiffness_n_per_m: k of all gains that may run; infinite for a rigid coupling.
     """
@@ -52,14 +52,14 @@ def contact_law(asked: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m
 
 
 THINNING = 1e-3
-"""Largest relative change of a gain where rows are left out; certificate, scene and device read what is left."""
+"""Largest relative change of a gain by thinning; certificate, scene and device read the thinned table."""
 CAPACITY_ROWS = 256
-"""Rows that a device holds at most."""
+"""Largest number of rows of a device."""
 _SAME_TIME = 1e-9
 
 
 def _device_document(device: Device) -> dict[str, Any]:
-    """Return what names a device; what files of old could not say is in it only where it changes what they meant."""
+    """Return the values that identify a device; keys newer than a file are included only if they change its meaning."""
     document: dict[str, Any] = device.model_dump(mode="json")
     if device.amplifier_damping_ratio == CURRENT_LOOP_DAMPING_RATIO:
         del document["amplifier_damping_ratio"]
@@ -70,19 +70,19 @@ def _device_document(device: Device) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """Gains, what runs beside them, and the loop that they were made for.
+    """Gains and runtime with the loop that they were designed for.
 
-    What is certified, simulated, pushed and exported is the same table: `table`, thinned once, read by one look-up.
+    The same table is certified, simulated, pushed and exported: `table`, thinned once, read by one look-up.
 
     Attributes:
         problem: the problem as stated: device, wall, hands, scene.
-        schedule: what the method found at each frequency, with its reasons.
+        schedule: result of the method at each frequency, with its reasons.
         table: the gains that run.
-        runtime: what runs beside them.
+        runtime: observer, feedback, estimator, adaptation, guard.
         certificate: its certificate with the verdict on deployment, a JSON document; None before it was certified.
-        trial: how simulated hands fared with it, a JSON document; None before it was tried.
-        versions: of what made it, by package.
-        lacks: what an older file did not say, a sentence each.
+        trial: result with simulated hands, a JSON document; None before it was tried.
+        versions: of the software that made it, by package.
+        lacks: facts missing from an older file, a sentence each.
 
     Example:
         >>> problem = avc.load_problem("soft")
@@ -108,13 +108,13 @@ class Coupling:
         runtime: Runtime | None = None,
         versions: Mapping[str, str] | None = None,
     ) -> Coupling:
-        """Make the coupling of a schedule: its rows with gains, thinned once.
+        """Return the coupling of a schedule: its rows with gains, thinned once.
 
         Args:
-            problem: what the gains were made for.
+            problem: that of the gains.
             schedule: gains by any method.
-            runtime: what runs beside them; None is the default, with the observer that belongs to the schedule.
-            versions: of what made it, by package.
+            runtime: None is the default, with the observer that belongs to the schedule.
+            versions: of the software that made it, by package.
 
         Raises:
             InputError: no row has gains.
@@ -124,7 +124,7 @@ class Coupling:
 
     @classmethod
     def constant(cls, problem: Problem, gains: Gains, method: str, runtime: Runtime | None = None) -> Coupling:
-        """Make a coupling of finite gains that do not vary, for example ones tuned by hand."""
+        """Return a coupling of finite constant gains, for example ones tuned by hand."""
         table = GainTable.constant_gains(gains, float(problem.frequencies_hz()[0]))
         beside = runtime or Runtime()
         return cls(problem, schedule_of(problem, table, method, beside.state_feedback), table, beside)
@@ -140,7 +140,7 @@ class Coupling:
         return columns_html(repr(self), self.table.to_dict())
 
     def __eq__(self, other: object) -> bool:
-        """Whether both are the same coupling for the same problem, whatever is known of them by now."""
+        """Return whether both are the same coupling for the same problem, regardless of certificate and trial."""
         return isinstance(other, Coupling) and self.id == other.id and self.problem == other.problem
 
     def __hash__(self) -> int:
@@ -168,17 +168,17 @@ class Coupling:
 
     @property
     def sample_time_s(self) -> float:
-        """T, at which alone the gains hold."""
+        """T, the only one at which the gains are valid."""
         return self.problem.device.sample_time_s
 
     @property
     def max_force_n(self) -> float | None:
-        """Largest force of the device; None where the problem knows none."""
+        """Largest force of the device; None where the problem states none."""
         return self.problem.device.max_force_n
 
     @property
     def id(self) -> str:
-        """Name of what runs, from its content: 8 hexadecimal digits."""
+        """Identifier, a hash of table, runtime, wall and device: 8 hexadecimal digits."""
         wall = self.wall
         runs = {
             "rows": self.table.rows.tolist(),
@@ -193,7 +193,7 @@ class Coupling:
         return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
     def on(self, problem: Problem) -> Coupling:
-        """Return the same table and what runs beside it on another problem: not certified, not tried.
+        """Return the same table and runtime on another problem: not certified, not tried.
 
         Raises:
             InputError: the gains were made for another sample time.
@@ -211,7 +211,7 @@ class Coupling:
 
 
 def thinned(table: GainTable) -> GainTable:
-    """Leave out what the other rows say: one row for constant gains, otherwise the fewest within `THINNING`."""
+    """Return a table without redundant rows: one for constant gains, otherwise the fewest within `THINNING`."""
     if table.constant:
         return GainTable(table.rows[:1])
     deviation = Deviation(table.rows)
@@ -224,7 +224,7 @@ def thinned(table: GainTable) -> GainTable:
 def schedule_of(
     problem: Problem, table: GainTable, method: str, state_feedback: StateFeedback | None = None
 ) -> GainSchedule:
-    """Return the schedule of a table whose rows, and the feedback before them, are all that is known."""
+    """Return the schedule of a table of which only rows and feedback are known."""
     b, k, contact = table.gains
     return gain_schedule(
         problem,
@@ -237,10 +237,10 @@ def schedule_of(
 
 
 def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
-    """Refuse gains of another sample time: frequencies and gains then mean another loop. Unknown (NaN) passes.
+    """Refuse gains of another sample time, which belong to another loop. Unknown (NaN) passes.
 
     Raises:
-        InputError: says both.
+        InputError: with both.
     """
     own = problem.device.sample_time_s
     if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=_SAME_TIME):
@@ -253,10 +253,10 @@ def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None
 
 
 def require_coupling(value: object) -> None:
-    """Refuse what is not a coupling, with what makes one of it.
+    """Refuse an object that is not a coupling, with the call that makes one.
 
     Raises:
-        InputError: says what was given and what to give.
+        InputError: with the type given and the one expected.
     """
     if isinstance(value, Coupling):
         return

@@ -1,4 +1,4 @@
-"""Couplings to another end than a wall: the tool of a simulation, or a second device, with the problem they are for."""
+"""Couplings to a remote end other than a wall: the tool of a simulation, or a second device; with their problem."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class OtherEndCoupling(ABC):
-    """Spring and damper between a device and another end that moves.
+    """Spring and damper between a device and a moving remote end.
 
     Attributes:
-        problem: the problem as stated: device, hands, other end.
-        gains: K, B and the damper that a loop adds to its own device, at the device.
-        certificate: which claims it meets, a JSON document; None before it was judged.
-        trial: how simulated hands fared with it, a JSON document; None before it was tried.
-        versions: of what made it, by package.
+        problem: the problem as stated: device, hands, remote end.
+        gains: K, B and the damper of each local loop, at the device.
+        certificate: the claims that it meets, a JSON document; None before it was judged.
+        trial: result with simulated hands, a JSON document; None before it was tried.
+        versions: of the software that made it, by package.
     """
 
     problem: Problem
@@ -43,11 +43,11 @@ class OtherEndCoupling(ABC):
 
     @abstractmethod
     def _end(self) -> tuple[str, VirtualTool | Follower]:
-        """Return the table of the other end, and its name in a problem file."""
+        """Return the table of the remote end, and its name in a problem file."""
 
     @property
     def id(self) -> str:
-        """Name of what runs, from its content: 8 hexadecimal digits."""
+        """Identifier, a hash of gains, device and remote end: 8 hexadecimal digits."""
         name, end = self._end()
         runs = {
             "gains": vars(self.gains),
@@ -59,7 +59,7 @@ class OtherEndCoupling(ABC):
 
 @dataclass(frozen=True, eq=False)
 class ToolCoupling(OtherEndCoupling):
-    """What couples a device to the tool of a simulation."""
+    """Coupling of a device to the tool of a simulation."""
 
     @property
     def tool(self) -> VirtualTool:
@@ -70,7 +70,7 @@ class ToolCoupling(OtherEndCoupling):
 
     @property
     def in_scene(self) -> ToolGains:
-        """K and B as the engine counts positions and forces; the local damper stays at the device."""
+        """K and B in the engine's units of position and force; the local damper stays at the device."""
         k, b = self.gains.stiffness_n_per_m / self.tool.scale, self.gains.damping_ns_per_m / self.tool.scale
         return replace(self.gains, stiffness_n_per_m=k, damping_ns_per_m=b)
 
@@ -80,7 +80,7 @@ class ToolCoupling(OtherEndCoupling):
 
 @dataclass(frozen=True, eq=False)
 class TeleoperatorCoupling(OtherEndCoupling):
-    """What couples two devices over a link; each loop adds the damper of its gains to its own device."""
+    """Coupling of two devices over a link; each local loop adds the damper of the gains to its own device."""
 
     @property
     def follower(self) -> Follower:
@@ -91,7 +91,7 @@ class TeleoperatorCoupling(OtherEndCoupling):
 
     @property
     def at_follower(self) -> ToolGains:
-        """All gains as the follower counts its positions and forces."""
+        """All gains in the follower's units of position and force."""
         return self.gains.at_scale(1 / self.follower.scale)
 
     def _end(self) -> tuple[str, Follower]:

@@ -22,7 +22,7 @@ _UNUSED_RANGES = {f"device.range.{key}" for key in LINEAR_KEYS} - {
     "device.range.mass_kg",
     "device.range.damping_ns_per_m",
 }
-"""Ranges of what the linear loop has, of which most methods know no more than the nominal value."""
+"""Ranges of the linear loop's parameters, of which most methods use the nominal value only."""
 
 
 def solve(
@@ -34,7 +34,7 @@ def solve(
     as_printed: bool = False,
     progress: Progress = SILENT,
 ) -> GainSchedule:
-    """Compute the gains of a coupling at each frequency by one of the methods.
+    """Return the gains of a coupling at each frequency by one of the methods.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
@@ -42,11 +42,11 @@ def solve(
         solver: solver of ``direct``; None is its default.
         tolerance: requested relative tolerance of a CasADi solver, 1e-14 to 1; None is its default.
         as_printed: closed form only, the equations as the paper prints them.
-        progress: told of the frequencies, starts or trials that are done.
+        progress: reports frequencies, starts or trials done.
 
     Raises:
         InputError: unknown method or solver, or an option that the method does not have.
-        KeyboardInterrupt: Ctrl-C, whatever CasADi made of it.
+        KeyboardInterrupt: Ctrl-C, also while CasADi runs.
 
     Example:
         >>> gains = avc.solve("figure5", "direct")
@@ -72,7 +72,7 @@ def solve(
 
 
 def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedule:
-    """Say what the problem asks for and the method does not know: realism, ranges of the device, the hand's credit."""
+    """Add notes on keys that the method ignores: realism, ranges of the device, the hand's credit."""
     notes = []
     require = problem.realism.require
     if require != "none" and not method.keeps_realism:

@@ -25,15 +25,15 @@ MethodName = str
 
 @dataclass(frozen=True)
 class Candidate:
-    """One coupling of a method that studies put before the same hands.
+    """One coupling of a method that studies compare with the same hands.
 
     Attributes:
         name: its name in tables.
-        help: what it is, in one line.
-        rank: its place among those of all methods.
+        help: description, one line.
+        rank: its order among those of all methods.
         tuned: structure in which it is tuned for the training hands; None designs the problem as it is stated.
         model: model of the stability condition; None is the problem's.
-        constant: whether its gains do not follow frequency.
+        constant: whether its gains are constant over frequency.
         meets_others: whether it is tried with hands outside the design set too.
     """
 
@@ -48,20 +48,20 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Method:
-    """One way from a problem to gains.
+    """One method from a problem to gains.
 
     Attributes:
         place: ``package:function`` of its solver.
-        help: one line for people.
+        help: printed line.
         options: names of `solve`'s options that it takes.
         keeps_realism: whether it keeps ``realism.require``.
         credits_hand: whether it credits ``schedule.hand_damping_ns_per_m`` to the device.
-        keeps_ranges: whether it keeps its claim over all of ``[device.range]`` that the linear loop has.
-        reports: whether it takes long enough to tell of its progress.
-        answers_paper: whether it answers the paper's question, (11)-(12).
+        keeps_ranges: whether it keeps its claim over the parameters of the linear loop in ``[device.range]``.
+        reports: whether it takes long enough to report progress.
+        answers_paper: whether it solves the paper's problem, (11)-(12).
         pointwise: whether it does so at each frequency alone; these are compared.
         optimises: whether it minimises (11), so that the others are judged against it.
-        live: whether it is quick enough to follow a slider.
+        live: whether it is fast enough for interactive use.
         candidates: the couplings by it that studies compare.
     """
 
@@ -80,7 +80,7 @@ class Method:
 
     @property
     def solver(self) -> Callable[..., GainSchedule]:
-        """Its function, imported now."""
+        """The solver function, imported on access."""
         package, _, name = self.place.partition(":")
         found: Callable[..., GainSchedule] = getattr(import_module(package), name)
         return found

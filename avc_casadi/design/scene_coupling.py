@@ -49,13 +49,13 @@ def scene_coupling(problem: Problem) -> Gains | GainSchedule:
 def scene_gains(problem: Problem, method: MethodName) -> GainSchedule:
     """Solve by the method that the scene names.
 
-    The one of a scene that names none knows whole samples of delay only: it is designed for the next one.
+    The default coupling, of a scene that names none, is designed for the delay rounded up to whole samples.
     """
     return solve(problem.changed(device={"delay_samples": _designed_for(problem)}), method)
 
 
 def scene_notes(problem: Problem) -> list[str]:
-    """Say where the coupling of a scene is designed for another device than the one that is simulated."""
+    """Return a note where the coupling of a scene is designed for another device than the simulated one."""
     declared, whole = problem.device.delay_samples, _designed_for(problem)
     if whole == declared:
         return []
@@ -84,15 +84,15 @@ def simulate(
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        gains: a coupling, which brings its table and what runs beside it; gains or a gain table; None takes the one
-            that the scene names.
+        gains: a coupling with its table and runtime; gains or a gain table; None takes the one that the scene
+            names.
         hand: a hand in place of the scene's.
         interaction_hz: frequency at which a gain table is read, Hz; None is the scene's, or the table's lowest.
         seed: added to the seeds of all noises, 0 or more.
-        engine: what runs the samples; all give the same bits.
+        engine: that executes the samples; all give the same bits.
 
     Raises:
-        InputError: an impossible scene, or gains that are not there or were made for another sample time.
+        InputError: an impossible scene, or gains that are missing or of another sample time.
         UnsupportedError: an effect that scenes do not simulate.
 
     Example:
@@ -109,7 +109,7 @@ def simulate(
 
 
 def told_beside(run: Run) -> dict[str, Any]:
-    """Return what the `simulate` document tells beside the figures: where a table is read, and the run unguarded.
+    """Return further entries of the `simulate` document: frequency of a table's reading, and the run without guard.
 
     Args:
         run: of `simulate`.
@@ -126,13 +126,13 @@ def told_beside(run: Run) -> dict[str, Any]:
 
 
 def compared(run: Run) -> dict[str, Any]:
-    """Return the figures by which runs are put side by side."""
+    """Return the figures by which runs are compared."""
     document = run.document()
     return {name: document[name] for name in _COMPARED}
 
 
 def _without_guard(run: Run, problem: Problem) -> Run | None:
-    """Return the same run without its guard, to tell what the guard does; None where there is none."""
+    """Return the same run without its guard, for comparison; None where there is none."""
     if GuardEffect().kind not in run.effects:
         return None
     gains = run.asked["gains"]
@@ -143,7 +143,7 @@ def _without_guard(run: Run, problem: Problem) -> Run | None:
 
 
 def _read_at(run: Run, problem: Problem) -> float | None:
-    """Return the frequency at which gains that vary are read at first; None where none vary."""
+    """Return the initial frequency at which varying gains are read; None for constant ones."""
     gains = run.asked["gains"]
     if isinstance(gains, Gains):
         return None
@@ -164,7 +164,7 @@ def screen(
     seed: int = 0,
     tolerance: float = 0.01,
 ) -> Screening:
-    """Leave out each effect of a scene in turn and say which ones it needs.
+    """Leave out each effect of a scene in turn and return which ones it needs.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.

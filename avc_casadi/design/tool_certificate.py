@@ -1,4 +1,4 @@
-"""What is claimed of a coupling to a virtual tool: stability of all its loops, and passivity at the engine's port."""
+"""Certificate of a coupling to a virtual tool: stability of all its loops, and passivity at the engine's port."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
     Args:
         problem: with [simulation].
         gains: of the coupling, at the device.
-        search: of the problem, where one is at hand.
+        search: of the problem, if available.
     """
     search = ToolSearch(problem) if search is None else search
     stable, (radius, case) = search.loops.stable(gains), search.loops.radius(gains)

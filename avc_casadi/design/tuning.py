@@ -1,4 +1,4 @@
-"""The problem that tuned couplings solve, and its gains: a wall without sampling, all training hands, low to high."""
+"""The problem of tuned couplings and its gains: goal without sampling, all training hands, the whole band."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem, Structure
     from avc_casadi.model.schedule import GainSchedule
 
-# From a press that is held for long, in which a damper without a spring would creep, to contact transients.
+# From a sustained press, in which a damper without a spring would creep, to contact transients.
 TUNED_HZ = (0.01, 100.0)
 TUNED_POINTS = 50
 TUNED_SLOPE_PENALTY = 1e-4
-# The highest frequency as a share of Nyquist, where a slow device does not reach that far.
+# Upper limit of the frequency as a share of Nyquist, for devices of low sample rate.
 _OF_NYQUIST = 0.9
 
 
 def physical_wall(problem: Problem) -> Problem:
-    """Let the goal be the wall as it would be without sampling.
+    """Return the problem with the continuous-time wall as goal.
 
-    A spring on a sampled position, held for T, has the negative damping k_e T/2. The goal makes up for it, so that
+    A spring on a sampled position, held for T, has the negative damping k_e T/2. The goal compensates it, so that
     H Z_ds is b_e + k_e/(j omega) up to the second power of omega T.
     """
     wall = problem.environment
@@ -37,17 +37,17 @@ def physical_wall(problem: Problem) -> Problem:
 
 
 def tuning_problem(problem: Problem, structure: Structure, margin_ns_per_m: float | None = None) -> Problem:
-    """State what both tuned designs solve: same goal, structure, gain box, frequencies and training hands.
+    """Return the problem of both tuned designs: same goal, structure, gain box, frequencies and training hands.
 
-    The contact damper may reach 2 m/T of the device alone, beyond which it outruns the loop by itself. Constant gains
-    are tried in a press without dry friction and steps of the encoder, against which no reserve of damping helps;
-    whatever else people do with them, and the whole device, are for a trial.
+    The contact damper may reach 2 m/T of the device alone, beyond which it is unstable by itself. Constant gains
+    are tried in a press without dry friction and encoder quantisation, against which no damping reserve helps; other
+    motions and the complete device are left to a trial.
 
     Args:
         problem: device and wall.
         structure: series or damped.
-        margin_ns_per_m: damping in reserve of which the device is robbed while every training hand must be stable;
-            None is that of `tuned_margin`.
+        margin_ns_per_m: damping reserve: every training hand must be stable with the device's damping reduced by
+            it; None is that of `tuned_margin`.
     """
     device = problem.device
     margin = tuned_margin(problem) if margin_ns_per_m is None else margin_ns_per_m
@@ -76,9 +76,10 @@ def tuned(
     Args:
         problem: device and wall.
         scheduled: gains that follow frequency; otherwise the best constant gains of the same problem.
-        margin_ns_per_m: damping that the device is robbed of while the frozen loop must stay stable.
+        margin_ns_per_m: damping reserve, by which the device's damping is reduced while the frozen loop must stay
+            stable.
         structure: series or damped.
-        progress: told of the starts or reserves that are tried.
+        progress: reports the starts or reserves tried.
     """
     stated = tuning_problem(problem, structure, margin_ns_per_m)
     table = solve(stated, "schedule" if scheduled else "static-tuned", progress=progress)

@@ -1,4 +1,4 @@
-"""Spring and damper between a device and a virtual tool: the stiffest that is stable, and the best damper for one."""
+"""Spring and damper between a device and a virtual tool: the stiffest stable ones, and the best damper for one."""
 
 from __future__ import annotations
 
@@ -32,11 +32,12 @@ class ToolSearchOptions:
         lightest: see above.
         heaviest: see above.
         precision: relative precision of a limit.
-        near_best: dampers with this share of the best damping ratio are good; the one with the widest gain margin wins.
-        widest_margin: gain margins are sought up to this.
-        lighter: shares of a good damping ratio with which a lighter damper is tried, too.
-        local_ratios: dampers of the device's own loop that are tried beside a held force, as damping ratios of the
-            released device on the spring K: above 1 it would only creep back.
+        near_best: share of the best damping ratio from which dampers are good; that of the largest gain margin is
+            taken.
+        widest_margin: upper limit of the gain margins searched.
+        lighter: shares of a good damping ratio at which a lighter damper is tried too.
+        local_ratios: dampers of the device's local loop tried beside a held force, as damping ratios of the released
+            device on the spring K: above 1 it would only creep back.
     """
 
     softest: float = 1e-5
@@ -52,17 +53,17 @@ class ToolSearchOptions:
 
 
 DEFAULT_OPTIONS = ToolSearchOptions()
-# Precision of a search that is not the last, and how far its first steps go.
+# Precision of a coarse search, which is also the ratio of its first steps.
 _COARSE, _FIRST_STEP = 2**0.5, 2.0
-# How far apart the stiffnesses are at which everything below a limit is checked to be stable, and down to which share.
+# Ratio of the stiffnesses at which stability is checked below a limit, and the lowest share.
 _CHECKED, _CHECKED_TO = 1.25, 0.02
 
 
 class Loops(Protocol):
-    """All loops that a coupling must make stable."""
+    """All loops that a coupling must stabilise."""
 
     def stable(self, gains: ToolGains) -> bool:
-        """Whether every loop is."""
+        """Return whether every loop is stable."""
 
     def slowest(self, gains: ToolGains) -> Mode:
         """Return the least damped oscillation of all loops."""
@@ -70,13 +71,13 @@ class Loops(Protocol):
 
 @dataclass(frozen=True)
 class Scale:
-    """What the search counts by.
+    """Scales of the search.
 
     Attributes:
         mass_kg: of the lightest device.
         damping_ns_per_m: of the least damped device.
         sample_time_s: T.
-        slow_s: the longest time in the loop: a step of the engine, a delay.
+        slow_s: the longest time in the loop: the engine's step, or a delay.
     """
 
     mass_kg: float
@@ -86,7 +87,7 @@ class Scale:
 
     @classmethod
     def of(cls, problem: Problem, slow_s: float) -> Scale:
-        """Take the device of a problem, and its lightest hand where it has no mass."""
+        """Return the scales of a problem's device, with its lightest hand where it has no mass."""
         device = problem.device
         lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
         mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
@@ -95,11 +96,11 @@ class Scale:
 
 
 class CouplingSearch:
-    """Searches for spring and damper that make some loops stable.
+    """Search for a spring and damper that stabilise all loops.
 
     Args:
-        loops: all of them.
-        scale: what is counted by.
+        loops: all loops.
+        scale: scales of the search.
         options: numbers of the search.
     """
 
@@ -108,13 +109,13 @@ class CouplingSearch:
 
     @cached_property
     def dampers_ns_per_m(self) -> FloatArray:
-        """Dampers B that are tried, light ones first."""
+        """Dampers B tried, in increasing order."""
         o = self.options
         return self.scale.mass_kg / self.scale.sample_time_s * np.geomspace(o.lightest, o.heaviest, o.dampers)
 
     @property
     def stiffest_n_per_m(self) -> float:
-        """Stiffness at which a search ends: that of a mass that swings faster than T can tell."""
+        """Stiffness at which a search ends: that of a mass that oscillates faster than T resolves."""
         return self.options.stiffest * self.scale.mass_kg / self.scale.sample_time_s**2
 
     @property
@@ -123,29 +124,29 @@ class CouplingSearch:
 
     @property
     def softest(self) -> ToolGains:
-        """The softest coupling that counts as one, with the middle damper."""
+        """The softest coupling searched, with the middle damper."""
         return ToolGains(self._softest_n_per_m, float(self.dampers_ns_per_m[self.options.dampers // 2]))
 
     def stiffest(self, local_damping_ns_per_m: float = 0.0) -> ToolGains:
         """Return the stiffest K up to which every loop is stable, with its best B; 0 where there is none.
 
         Args:
-            local_damping_ns_per_m: damper of the device's loop beside it.
+            local_damping_ns_per_m: damper of the device's local loop.
         """
         return self._summit(lambda k, b: ToolGains(k, b, local_damping_ns_per_m))
 
     def stiffest_beside_local_damper(self) -> ToolGains:
-        """Return the stiffest K where the device's own loop damps the released device up to critically, with its B."""
+        """Return the stiffest K, with its B, where the local loop damps the released device up to critically."""
 
         def beside(ratio: float) -> ToolGains:
             return self._summit(lambda k, b: ToolGains(k, b, self._local(k, ratio)))
 
-        # The limit hardly moves between neighbours of these ratios: every other one is enough for it.
+        # The limit hardly varies between neighbours of these ratios: every other one suffices.
         found = [self.stiffest(), *map(beside, self.options.local_ratios[1::2])]
         return max(found, key=lambda one: one.stiffness_n_per_m)
 
     def _local(self, stiffness_n_per_m: float, ratio: float) -> float:
-        """Return the damper that gives the released device a damping ratio on a spring, beside its own."""
+        """Return the damper that, with the device's own, gives a damping ratio when released on a spring."""
         critical = 2 * math.sqrt(stiffness_n_per_m * self.scale.mass_kg)
         return max(0.0, ratio * critical - self.scale.damping_ns_per_m)
 
@@ -182,16 +183,16 @@ class CouplingSearch:
         return best
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
-        """Return K with dampers to try: what damps best, lighter ones that damp half as well or less, the heaviest.
+        """Return K with dampers to try: that of best damping ratio, lighter ones of half of it or less, the heaviest.
 
-        Of dampers nearly as good as the best the one with the widest margin counts. A light one passes on less of the
-        encoder's steps. Where the least damped of all oscillations is one that no damper of the coupling reaches, as of
-        a contact that rings by itself, all are equally good: there the heaviest damps what it does reach.
+        Of dampers nearly as good as the best that of the largest gain margin is taken. A light one transmits less of
+        the encoder's steps. Where no damper of the coupling affects the least damped oscillation, as in a contact that
+        rings by itself, all are equally good: there the heaviest damps the other modes.
 
         Args:
             stiffness_n_per_m: K.
-            local: whether the device's own loop may damp too.
-            gain_margin: asked for; where no damper gives it, the one with the widest is returned alone.
+            local: whether the device's local loop may damp too.
+            gain_margin: required; where no damper reaches it, that of the largest is returned alone.
 
         Returns:
             Empty where no damper makes every loop stable.
@@ -211,14 +212,14 @@ class CouplingSearch:
         return list(dict.fromkeys((best, *lighter, heaviest)))
 
     def holds(self, stiffness_n_per_m: float, *, local: bool = False) -> bool:
-        """Whether some damper makes every loop stable with this K."""
+        """Return whether some damper makes every loop stable with this K."""
         tried = self._tried(stiffness_n_per_m, local=local)
         middle = len(tried) / 2
         order = sorted(range(len(tried)), key=lambda place: abs(place - middle))
         return any(self._judge.stable(tried[place]) for place in order)
 
     def _tried(self, stiffness_n_per_m: float, *, local: bool, finer: bool = False) -> list[ToolGains]:
-        """Return the couplings of one stiffness that are tried."""
+        """Return the couplings of one stiffness to try."""
         dampers = self.dampers_ns_per_m
         if finer:
             dampers = np.geomspace(dampers[0], dampers[-1], 2 * len(dampers) - 1)
@@ -230,13 +231,13 @@ class CouplingSearch:
         ]
 
     def gain_margin(self, gains: ToolGains) -> float:
-        """Return how many times as large K and B may be together, 0 where they are not stable as they are."""
+        """Return the common gain margin of K and B, 0 where they are unstable."""
         if not self._judge.stable(gains):
             return 0.0
         return _edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, 1.02)
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
-        """Return the least and the largest damper of the device's own loop with which K and B stay stable.
+        """Return the range of the damper in the device's local loop with which K and B stay stable.
 
         Args:
             gains: stable ones; the least is 0 where none is needed.
@@ -256,7 +257,7 @@ class CouplingSearch:
         return least, most
 
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
-        """Return the largest stable K about one that is near, 0 where there is none."""
+        """Return the largest stable K near an initial guess, 0 where there is none."""
         low = near
         while not self._judge.stable(gains(low)):
             low /= _COARSE
@@ -266,7 +267,7 @@ class CouplingSearch:
         return _edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
 
     def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
-        """Return the gains at a limit, softened to where a softer coupling is unstable with the same dampers."""
+        """Return the gains at a limit, or below a gap in which a softer coupling is unstable with the same dampers."""
         count = math.ceil(math.log(1 / _CHECKED_TO) / math.log(_CHECKED))
         softer = (limit * np.geomspace(_CHECKED_TO, 1.0, count + 1)).tolist()
         if not self._judge.stable(gains(softer[0])):
@@ -279,7 +280,7 @@ class CouplingSearch:
 
 
 class ToolSearch(CouplingSearch):
-    """Searches for couplings of one problem with [simulation].
+    """Search for couplings of one problem with [simulation].
 
     Args:
         problem: with [simulation].
@@ -299,7 +300,7 @@ def _dampers(gains: ToolGains) -> float:
 
 
 def _with_share(gains: list[ToolGains], ratios: list[float], share: float) -> list[ToolGains]:
-    """Return those whose damping ratio is so large a share of the best."""
+    """Return those whose damping ratio is at least a share of the best."""
     return [one for one, ratio in zip(gains, ratios, strict=True) if ratio >= share * max(ratios)]
 
 
@@ -308,7 +309,7 @@ def _with(gains: Callable[[float, float], ToolGains], damping: float, stiffness:
 
 
 def _edge(stable: Callable[[float], bool], low: float, high: float, precision: float) -> float:
-    """Return where stability ends between a value that has it and a larger one, bisected in the logarithm."""
+    """Return the stability limit between a stable value and a larger one, bisected in the logarithm."""
     while low < high:
         after = min(_FIRST_STEP * low, high)
         if not stable(after):
@@ -324,14 +325,14 @@ def _edge(stable: Callable[[float], bool], low: float, high: float, precision: f
 
 
 def designed(problem: Problem, share_of_limit: float = 0.6, gain_margin: float = 1.5) -> ToolGains | None:
-    """Return a coupling that is linearly stable: the stiffness that is wanted, or a share of the stiffest; else None.
+    """Return a coupling that is linearly stable: the wanted stiffness, or a share of the stiffest; else None.
 
-    No hand tries it; `recommend_tool` lets many.
+    It is not tried with simulated hands, unlike `recommend_tool`'s.
 
     Args:
         problem: with [simulation].
         share_of_limit: of the stiffest, where no stiffness is wanted.
-        gain_margin: asked for, where a damper gives it.
+        gain_margin: required, where a damper reaches it.
     """
     search = ToolSearch(problem)
     tool, local = search.loops.tool, search.loops.tool.damped_locally

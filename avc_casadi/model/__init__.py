@@ -1,1 +1,1 @@
-"""Plain data and matrices: problem, device, hand, wall, plant, gains; they know no file."""
+"""Plain data and matrices: problem, device, hand, wall, plant, gains; independent of files."""

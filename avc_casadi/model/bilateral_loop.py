@@ -1,7 +1,7 @@
-"""Two devices coupled over a link with delay, from event to event: the periodic loop of a teleoperator, multiplied out.
+"""Monodromy matrix of two devices coupled over a link with delay: the periodic loop of a teleoperator.
 
-Each device is exact from one of its samples to the next. At a sample it sends what it has, takes the newest that has
-arrived, and holds a force. The product of the maps over one period of both clocks is the monodromy matrix.
+Each device is exact from one of its samples to the next. At a sample it sends its position, reads the newest one
+that has arrived, and holds a force. The product of the maps over one period of both clocks is the monodromy matrix.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.sampled_plant import SampledPlant
 
-# Clocks recur after so many samples of the slower one, at most.
+# Largest number of samples of the slower clock until the pattern recurs.
 _LONGEST_PERIOD = 8
 
 
 @dataclass(frozen=True)
 class LinkClock:
-    """Samples of both devices until their pattern recurs, and how old what they receive is.
+    """Samples of both devices until their pattern recurs, and the age of the data received.
 
     Attributes:
         events: at each instant, whether the leader and whether the follower takes a sample.
@@ -41,7 +41,7 @@ class LinkClock:
 
 
 def link_clocks(leader_s: float, follower_s: float, there_s: float, back_s: float) -> list[LinkClock]:
-    """Return the different patterns of two clocks at four phases: in step, and by quarters of a sample out of step.
+    """Return the distinct patterns of two clocks at four phases, a quarter of a sample apart.
 
     Args:
         leader_s: sample time of the leader.
@@ -76,22 +76,22 @@ def _age(samples_since_first: float, delay_samples: float) -> int:
 class BilateralLoop:
     """Leader with hands and follower with environments, ready for the monodromy matrices of any gains.
 
-    A force that is sent was asked for, or measured, at the follower's last sample before the leader's own. State: both
-    devices with their forces under way, the positions that each has sent (the newest first), and the
+    A force that is sent was commanded, or measured, at the follower's last sample before the leader's own. State: both
+    devices with their pending forces, the positions that each has sent (the newest first), and the
     forces that the follower has sent.
 
     Args:
         leader: the leader with its hands, one device.
-        follower: the follower with what it touches, one device, counted as the leader counts.
-        stiffness_n_per_m: of the environments; infinite where the follower stands still.
+        follower: the follower with its environment, one device, in the leader's units.
+        stiffness_n_per_m: of the environments; infinite where the follower is fixed.
         damping_ns_per_m: of the environments.
         clock: of both.
         architecture: position-position or position-force.
-        force: what the follower sends of the latter.
+        force: force that the follower sends with the latter.
 
     Attributes:
         size: number of states.
-        shift: the state that has everything one metre on, shape (size,).
+        shift: the state with all positions one metre on, shape (size,).
         period_s: after which the pattern recurs.
     """
 
@@ -116,7 +116,7 @@ class BilateralLoop:
         self._touch[:, follower.names.index(f"{body}_velocity_m_per_s")] = damping_ns_per_m
         sizes = [pair[0].shape[-1] for pair in self._maps]
         self._starts = (0, sizes[0])
-        # Two positions more than the oldest that is seen, for its velocity.
+        # Two positions more than the oldest one used, for its velocity.
         kept = [max(clock.follower_sees) + 2, max(clock.leader_sees) + 2]
         self._sent = (sum(sizes), sum(sizes) + kept[0])
         self._force_sent = sum(sizes) + sum(kept)
@@ -147,11 +147,11 @@ class BilateralLoop:
         return np.asarray(whole)
 
     def force_per_metre(self, gains: ToolGains, environment: int, frequency_hz: float) -> complex:
-        """Return the force that the leader's loop asks for, per metre that a driven leader oscillates, N/m.
+        """Return the force commanded by the leader's loop per metre of a driven leader's oscillation, N/m.
 
         Args:
             gains: as for `monodromy`.
-            environment: number of what the follower touches.
+            environment: index of the environment.
             frequency_hz: of the leader, whose plant is a `driven_plant`.
         """
         turn = np.exp(2j * np.pi * frequency_hz * self._plants[0].sample_time_s)
@@ -174,12 +174,12 @@ class BilateralLoop:
         return complex((rows @ state + past) / count)
 
     def _ages(self, seen: list[int]) -> list[int]:
-        """Return how old what each side has received is, after so many samples of each."""
+        """Return the age of the data received on each side, after a number of samples of each."""
         both = self.clock.leader_sees, self.clock.follower_sees
         return [sees[count % len(sees)] for count, sees in zip(seen, both, strict=True)]
 
     def _samples(self, event: tuple[bool, bool]) -> FloatArray:
-        """Return the map that has each device that takes a sample send its position, shape (size, size)."""
+        """Return the map by which each sampling device sends its position, shape (size, size)."""
         step = np.eye(self.size)
         for side, here in enumerate(event):
             if here:
@@ -192,7 +192,7 @@ class BilateralLoop:
         return step
 
     def _forward(self, gains: ToolGains, event: tuple[bool, bool], ages: list[int]) -> FloatArray:
-        """Return the map that moves each device that takes a sample on to its next, shape (hands, env., size, size)."""
+        """Return the map of each sampling device to its next sample, shape (hands, environments, size, size)."""
         hands, environments = self._maps[0][0].shape[1], self._maps[1][0].shape[1]
         step = np.zeros((hands, environments, self.size, self.size))
         step[...] = np.eye(self.size)
@@ -223,12 +223,12 @@ class BilateralLoop:
         return [*pull, *(local * own[side][1] for side in (0, 1))]
 
     def _seen(self, side: int, age: int, sample_time_s: float) -> tuple[FloatArray, FloatArray]:
-        """Return position and velocity that a side sent so many of its samples ago, as rows of the state."""
+        """Return position and velocity that a side sent a number of its samples ago, as rows of the state."""
         unit, first = np.eye(self.size), self._sent[side] + age
         return unit[first], (unit[first] - unit[first + 1]) / sample_time_s
 
     def _send_force(self, step: FloatArray, asked: FloatArray) -> None:
-        """Keep the force that the follower sends at a sample: what it asks for, or what it touches with."""
+        """Store the force that the follower sends at a sample: commanded, or of its contact."""
         if not self._forces:
             return
         first, count = self._force_sent, self._forces_kept

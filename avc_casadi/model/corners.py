@@ -1,4 +1,4 @@
-"""The corners of what is known of a device: every claim must hold at the worst of them."""
+"""Corners of a device's declared ranges: every claim must hold at the worst of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 RIGID_KEYS = ("mass_kg", "damping_ns_per_m", "delay_samples")
-"""Keys of a device that a loop with rigid mechanics and an ideal amplifier knows."""
+"""Keys of a device used by a loop with rigid mechanics and an ideal amplifier."""
 LINEAR_KEYS = (
     *RIGID_KEYS,
     "amplifier_bandwidth_hz",
@@ -25,15 +25,15 @@ LINEAR_KEYS = (
     "resonance.damping_ratio",
     "resonance.mass_ratio",
 )
-"""Keys of a device that `SampledPlant` knows."""
+"""Keys of a device used by `SampledPlant`."""
 
 
 def device_corners(device: Device, keys: Collection[str] | None = None) -> list[Device]:
-    """Return the devices at the corners of the declared ranges, each known exactly.
+    """Return the devices at the corners of the declared ranges, each without ranges.
 
     Args:
         device: with its ranges; where it has none, it is the only corner.
-        keys: ranges that matter, such as `LINEAR_KEYS`, the others staying at their nominal value; None takes every
+        keys: ranges that apply, such as `LINEAR_KEYS`, the others staying at their nominal value; None takes every
             range. There are two corners to each range.
     """
     ends = {key: tuple(sorted(set(interval))) for key, interval in _intervals(device, keys).items()}
@@ -46,7 +46,7 @@ def device_set(device: Device, keys: Collection[str] | None = None, *, draws: in
 
     Args:
         device: with its ranges; where it has none, it is the only one.
-        keys: ranges that matter, as in `device_corners`.
+        keys: ranges that apply, as in `device_corners`.
         draws: number of devices beside the corners.
         seed: of the draws.
     """
@@ -72,12 +72,12 @@ def _intervals(device: Device, keys: Collection[str] | None) -> dict[str, tuple[
 
 
 def device_with(device: Device, values: Mapping[str, float]) -> Device:
-    """Return a device that is known exactly, with other values of some keys, such as ``resonance.frequency_hz``."""
+    """Return a device without ranges, with other values of some keys, such as ``resonance.frequency_hz``."""
     return _changed(device.model_dump(exclude={"range"}), values)
 
 
 def linear_values(device: Device) -> dict[str, float]:
-    """Return the numbers of `LINEAR_KEYS` that a device has, by key."""
+    """Return a device's values of `LINEAR_KEYS`, by key."""
     found: dict[str, float] = {}
     lags = device.amplifier_bandwidth_hz is None or device.amplifier_order == 1
     for key in LINEAR_KEYS:
@@ -101,10 +101,10 @@ def _changed(whole: dict[str, Any], values: Mapping[str, float]) -> Device:
     return Device.model_validate(changed)
 
 
-# Every check of a schedule asks for the corners of the same few problems.
+# Cached: every check of a schedule needs the corners of the same few problems.
 @lru_cache(maxsize=16)
 def corner_problems(problem: Problem) -> tuple[Problem, ...]:
-    """The problem at the corners of the ranges of device mass and damping, each with a device that is known exactly."""
+    """Return the problem at the corners of the ranges of device mass and damping, each device without ranges."""
     corners = device_corners(problem.device, ("mass_kg", "damping_ns_per_m"))
     return tuple(problem.changed(device=corner) for corner in corners)
 
@@ -123,7 +123,7 @@ def least_damped(problem: Problem, credit_ns_per_m: float = 0.0) -> Problem:
 
 
 def margin_over_range(problem: Problem) -> float:
-    """Re Z_h of the device as it stands with which every device of its range keeps the margin, N.s/m.
+    """Return the Re Z_h of the nominal device at which every device of its range keeps the margin, N.s/m.
 
     Re Z_h does not depend on the mass and grows with the damping, so that the least damped device decides.
     """

@@ -1,4 +1,4 @@
-"""What a device is declared to have beyond mass, damping and sample time."""
+"""Declared properties of a device beyond mass, damping and sample time."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 
 def declared(problem: Problem) -> tuple[str, ...]:
-    """Name everything that makes the device more than a mass with a damper that is known exactly and never late.
+    """Return the keys by which the device is more than a mass with a damper, exactly known and without delay.
 
     Args:
         problem: a validated problem.
 
     Returns:
         Dotted keys, for example ``device.delay_samples`` and ``device.range.mass_kg``, in the order of the file. A verb
-        names those of them that it does not use.
+        names those that it does not use.
     """
     device, range_ = problem.device, problem.device.range
     stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "held", "range"}
     whole = set(type(device).model_fields) - stated
-    # These say nothing alone.
+    # These have no effect alone.
     if device.amplifier_bandwidth_hz is None:
         whole -= {"amplifier_order", "amplifier_damping_ratio"}
     idle = {"amplifier_damping_ratio"} if device.amplifier_order == 1 else set()
@@ -61,8 +61,7 @@ def declared(problem: Problem) -> tuple[str, ...]:
 def declared_effects(problem: Problem) -> tuple[Effect, ...]:
     """Return the scene tables of a hand, a wall or a simulation, and all that the device declares.
 
-    Their values are left to the device. Ranges are no effects; backlash is none where the encoder sits beyond it, at
-    the handle.
+    Their values are the device's. Ranges are no effects; nor is backlash with the encoder beyond it, at the handle.
     """
     device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
@@ -84,7 +83,7 @@ def declared_effects(problem: Problem) -> tuple[Effect, ...]:
 
 
 def scene_effects(problem: Problem) -> tuple[Effect, ...]:
-    """Return the effects that a scene lists, or with none listed all that is declared."""
+    """Return the effects that a scene lists, or if it lists none all declared ones."""
     return problem.scene.effects or declared_effects(problem)
 
 

@@ -1,4 +1,4 @@
-"""The haptic device as it is declared: what a verb does not use of it, it names."""
+"""The haptic device as declared; a verb names the keys that it does not use."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Detent(Table):
 
 
 CURRENT_LOOP_DAMPING_RATIO = 0.7
-"""Of an amplifier of order 2 of which nothing else is said."""
+"""Default for an amplifier of order 2."""
 
 
 class Resonance(Table):
@@ -91,7 +91,7 @@ class Resonance(Table):
 
 
 class ResonanceRange(Table):
-    """How well the resonance is known."""
+    """Ranges of the resonance's values."""
 
     frequency_hz: FrequencyInterval | None = None
     damping_ratio: DampingRatioInterval | None = None
@@ -99,7 +99,7 @@ class ResonanceRange(Table):
 
 
 class DeviceRange(Table):
-    """How well the device is known: each value [lowest, highest] about the nominal one, or None."""
+    """Ranges of the device's values: each value [lowest, highest] about the nominal one, or None."""
 
     mass_kg: MassInterval | None = None
     damping_ns_per_m: DampingInterval | None = None
@@ -115,15 +115,15 @@ class DeviceRange(Table):
 
 
 class Device(Table):
-    """The haptic device; 0 and None stand for what it does not have.
+    """The haptic device; 0 and None mean absent.
 
-    Of a device that turns every value is that of the turn: kg.m2 in `mass_kg`, N.m.s/rad in `damping_ns_per_m`, N.m in
+    All values of a rotary device are rotational: kg.m2 in `mass_kg`, N.m.s/rad in `damping_ns_per_m`, N.m in
     forces and rad in lengths; its file has keys of its own for them.
 
     Attributes:
         motion: linear, or rotary: a knob, wheel, pedal or lever, whose position is an angle.
-        handle_radius_m: of a device that turns: where the hand holds it, from the axis; what a finger feels lies there.
-        mass_kg: what the hand moves, at the handle.
+        handle_radius_m: of a rotary device: distance of the grip from the axis, at which forces are felt.
+        mass_kg: moving mass, at the handle.
         damping_ns_per_m: viscous friction of the device.
         sample_time_s: from one force to the next.
         delay_samples: from measurement to force, on top of the hold; an int where it is whole.
@@ -134,11 +134,11 @@ class Device(Table):
         amplifier_order: 1, a lag; 2, a current loop.
         amplifier_damping_ratio: of a current loop.
         max_force_n: largest force of the actuator; None: no limit.
-        backlash_m: play of the measured position; nothing beyond a resonance with the encoder at the handle.
+        backlash_m: play of the measured position; without effect with a resonance and the encoder at the handle.
         resonance: motor and handle joined by a spring; None: rigid.
         encoder_at: the side of the resonance on which the position is measured.
-        held: by a hand that grips it, as [hands] says; as well by hands on a stylus, or by a fingertip.
-        range: how well the device is known.
+        held: by a hand that grips it, as [hands] states; also by hands on a stylus, or by a fingertip.
+        range: ranges of its values.
     """
 
     motion: MotionKind = "linear"
@@ -162,17 +162,17 @@ class Device(Table):
 
     @property
     def units(self) -> Units:
-        """Names and units in which people read its values."""
+        """Names and units in which its values are printed."""
         return units_for(self.motion)
 
     @property
     def metres_per_unit(self) -> float:
-        """How far the hand moves for a unit of the position: 1 for a linear device, else the radius of the handle."""
+        """Hand displacement for a unit of the position: 1 for a linear device, else the radius of the handle."""
         return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
     @model_serializer(mode="wrap")
     def _says_what_is_not_usual(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
-        """Leave out of a linear device what only one that turns has to say, and that a hand grips it."""
+        """Serialise without the keys of rotary devices for a linear one, and without the default grip."""
         kept = whole(self)
         if self.held == "grip":
             kept.pop("held", None)
@@ -183,11 +183,11 @@ class Device(Table):
 
 
 def whole_delay(delay_samples: float, what: str) -> int:
-    """Return the delay for what knows whole samples only.
+    """Return the delay for a method of whole samples only.
 
     Args:
         delay_samples: delay of the device.
-        what: that, for the message.
+        what: the method, for the message.
 
     Raises:
         UnsupportedError: the delay is fractional.

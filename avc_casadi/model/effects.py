@@ -1,4 +1,4 @@
-"""Keys of effects that the model or several rooms speak of; each belongs to an effect of `EFFECTS`.
+"""Keys of effects that the model or several rooms use; each belongs to an effect of `EFFECTS`.
 
 A new effect has its keys in its own file. A value that is None is taken from the device, the environment or the hands
 when the scene is built.
@@ -112,7 +112,7 @@ class SimulationEffect(EffectTable):
         stiffness_n_per_m: K, at the device; None: that of the coupling that is simulated.
         damping_ns_per_m: B, at the device.
         local_damping_ns_per_m: damper of the device's own loop.
-        contact_stiffness_n_per_m: what the tool touches at x = 0, in the scene; None: the stiffest of [simulation].
+        contact_stiffness_n_per_m: of the object touched at x = 0, in the scene; None: the stiffest of [simulation].
         dropped_share: share of the engine's steps that it misses.
         seed: of the draw of missed steps, and of steps between two lengths.
     """
@@ -147,7 +147,7 @@ class ViscousFrictionEffect(EffectTable):
     """Viscous friction of the device.
 
     Attributes:
-        damping_ns_per_m: on top of the device's own; must be told.
+        damping_ns_per_m: on top of the device's own; required.
     """
 
     kind: Literal["viscous-friction"] = "viscous-friction"
@@ -175,7 +175,7 @@ class StructureEffect(EffectTable):
     Attributes:
         frequency_hz: of motor and part against each other, nothing else being joined to them.
         damping_ratio: of that oscillation.
-        mass_ratio: share of the device's mass that swings.
+        mass_ratio: share of the device's mass in that part.
     """
 
     kind: Literal["structure"] = "structure"
@@ -250,12 +250,12 @@ class CompensatorEffect(EffectTable):
 class ObserverEffect(EffectTable):
     """An observer of the position between encoder steps; the mass is that of device and hand together.
 
-    The steps that it looks between and the samples that it looks ahead are those of encoder and delay, if left out.
+    Its resolution and its prediction horizon default to those of encoder and delay.
 
     Attributes:
         mass_kg: of device and hand together; None: a little more than device and lightest hand.
-        resolution_m: the steps that it looks between; None: those of the encoder.
-        ahead_samples: how far it looks ahead; None: the delay.
+        resolution_m: encoder step that it assumes; None: that of the encoder.
+        ahead_samples: prediction horizon; None: the delay.
     """
 
     kind: Literal["observer"] = "observer"
@@ -265,17 +265,17 @@ class ObserverEffect(EffectTable):
 
 
 class StateFeedbackEffect(EffectTable):
-    """An observer with a dead zone and state feedback, as a robust design makes it; its states are lengths.
+    """An observer with a dead zone and state feedback, as of a robust design; its states are lengths.
 
     Attributes:
         state: matrix from state to state, by rows.
         force_m_per_n: from force to state.
-        innovation: from what is new to state.
-        feedback: weights of the position that the wall sees.
+        innovation: from innovation to state.
+        feedback: weights of the states in the position that the wall acts on.
         positions: which states are positions.
         measures: which one is measured.
-        dead_zone_m: half width of what is not believed to be new.
-        face_m: how far the face of the wall is moved out, against the lag of the dead zone.
+        dead_zone_m: half width of the dead zone of the innovation.
+        face_m: outward shift of the wall's face, which compensates the lag of the dead zone.
     """
 
     kind: Literal["state-feedback"] = "state-feedback"
@@ -304,7 +304,7 @@ class JitterEffect(EffectTable):
     """Irregular sampling and lost samples.
 
     Attributes:
-        rms_s: of the forces' lateness.
+        rms_s: of the forces' delay.
         seed: of the draw.
         dropped_share: of samples that are lost.
     """
@@ -353,12 +353,12 @@ class EstimatorEffect(EffectTable):
 
 
 class AdaptationEffect(EffectTable):
-    """How the gains follow the estimate: wait, limited slew (None: no limit), without creating energy.
+    """Adaptation of the gains to the estimate: hold time, slew limit (None: no limit), passivity.
 
     Attributes:
-        hold_s: how long a lost estimate is held.
-        slew_per_s: largest change of a gain a second, as a share of it; None: no limit.
-        passive: whether changes may create no energy.
+        hold_s: time for which a lost estimate is held.
+        slew_per_s: largest relative change of a gain per second; None: no limit.
+        passive: whether changes must not create energy.
     """
 
     kind: Literal["adaptation"] = "adaptation"

@@ -1,4 +1,4 @@
-"""What is wrong with the tables of a file: pydantic's errors in our own words, then the broken rules."""
+"""Faults of a file's tables: pydantic's errors in plain words, then the broken rules."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Ru
 
 _M = TypeVar("_M", bound=BaseModel)
 
-# What stands at the other end of few files, with keys that others have too.
+# Tables of the remote end, rare in files, whose keys others have too.
 _SELDOM = {"simulation", "follower"}
-# More is not told, and a file of a million wrong numbers must be answered at once too.
+# Largest number reported: a file of a million wrong numbers must be answered quickly too.
 _MOST = 1000
 
 # The file's own name is the name of the problem.
 _NOT_A_KEY = "name"
 
-# These only follow from another fault, which is told where it stands.
+# These only follow from another fault, which is reported at its own place.
 _CONSEQUENCES = {"default_factory_not_called"}
 
 
 def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequence[Rule] = RULES) -> _M | list[Finding]:
-    """Return a file's parsed tables as a model, or everything that is wrong with them.
+    """Return a file's parsed tables as a model, or all their faults.
 
     Fields come first, then each rule between values wherever the values that it needs are sound, so that a
     fault in one place hides none in another.
@@ -60,7 +60,7 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
 def _found(
     model: type[BaseModel], keys: Mapping[str, Any], paths: Sequence[Path], items: Sequence[Any]
 ) -> list[Finding]:
-    """Return what is wrong at each path; a key in another unit is one finding, with the one that it stands for."""
+    """Return the faults by path; a key in another unit is one finding, together with the key meant."""
     findings, meant = [], set()
     for path, item in zip(paths, items, strict=False):
         finding = _finding(model, keys, path, item)
@@ -79,7 +79,7 @@ def _found(
 
 
 def _whole(items: Sequence[Any]) -> Iterator[Any]:
-    """Yield the errors of tables inside, read by a validator of their own, each where it stands."""
+    """Yield the errors of nested tables, read by their own validator, each at its path."""
     for item in items:
         if item["type"] == "inner":
             yield from ({**fault, "loc": (*item["loc"], *fault["loc"])} for fault in item["ctx"]["faults"])
@@ -88,7 +88,7 @@ def _whole(items: Sequence[Any]) -> Iterator[Any]:
 
 
 def _path(location: Sequence[str | int]) -> Path:
-    """Return pydantic's location without the kind that it names beside a motion."""
+    """Return pydantic's location without the kind that it adds for a motion."""
     if location[:2] == ("scene", "motion"):
         return (*location[:2], *location[3:])
     return tuple(location)
@@ -134,7 +134,7 @@ def _keys(models: list[type[BaseModel]]) -> list[str]:
 
 
 def _table(models: list[type[BaseModel]]) -> str:
-    """Say what is in a table: what has to be, with its values, then the rest."""
+    """Return the keys of a table: required ones with their values, then the rest."""
     needed = [key for key in _keys(models)[:20] if len(models) == 1 and models[0].model_fields[key].is_required()]
     told = [f"{key} ({_values(models[0].model_fields[key])})" for key in needed]
     rest = [key for key in _keys(models) if key not in needed]
@@ -164,15 +164,15 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
 
 
 def _hint(whole: type[BaseModel], own: list[type[BaseModel]], path: Path) -> str:
-    """Say which tables have a key, or which key of its own table is like it; effects have words of their own."""
+    """Return which tables have a key, or a similar key of its own table; effects have messages of their own."""
     key, table, keys = str(path[-1]), ".".join(map(str, path[:-1])), _keys(own)
     near = difflib.get_close_matches(key[:60], keys, n=1)
     if path[0] != "scene" and "range" not in path:
         inside = [f"[{table}.{name}]" for model in own for name in _tables_with(model, key)]
-        # A key of which a word was left out is of its own table, whoever else has one of that name.
+        # A key with a word left out belongs to its own table, even if another table has a key of that name.
         left_out = near and key in near[0]
         having = [] if left_out else _tables_with(whole, key)
-        # What few files have is named where no other table has the key.
+        # Rare tables are named only where no other table has the key.
         usual = [name for name in having if name not in _SELDOM] or having
         others = inside or [f"[{name}]" for name in usual]
         if others:
@@ -187,7 +187,7 @@ def _tables_with(model: type[BaseModel], key: str) -> list[str]:
 
 
 def _allowed(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> str:
-    """Say what a missing key may be."""
+    """Return the values allowed for a missing key."""
     return _values(_models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])])
 
 
@@ -200,7 +200,7 @@ def _values(field: FieldInfo) -> str:
 
 
 def _marks(annotation: Any) -> Iterator[Any]:
-    """Yield what marks an annotation or one inside it."""
+    """Yield the metadata of an annotation and of those inside it."""
     yield from getattr(annotation, "__metadata__", ())
     for inner in typing.get_args(annotation):
         yield from _marks(inner)

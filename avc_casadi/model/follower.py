@@ -1,4 +1,4 @@
-"""A second device at the other end of the coupling: the follower of a bilateral teleoperator."""
+"""The follower of a bilateral teleoperator: a second device at the remote end of the coupling."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 
 
 class Follower(Device):
-    """The table [follower]: all keys of [device], the link to it, and what it touches.
+    """The table [follower]: all keys of [device], the link to it, and its environment.
 
     Leader and follower each hold, every sample time of their own, the force of a spring K and a damper B between their
     position and the newest one of the other that has arrived. Positions of the follower are `position_scale` times
@@ -32,14 +32,14 @@ class Follower(Device):
         jitter: share of the delay by which single messages are late or early, in trials.
         lost_share: share of messages that are lost, in trials.
         architecture: position-position: both are coupled to the other's position; position-force: the follower is, and
-            the leader feels a force of the follower.
-        force: of position-force: commanded, what the follower's controller asks for; measured, what it touches with.
-        contact_stiffness_n_per_m: what the follower touches; free and the stiffest belong to it; without an end rigid.
-        contact_damping_ns_per_m: damper of what it touches; None: a tenth of the critical one of follower and contact.
-            Without any, a stiff contact that rings is driven by every late damper.
+            the leader is given a force of the follower.
+        force: of position-force: commanded, by the follower's controller; measured, its contact force.
+        contact_stiffness_n_per_m: of the follower's environment, from free to the stiffest; unbounded: rigid.
+        contact_damping_ns_per_m: damper of its environment; None: a tenth of the critical one of follower and contact.
+            Without any, a stiff, ringing contact is destabilised by every delayed damper.
         position_scale: metres of the follower for a metre of the leader.
         force_scale: newtons at the leader for a newton of the follower.
-        stiffness_n_per_m: K that is wanted, at the leader; None: the stiffest.
+        stiffness_n_per_m: wanted K, at the leader; None: the stiffest.
     """
 
     delay_s: _Delays = (0.0, 0.0)
@@ -56,12 +56,12 @@ class Follower(Device):
 
     @property
     def scale(self) -> float:
-        """Mass, damping or stiffness at the leader for one of the follower."""
+        """Ratio of mass, damping or stiffness at the leader to that of the follower."""
         return self.position_scale * self.force_scale
 
     @property
     def rigid(self) -> bool:
-        """Whether what it touches may be rigid."""
+        """Whether its environment may be rigid."""
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
 
     @property
@@ -71,7 +71,7 @@ class Follower(Device):
         return sorted({(there[0], back[0]), (there[1], back[1])})
 
     def at_leader(self) -> Device:
-        """Return the follower as the leader counts its position and force."""
+        """Return the follower in the leader's units of position and force."""
         keys = {key: getattr(self, key) for key in Device.model_fields if key in self.model_fields_set}
         ranges = self.range
         forces, lengths = self.force_scale, 1 / self.position_scale

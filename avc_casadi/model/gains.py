@@ -28,11 +28,11 @@ Precision = TypeVar("Precision", np.float32, np.float64)
 def interpolate(
     rows: NDArray[Precision], frequency_hz: ArrayLike, ln: Callable[[Any], Any] = np.log
 ) -> NDArray[Precision]:
-    """Gains at frequencies: linear in ln(frequency), hence monotone between rows; the end rows hold beyond the ends.
+    """Return gains at frequencies: linear in ln(frequency), hence monotone between rows; constant beyond the ends.
 
     Args:
         rows: shape (n, 4): frequency_hz, b, k, b_p, rising in frequency; their precision is that of the arithmetic.
-        frequency_hz: any shape; where it is not a number (undefined on a device at rest) the first row holds.
+        frequency_hz: any shape; where it is not a number (undefined on a device at rest) the first row applies.
         ln: natural logarithm; `single_ln` together with rows in single precision gives the bits of a device.
 
     Returns:
@@ -64,7 +64,7 @@ class DeviceLn:
         dtype: precision of every operation.
         bits: unsigned integers of its size.
         mantissa_bits: of a number, without the leading one.
-        terms: of the series; what is left out is below a rounding of the first.
+        terms: of the series; the remainder is below a rounding of the first.
     """
 
     dtype: type[Any]
@@ -133,12 +133,12 @@ _NEAR_RIGID_N_PER_M = 1e8
 
 
 def near_rigid_n_per_m(device: Device) -> float:
-    """Return a spring that no hand tells from a rigid joint, and that a device still holds in single precision."""
+    """Return a spring imperceptibly different from a rigid joint, within single precision of a device."""
     return _NEAR_RIGID_N_PER_M * device.metres_per_unit**2
 
 
 def spring_before(problem: Problem, felt_n_per_m: float) -> float:
-    """Return the spring, N/m, with which a wall feels so stiff at rest; nearly rigid where it is no stiffer itself.
+    """Return the spring, N/m, that gives a wall a static stiffness in series; nearly rigid for a softer wall.
 
     Args:
         problem: wall and device.
@@ -151,7 +151,7 @@ def spring_before(problem: Problem, felt_n_per_m: float) -> float:
 
 
 def without_start(schedule: GainSchedule) -> str:
-    """Say that a schedule has no gains at its lowest frequency, where a hand at rest begins; empty where it has."""
+    """Return a message if a schedule has no gains at its lowest frequency, which is read at rest; else empty."""
     row = int(schedule.frequency_hz.argmin())
     if schedule.status[row].has_gains:
         return ""
@@ -163,7 +163,7 @@ def without_start(schedule: GainSchedule) -> str:
 
 
 def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains:
-    """Take the gains of a table at one interaction frequency.
+    """Return the gains of a table at one interaction frequency.
 
     Between two rows they are linear in the logarithm of frequency, as on the device.
 
@@ -200,7 +200,7 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
     return Gains(*interpolate(table[np.argsort(table[:, 0], kind="stable")], frequency).tolist())
 
 
-# Rows whose gains are this near to the first's, relative to the largest, are constant gains.
+# Rows whose gains are this close to the first's, relative to the largest, count as constant.
 _SAME = 1e-12
 
 
@@ -216,7 +216,7 @@ class GainTable(Tabular):
 
     @classmethod
     def of(cls, schedule: GainSchedule) -> GainTable:
-        """Take every row that carries gains, in the order of frequency.
+        """Return the table of all rows with gains, in the order of frequency.
 
         Raises:
             InputError: no row carries gains.
@@ -272,7 +272,7 @@ class GainTable(Tabular):
 
     @property
     def constant(self) -> bool:
-        """Whether the gains are the same at every frequency, so that nothing needs to follow it."""
+        """Whether the gains are the same at every frequency, so that no estimator is needed."""
         gains = self.rows[:, 1:]
         return len(gains) == 1 or bool(np.all(np.abs(gains - gains[0]) <= _SAME * np.abs(gains).max(axis=0)))
 
@@ -288,7 +288,7 @@ class GainTable(Tabular):
 
     @property
     def rest_stiffness_n_per_m(self) -> float:
-        """Stiffness of the lowest row, which a mean force keeps while the gains follow another frequency."""
+        """Stiffness of the lowest row, which applies to a mean force while the gains follow another frequency."""
         return self.at_rest.stiffness_n_per_m
 
     def __call__(self, frequency_hz: ArrayLike) -> FloatArray:
@@ -296,7 +296,7 @@ class GainTable(Tabular):
         return np.moveaxis(interpolate(self.rows, frequency_hz), -1, 0)
 
     def single(self) -> Float32Array:
-        """Return the rows in single precision, as a device holds them."""
+        """Return the rows in single precision, as stored on a device."""
         return self.rows.astype(np.float32)
 
     def expressions(self, frequency_hz: Any) -> list[Any]:

@@ -1,4 +1,4 @@
-"""Hands that hold the device, one or many, and the sets of them that the ranges of a problem stand for."""
+"""Models of hands that hold the device, one or many, and the sets given by a problem's ranges."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BODY = "hand"
 
 
 class _Held:
-    """What both kinds of hand share: every number is one hand's, or an array of shape (n,) for n hands."""
+    """Common base of both hand models: every value is one hand's, or an array of shape (n,) for n hands."""
 
     mass_kg: float | FloatArray
 
@@ -36,15 +36,15 @@ class _Held:
     __hash__ = None  # type: ignore[assignment]
 
     def pick(self, rows: slice | NDArray[np.intp]) -> Self:
-        """Take some of the hands."""
+        """Return a subset of the hands."""
         return type(self)(**{name: np.atleast_1d(value)[rows] for name, value in vars(self).items()})
 
     def at_handle(self, metres_per_unit: float) -> Self:
-        """Return the hands as a device has them whose handle they move so far for a unit of its position."""
+        """Return the hands in a device's units, for a hand displacement per unit of its position."""
         return type(self)(**{name: value * metres_per_unit**2 for name, value in vars(self).items()})
 
     def values(self, row: int) -> dict[str, float]:
-        """Return the numbers of one hand, by name."""
+        """Return the values of one hand, by name."""
         return {name: float(np.atleast_1d(value)[row]) for name, value in vars(self).items()}
 
 
@@ -94,18 +94,18 @@ class StylusHand(_Held):
 
 
 def hand_ranges(hands: Hands) -> FloatArray:
-    """Ranges of mass, damping and stiffness, rows of [lowest, highest], shape (3, 2)."""
+    """Return the ranges of mass, damping and stiffness, rows of [lowest, highest], shape (3, 2)."""
     return np.array([getattr(hands, item.name) for item in fields(Hand)], dtype=np.float64)
 
 
 def hand_corners(hands: Hands) -> Hand:
-    """Every corner of the ranges once, light, loose and soft first; before them the device let go, if it belongs."""
+    """Return each corner of the ranges, light, loose and soft first; before them the released device, if included."""
     corners = set(product(*hand_ranges(hands).tolist()))
     return Hand(*np.array(sorted(corners | {(0.0, 0.0, 0.0)} if hands.let_go else corners)).T)
 
 
 def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> Hand:
-    """All corners of the ranges, then uniform draws within them.
+    """Return all corners of the ranges, then uniform draws within them.
 
     Args:
         hands: ranges of mass, damping and stiffness.
@@ -119,7 +119,7 @@ def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> Hand:
 
 
 def joined(hands: Hand, more: Hand) -> Hand:
-    """Put two sets of hands together."""
+    """Return the union of two sets of hands."""
     return Hand(
         *(
             np.concatenate([np.atleast_1d(one), np.atleast_1d(other)])
@@ -129,12 +129,12 @@ def joined(hands: Hand, more: Hand) -> Hand:
 
 
 def with_let_go(hands: Hand | StylusHand) -> Hand | StylusHand:
-    """Add the device without any hand."""
+    """Return hands with the released device added."""
     return type(hands)(**{name: np.append(np.atleast_1d(value), 0.0) for name, value in vars(hands).items()})
 
 
 def no_hand() -> Hand:
-    """Return the device left alone."""
+    """Return the absent hand of a released device."""
     return Hand(0.0, 0.0, 0.0)
 
 

@@ -1,8 +1,8 @@
-"""Device and virtual tool over whole steps of the engine: the periodic loop multiplied out (lifted) to one matrix.
+"""Monodromy matrix (lifted loop) of device and virtual tool over whole steps of the engine.
 
 Between two steps of the engine the device takes some samples; each is one linear map of the state, a step of the engine
 is anengine. Their product over one period of the pattern is the monodromy matrix, whose spectral radius decides on
-stability; no transfer function at T does, as the loop is periodic and not stationary.
+stability; no transfer function at T does, as the loop is periodic, not time-invariant.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from avc_casadi.model.sampled_plant import SampledPlant
 if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import ToolState, VirtualTool
 
-# Steps of an engine that is no whole multiple of T recur after so many of them, at most: 1/60 s after three of 50 ms.
+# Largest number of engine steps until the pattern recurs, if no multiple of T: 1/60 s recurs after three of 50 ms.
 _LONGEST_PERIOD = 8
 
 
 @dataclass(frozen=True)
 class ToolGains:
-    """The coupling between a device and a virtual tool, as the device counts its positions and forces.
+    """The coupling between a device and a virtual tool, in the device's units of position and force.
 
     Attributes:
         stiffness_n_per_m: K.
         damping_ns_per_m: B.
-        local_damping_ns_per_m: b_l of a damper that the device's own loop adds at T, towards its ground.
+        local_damping_ns_per_m: b_l of a damper that the device's local loop adds at T, towards ground.
     """
 
     stiffness_n_per_m: float
@@ -41,7 +41,7 @@ class ToolGains:
     local_damping_ns_per_m: float = 0.0
 
     def times(self, factor: float) -> ToolGains:
-        """Return K and B that many times as large, as a force constant that is off makes them."""
+        """Return K and B multiplied by a factor, as by an error of the force constant."""
         return replace(
             self,
             stiffness_n_per_m=factor * self.stiffness_n_per_m,
@@ -49,18 +49,18 @@ class ToolGains:
         )
 
     def at_scale(self, factor: float) -> ToolGains:
-        """Return K, B and the local damper that many times as large, as another end counts positions and forces."""
+        """Return K, B and the local damper multiplied by a factor, in the remote end's units."""
         return replace(self.times(factor), local_damping_ns_per_m=factor * self.local_damping_ns_per_m)
 
 
 @dataclass(frozen=True)
 class Clock:
-    """When an engine steps, counted in samples of the device, until the pattern recurs.
+    """Timing of an engine's steps in samples of the device, until the pattern recurs.
 
     Attributes:
         samples: samples that the device takes after each step of the engine, before the next one.
-        aged: whether each step falls between two samples, so that it sees the one before.
-        step_s: what the engine's integrator takes for a step.
+        aged: whether each step falls between two samples and reads the earlier one.
+        step_s: step of the engine's integrator.
     """
 
     samples: tuple[int, ...]
@@ -69,12 +69,12 @@ class Clock:
 
     @property
     def whole(self) -> bool:
-        """Whether each step of the engine falls on a sample, the same number of them apart."""
+        """Whether each step of the engine falls on a sample, evenly spaced."""
         return len(self.samples) == 1 and not self.aged[0]
 
 
 def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
-    """Return the patterns of an engine's steps: one where T divides the step, otherwise one for each kind of phase.
+    """Return the patterns of an engine's steps: one where T divides the step, otherwise one for each distinct phase.
 
     Args:
         step_s: of the engine.
@@ -86,13 +86,13 @@ def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
     period = Fraction(ratio).limit_denominator(_LONGEST_PERIOD)
     if period == 0:
         period = Fraction(1, _LONGEST_PERIOD)
-    # Phases within 1/period of each other meet the same samples; either one step falls on a sample or none does.
+    # Phases within 1/period of each other give the same pattern; either one step falls on a sample or none does.
     return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
 
 
 def _clock(period: Fraction, phase: Fraction, step_s: float) -> Clock:
     times = [step * period + phase for step in range(period.denominator + 1)]
-    # A step at a sample comes before the force of that sample; one between two samples is seen by the later one.
+    # A step at a sample precedes the force of that sample; one between two samples takes effect at the later one.
     first = [math.ceil(time) for time in times]
     return Clock(
         tuple(after - before for before, after in itertools.pairwise(first)),
@@ -102,7 +102,7 @@ def _clock(period: Fraction, phase: Fraction, step_s: float) -> Clock:
 
 
 def driven_plant(sample_time_s: float) -> SampledPlant:
-    """Return a device that is moved from outside: its one state is its position, which it forgets at each sample."""
+    """Return a device in imposed motion: its one state is its position, replaced at each sample."""
     none, one = np.zeros((1, 1, 1)), np.ones(1)
     return SampledPlant(("device_position_m",), none[..., None], none, none, np.array([0]), one, one, sample_time_s)
 
@@ -110,17 +110,17 @@ def driven_plant(sample_time_s: float) -> SampledPlant:
 class LiftedLoop:
     """Device, hands and virtual tools, ready for the monodromy matrices of any gains.
 
-    State: that of the device with its forces under way, its last two measured positions, position and velocity of the
-    tool, and what is handed out and kept back (position and velocity, or a force).
+    State: that of the device with its pending forces, its last two measured positions, position and velocity of the
+    tool, and the queued outputs of the engine (position and velocity, or a force).
 
     Args:
         plant: devices with hands, from sample to sample.
         clock: when the engine steps.
-        engine: how it moves the tool, and what it hands out.
+        engine: its integrator and its outputs.
 
     Attributes:
         size: number of states.
-        shift: the state that has everything one metre on, shape (size,).
+        shift: the state with all positions one metre on, shape (size,).
         sample_time_s: T.
         period_s: after which the pattern of steps recurs.
     """
@@ -139,7 +139,7 @@ class LiftedLoop:
         measured[: len(plant.measured)] = plant.measured
         self._measured, self._last, self._older = measured, unit[n], unit[n + 1]
         self._tool_m, self._tool_m_per_s = unit[n + 2], unit[n + 3]
-        # All positions one metre on: what floats freely.
+        # All positions one metre on: the rigid-body mode.
         self.shift = np.zeros(self.size)
         self.shift[: len(plant.names)] = [name.endswith("_position_m") for name in plant.names]
         self.shift[n : n + 3] = 1.0
@@ -147,13 +147,13 @@ class LiftedLoop:
             self.shift[self._known :: 2] = 1.0
 
     def force_per_metre(self, gains: ToolGains, tool: ToolState, frequency_hz: float) -> complex:
-        """Return the force that the device's loop asks for, per metre that a `driven_plant` oscillates, N/m.
+        """Return the force commanded by the device's loop per metre of a `driven_plant`'s oscillation, N/m.
 
-        Of a periodic loop this is the part at the frequency itself; with ZOH and delay it is what the actuator gives.
+        Of a periodic loop this is the component at that frequency; with hold and delay it is the actuator's force.
 
         Args:
             gains: of the coupling.
-            tool: and what it touches.
+            tool: with its contact.
             frequency_hz: below half the sampling rate.
         """
         turn = np.exp(2j * np.pi * frequency_hz * self.sample_time_s)
@@ -181,7 +181,7 @@ class LiftedLoop:
 
         Args:
             gains: of the coupling.
-            tools: with what they touch.
+            tools: with their contacts.
         """
         loose, fixed = self._sample(gains), self._sample(gains, fixed=True)
         powers: dict[tuple[bool, int], FloatArray] = {}
@@ -198,7 +198,7 @@ class LiftedLoop:
         return np.stack([one for one in found if one is not None])
 
     def _seen(self, *, aged: bool) -> tuple[FloatArray, FloatArray]:
-        """Return rows of position and velocity of the device as the newest sample has them."""
+        """Return rows of position and velocity of the device at the newest sample."""
         now, before = (self._last, self._older) if aged else (self._measured, self._last)
         return now, (now - before) / self.sample_time_s
 
@@ -216,7 +216,7 @@ class LiftedLoop:
         return step
 
     def _force_row(self, gains: ToolGains, *, fixed: bool) -> FloatArray:
-        """Return the force that the device's loop asks for, as a row of the state."""
+        """Return the force commanded by the device's loop, as a row of the state."""
         position, velocity = self._seen(aged=False)
         unit, k, b = np.eye(self.size), gains.stiffness_n_per_m, gains.damping_ns_per_m
         if self.engine.exchange == "held-force":

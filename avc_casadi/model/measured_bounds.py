@@ -1,4 +1,4 @@
-"""Bounds of the impedance that feels real as they were measured: frequency responses in place of spring and damper."""
+"""Measured bounds of the realistic impedance: frequency responses in place of spring and damper."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:
 _Part = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-12, LARGEST_DAMPING_NS_PER_M, signed=True))]
 
 
-# Share of |Z| below 0 beyond which a real part is no error of measurement.
+# Negative real part, as a share of |Z|, beyond measurement error.
 _ACTIVE = 0.3
 # Frequencies at which the bounds are compared.
 _COMPARED = 200
 
 
 class MeasuredImpedance(Table):
-    """A frequency response Z(j omega) of n points, between which real and imaginary part go straight over log f.
+    """A frequency response Z(j omega) of n points, with real and imaginary part linear in log f between.
 
     Attributes:
         frequency_hz: rising.
         real_ns_per_m: Re Z.
         imag_ns_per_m: Im Z.
-        error_ns_per_m: half width of the interval in which |Z| is known, for each point; left out, it counts as 0.
+        error_ns_per_m: half width of the uncertainty interval of |Z|, for each point; 0 if left out.
     """
 
     frequency_hz: Frequencies
@@ -69,7 +69,7 @@ class MeasuredImpedance(Table):
         return self._over(self.error_ns_per_m or (0.0,) * len(self.frequency_hz), frequency_hz)
 
     def spring_and_damper(self) -> dict[str, float]:
-        """Return damping (N.s/m) and stiffness (N/m) of b + k/(j omega) that are nearest relative to |Z|."""
+        """Return the damping (N.s/m) and stiffness (N/m) of b + k/(j omega) with the least error relative to |Z|."""
         omega = 2 * np.pi * np.array(self.frequency_hz)
         real, imag = np.array(self.real_ns_per_m), np.array(self.imag_ns_per_m)
         weight = 1 / np.maximum(real**2 + imag**2, np.finfo(np.float64).tiny)
@@ -82,7 +82,7 @@ class MeasuredImpedance(Table):
 
 
 class MeasuredBounds(Table):
-    """What was measured of the upper and of the lower bound."""
+    """Measured upper and lower bound."""
 
     upper: MeasuredImpedance
     lower: MeasuredImpedance
@@ -108,5 +108,5 @@ class MeasuredBounds(Table):
         )
 
     def desired(self, frequency_hz: FloatArray | float) -> ComplexArray:
-        """Z_ds, the mean of both   (10)."""
+        """Return Z_ds, the mean of both   (10)."""
         return np.asarray((self.upper.at(frequency_hz) + self.lower.at(frequency_hz)) / 2)

@@ -1,4 +1,4 @@
-"""Stiffness of MuJoCo's soft constraints in N/m: welds and contacts are told by time constants and impedances there.
+"""Stiffness of MuJoCo's soft constraints in N/m; MuJoCo states welds and contacts by time constants and impedances.
 
 A constraint that is violated by r lets its point accelerate by a = (1 - d) a_0 - d (b v + k r), a_0 without it
 (MuJoCo's documentation, Computation, "Constraint model", and Modeling, "Solver parameters"). For a point of the
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-# Beside it the tool is a thousandth heavier, and spring and damper are nearly those of a force.
+# With it the tool is a thousandth heavier, and spring and damper act nearly as a force.
 SOFT_IMPEDANCE = 1e-3
 
 
@@ -20,8 +20,8 @@ class MujocoConstraint:
     """`solref` and `solimp` of a constraint; the defaults are MuJoCo's own of contacts and welds.
 
     Attributes:
-        solref: time constant in s and damping ratio; or, none above 0, -stiffness and -damping of a unit of mass.
-        solimp: d at r = 0, d beyond the width, width in m, midpoint and power of the way between.
+        solref: time constant in s and damping ratio; or, both at most 0, -stiffness and -damping per unit of mass.
+        solimp: d at r = 0, d beyond the width, width in m, midpoint and power of the transition.
     """
 
     solref: tuple[float, float] = (0.02, 1.0)
@@ -53,17 +53,17 @@ class MujocoConstraint:
         return first + share * (last - first)
 
     def force_n(self, mass_kg: float, violation_m: float) -> float:
-        """Return the force at rest of a point of some mass at a violation."""
+        """Return the static force on a point of some mass at a violation."""
         d, last, (first, second) = self.impedance(violation_m), self.solimp[1], self.solref
         k = 1 / (last * first * second) ** 2 if first > 0 else -first / last**2
-        # k is d times as large where r is small.
+        # k is d times as large at small r.
         return mass_kg * d * d * k * violation_m / (1 - d)
 
     def stiffness_n_per_m(self, mass_kg: float, load_n: float) -> float:
-        """Return load over violation of a point of some mass under a load at rest.
+        """Return static load over violation for a point of some mass.
 
         Args:
-            mass_kg: effective one of the point against what it touches, which stands still.
+            mass_kg: effective mass of the point against a fixed object.
             load_n: above 0.
         """
         low, high = 0.0, 1e-6

@@ -1,4 +1,4 @@
-"""Keys in another unit than the one that a file has: what was meant, and the value in the right one."""
+"""Keys given in another unit: the key meant, and the value in its unit."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection
 from typing import Any
 
-# Units of a key's ending: others that people write, and how many of the right ones each is.
+# Unit of a key's ending: other usual units, with their factors.
 _SCALES = {
     "ns_per_m": {"ns_per_mm": 1e3, "nms_per_mm": 1.0, "kns_per_m": 1e3, "mns_per_m": 1e-3},
     "n_per_m": {"n_per_mm": 1e3, "n_per_cm": 1e2, "n_per_um": 1e6, "kn_per_m": 1e3, "mn_per_m": 1e-3},
@@ -25,10 +25,10 @@ _SCALES = {
 
 
 def in_another_unit(key: str, value: Any, known: Collection[str]) -> tuple[str, str] | None:
-    """Return the key that was meant and what to write, ``mass_kg = 0.12`` for 120 in ``mass_g``; None where none was.
+    """Return the key meant and the text to write, ``mass_kg = 0.12`` for 120 in ``mass_g``; None where none was.
 
     Args:
-        key: not known.
+        key: the unknown key.
         value: a number, or a list of them.
         known: keys of its table.
     """

@@ -20,7 +20,7 @@ HANDLE = "handle"
 
 
 class Mechanics(Protocol):
-    """What holds or joins the device mechanically, such as a hand."""
+    """Mechanical element attached to the device, such as a hand."""
 
     def mechanics(self, plant: Plant) -> None:
         """Add masses, springs and dampers."""
@@ -52,7 +52,7 @@ class LinearPlant:
 
 @dataclass
 class Plant:
-    """Collects what the effects add to the mechanics; masses, springs and dampers may be arrays over hands.
+    """Assembly of the mechanics of all effects; masses, springs and dampers may be arrays over hands.
 
     Attributes:
         grip: the body that the hand holds.
@@ -78,7 +78,7 @@ class Plant:
         self._masses[body] = self._masses.get(body, np.zeros(())) + np.asarray(mass_kg, dtype=np.float64)
 
     def mass_kg(self, body: str) -> FloatArray:
-        """Return the mass of a body so far."""
+        """Return the present mass of a body."""
         return self._masses[body]
 
     def join(self, one: str, other: str, stiffness_n_per_m: ArrayLike, damping_ns_per_m: ArrayLike) -> None:
@@ -87,7 +87,7 @@ class Plant:
         self._links.append((one, other, k, b))
 
     def split(self, frequency_hz: float | FloatArray, damping_ratio: float | FloatArray, mass_ratio: float) -> None:
-        """Move a share of the device's mass to a handle on a spring, which is what a hand then holds.
+        """Move a share of the device's mass to a handle on a spring, which the hand then holds.
 
         Args:
             frequency_hz: frequency of motor and handle against each other, the device free.
@@ -106,7 +106,7 @@ class Plant:
             body: its name.
             frequency_hz: frequency of device and body against each other, nothing else being joined to them.
             damping_ratio: damping of that mode, as a share of the critical.
-            mass_ratio: share of the device's mass that swings.
+            mass_ratio: share of the device's mass in that body.
         """
         hung = self.mass_kg(DEVICE) * mass_ratio
         self.add_mass(DEVICE, -hung)
@@ -173,7 +173,7 @@ def expm(matrix: FloatArray) -> FloatArray:
         matrix: shape (..., n, n), balanced by the caller: the work grows with the logarithm of its largest norm.
 
     Returns:
-        The same shape; numbers that are not finite where the exponential of a matrix is beyond them.
+        The same shape; non-finite where the exponential overflows.
     """
     norm = float(np.abs(matrix).sum(axis=-1).max(initial=0.0))
     squarings = max(0, int(np.ceil(np.log2(norm / _NORM)))) if norm > 0 else 0
@@ -206,7 +206,7 @@ class Transition:
 
 
 def time_scale(plant: LinearPlant, step_s: float | FloatArray) -> FloatArray:
-    """Return the diagonal that counts rates by the step, velocities in metres a step, which balances A."""
+    """Return the diagonal scaling of rates by the step, velocities in metres per step, which balances A."""
     return np.where([name.endswith("_per_s") for name in plant.names], step_s, 1.0)
 
 
@@ -221,7 +221,7 @@ def transition(plant: LinearPlant, step_s: float) -> Transition:
 
 
 def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
-    """Do the same for many plants of one shape, each with its step, in one go.
+    """Discretise many plants of one shape at once, each with its step.
 
     Args:
         cases: plants and lengths of steps.
@@ -235,7 +235,7 @@ def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
 
 
 def _augmented(plants: Sequence[LinearPlant], steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return matrices whose exponentials are sought, shape (cases, ..., n + 3, n + 3), and scales that balance them.
+    """Return the matrices to be exponentiated, shape (cases, ..., n + 3, n + 3), and scales that balance them.
 
     Args:
         plants: of one shape.

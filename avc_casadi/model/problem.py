@@ -64,11 +64,11 @@ class Impedance(Table):
 
 
 class Boundaries(Table):
-    """The range of impedance that feels real; its mean is the desired impedance   (10).
+    """The range of realistic impedance; its mean is the desired impedance   (10).
 
     Attributes:
-        measured: frequency responses of both bounds, which then are the bounds; upper and lower are what stands for
-            them where a spring and damper are needed.
+        measured: frequency responses of both bounds, which then apply; upper and lower replace them where a spring
+            and damper are needed.
     """
 
     upper: Impedance
@@ -80,8 +80,8 @@ class GainBox(Table):
     """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
 
     Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
-    the tool's penetration, and only where the device is in the wall; so it is, whatever is asked for, where the wall or
-    the coupling has no spring.
+    the tool's penetration, and only where the device is in the wall; it always applies where the wall or the
+    coupling has no spring.
 
     Attributes:
         structure: series, the paper's spring and damper; damped, the same with a contact damper.
@@ -103,9 +103,9 @@ class Stability(Table):
 
     Attributes:
         model: paper, its hold (z+1)/(2z); sampled-data, the loop that runs on a device.
-        scope: which frequencies or hands each row of gains must hold for.
+        scope: frequencies or hands for which each row of gains must meet the claim.
         band_factor: for the scope band: from f/factor to f factor.
-        margin_ns_per_m: Re Z_h must be this at least.
+        margin_ns_per_m: least Re Z_h.
     """
 
     model: Model = "paper"
@@ -115,15 +115,15 @@ class Stability(Table):
 
 
 class Realism(Table):
-    """What counts as error, the just-noticeable difference as a share of |Z|, and what every row of gains must meet.
+    """Error measure, just-noticeable difference as a share of |Z|, and the requirement on every row of gains.
 
     Required: nothing; |Z_h - Z_h_ds| <= jnd |Z_h_ds|; or |Z_h| between those of the boundaries. The methods direct and
     schedule keep it as a constraint.
 
     Attributes:
-        objective: magnitude, (11); complex, phase too; perceptual, what exceeds the just-noticeable difference.
+        objective: magnitude, (11); complex, phase too; perceptual, the excess over the just-noticeable difference.
         jnd: just-noticeable difference as a share of |Z|.
-        require: what direct and schedule keep at every row: within jnd of the desired impedance, or |Z| within
+        require: kept by direct and schedule at every row: within jnd of the desired impedance, or |Z| within
             the boundaries.
     """
 
@@ -133,7 +133,7 @@ class Realism(Table):
 
 
 class ScheduleSettings(Table):
-    """Smoothness of the joint schedule over ln(frequency), and what its cost counts.
+    """Smoothness of the joint schedule over ln(frequency), and the terms of its cost.
 
     A slope limit of None is no limit. Outside `interaction_hz` the error weighs a tenth. The contact damping penalty
     weighs the mean of (b_p/|Z_h_ds|)^2. The hand's damping is credited to the device in the constraints on Re Z_h.
@@ -141,8 +141,8 @@ class ScheduleSettings(Table):
     Attributes:
         slope_penalty: weight of (d ln b/d ln f)^2 + (d ln k/d ln f)^2.
         slope_limit: largest |d ln b/d ln f| and |d ln k/d ln f|; None: no limit.
-        hand_damping_ns_per_m: damping that the hand is trusted to add.
-        interaction_hz: where hands interact: errors elsewhere weigh a tenth; None: everywhere alike.
+        hand_damping_ns_per_m: damping credited to the hand.
+        interaction_hz: band of interaction: errors elsewhere weigh a tenth; None: equal weight everywhere.
         contact_damping_penalty: weight of the mean of (b_p/|Z_h_ds|)^2.
     """
 
@@ -156,13 +156,13 @@ class ScheduleSettings(Table):
 class Hands(Table):
     """The set of hands, each value [lowest, highest]: corners and draws of it are used.
 
-    With `let_go` the device without any hand belongs to the set, as it must before a coupling may go into a device.
+    With `let_go` the released device belongs to the set, as is required for deployment.
 
     Attributes:
         mass_kg: [lowest, highest].
         damping_ns_per_m: [lowest, highest].
         stiffness_n_per_m: [lowest, highest].
-        let_go: whether the device without a hand belongs to the set.
+        let_go: whether the released device (no operator) belongs to the set.
     """
 
     mass_kg: MassInterval = (0.05, 0.3)
@@ -176,7 +176,7 @@ class Frequency(Table):
 
     Attributes:
         start_hz: lowest frequency of interaction.
-        stop_hz: highest; below half the sampling rate. Of a device too slow for the default it is 0.45 of that rate.
+        stop_hz: highest; below half the sampling rate. If that is below the default, it is 0.45 of the rate.
         points: how many rows.
         spacing: even in ln f, or in f.
         values_hz: a list in place of all four.
@@ -200,7 +200,7 @@ class Frequency(Table):
 
 
 def _merged(table: Any, change: Any) -> Any:
-    """Lay keys over those that a table was given; what is no mapping replaces it."""
+    """Return a table updated by keys; other than mappings replace it."""
     if not isinstance(change, Mapping) or not isinstance(table, BaseModel):
         return change
     given = {key: getattr(table, key) for key in table.model_fields_set}
@@ -216,17 +216,17 @@ def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 class Problem(Table):
-    """A problem: device, wall, hands, coupling and what is asked of them, as in a problem file.
+    """A problem: device, wall, hands, coupling and requirements, as in a problem file.
 
     Attributes:
         name: catalogue name or file stem.
         title: one line for figures and reports.
-        source: where the numbers come from; says which are assumed.
-        boundaries: where left out, the environment is both bounds.
-        environment: the wall; left out beside a simulation, there is none.
-        detent: notches along the way, beside the wall; None: there are none.
-        simulation: the engine and its tool at the other end of the coupling; None: the wall is in the device's loop.
-        follower: a second device at the other end; None: there is none.
+        source: origin of the values; states which are assumed.
+        boundaries: if left out, the environment is both bounds.
+        environment: the wall; if left out beside a simulation, there is none.
+        detent: notches along the axis, beside the wall; None: there are none.
+        simulation: the engine and its tool at the remote end of the coupling; None: the wall is in the device's loop.
+        follower: a second device at the remote end; None: there is none.
 
     Raises:
         pydantic.ValidationError: a value is refused, or a rule between values is broken.
@@ -260,7 +260,7 @@ class Problem(Table):
     @model_validator(mode="before")
     @classmethod
     def _hands_that_turn(cls, tables: Any) -> Any:
-        """What is left out of a problem of a device that turns is that of a linear one at its handle."""
+        """Fill in defaults: no wall beside a remote end; for a rotary device those of a linear one at its handle."""
         if not isinstance(tables, Mapping):
             return tables
         far = tables.get("simulation") is not None or tables.get("follower") is not None
@@ -280,10 +280,10 @@ class Problem(Table):
 
         Args:
             tables: by name, keys to change in a table (``stability={"scope": "hands"}``), a whole table, a text, or
-                None, which leaves out a table that need not be there.
+                None, which removes an optional table.
 
         Raises:
-            InputError: with every value that is refused and every rule that is broken.
+            InputError: with every refused value and every broken rule.
         """
         whole = {name: getattr(self, name) for name in type(self).model_fields if name != "name"}
         found = checked(
@@ -316,7 +316,7 @@ class Problem(Table):
 
     @property
     def units(self) -> Units:
-        """Names and units in which people read its values."""
+        """Names and units in which its values are printed."""
         return self.device.units.beside(self.name, self.title, self.source)
 
     def frequencies_hz(self) -> NDArray[np.float64]:

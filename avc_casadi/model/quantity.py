@@ -1,7 +1,7 @@
-"""Physical quantities of a problem file: what each may be, in words that the user reads.
+"""Physical quantities of a problem file: allowed values, as printed to the user.
 
-Every quantity has a stated range, so that a slip of the unit is refused and no equation overflows. Zero
-stands apart: 0 means "absent", and a subnormal number means a mistake.
+Every quantity has a stated range, so that a wrong unit is refused and no equation overflows. Zero is
+special: 0 means "absent", and a subnormal number means a mistake.
 """
 
 import difflib
@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 
 
 class Table(BaseModel):
-    """A frozen table: unknown keys, wrong types and numbers that are not finite are refused."""
+    """A frozen table: unknown keys, wrong types and non-finite numbers are refused."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
@@ -25,18 +25,18 @@ _SHOWN = 60
 
 
 def refusal(text: str) -> PydanticCustomError:
-    """Make the error that a validator raises; `text` reaches the user unchanged."""
+    """Return the error that a validator raises; `text` reaches the user unchanged."""
     return PydanticCustomError("refused", "{text}", {"text": text})
 
 
 def visible(text: str) -> str:
-    """Shorten a text of the file, and write out what a terminal would not show or obey."""
+    """Return a text of the file, shortened, with control and invisible characters escaped."""
     marks = [mark if mark.isprintable() else f"\\u{ord(mark):04x}" for mark in text[:_SHOWN]]
     return "".join(marks) + ("..." if len(text) > _SHOWN else "")
 
 
 def shown(value: object) -> str:
-    """Write a value as it stands in the file, shortened."""
+    """Return a value as in the file, shortened."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping | BaseModel):
@@ -51,14 +51,14 @@ def shown(value: object) -> str:
 
 
 def one_of(choices: Iterable[object], value: object) -> str:
-    """List choices as they stand in a file, and say which is near to a value."""
+    """Return the list of choices as in a file, with the one close to a value."""
     known = list(choices)
     near = difflib.get_close_matches(str(value)[:60], [str(choice) for choice in known], n=1)
     return f"{', '.join(map(shown, known))}{f'; did you mean {shown(near[0])}?' if near else ''}"
 
 
 def plain(number: float) -> str:
-    """Write a number as people do: 1e-9, not 1e-09."""
+    """Return a number in the usual form: 1e-9, not 1e-09."""
     return f"{number:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
@@ -67,7 +67,7 @@ class Quantity:
     """Validator of one real quantity.
 
     Attributes:
-        unit: SI unit, as the user reads it.
+        unit: SI unit, as printed.
         lowest: smallest magnitude other than 0.
         highest: largest magnitude.
         zero: whether 0 is allowed.
@@ -82,7 +82,7 @@ class Quantity:
 
     @property
     def allowed(self) -> str:
-        """Say what is allowed, for example ``0 or 1e-9 to 1e6 kg``."""
+        """Return the allowed range, for example ``0 or 1e-9 to 1e6 kg``."""
         span = f"{plain(self.lowest)} to {plain(self.highest)}{self.unit and ' '}{self.unit}"
         return f"{'0 or ' if self.zero else ''}{span}{' of either sign' if self.signed else ''}"
 
@@ -90,7 +90,7 @@ class Quantity:
         """Return the value as a float, or refuse it."""
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise refusal(f"is {shown(value)}, not a number; allowed: {self.allowed}")
-        number: Any = value  # an integer of any length, which float() might not take
+        number: Any = value  # an integer of any length, which float() might refuse
         if self.zero and number == 0:
             return 0.0
         magnitude = abs(number) if self.signed else number
@@ -108,7 +108,7 @@ class Whole:
 
     @property
     def allowed(self) -> str:
-        """Say what is allowed."""
+        """Return the allowed values."""
         return f"an integer {self.lowest} to {self.highest}"
 
     def __call__(self, value: Any) -> int:
@@ -146,7 +146,7 @@ def _five(value: Any) -> Any:
 
 
 def sequence(value: Any) -> Any:
-    """Return a list as a tuple, or refuse what is no list, empty or longer than anybody needs."""
+    """Return a list as a tuple, or refuse what is no list, empty or too long."""
     if not isinstance(value, list | tuple) or not value:
         raise refusal(f"is {shown(value)}; allowed: a list of at least one number")
     if len(value) > MOST_FREQUENCIES:
@@ -165,16 +165,16 @@ def _text(value: Any) -> str:
 
 
 LARGEST_DAMPING_NS_PER_M = 1e9
-"""What a damper of a problem or of a coupling has at most."""
+"""Largest damper of a problem or of a coupling."""
 LARGEST_STIFFNESS_N_PER_M = 1e12
-"""What a spring of a problem or of a coupling has at most."""
+"""Largest spring of a problem or of a coupling."""
 RADII_M = (2e-3, 10.0)
-"""Radii at which a hand may hold what turns."""
+"""Admissible radii of the grip on a rotary device."""
 FREQUENCIES_HZ = (1e-6, 1e7)
 """Lowest and highest frequency of a problem or of a gain table."""
 
 MOST_FREQUENCIES = 20_000
-"""Rows of a problem or of a gain table."""
+"""Largest number of rows of a problem or of a gain table."""
 
 Text = Annotated[str, BeforeValidator(_text)]
 

@@ -1,4 +1,4 @@
-"""What a problem file may name and rooms above declare: their folders are scanned when they are asked for."""
+"""Registries of names used in problem files and declared by higher rooms, whose folders are scanned on demand."""
 
 from __future__ import annotations
 

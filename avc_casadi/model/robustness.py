@@ -1,4 +1,4 @@
-"""What a device may be beyond its file: lighter, with samples that are missed, with one more resonance."""
+"""Unmodelled effects of a device: less mass, missed samples, one more resonance."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 class Robustness(Table):
-    """What the coupling must withstand beyond [device] and its ranges: with each of them all hands must settle.
+    """Unmodelled effects beyond [device] and its ranges with each of which all hands must settle.
 
     Attributes:
-        mass_share: the device is lighter by this share of its lowest mass; None: not asked for.
-        dropped_share: the computer misses this share of the samples; None: not asked for.
-        mode_hz: 0.3 of the mass swing at this frequency beside the motor, damped by 0.02; None: not asked for.
+        mass_share: the device is lighter by this share of its lowest mass; None: not required.
+        dropped_share: the computer misses this share of the samples; None: not required.
+        mode_hz: 0.3 of the mass on a resonance of this frequency at the motor, damping ratio 0.02; None: not required.
     """
 
     mass_share: MassShare | None = None
@@ -29,18 +29,18 @@ class Robustness(Table):
 
 
 USUAL = Robustness(mass_share=0.2, dropped_share=1e-3, mode_hz=400.0)
-"""What is told of every coupling, asked for or not."""
+"""Effects reported for every coupling, required or not."""
 
 
 @dataclass(frozen=True)
 class Unmodelled:
-    """One way in which a device differs from its file.
+    """One unmodelled effect.
 
     Attributes:
         key: of `Robustness`.
-        value: its number.
+        value: of the key.
         device: without ranges.
-        effects: what a scene has beside what the device declares.
+        effects: of the scene, beside those that the device declares.
     """
 
     key: str
@@ -50,11 +50,11 @@ class Unmodelled:
 
 
 def unmodelled(device: Device, asked: Robustness) -> tuple[Unmodelled, ...]:
-    """Return what is asked for, one difference at a time; of a device without mass, dropped samples alone.
+    """Return the required effects, one at a time; for a device without mass, dropped samples alone.
 
     Args:
         device: with its ranges.
-        asked: what is to be withstood.
+        asked: the required ones.
     """
     found = []
     known = device_with(device, {})

@@ -1,7 +1,7 @@
-"""What a problem of a device that turns has where its file says nothing: hands, gains and motions as at its handle.
+"""Defaults of a problem with a rotary device: hands, gains and motions of a linear one at its handle.
 
-At the radius r a mass m is an inertia m r^2, a spring k one of k r^2, and a way x an angle x/r: the hand, the box of
-gains and the motion of a linear problem, held there.
+At the radius r a mass m is an inertia m r^2, a spring k one of k r^2, and a displacement x an angle x/r: the hand, gain
+box and motion of a linear problem, at that radius.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _SWINGING = {"stroke", "free"}
 
 
 def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Fill in what is left out of the tables of a device that turns; others stay as they are.
+    """Return the tables with the defaults of a rotary device filled in; others are unchanged.
 
     Args:
         tables: of a problem, as written or as models.
@@ -36,7 +36,7 @@ def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     if _of(device, "motion") != "rotary" or isinstance(radius, bool) or not isinstance(radius, int | float):
         return tables
     if not RADII_M[0] <= radius <= RADII_M[1]:
-        return tables  # the radius is the fault to be told, not what would follow from it
+        return tables  # the radius is the fault to report, not its consequences
     scene = _given(tables.get("scene"))
     found = {
         **tables,
@@ -49,17 +49,17 @@ def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def turned_hands(radius_m: float) -> dict[str, tuple[float, float]]:
-    """Return the ranges of the usual hands that turn something, by key.
+    """Return the ranges of the usual hands on a rotary device, by key.
 
     Args:
-        radius_m: at which they hold it.
+        radius_m: of the grip.
     """
     found: dict[str, tuple[float, float]] = _filled({}, _HANDS, radius_m)
     return found
 
 
 def turned_gains(radius_m: float) -> dict[str, tuple[float, float]]:
-    """Return the box of gains of a device that turns whose file states none, by key.
+    """Return the default gain box of a rotary device, by key.
 
     Args:
         radius_m: of its handle.
@@ -69,11 +69,11 @@ def turned_gains(radius_m: float) -> dict[str, tuple[float, float]]:
 
 
 def turned_motion(motion: Any, radius_m: float) -> Any:
-    """Return the motion of a hand that turns something, filled in.
+    """Return the motion of a hand on a rotary device, with defaults filled in.
 
     Args:
         motion: as written, as a model, or None.
-        radius_m: at which the hand holds it.
+        radius_m: of the grip.
     """
     table = _given({"kind": "press"} if motion is None else motion)
     if not isinstance(table, Mapping):
@@ -87,7 +87,7 @@ def _of(table: Any, key: str) -> Any:
 
 
 def _given(table: Any) -> Any:
-    """Return what a table was given, its kind among it."""
+    """Return the given keys of a table, its kind included."""
     if not isinstance(table, BaseModel):
         return {} if table is None else table
     kind = {"kind": table.kind} if "kind" in type(table).model_fields else {}  # type: ignore[attr-defined]

@@ -14,15 +14,15 @@ from avc_casadi.model.quantity import plain, shown
 
 Path = tuple[str | int, ...]
 UNKNOWN = "is not a known key; allowed: "
-"""How the finding of a mistyped key begins."""
+"""Beginning of the finding of a mistyped key."""
 BELONGS_IN = "; it belongs in "
-"""How it goes on where other tables have that key."""
+"""Its continuation where other tables have that key."""
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 
 
 def dotted(path: Path) -> str:
-    """Write a path as a user does: ``scene.effects[0].mass_kg``."""
+    """Return a path as in a file: ``scene.effects[0].mass_kg``."""
     text = ""
     for part in path:
         if isinstance(part, int):
@@ -33,11 +33,11 @@ def dotted(path: Path) -> str:
 
 
 class UnsoundError(LookupError):
-    """A rule asked for a value that is faulty or missing; its own fault is told elsewhere."""
+    """A rule read a value that is faulty or missing; that fault is reported elsewhere."""
 
 
 class Values:
-    """Read access to a problem, whether a model or the tables of a file with faults in it."""
+    """Read access to a problem, either a model or the tables of a faulty file."""
 
     def __init__(self, problem: Mapping[str, Any] | BaseModel, model: type[BaseModel], faulty: Collection[Path] = ()):
         self._problem = problem
@@ -45,7 +45,7 @@ class Values:
         self._faulty = faulty
 
     def given(self, *path: str) -> bool:
-        """Whether the value was written down, rather than a default."""
+        """Return whether the value was written, not a default."""
         node: Any = self._problem
         for key in path:
             keys = node.model_fields_set if isinstance(node, BaseModel) else node
@@ -55,7 +55,7 @@ class Values:
         return True
 
     def __getitem__(self, path: str) -> Any:
-        """Return the value at a dotted path, a default where it is left out.
+        """Return the value at a dotted path, or its default.
 
         Raises:
             UnsoundError: the value is faulty, or missing and without a default.
@@ -88,7 +88,7 @@ Finding = tuple[Path, str]
 Rule = Callable[[Values], Iterator[Finding]]
 
 MOST_LINK_SAMPLES = 64
-"""Samples of delay that a link between two devices has at most, each way."""
+"""Largest delay of a link between two devices, in samples, each way."""
 # Closer frequencies would coincide after rounding.
 _SMALLEST_STEP = 1e-12
 
@@ -107,7 +107,7 @@ def broken_rules(values: Values, rules: Sequence[Rule]) -> list[Finding]:
 def _bounds(quantity: str) -> Rule:
     def rule(values: Values) -> Iterator[Finding]:
         upper, lower = values[f"boundaries.upper.{quantity}"], values[f"boundaries.lower.{quantity}"]
-        # Springs and dampers that stand for measured bounds need not be ordered as these are.
+        # Springs and dampers in place of measured bounds need not be ordered.
         if upper < lower and _measured(values) is None:
             message = f"is {shown(upper)}, below the lower bound {shown(lower)}; allowed: at least that"
             yield ("boundaries", "upper", quantity), message
@@ -121,7 +121,7 @@ def _measured(values: Values) -> Any:
 
 
 def _measured_where_asked(values: Values) -> Iterator[Finding]:
-    """Nothing is known of a bound beyond the frequencies at which it was measured."""
+    """Check that frequencies lie within those at which the bounds were measured."""
     measured = _measured(values)
     if not measured:
         return
@@ -147,7 +147,7 @@ def _bounds_apart(values: Values) -> Iterator[Finding]:
     quantities = ("damping_ns_per_m", "stiffness_n_per_m")
     if _measured(values) is not None:
         return
-    # Left out, both bounds are the environment.
+    # If left out, both bounds are the environment.
     if not values.given("boundaries") or all(
         values[f"boundaries.upper.{quantity}"] == values[f"boundaries.lower.{quantity}"] for quantity in quantities
     ):
@@ -156,12 +156,12 @@ def _bounds_apart(values: Values) -> Iterator[Finding]:
 
 
 def _known_range(*path: str) -> Rule:
-    """The nominal value of the device lies in its range; where there is none, nothing is known of it."""
+    """Check that the nominal value of the device lies in its range and is present where a range is."""
     table, quantity = ".".join(("device", "range", *path[:-1])), path[-1]
     where = ".".join(("device", *path))
 
     def rule(values: Values) -> Iterator[Finding]:
-        # What is wrong beside it in its table hides nothing; a resonance may be none.
+        # Other faults of its table hide nothing; the resonance may be absent.
         alone = len(path) == 1
         interval = values[f"{table}.{quantity}"] if alone else _inside(values[table], quantity)
         if interval is None:
@@ -182,7 +182,7 @@ def _known_range(*path: str) -> Rule:
     return rule
 
 
-# Quantities of the device that it may not have at all.
+# Optional quantities of the device.
 _WITHOUT_DEFAULT = {"amplifier_bandwidth_hz", "max_force_n", "frequency_hz", "damping_ratio", "mass_ratio"}
 
 
@@ -192,7 +192,7 @@ def _inside(table: Any, key: str) -> Any:
 
 
 def _turns(values: Values) -> Iterator[Finding]:
-    """What a finger feels of a device that turns depends on where it holds it; a linear one has no radius."""
+    """Check the radius: required for a rotary device, whose rendered force depends on it; absent for a linear one."""
     radius, rotary = values["device.handle_radius_m"], values["device.motion"] == "rotary"
     if rotary and radius is None:
         message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
@@ -253,7 +253,7 @@ def _range(values: Values) -> Iterator[Finding]:
 
 
 def _beyond_nyquist(frequency: float, sample_time: float, origin: str = "") -> str | None:
-    """Say that a frequency is too high, if it is."""
+    """Report a frequency that is too high."""
     if frequency * sample_time < 0.5:
         return None
     limit = plain(0.5 / sample_time)
@@ -301,7 +301,7 @@ def _saturation(values: Values) -> Iterator[Finding]:
 
 
 def _engine_no_faster(values: Values) -> Iterator[Finding]:
-    """An engine that steps more often than the device cannot be told from one that steps with it."""
+    """Check that the engine is no faster than the device, to which faster steps would be invisible."""
     simulation, period = values["simulation"], values["device.sample_time_s"]
     step_s = None if simulation is None else _inside(simulation, "step_s")
     if step_s is None:
@@ -313,13 +313,13 @@ def _engine_no_faster(values: Values) -> Iterator[Finding]:
 
 
 def _one_other_end(values: Values) -> Iterator[Finding]:
-    """A device is coupled to an engine or to a second device, not to both."""
+    """Check that a device is coupled to an engine or to a second device, not to both."""
     if values["simulation"] is not None and values["follower"] is not None:
         yield ("follower",), "stands beside [simulation]; allowed: one of them"
 
 
 def _follower_moves_alike(values: Values) -> Iterator[Finding]:
-    """Positions of one device are coupled to those of the other: both turn, or none does."""
+    """Check that both devices are rotary or both linear, as their positions are coupled."""
     follower = values["follower"]
     if follower is None:
         return
@@ -332,7 +332,7 @@ def _follower_moves_alike(values: Values) -> Iterator[Finding]:
 
 
 def _link_is_short(values: Values) -> Iterator[Finding]:
-    """Every sample under way is a state of the loop: the matrices of a long delay take minutes, then memory."""
+    """Check the delay of the link: every pending sample is a state, and long delays take minutes, then memory."""
     follower, period = values["follower"], values["device.sample_time_s"]
     if follower is None:
         return

@@ -1,4 +1,4 @@
-"""What runs beside the gains on the control computer, and as which effects a scene simulates it."""
+"""The runtime of the control computer beside the gains, and the effects by which a scene simulates it."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ Row = tuple[float, ...]
 class StateFeedback:
     """e = dz(x + face - s_m), s+ = s + L e, y = R s+, and after the force F: s = A s+ + B F.
 
-    x is the measured position, m the state that stands for it, dz the dead zone, y the position that the wall sees. All
-    states are lengths: velocities are counted by the sample, forces by a stiffness.
+    x is the measured position, m its state, dz the dead zone, y the position that the wall acts on. All states are
+    lengths: velocities times T, forces over a stiffness.
 
     Attributes:
         state: A, n rows of n numbers.
         force_m_per_n: B, n numbers.
         innovation: L, n numbers.
         feedback: R, n numbers.
-        positions: which states are positions; they start where the device stands.
+        positions: which states are positions; initialised to the device's position.
         measures: m, one of the positions.
         dead_zone_m: half width of the dead zone; 0 for none.
-        face_m: how far the face of the wall is moved out, against the lag of the dead zone.
+        face_m: outward shift of the wall's face, which compensates the lag of the dead zone.
     """
 
     state: tuple[Row, ...]
@@ -107,16 +107,16 @@ GUARD_METHODS: tuple[str, ...] = get_args(GuardEffect.model_fields["method"].ann
 
 @dataclass(frozen=True)
 class Runtime:
-    """What runs beside the gains; estimator and adaptation only where the gains vary with frequency.
+    """The runtime beside the gains; estimator and adaptation only where the gains vary with frequency.
 
     Attributes:
         estimator: method that estimates the interaction frequency.
-        hold_s: how long a lost estimate is kept before it falls to that of rest.
-        slew_per_s: largest relative change of a gain, a second; None for no limit.
+        hold_s: time for which a lost estimate is held before the gains at rest apply.
+        slew_per_s: largest relative change of a gain per second; None for no limit.
         passive: whether gains change without creating energy, with anchor and tank.
-        observer_mass_kg: mass that the observer between encoder steps reckons with; None for no observer.
+        observer_mass_kg: mass assumed by the observer of the position between encoder steps; None for no observer.
         guard: method of the guard in the time domain; None for no guard.
-        state_feedback: observer and feedback of a robust design; None for the measured position as it is.
+        state_feedback: observer and feedback of a robust design; None for the measured position itself.
     """
 
     estimator: str = "fused"
@@ -144,7 +144,7 @@ class Runtime:
         return asdict(self)
 
     def effects(self, *, constant: bool) -> tuple[Effect, ...]:
-        """Return the effects of a scene; constant gains need nothing that follows frequency."""
+        """Return the effects of a scene; constant gains need no estimator."""
         listed: list[Effect] = []
         if self.observer_mass_kg is not None:
             listed.append(ObserverEffect(mass_kg=self.observer_mass_kg))

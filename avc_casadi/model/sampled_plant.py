@@ -1,4 +1,4 @@
-"""The device as it is declared, from sample to sample: motor, handle, hand and amplifier, discretised exactly."""
+"""The declared device in discrete time: motor, handle, hand and amplifier, discretised exactly."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Mode:
-    """A resonance between motor and handle; its numbers may be arrays over hands.
+    """A resonance between motor and handle; its values may be arrays over hands.
 
     Attributes:
         frequency_hz: of the two against each other, the device free.
@@ -37,7 +37,7 @@ def device_plant(
 ) -> Plant:
     """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant.
 
-    Dry friction, backlash, encoder, noise and force limit are no part of it: they are not linear.
+    Dry friction, backlash, encoder, noise and force limit are not linear and left out.
 
     Args:
         device: the device at its nominal values, with a mass.
@@ -62,10 +62,10 @@ def device_plant(
 
 @dataclass(frozen=True)
 class SampledPlant:
-    """x(k+1) = A x(k) + B_new u(k-n) + B_old u(k-n-1): u is the force that is asked, positive against +x.
+    """x(k+1) = A x(k) + B_new u(k-n) + B_old u(k-n-1): u is the commanded force, positive against +x.
 
-    A delay of n samples and a fraction lets the newer force arrive inside the sample; of a whole delay B_old is 0. The
-    hand's target rests at 0.
+    A delay of n samples and a fraction lets the newer force arrive within the sample; for a whole delay B_old is 0. The
+    hand's target stays at 0.
 
     Attributes:
         names: names of the s states; position and velocity of the motor come first.
@@ -89,7 +89,7 @@ class SampledPlant:
 
     @property
     def forces_under_way(self) -> int:
-        """Number d of past forces that the future depends on, of the device with the longest delay."""
+        """Number d of pending forces of the device with the longest delay."""
         fractional = np.any(self.old != 0, axis=(1, 2))
         return int(np.max(self.whole_delay + fractional))
 
@@ -159,7 +159,7 @@ def _steps_s(device: Device) -> tuple[float, ...]:
 
 
 def _sampled(moves: Sequence[Transition]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A, B_new, B_old of one device with all hands, of its transitions over `_steps_s`."""
+    """Return A, B_new, B_old of one device with all hands, from its transitions over `_steps_s`."""
     whole, n = moves[0], moves[0].force.shape[-1]
     new, old = whole.force, np.zeros_like(whole.force)
     if len(moves) > 1:

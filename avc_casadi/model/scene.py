@@ -27,8 +27,8 @@ class _Motion(Table):
 
     Attributes:
         start_m: where the target begins.
-        end_m: where it goes.
-        speed_m_per_s: how fast.
+        end_m: where it moves to.
+        speed_m_per_s: its speed.
     """
 
     start_m: Position = -0.01
@@ -46,8 +46,8 @@ class Tap(_Motion):
     """To and fro between start and end.
 
     Attributes:
-        frequency_hz: taps a second.
-        rest_s: how long the target rests at the end, at least.
+        frequency_hz: taps per second.
+        rest_s: least dwell time of the target at the end.
     """
 
     kind: Literal["tap"] = "tap"
@@ -56,7 +56,7 @@ class Tap(_Motion):
 
 
 class Hold(_Motion):
-    """Rest at the end from the beginning on."""
+    """Stay at the end from the beginning."""
 
     kind: Literal["hold"] = "hold"
 
@@ -67,7 +67,7 @@ class Stroke(_Motion):
     Attributes:
         frequency_hz: of the oscillation.
         amplitude_m: of the oscillation.
-        rest_s: how long the target rests at the end, at least.
+        rest_s: least dwell time of the target at the end.
     """
 
     kind: Literal["stroke"] = "stroke"
@@ -82,7 +82,7 @@ class Free(_Motion):
     Attributes:
         frequency_hz: of the oscillation.
         amplitude_m: of the oscillation.
-        rest_s: how long the target rests at the end, at least.
+        rest_s: least dwell time of the target at the end.
     """
 
     kind: Literal["free"] = "free"
@@ -99,7 +99,7 @@ class _Couplings:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """What is allowed."""
+        """Allowed names."""
         return ("none", *METHODS)
 
     def __call__(self, value: Any) -> str:
@@ -114,7 +114,7 @@ Integrator = Literal["exact", "projected", "rk4"]
 
 
 def _effects(value: Any) -> tuple[Any, ...]:
-    """Return the effects of a scene, each read by the keys of its kind; all faults are told at once."""
+    """Return the effects of a scene, each read by the keys of its kind; all faults are reported at once."""
     if not isinstance(value, list | tuple):
         raise refusal(f"is {shown(value)}; allowed: one [[scene.effects]] for each effect")
     found: list[Any] = []
@@ -138,16 +138,16 @@ def _effects(value: Any) -> tuple[Any, ...]:
 
 
 class Scene(Table):
-    """What is simulated: the motion of the hand's target, the coupling and the effects.
+    """The simulated scene: motion of the hand's target, coupling and effects.
 
     Attributes:
         duration_s: of the simulation.
-        coupling: whose gains are simulated.
+        coupling: method of the simulated gains.
         interaction_hz: where a gain table is read; None: its lowest frequency.
         integrator: exact; projected and rk4 to compare.
         substeps: of projected and rk4.
         motion: of the hand's target.
-        effects: these and nothing else; none listed: a hand, a wall and all that the device declares.
+        effects: these alone; none listed: a hand, a wall and all that the device declares.
     """
 
     duration_s: Span = 3.0

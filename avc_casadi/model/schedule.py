@@ -1,4 +1,4 @@
-"""GainSchedule: the gains chosen at each interaction frequency, with what they achieve there."""
+"""GainSchedule: the gains at each interaction frequency, with the impedance that they render."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class Status(StrEnum):
-    """What became of one frequency; where several hold, the last of this list."""
+    """Outcome at one frequency; the last of this list that applies."""
 
     SOLVED = "solved"
     ACTIVE_BOUND = "active-bound"
@@ -40,7 +40,7 @@ class GainSchedule(PrintedColumns):
     Attributes:
         problem: name of the problem.
         method: closed-form, direct, exact, ...
-        solver: what solved it, or None where the method has no solver.
+        solver: its name, or None where the method has no solver.
         structure: series or damped.
         model: hold model that the gains were designed for.
         sample_time_s: T.
@@ -51,15 +51,15 @@ class GainSchedule(PrintedColumns):
         impedance: perceived Z_h_avc, N.s/m.
         target: Z_h_ds, N.s/m.
         status: a `Status` for each row.
-        reason: a sentence for each row, empty where there is nothing to say.
-        requested_damping_ns_per_m: what an unrealisable row asked for, otherwise equal to the gains.
+        reason: a sentence for each row, or empty.
+        requested_damping_ns_per_m: requested by an unrealisable row, otherwise equal to the gains.
         requested_stiffness_n_per_m: the same for the stiffness; both infinite for a rigid coupling.
         requested_contact_damping_ns_per_m: the same for the contact damper.
         build_seconds: time to set the method up.
         solve_seconds: time to solve all rows.
-        notes: further facts for people, for example a quality statement.
-        state_feedback: observer and feedback without which the gains mean nothing; None for gains that stand alone.
-        stated: the problem that `solve` was asked, for ``print``; None of gains from elsewhere.
+        notes: further printed facts, for example a quality statement.
+        state_feedback: observer and feedback that belong to the gains; None for gains without.
+        stated: the problem given to `solve`, for ``print``; None for gains from elsewhere.
 
     Example:
         >>> gains = avc.solve("soft", "exact")
@@ -102,7 +102,7 @@ class GainSchedule(PrintedColumns):
 
     @property
     def requested_rigid(self) -> BoolArray:
-        """Whether each row asked for a rigid coupling, shape (n,): an infinite spring or damper."""
+        """Whether each row requested a rigid coupling, shape (n,): an infinite spring or damper."""
         rigid: BoolArray = np.isinf(self.requested_damping_ns_per_m) | np.isinf(self.requested_stiffness_n_per_m)
         return rigid
 
@@ -121,7 +121,7 @@ class GainSchedule(PrintedColumns):
 
     @property
     def real_part(self) -> FloatArray:
-        """Re Z_h_avc, N.s/m: what (12) keeps at or above the margin."""
+        """Re Z_h_avc, N.s/m, which (12) keeps at or above the margin."""
         return np.real(self.impedance)
 
     def to_dict(self) -> Columns:

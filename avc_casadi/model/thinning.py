@@ -1,4 +1,4 @@
-"""Fewer rows for the same gains: the table of a device that deviates least, or the smallest that is near enough."""
+"""Thinning of gain tables: the least deviation for a number of rows, or the fewest rows for a tolerance."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.model.gains import interpolate
 
 _CANDIDATES = 256
-"""Rows among which the best are sought; of longer schedules as many are taken evenly, and then those missed most."""
+"""Number of candidate rows; of longer schedules as many are taken evenly, then those of largest deviation."""
 _ADDED = 16
 _AT_ONCE = 64
 _ROUNDS = 20
 
 
 def thinned_rows(deviation: Deviation, *, rows: int | None = None, tolerance: float | None = None) -> IndexArray:
-    """Choose rows, first and last among them, so that interpolation between them serves for the others.
+    """Return rows, first and last among them, from which the others are interpolated.
 
     The choice is exactly the best one among all subsets of the rows, a shortest path whose edges are pairs of
-    neighbouring rows. Of more than 256 rows it is the best among 256 candidates and those missed most; or, with a
-    tolerance of the gains alone, the fewest rows, whichever of these are the most accurate.
+    neighbouring rows. Of more than 256 rows it is the best among 256 candidates and those of largest deviation; or,
+    with a tolerance of the gains alone, the fewest rows, whichever of these are the most accurate.
 
     Args:
-        deviation: the table to choose from, and how far other gains are from its own.
+        deviation: the table to choose from, with its measure of deviation.
         rows: at most so many, with the smallest largest deviation; or
         tolerance: the fewest rows with at most this largest deviation, and of those the most accurate.
 
@@ -31,7 +31,7 @@ def thinned_rows(deviation: Deviation, *, rows: int | None = None, tolerance: fl
         Positions of the rows among all, shape (m,).
 
     Raises:
-        InputError: neither or both of ``rows`` and ``tolerance``, or no subset serves.
+        InputError: neither or both of ``rows`` and ``tolerance``, or no subset suffices.
     """
     if (rows is None) == (tolerance is None):
         raise InputError.of("give one of rows and tolerance", key="rows")
@@ -54,11 +54,11 @@ def thinned_rows(deviation: Deviation, *, rows: int | None = None, tolerance: fl
 
 
 class Deviation:
-    """How far other gains are from those of a row: the largest relative deviation of b, k and b_p.
+    """Deviation of other gains from those of a row: the largest relative one of b, k and b_p.
 
     Attributes:
         table: all rows, (n, 4).
-        size: what a deviation of each gain is relative to, (n, 3).
+        size: reference of each gain's relative deviation, (n, 3).
         linear: whether it is linear in the gains, so that a slope decides.
     """
 
@@ -69,24 +69,24 @@ class Deviation:
         self.size = np.where(table[:, 1:] == 0, np.maximum(table[:, 1:].max(axis=0), 1.0), table[:, 1:])
 
     def of(self, row: IndexArray, gains: FloatArray) -> FloatArray:
-        """Relative deviation of gains (..., 3) from those of the rows ``row`` (...,)."""
+        """Return the relative deviation of gains (..., 3) from those of the rows ``row`` (...,)."""
         return np.asarray((np.abs(gains - self.table[row, 1:]) / self.size[row]).max(axis=-1))
 
     def admitted(self, row: IndexArray, gains: FloatArray) -> BoolArray:
-        """Whether such gains may stand in for those of the row."""
+        """Return whether such gains may replace those of the row."""
         return np.ones(np.broadcast_shapes(row.shape, gains.shape[:-1]), dtype=bool)
 
     def at(self, kept: IndexArray) -> FloatArray:
-        """Deviation of each row of the table when only some are kept, (n,)."""
+        """Return the deviation of each row of the table when only some are kept, (n,)."""
         return self.of(np.arange(len(self.table)), interpolate(self.table[kept], self.table[:, 0]))
 
 
 def _fewest(deviation: Deviation, tolerance: float) -> IndexArray:
-    """Positions of the fewest rows between which all others are met within a tolerance of the gains.
+    """Return positions of the fewest rows between which all others are within a tolerance of the gains.
 
-    From one row, a line meets the rows up to another one if its slope lies in what each of them leaves, for every gain:
-    a cone that only narrows, so that the search ends where it is empty. The fewest steps from first to last are found
-    row after row.
+    A line from one row is within tolerance up to another one if its slope lies in the interval of each row between, for
+    every gain: a cone that only narrows, so that the search ends where it is empty. The fewest steps from first to last
+    are found row after row.
     """
     ln_frequency, gains, room = np.log(deviation.table[:, 0]), deviation.table[:, 1:], tolerance * deviation.size
     count = len(gains)
@@ -116,7 +116,7 @@ def _fewest(deviation: Deviation, tolerance: float) -> IndexArray:
 
 
 def _edges(deviation: Deviation, candidates: IndexArray) -> FloatArray:
-    """Largest deviation at the candidates between two of them, (c, c); infinite where the pair is not admitted."""
+    """Return the largest deviation at the candidates between two, (c, c); infinite where the pair is not admitted."""
     table = deviation.table[candidates]
     ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]
     count = len(table)
@@ -139,7 +139,7 @@ def _edges(deviation: Deviation, candidates: IndexArray) -> FloatArray:
 
 
 def _best_path(edges: FloatArray, rows: int | None, tolerance: float | None) -> IndexArray:
-    """Positions of the best rows: a path from first to last with the smallest largest edge.
+    """Return positions of the best rows: a path from first to last with the smallest largest edge.
 
     value[j] after m steps is the smallest largest edge of a path to j of m edges, so that one sweep over m answers both
     questions.

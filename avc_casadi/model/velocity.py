@@ -1,4 +1,4 @@
-"""Estimators of velocity by name, from the sampled position alone: two linear ones, two that are not."""
+"""Velocity estimators by name, from the sampled position alone: two linear, two nonlinear."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Poles = tuple[float, float]
 PLAIN: Poles = (0.0, 0.0)
 """No filter: the backward difference itself."""
 FOAW_WINDOW = 15
-"""Intervals of the longest window where none is told."""
+"""Default number of intervals of the longest window."""
 # A. Levant, Higher-order sliding modes, differentiation and output-feedback control, Int. J. Control 76 (2003).
 _ALPHA, _LAMBDA = 1.1, 1.5
 
@@ -38,7 +38,7 @@ def low_pass(back: ComplexArray, poles: Poles) -> ComplexArray | float:
 
 @dataclass(frozen=True)
 class Known:
-    """What a table of an estimator leaves out, as the scene has it.
+    """Values of the scene for keys that an estimator's table leaves out.
 
     Attributes:
         problem: name of the problem.
@@ -46,7 +46,7 @@ class Known:
         sample_time_s: T.
         step_m: a step of the encoder of the scene, 0 without one.
         noise_rms_m: of the noise of the scene, 0 without one.
-        acceleration_m_per_s2: force limit over the device's mass; None where either is not known.
+        acceleration_m_per_s2: force limit over the device's mass; None where either is unknown.
     """
 
     problem: str
@@ -58,7 +58,7 @@ class Known:
 
     @classmethod
     def of(cls, problem: Problem, place: str) -> Self:
-        """Read the problem; what an effect of the scene says goes before what the device says."""
+        """Return the values of a problem; effects of the scene precede the device."""
         device, listed = problem.device, {effect.kind: effect for effect in problem.scene.effects}
 
         def told(kind: str, key: str, default: Any) -> Any:
@@ -76,7 +76,7 @@ class Known:
         )
 
     def need(self, value: float | None, default: float | None, key: str, source: str) -> float:
-        """Return the value of a key, or what stands for it.
+        """Return the value of a key, or its default.
 
         Raises:
             InputError: neither is there.
@@ -89,13 +89,13 @@ class Known:
 
 
 class VelocityEstimator(ABC):
-    """An estimator with its numbers settled.
+    """An estimator with all parameters set.
 
     Attributes:
-        keys: those keys of the effect velocity-filter that are its own.
-        required: those of them that must be there.
+        keys: its own keys of the effect velocity-filter.
+        required: the required ones.
         poles: (a1, a2) of the low pass (1 + a1 + a2)/(1 + a1/z + a2/z^2) behind the backward difference; None where the
-            estimator is not linear, or gives the position too.
+            estimator is nonlinear, or estimates the position too.
     """
 
     keys: ClassVar[tuple[str, ...]]
@@ -104,7 +104,7 @@ class VelocityEstimator(ABC):
     @classmethod
     @abstractmethod
     def build(cls, table: Any, known: Known) -> Self:
-        """Settle the numbers.
+        """Return the estimator with all parameters set.
 
         Raises:
             InputError: a number is neither in the table nor in the scene.
@@ -117,11 +117,11 @@ class VelocityEstimator(ABC):
 
 
 class RunningEstimator(VelocityEstimator):
-    """An estimator with states of its own, for where no low pass is the same."""
+    """An estimator with states of its own, not equivalent to a low pass."""
 
     @abstractmethod
     def initial(self, start_m: float) -> dict[str, float]:
-        """Return its states after a long rest."""
+        """Return its states at rest."""
 
     @abstractmethod
     def step(self, position: Expr, state: Mapping[str, Expr]) -> tuple[dict[str, Expr], Expr, Expr]:
@@ -155,7 +155,7 @@ class FirstOrder(VelocityEstimator):
 
     @classmethod
     def build(cls, table: Any, known: Known) -> Self:
-        """Turn the cut-off into a share."""
+        """Return the estimator for a cut-off frequency."""
         return cls(math.exp(-2 * math.pi * table.cutoff_hz * known.sample_time_s))
 
     @property
@@ -180,7 +180,7 @@ class Kalman(RunningEstimator):
     """
 
     keys: ClassVar[tuple[str, ...]] = ("acceleration_m_per_s2", "noise_rms_m", "position")
-    # The largest that the motor can give makes it a lead: up to 217 times the noise of the difference.
+    # Required: the motor's largest acceleration would make it a lead, with up to 217 times the difference's noise.
     required: ClassVar[tuple[str, ...]] = ("acceleration_m_per_s2",)
 
     alpha: float
@@ -190,7 +190,7 @@ class Kalman(RunningEstimator):
 
     @classmethod
     def build(cls, table: Any, known: Known) -> Self:
-        """Take the noise of the encoder, step/sqrt(12), and that of the scene, where none is told."""
+        """Return the filter; the noise defaults to that of the encoder, step/sqrt(12), and of the scene."""
         period = known.sample_time_s
         rms = known.need(
             table.noise_rms_m,
@@ -205,11 +205,11 @@ class Kalman(RunningEstimator):
 
     @property
     def poles(self) -> Poles | None:
-        """Two poles, unless it gives the position too."""
+        """Two poles, unless it estimates the position too."""
         return None if self.gives_position else (self.alpha + self.beta - 2, 1 - self.alpha)
 
     def initial(self, start_m: float) -> dict[str, float]:
-        """At rest."""
+        """Return the states at rest."""
         return {"position_m": start_m, "velocity_m_per_s": 0.0}
 
     def step(self, position: Expr, state: Mapping[str, Expr]) -> tuple[dict[str, Expr], Expr, Expr]:
@@ -229,14 +229,14 @@ def _acceleration(table: Any, known: Known) -> tuple[float | None, float | None,
 @_named("foaw")
 @dataclass(frozen=True)
 class Foaw(RunningEstimator):
-    """First-order adaptive windowing: slope over the longest window in which a line keeps within a band of all samples.
+    """First-order adaptive windowing: slope over the longest window in which a line stays within a band of all samples.
 
-    The line goes through the newest sample; windows are tried from the shortest on until one fails. F. Janabi-Sharifi,
+    The line goes through the newest sample; windows are tried from the shortest until one fails. F. Janabi-Sharifi,
     V. Hayward, C.-S. J. Chen, Discrete-time adaptive windowing for velocity estimation, IEEE Trans. Control Systems
     Technology 8(6), 1003-1009 (2000).
 
     Attributes:
-        band_m: how far a sample may lie from the line, either side.
+        band_m: largest distance of a sample from the line.
         window_samples: intervals of the longest window.
         best: slope of least squares over the window; otherwise through its ends.
         sample_time_s: T.
@@ -251,16 +251,16 @@ class Foaw(RunningEstimator):
 
     @classmethod
     def build(cls, table: Any, known: Known) -> Self:
-        """Take a step of the encoder for the band: on a straight way both ends and what lies between err by half."""
+        """Return the estimator; the band defaults to an encoder step, as end points and samples between err by half."""
         band = known.need(table.band_m, known.step_m, "band_m", "an encoder in the scene, whose step is taken")
         return cls(band, table.window_samples or FOAW_WINDOW, table.fit != "end", known.sample_time_s)
 
     def initial(self, start_m: float) -> dict[str, float]:
-        """All samples alike."""
+        """Return the states at rest: all samples equal."""
         return {f"before_{index}_m": start_m for index in range(1, self.window_samples + 1)}
 
     def step(self, position: Expr, state: Mapping[str, Expr]) -> tuple[dict[str, Expr], Expr, Expr]:
-        """Try every window; the longest that all shorter ones lead to counts."""
+        """Try every window; the longest one whose shorter ones all pass is taken."""
         import casadi as ca  # noqa: PLC0415
 
         before = list(state.values())
@@ -287,7 +287,7 @@ class Levant(RunningEstimator):
 
     A. Levant, Robust exact differentiation via sliding mode technique, Automatica 34(3), 379-384 (1998), for walls: V.
     Chawda, O. Celik, M. K. O'Malley, Proc. IEEE World Haptics (2011); IEEE/ASME Trans. Mechatronics 23(2) (2018).
-    Euler's explicit step, which is what is mostly run, chatters by 1.1 C T; the implicit one does not (B. Brogliato, A.
+    Euler's explicit step, which is mostly used, chatters by 1.1 C T; the implicit one does not (B. Brogliato, A.
     Polyakov, D. Efimov, The implicit discretization of the super-twisting sliding-mode control algorithm, IEEE Trans.
     Automatic Control 65(8) (2020)): an error of at most 1.1 C T^2 is taken for motion at once, as by the difference.
 
@@ -307,16 +307,16 @@ class Levant(RunningEstimator):
 
     @classmethod
     def build(cls, table: Any, known: Known) -> Self:
-        """Take the force limit over the mass where no bound is told."""
+        """Return the differentiator; the bound defaults to the force limit over the mass."""
         bound = known.need(*_acceleration(table, known))
         return cls(bound, table.discretisation == "explicit", known.sample_time_s, table.position == "estimated")
 
     def initial(self, start_m: float) -> dict[str, float]:
-        """At rest."""
+        """Return the states at rest."""
         return {"position_m": start_m, "velocity_m_per_s": 0.0}
 
     def step(self, position: Expr, state: Mapping[str, Expr]) -> tuple[dict[str, Expr], Expr, Expr]:
-        """Step over a sample; implicitly, the error that is left solves s + T lambda sqrt(s) = what alpha leaves."""
+        """Step over a sample; implicitly, the remaining error s solves s + T lambda sqrt(s) = residual after alpha."""
         import casadi as ca  # noqa: PLC0415
 
         period, speed = self.sample_time_s, state["velocity_m_per_s"]
@@ -337,10 +337,10 @@ class Levant(RunningEstimator):
 
 
 def velocity_estimator(problem: Problem, table: Any, place: str = "scene.effects") -> VelocityEstimator:
-    """Settle the estimator of the effect velocity-filter.
+    """Return the estimator of the effect velocity-filter.
 
     Args:
-        problem: the problem, for what the table leaves out.
+        problem: the problem, for keys that the table leaves out.
         table: the effect's table.
         place: its key, for messages.
 

@@ -1,4 +1,4 @@
-"""Keys of the effect velocity-filter: an estimator of the velocity by name, and what each of them has of its own."""
+"""Keys of the effect velocity-filter: a velocity estimator by name, with the keys of each."""
 
 from typing import Annotated, Any, Literal, Self
 
@@ -25,15 +25,15 @@ class VelocityFilterEffect(EffectTable):
     """Estimator of the velocity in place of the backward difference; each has its own keys.
 
     Attributes:
-        estimator: which; foaw and levant, and what gives the position, need the wall rendered directly.
-        cutoff_hz: first-order: where it has 3 dB less; must be there.
-        band_m: foaw: how far samples may lie from the line; None: a step of the encoder.
+        estimator: its name; foaw, levant and those that estimate the position need the wall rendered directly.
+        cutoff_hz: first-order: -3 dB frequency; required.
+        band_m: foaw: largest distance of samples from the line; None: a step of the encoder.
         window_samples: foaw: intervals of the longest window; None: 15.
         fit: foaw: slope by least squares or through the ends; None: best.
-        acceleration_m_per_s2: kalman: its rms; must be there. levant: its bound; None: force limit over the mass.
+        acceleration_m_per_s2: kalman: its rms; required. levant: its bound; None: force limit over the mass.
         noise_rms_m: kalman: of the measured position; None: a step of the encoder over sqrt(12), and the noise.
         discretisation: levant: Euler's implicit or explicit step; None: implicit.
-        position: kalman, levant: whether the spring acts on the measured position or theirs; None: measured.
+        position: kalman, levant: whether the spring acts on the measured position or the estimate; None: measured.
     """
 
     kind: Literal["velocity-filter"] = "velocity-filter"

@@ -1,4 +1,4 @@
-"""The simulation at the other end of a coupling: a tool of its own mass, moved by an engine at its own rate."""
+"""The simulation at the remote end of a coupling: a tool of its own mass, moved by an engine at its own rate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Exchange = Literal["on-time", "late", "ahead", "held-force"]
 Interval = tuple[float, float]
 
 RIGID_N_PER_M = LARGEST_STIFFNESS_N_PER_M
-"""A contact of this stiffness is rigid: the tool stops at it."""
+"""A contact of this stiffness counts as rigid: the tool stops at it."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Ends:
 
     Attributes:
         one: validator of each end.
-        unbounded: whether `inf` stands for the largest value.
+        unbounded: whether `inf` means the largest value.
     """
 
     one: Quantity
@@ -42,7 +42,7 @@ class Ends:
 
     @property
     def allowed(self) -> str:
-        """Say what is allowed."""
+        """Return the allowed values."""
         return f"{self.one.allowed}, or [lowest, highest]"
 
     def __call__(self, value: Any) -> Interval:
@@ -70,26 +70,27 @@ _Late = Annotated[int, BeforeValidator(Whole(0, 8))]
 class VirtualTool(Table):
     """The table [simulation]: a tool that an engine moves, joined to the device by a spring K and a damper B.
 
-    Every T the device holds F = -(K (x - x_s) + B (v - v_s)), x_s and v_s what it knows of the tool; every step the
+    Every T the device holds F = -(K (x - x_s) + B (v - v_s)), x_s and v_s its data of the tool; every step the
     engine moves the tool by F_t = K (x - x_t) + B (v - v_t), x the newest sample of the device. Every value with
     [lowest, highest] may be a number. Positions and forces of the scene are `position_scale` times those of the device,
     and divided by `force_scale`: a tool of the mass m feels as heavy as m position_scale force_scale.
 
     Attributes:
-        tool_mass_kg: [lowest, highest]; None: nothing moves, and the spring leads to a place that the engine sets.
+        tool_mass_kg: [lowest, highest]; None: nothing moves, and the spring acts towards a position that the engine
+            sets.
         step_s: time between two steps of the engine, [shortest, longest].
         tool_damping_ns_per_m: of the tool towards the ground of the scene.
         integrator: semi-implicit (MuJoCo's Euler, Bullet, PhysX, CHAI3D), explicit, implicit-damping (MuJoCo's
             implicitfast, with the coupling's damper in the engine), implicit (SOFA).
-        exchange: what the device is given of the tool: on-time, the state that the engine's step began with; late, that
-            of the step before; ahead, the state that the step has just made; held-force, the force that the engine
-            makes of the device's sample, for a step.
-        steps_late: whole steps that this arrives later still.
-        contact_stiffness_n_per_m: what the tool touches; free, and rigid where the range is unbounded, belong to it.
+        exchange: data of the tool sent to the device: on-time, the state that the engine's step began with; late, that
+            of the step before; ahead, the state that the step has just computed; held-force, the force that the
+            engine computes from the device's sample, held for a step.
+        steps_late: additional delay in whole steps.
+        contact_stiffness_n_per_m: of the tool's contact, from free; unbounded: rigid.
         contact_damping_ns_per_m: damper of the contact; None: the critical one of tool and contact, MuJoCo's default.
         position_scale: metres of the scene for a metre of the device.
         force_scale: newtons at the device for a newton of the scene.
-        stiffness_n_per_m: K that is wanted, at the device; None: the stiffest.
+        stiffness_n_per_m: wanted K, at the device; None: the stiffest.
     """
 
     tool_mass_kg: _Masses | None = None
@@ -106,38 +107,38 @@ class VirtualTool(Table):
 
     @property
     def scale(self) -> float:
-        """Mass, damping or stiffness at the device for one of the scene."""
+        """Ratio of mass, damping or stiffness at the device to that of the scene."""
         return self.position_scale * self.force_scale
 
     @property
     def queued(self) -> int:
-        """Number of steps of the engine for which what it hands out is kept back."""
+        """Number of engine steps for which its outputs are queued."""
         return self.steps_late + (self.exchange == "late")
 
     @property
     def damped_locally(self) -> bool:
-        """Whether a damper of the device's own loop belongs to the coupling.
+        """Whether a damper of the device's local loop belongs to the coupling.
 
-        A held force reaches the device a step late, and a state that is ahead of the force that made it takes
-        K (N + 1) T/2 from the damping of a released device: no damper of the coupling makes that good.
+        A held force reaches the device a step late, and a state ahead of its force takes K (N + 1) T/2 from the
+        damping of a released device: no damper of the coupling compensates that.
         """
         ahead = self.exchange == "ahead" and self.integrator != "implicit" and self.tool_mass_kg is not None
         return self.exchange == "held-force" or ahead
 
     @property
     def rigid(self) -> bool:
-        """Whether what it touches may be rigid."""
+        """Whether its contact may be rigid."""
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
 
 
 @dataclass(frozen=True)
 class ToolState:
-    """A virtual tool with its numbers settled, as the device counts its positions and forces.
+    """A virtual tool with all values set, in the device's units of position and force.
 
     Attributes:
         mass_kg: m_t; infinite where nothing moves.
         damping_ns_per_m: b_t.
-        contact_stiffness_n_per_m: k_c of what it touches; 0 in free motion, infinite where it stands still.
+        contact_stiffness_n_per_m: k_c of its contact; 0 in free motion, infinite where it is rigid.
         contact_damping_ns_per_m: b_c.
     """
 
@@ -148,12 +149,12 @@ class ToolState:
 
     @property
     def fixed(self) -> bool:
-        """Whether the tool stands still."""
+        """Whether the tool is fixed."""
         return math.isinf(self.mass_kg) or math.isinf(self.contact_stiffness_n_per_m)
 
 
 def tool_states(tool: VirtualTool, contact_stiffness_n_per_m: float) -> list[ToolState]:
-    """Return the corners of a tool that touches something, as the device counts them, light ones first.
+    """Return the corners of a tool in contact, in the device's units, light ones first.
 
     Args:
         tool: with its ranges.
@@ -172,7 +173,7 @@ def tool_states(tool: VirtualTool, contact_stiffness_n_per_m: float) -> list[Too
 
 
 def _dampers_ns_per_m(tool: VirtualTool, mass_kg: float, stiffness_n_per_m: float) -> list[float]:
-    """Return the dampers of a contact, in the scene; neither a free tool nor a rigid contact has one."""
+    """Return the dampers of a contact, in the scene; none for a free tool or a rigid contact."""
     if stiffness_n_per_m == 0 or math.isinf(stiffness_n_per_m):
         return [0.0]
     if tool.contact_damping_ns_per_m is None:

@@ -40,7 +40,7 @@ class Arcs:
         a1: slope of the numerator.
         c0: denominator at t = 0.
         c1: slope of the denominator.
-        turn: a1 c0 - a0 c1, given by the caller, who knows it without cancellation; dZ/dt = turn/(c0 + c1 t)^2.
+        turn: a1 c0 - a0 c1, given by the caller, free of cancellation; dZ/dt = turn/(c0 + c1 t)^2.
     """
 
     a0: ComplexArray
@@ -56,13 +56,13 @@ class Arcs:
         return abs2(self.c1), 2 * (self.c0.real * self.c1.real + self.c0.imag * self.c1.imag), abs2(self.c0)
 
     def magnitude_roots(self, magnitude: FloatArray) -> FloatArray:
-        """Where |Z(t)| has a given value, shape (2, m, n)."""
+        """Return t where |Z(t)| has a given value, shape (2, m, n)."""
         pairs = zip(self._numerator(), self._denominator(), strict=True)
         a, b, c = (top - magnitude * magnitude * bottom for top, bottom in pairs)
         return real_roots(a, b, c)
 
     def magnitude_extrema(self) -> FloatArray:
-        """Where d|Z|^2/dt = 0, shape (2, m, n): Re{turn conj((a0 + a1 t)(c0 + c1 t))} = 0."""
+        """Return t where d|Z|^2/dt = 0, shape (2, m, n): Re{turn conj((a0 + a1 t)(c0 + c1 t))} = 0."""
         turn = np.conj(self.turn)
         return real_roots(
             (turn * self.a1 * self.c1).real,
@@ -71,7 +71,7 @@ class Arcs:
         )
 
     def _projected(self, direction: complex) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Quadratic of Re(direction * numerator * conj(denominator))."""
+        """Return the quadratic of Re(direction * numerator * conj(denominator))."""
         a0, a1 = direction * self.a0, direction * self.a1
         c0, c1 = self.c0, self.c1
         return (
@@ -81,13 +81,13 @@ class Arcs:
         )
 
     def level_roots(self, level: FloatArray | float, *, imaginary: bool = False) -> FloatArray:
-        """Where Re Z (or Im Z) has a given value, shape (2, m, n)."""
+        """Return t where Re Z (or Im Z) has a given value, shape (2, m, n)."""
         pairs = zip(self._projected(-1j if imaginary else 1.0), self._denominator(), strict=True)
         a, b, c = (top - level * bottom for top, bottom in pairs)
         return real_roots(a, b, c)
 
     def level_extrema(self, *, imaginary: bool = False) -> FloatArray:
-        """Where Re Z (or Im Z) is stationary, shape (2, m, n): Re{turn conj(c0 + c1 t)^2} = 0."""
+        """Return t where Re Z (or Im Z) is stationary, shape (2, m, n): Re{turn conj(c0 + c1 t)^2} = 0."""
         turn = np.conj(self.turn) * (1j if imaginary else 1.0)
         return real_roots(
             (turn * self.c1 * self.c1).real,
@@ -112,7 +112,7 @@ class Edges:
 
     @classmethod
     def of(cls, problem: Problem, loop: Loop, contacts: tuple[float, ...]) -> Edges:
-        """Take the edges of a problem's gain box at each contact damping, N.s/m."""
+        """Return the edges of a problem's gain box at each contact damping, N.s/m."""
         (b0, b1), (k0, k1) = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
         corners = [(b0, k0, True), (b1, k0, True), (b0, k0, False), (b0, k1, False)] * len(contacts)
         b, k, moves = (np.array(column)[:, None] for column in zip(*corners, strict=True))
@@ -123,7 +123,7 @@ class Edges:
         return cls(loop, base, slope, b, k, moves_k, low, high, np.repeat(contacts, 4)[:, None])
 
     def rendered(self) -> Arcs:
-        """Z_eavc along each edge."""
+        """Return Z_eavc along each edge."""
         environment = self.loop.environment
         return Arcs(
             environment * self.base,
@@ -134,7 +134,7 @@ class Edges:
         )
 
     def perceived(self) -> Arcs:
-        """Z_h_avc along each edge."""
+        """Return Z_h_avc along each edge."""
         start = self.loop.device + self.loop.hold * self.contact
         inner = self.rendered()
         return Arcs(
@@ -146,13 +146,13 @@ class Edges:
         )
 
     def derivative(self, t: FloatArray) -> ComplexArray:
-        """dZ/dt along each edge, without cancellation."""
+        """Return dZ/dt along each edge, without cancellation."""
         b, k = np.where(self.moves_k, self.damping, t), np.where(self.moves_k, t, self.stiffness)
         along: ComplexArray = self.loop.sensitivity(b, k) * self.slope
         return along
 
     def gains(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(b, k, b_p) at t, not a number outside the edge."""
+        """Return (b, k, b_p) at t, not a number outside the edge."""
         t = np.where((t >= self.low) & (t <= self.high), t, np.nan)
         return (
             np.where(self.moves_k, self.damping, t),

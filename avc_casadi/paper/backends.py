@@ -1,8 +1,8 @@
-"""Registry of the solvers behind `direct`: options that keep them quiet, and a requested tolerance in their own terms.
+"""Registry of the solvers behind `direct`: options that silence them, and the mapping of a requested tolerance.
 
 Left out, although CasADi ships them: feasiblesqpmethod stops short of the optimum and calls it solved (0 of 13
-frequencies of a stiff wall right), sleqp may stay for seconds at a point that it calls dead, bonmin solves, but takes
-Ctrl-C for itself, qrsqp is sqpmethod with fewer safeguards, scpgen needs code generation; blocksqp, worhp, snopt,
+frequencies of a stiff wall right), sleqp may stall for seconds at a point that it reports as dead, bonmin solves, but
+intercepts Ctrl-C, qrsqp is sqpmethod with fewer safeguards, scpgen needs code generation; blocksqp, worhp, snopt,
 knitro and madnlp need libraries that CasADi's wheel does not bring.
 """
 
@@ -23,12 +23,12 @@ class Backend:
     """One CasADi solver.
 
     Attributes:
-        name: what the user asks for.
+        name: as the user gives it.
         plugin: CasADi's name.
         quiet: options that silence it.
         tolerance_options: requested tolerance, relative to the scaled problem -> its own options.
-        citation: where it is described.
-        prints: whether it writes to the terminal whatever its options say.
+        citation: its reference.
+        prints: whether it writes to the terminal regardless of its options.
     """
 
     name: str
@@ -75,7 +75,7 @@ def _sqpmethod(name: str, qp: str, qp_citation: str, qp_quiet: dict[str, Any], *
         "qpsol": qp,
         "qpsol_options": {"error_on_fail": False, **qp_quiet},
         # (11) is not convex: without this the QP may be unbounded. Reflected eigenvalues keep the length of a step,
-        # where a shift of them all makes it short: 3 iterations in the place of 9.
+        # where a shift of them all makes it short: 3 iterations in place of 9.
         "convexify_strategy": "eigen-reflect",
     }
     citation = f"Andersson et al., Mathematical Programming Computation 11 (2019) 1-36; QP: {qp_citation}"

@@ -36,9 +36,9 @@ class Quotient:
 
     Attributes:
         coupling: Z_avc.
-        rounding: how far it may be off.
-        rigid: the difference below the line is nothing but rounding.
-        nothing: environment and rendered impedance are 0, so that every coupling will do.
+        rounding: bound of its rounding error.
+        rigid: the denominator is pure rounding.
+        nothing: environment and rendered impedance are 0, so that every coupling suffices.
         impossible: the environment is 0 and the rendered impedance is not.
     """
 
@@ -50,7 +50,7 @@ class Quotient:
 
     @classmethod
     def of(cls, loop: Loop, desired: ComplexArray, gap: ComplexArray, injected: FloatArray) -> Quotient:
-        """Divide, for Z_eavc = desired + injected/H.
+        """Return the quotient for Z_eavc = desired + injected/H.
 
         Args:
             loop: the loop at n frequencies.
@@ -76,13 +76,13 @@ class Quotient:
 
 
 def placed(value: FloatArray, rounding: FloatArray, ends: tuple[float, float]) -> FloatArray:
-    """Put gains that lie outside an interval by no more than rounding onto its end."""
+    """Return gains, those outside an interval by rounding alone moved to its end."""
     inside = np.clip(value, *ends)
     return np.where(np.abs(value - inside) <= rounding, inside, value)
 
 
 def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
-    """Say why finite gains cannot be built, or nothing."""
+    """Return why finite gains cannot be built, or nothing."""
     faults = []
     box = problem.coupling
     for name, unit, value, (low, high) in (
@@ -101,7 +101,7 @@ def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
 
 @dataclass(frozen=True)
 class Projection:
-    """The projected impedance and the damping injection that it amounts to; arrays of shape (n,).
+    """The projected impedance and its equivalent damping injection; arrays of shape (n,).
 
     The projection renders the desired impedance plus delta/H. In the paper's model without delay 1/H = 1 + s_t T/2, so
     that it is a damper delta and a virtual mass delta T/2 beside the desired wall.
@@ -142,7 +142,7 @@ def project(problem: Problem, *, as_printed: bool = False) -> Projection:
 
 
 def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[ComplexArray, ComplexArray]:
-    """Z_ds and Z_e - Z_ds; the printed s is imaginary as Tustin's, and puts the stiffness 4/T^2 times into Im alone."""
+    """Return Z_ds and Z_e - Z_ds; the printed s is imaginary as Tustin's: Im alone has the stiffness, 4/T^2 times."""
     if not as_printed:
         return loop.desired, loop.desired_gap
     bounds = problem.boundaries
@@ -164,8 +164,8 @@ def solve_closed_form(problem: Problem, *, as_printed: bool = False) -> GainSche
     """Solve by the paper's closed form, corrected or as printed.
 
     In the series structure rows whose spring and damper would be negative, infinite or outside the gain box are marked
-    not realisable; their impedance is that of the projection. Gains that leave the box by no more than their rounding
-    stand on its end. In the damped structure the spring and damper render the desired wall and the contact damper
+    not realisable; their impedance is that of the projection. Gains that leave the box by rounding alone are
+    moved to its end. In the damped structure the spring and damper render the desired wall and the contact damper
     b_p = delta/Re H injects the damping; only the virtual mass is left out.
 
     Args:

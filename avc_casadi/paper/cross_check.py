@@ -1,4 +1,4 @@
-"""`direct` against `exact` and the closed form: where they part, and why."""
+"""`direct` against `exact` and the closed form: where they differ, and why."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ EXCESS_TOLERANCE = 1e-6
 _SAME = 1e-8
 """Magnitude errors closer than this, relative to |Z_d| + |H Z_ds|, are called the same."""
 _OTHERS = {DEFAULT_SOLVER: ("sqpmethod", "ipopt")}
-"""Solvers that take over where another is lost: the default is quick, and stuck at one frequency in a thousand."""
+"""Fallback solvers: the default is fast but fails at one frequency in a thousand."""
 _AGAIN = 1e-8
 """A row is solved again where its magnitude error exceeds that of `exact` by more than this share of |Z_h_ds|."""
 _TIED = 1e-9
@@ -34,7 +34,7 @@ _TIED = 1e-9
 
 @dataclass(frozen=True)
 class CheckedGains:
-    """What CasADi found, and what `exact` says of it; arrays of shape (n,).
+    """Gains of CasADi checked by `exact`; arrays of shape (n,).
 
     Attributes:
         gains: (b, k, b_p) of the NLP.
@@ -61,7 +61,7 @@ def checked_gains(
     margin_ns_per_m: float | None = None,
     progress: Progress = SILENT,
 ) -> CheckedGains:
-    """Solve the NLP, and again from more starts where `exact` refutes what came of it.
+    """Solve the NLP, and again from more starts where `exact` refutes the result.
 
     No start is an answer of `exact`: a row that it refutes twice fails.
 
@@ -69,9 +69,9 @@ def checked_gains(
         problem: the problem.
         loop: its loop at n frequencies.
         name: the backend.
-        tolerance: relative tolerance asked of it.
+        tolerance: relative tolerance requested.
         margin_ns_per_m: as in `nlp_gains`.
-        progress: told of the frequencies.
+        progress: reports the frequencies.
     """
     gains = nlp_gains(problem, loop, name, tolerance, margin_ns_per_m=margin_ns_per_m, progress=progress)
     optimum = exact_gains(problem, loop, margin_ns_per_m=margin_ns_per_m)
@@ -92,7 +92,7 @@ def checked_gains(
 
 
 def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArray:
-    """By how much the magnitude error of gains exceeds the optimum's, relative to |Z_h_ds|, shape (n,)."""
+    """Return the excess of the gains' magnitude error over the optimum's, relative to |Z_h_ds|, shape (n,)."""
     radius = np.abs(loop.target)
     own, best = (np.abs(np.abs(loop.perceived(*each)) - radius) for each in (gains, optimum))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -101,7 +101,7 @@ def excess_error(loop: Loop, gains: GainArrays, optimum: GainArrays) -> FloatArr
 
 
 def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float, *, distance: bool) -> BoolArray:
-    """Rows whose magnitude error (or, of equal ones, distance to Z_h_ds) is larger than the optimum's."""
+    """Return the rows whose magnitude error (or, if equal, distance to Z_h_ds) is larger than the optimum's."""
     excess, radius = excess_error(loop, gains, optimum), np.abs(loop.target)
     own, best = (np.abs(loop.perceived(*each) - loop.target) for each in (gains, optimum))
     with np.errstate(invalid="ignore"):
@@ -113,7 +113,7 @@ def _short(loop: Loop, gains: GainArrays, optimum: GainArrays, tolerance: float,
 
 
 def cross_check_notes(problem: Problem, loop: Loop, checked: CheckedGains) -> tuple[str, ...]:
-    """Say how `direct`, `exact` and the closed form compare; empty where no row has gains."""
+    """Return notes that compare `direct`, `exact` and the closed form; empty where no row has gains."""
     good = np.isfinite(checked.excess) & ~checked.failed
     if not good.any():
         return ()

@@ -27,14 +27,14 @@ def solve_direct(
 ) -> GainSchedule:
     """Solve (11)-(12) at every frequency by CasADi, ties broken by distance, then b_p, k and b.
 
-    Every row's feasibility and first-order optimality are recomputed from the NLP, and what CasADi returns is compared
-    with the global optimum of `exact`; a row that fails is marked so, whatever the solver said.
+    Every row's feasibility and first-order optimality are recomputed from the NLP, and CasADi's result is compared with
+    the global optimum of `exact`; a row that fails is marked so, whatever the solver's status.
 
     Args:
         problem: the problem.
         solver: a backend of CasADi; None is `DEFAULT_SOLVER`.
-        tolerance: relative tolerance asked of it; None is `DEFAULT_TOLERANCE`.
-        progress: told of the frequencies.
+        tolerance: relative tolerance requested; None is `DEFAULT_TOLERANCE`.
+        progress: reports the frequencies.
 
     Raises:
         InputError: unknown solver.
@@ -76,7 +76,7 @@ def solve_direct(
 
 
 def _why(name: str, quality: Optimality, checked: CheckedGains, row: int) -> str:
-    """Say why a row has failed, and what to do."""
+    """Return why a row has failed, and the next step."""
     help_ = "try another --solver or a smaller --tolerance; --method exact has its gains"
     excess = checked.excess[row]
     if np.isnan(excess):

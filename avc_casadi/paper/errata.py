@@ -1,4 +1,4 @@
-"""What the printed paper gets wrong and what it leaves open, as data for the command line and the report."""
+"""Errata and open assumptions of the printed paper, as data for the command line and the report."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ class PaperError:
     """One error of the printed paper.
 
     Attributes:
-        equation: where it stands.
+        equation: its number.
         as_printed: what is printed.
-        correct: what is meant.
-        effect: what the error does to a result.
+        correct: the corrected form.
+        effect: consequence for a result.
     """
 
     equation: str
@@ -24,11 +24,11 @@ class PaperError:
 
 @dataclass(frozen=True)
 class Assumption:
-    """Something that a result depends on and that the paper does not state.
+    """An assumption on which results depend and that the paper does not state.
 
     Attributes:
         what: the quantity or form.
-        assumed: what this package takes.
+        assumed: the choice of this package.
     """
 
     what: str

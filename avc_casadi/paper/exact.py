@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 
-# Frequencies solved at a time: few enough to be held and told of.
+# Frequencies solved at a time: few enough for memory and for progress reports.
 _ROWS_AT_ONCE = 10_000
 
 
 def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[FloatArray]:
-    """Corners, points of given magnitude and of given real part, extrema of both; one Newton step each.
+    """Return corners, points of given magnitude and of given real part, extrema of both; one Newton step each.
 
-    The extremum of Re Z is all that is left where the margin is met with no room.
+    The extremum of Re Z is the only candidate where the margin is met without slack.
     """
     loop, arcs = edges.loop, edges.perceived()
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -62,7 +62,7 @@ def _edge_candidates(edges: Edges, radius: FloatArray, margin: float) -> list[Fl
 def _inner_candidates(
     problem: Problem, loop: Loop, radius: FloatArray, margin: float, edges: Edges
 ) -> list[list[FloatArray]]:
-    """Gains that render the wanted points, with the smallest admissible contact damping."""
+    """Return gains that render the wanted points, with the smallest admissible contact damping."""
     lowest, highest = problem.coupling.contact_damping_ns_per_m
     wanted, gap = wanted_points(loop, radius, margin)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -82,7 +82,7 @@ def _inner_candidates(
 def _segment_candidates(
     problem: Problem, loop: Loop, radius: FloatArray, margin: float, edges: Edges
 ) -> list[FloatArray]:
-    """Points on the straight segments that contact damping sweeps from corners and from stationary Im Z_eavc."""
+    """Return points on the straight segments that contact damping sweeps from corners and stationary Im Z_eavc."""
     folds = np.concatenate(
         (
             edges.rendered().level_extrema(imaginary=True),
@@ -113,7 +113,7 @@ def exact_gains(
         problem: the problem.
         loop: its loop at n frequencies.
         margin_ns_per_m: least Re Z_h; None is the problem's, kept by every device of its range; -inf admits all gains.
-        progress: told of the frequencies.
+        progress: reports the frequencies.
     """
     margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
     rows = np.arange(len(loop.target))
@@ -143,10 +143,10 @@ def solve_exact(problem: Problem, *, progress: Progress = SILENT) -> GainSchedul
 
     Args:
         problem: the problem.
-        progress: told of the frequencies.
+        progress: reports the frequencies.
 
     Returns:
-        The schedule; infeasible rows say by how much the constraint is missed.
+        The schedule; infeasible rows state by how much the constraint is violated.
     """
     started = time.perf_counter()
     loop = loop_at(problem, problem.frequencies_hz())

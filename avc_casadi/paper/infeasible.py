@@ -1,4 +1,4 @@
-"""Why a frequency has no gains: the constraint that is missed, by how much, and the smallest relaxation."""
+"""Why a frequency has no gains: the violated constraint, by how much, and the smallest relaxation."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]:
-    """Say for each infeasible row which constraint is missed, by how much, and the smallest relaxation."""
+    """Return for each infeasible row the violated constraint, by how much, and the smallest relaxation."""
     rows = [row for row, item in enumerate(status) if item is Status.INFEASIBLE]
     reasons = [""] * len(status)
     if rows:
         margin = problem.stability.margin_ns_per_m
-        # Told of the least damped device of the range, which decides.
+        # Reported for the least damped device of the range, which is critical.
         best, b, k, _ = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
         for row, value, damping, stiffness in zip(rows, best, b, k, strict=True):
             at = f"{value:.6g} N.s/m, at b = {damping:.6g} N.s/m, k = {stiffness:.6g} N/m"
@@ -44,7 +44,7 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
 
 
 def _rounded_up(value: float) -> float:
-    """Round to six digits, upwards, so that a relaxation by what is shown suffices."""
+    """Round to six digits, upwards, so that the relaxation shown suffices."""
     step = 10.0 ** (np.floor(np.log10(value)) - 5)
     return float(np.ceil(value / step) * step) if step > 0 else value
 

@@ -42,7 +42,7 @@ class Loop:
 
     @property
     def without_coupling(self) -> Complex:
-        """Z_h = Z_d + H Z_e: what the hand meets where device and wall are joined directly."""
+        """Z_h = Z_d + H Z_e: perceived impedance of device and wall joined directly."""
         return eq.perceived_impedance(self.device, self.hold, self.environment)
 
     def rows(self, index: NDArray[np.intp]) -> Loop:
@@ -52,12 +52,12 @@ class Loop:
         return Loop(angle=angle, **take)
 
     def rendered(self, damping_ns_per_m: Real, stiffness_n_per_m: Real) -> Complex:
-        """Z_eavc, coupling and environment in series; 0 where both are 0   (9)."""
+        """Return Z_eavc, coupling and environment in series; 0 where both are 0   (9)."""
         coupling = eq.coupling_impedance(self.angle, damping_ns_per_m, stiffness_n_per_m)
         return eq.series(coupling, self.environment, numbers=self.angle.numbers)
 
     def sensitivity(self, damping_ns_per_m: Real, stiffness_n_per_m: Real) -> Complex:
-        """dZ_h_avc/dZ_avc = H (Z_e/(Z_e + Z_avc))^2; 0 in free space."""
+        """Return dZ_h_avc/dZ_avc = H (Z_e/(Z_e + Z_avc))^2; 0 in free space."""
         coupling = eq.coupling_impedance(self.angle, damping_ns_per_m, stiffness_n_per_m)
         total = self.environment + coupling
         share = self.environment / np.where(total == 0, 1, total)
@@ -66,13 +66,13 @@ class Loop:
     def perceived(
         self, damping_ns_per_m: Real, stiffness_n_per_m: Real, contact_damping_ns_per_m: Real = 0.0
     ) -> Complex:
-        """Z_h_avc   (8)."""
+        """Return Z_h_avc   (8)."""
         rendered = self.rendered(damping_ns_per_m, stiffness_n_per_m)
         return eq.perceived_impedance(self.device, self.hold, rendered, contact_damping_ns_per_m)
 
 
 def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY) -> Loop:
-    """Evaluate the gain-free part of a problem's loop.
+    """Return the gain-free part of a problem's loop.
 
     Args:
         problem: a validated problem.
@@ -88,7 +88,7 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
     desired_b = (n(upper.damping_ns_per_m) + n(lower.damping_ns_per_m)) / 2
     desired_k = (n(upper.stiffness_n_per_m) + n(lower.stiffness_n_per_m)) / 2
     environment_b, environment_k = n(environment.damping_ns_per_m), n(environment.stiffness_n_per_m)
-    # From the bounds themselves: the rounding of their mean would be all that is left of a gap of 1e-12.
+    # From the bounds themselves: a gap of 1e-12 would vanish in the rounding of their mean.
     gap_b = ((environment_b - n(upper.damping_ns_per_m)) + (environment_b - n(lower.damping_ns_per_m))) / 2
     gap_k = ((environment_k - n(upper.stiffness_n_per_m)) + (environment_k - n(lower.stiffness_n_per_m))) / 2
     angle = eq.SampleAngle.at(numbers, frequency_hz, n(device.sample_time_s))
@@ -103,7 +103,7 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
     measured = problem.boundaries.measured
     if measured is None:
         return loop
-    # Floats whatever the number system: nobody measures more digits.
+    # Floats in every number system: measurements have no more digits.
     found = measured.desired(np.asarray(frequency_hz, dtype=np.float64))
     desired = found if numbers is NUMPY else numbers.complex(n(float(found.real)), n(float(found.imag)))
     return replace(loop, desired=desired, desired_gap=loop.environment - desired)

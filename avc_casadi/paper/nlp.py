@@ -50,7 +50,7 @@ class CouplingNlp:
 
 @cache
 def coupling_nlp() -> CouplingNlp:
-    """Build the NLP of one frequency; built once a process."""
+    """Return the NLP of one frequency, built once per process."""
     b, k, b_p = ca.SX.sym("b"), ca.SX.sym("k"), ca.SX.sym("b_p")
     parameters = ca.SX.sym("parameters", len(_NAMES))
     value = dict(zip(_NAMES, ca.vertsplit(parameters), strict=True))
@@ -103,7 +103,7 @@ def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0, margin_ns_pe
 
 
 KKT_TOLERANCE = 1e-6
-"""Largest accepted KKT residual: by how much error^2 would fall along one gain at the slope of the point, over the
+"""Largest accepted KKT residual: the decrease of error^2 along one gain at the slope of the point, over the
 gain's natural scale or up to its bound, relative to the square of the terms that make up |Z_h_avc|."""
 _ACTIVE = 1e-6
 """(12) counts as active where Re Z_h is within this share of the same terms of the margin."""
@@ -114,8 +114,7 @@ class Optimality:
     """Recomputed quality of each row, arrays of shape (n,); not a number for rows without gains.
 
     Attributes:
-        violation_ns_per_m: by how much (12) is missed, 0 where it is met but for rounding; infinite outside the gain
-            box.
+        violation_ns_per_m: violation of (12), 0 where it is met up to rounding; infinite outside the gain box.
         kkt_residual: first-order optimality of (11)-(12), dimensionless.
     """
 
@@ -123,7 +122,7 @@ class Optimality:
     kkt_residual: FloatArray
 
     def acceptable(self) -> BoolArray:
-        """Whether each row may be called solved."""
+        """Return whether each row counts as solved."""
         with np.errstate(invalid="ignore"):
             good: BoolArray = (self.violation_ns_per_m == 0) & (self.kkt_residual <= KKT_TOLERANCE)
         return good
@@ -150,7 +149,7 @@ def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
     terms = np.abs(loop.target) + np.abs(loop.device) + np.abs(loop.hold * (loop.rendered(*gains[:2]) + gains[2]))
     with np.errstate(invalid="ignore", divide="ignore"):
         missing = np.where(-g[0] > np.finfo(np.float64).eps * terms, -g[0], 0.0)
-        # |Z| has no gradient where Z = 0, but it rises from there on every way; an error of 0 is optimal anyway.
+        # |Z| has no gradient where Z = 0, but rises from there in every direction; an error of 0 is optimal anyway.
         df = np.where(np.isnan(df), -2 * np.sqrt(f) * np.hypot(dg, turning), df)
         df, dg = np.where(f[0] == 0, 0.0, df / terms**2), dg / terms
         active = g[0] <= _ACTIVE * terms
@@ -165,16 +164,16 @@ def optimality(problem: Problem, loop: Loop, gains: GainArrays) -> Optimality:
 
 
 def _residual(df: FloatArray, dg: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
-    """Smallest residual over multipliers lambda >= 0 of (12); arrays (3, n).
+    """Return the smallest residual over multipliers lambda >= 0 of (12); arrays (3, n).
 
-    The residual of a gain is the slope times the way that the gain can go, down where the goal rises and up where it
-    falls. It is piecewise linear in lambda, so that the smallest maximum lies where two gains balance or one vanishes.
+    The residual of a gain is the slope times its admissible change, down where the goal rises and up where it falls. It
+    is piecewise linear in lambda, so that the smallest maximum lies where two gains balance or one vanishes.
 
     Args:
         df: gradient of the goal.
         dg: gradient of the constraint, 0 where it is not active.
-        down: how far each gain may fall.
-        up: how far each gain may rise.
+        down: largest decrease of each gain.
+        up: largest increase of each gain.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         choices = [np.zeros(df.shape[1]), *(df / dg)]

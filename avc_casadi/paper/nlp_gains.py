@@ -1,4 +1,4 @@
-"""Solve (11)-(12) as CasADi's NLP: from several starts at each frequency, then its ties in their order."""
+"""Solve (11)-(12) as CasADi's NLP: from several starts at each frequency, with ties broken in order."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 _ROWS_AT_ONCE = 50
-"""Frequencies solved at a time: few enough to be told of."""
+"""Frequencies solved at a time: few enough for progress reports."""
 _ROOT = 1e-4
 """A magnitude error below this share of |Z_h_ds| counts as a curve of minimisers, whose ties are then broken."""
 _SAME = 1e-10
-"""Z_h within this share of |Z_h_ds| is the same: a solver meets the equation Z_h = Z_h of before to no more digits."""
+"""Z_h within this share of |Z_h_ds| is the same: a solver meets the equality with the previous Z_h no better."""
 
 
 def solvers_for(problem: Problem, name: str = DEFAULT_SOLVER, tolerance: float = DEFAULT_TOLERANCE) -> NlpSolvers:
@@ -50,15 +50,15 @@ def nlp_gains(
         problem: the problem.
         loop: its loop at n frequencies.
         name: the backend.
-        tolerance: relative tolerance asked of it.
-        lattice: where it starts.
+        tolerance: relative tolerance requested.
+        lattice: of its starts.
         margin_ns_per_m: least Re Z_h; None is the problem's, kept by every device of its range; -inf admits all gains.
-        progress: told of the frequencies.
+        progress: reports the frequencies.
 
     Raises:
         InputError: unknown backend.
         UnsupportedError: this CasADi was built without it.
-        KeyboardInterrupt: Ctrl-C, whatever the solver made of it.
+        KeyboardInterrupt: Ctrl-C, also while the solver runs.
     """
     margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
     solvers = solvers_for(problem, name, tolerance)
@@ -80,7 +80,7 @@ class _Search:
     lattice: Lattice
 
     def best(self) -> GainArrays:
-        """Solve the goals one after the other and rank all points that were found."""
+        """Solve the goals one after the other and return the best of all points found."""
         nlp = NlpRows(self.problem, self.loop, self.margin, self.solvers)
         first, elsewhere = starts_of(nlp, self.lattice)
         ends = Starts(nlp.solve("error", first.gains, first.row), first.row)
@@ -106,7 +106,7 @@ class _Search:
         return best_candidate(self.problem, self.loop, every[:, 0], every[:, 1], every[:, 2], self.margin, tie=tie)
 
     def _pulled_inside(self, nlp: NlpRows, found: FloatArray) -> FloatArray:
-        """Move gains (m, 3, n) that miss (12) by a solver's tolerance onto it, along its gradient."""
+        """Move gains (m, 3, n) that violate (12) by a solver's tolerance onto it, along its gradient."""
         loop, gains, scales = self.loop, found.copy(), nlp.size * nlp.natural
         low, high = nlp.size * nlp.low, nlp.size * nlp.high
         slope_k = coupling_impedance(loop.angle, 0.0, 1.0)

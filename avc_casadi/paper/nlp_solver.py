@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 @contextlib.contextmanager
 def silent_terminal(*, active: bool) -> Iterator[None]:
-    """Send what is written to standard output and error to nowhere, whether by Python or by a library.
+    """Discard standard output and error, whether written by Python or by a library.
 
     Args:
-        active: whether to do so at all.
+        active: whether to do so.
     """
     if not active:
         yield
@@ -76,10 +76,10 @@ class NlpSolvers:
     """CasADi functions of one backend, in the lexicographic order of the goals.
 
     Attributes:
-        backend: which.
+        backend: name.
         error: minimises (|Z_h_ds| - |Z_h|)^2 subject to Re Z_h >= margin   (11), (12).
         turn: of all |Z_h| = |Z_h_ds|, minimises |Z_h - Z_h_ds|, as tan of half the angle between the two, on the side
-            of Z_h_ds where it starts: along the circle both grow together, but the angle has no flat minimum.
+            of Z_h_ds where it starts: along the circle both increase together, but the angle has no flat minimum.
         contact: of all gains with the same Z_h, minimises b_p; None where b_p is fixed.
     """
 
@@ -91,11 +91,11 @@ class NlpSolvers:
 
 @lru_cache(maxsize=16)
 def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSolvers:
-    """Build the solvers, once for each backend and tolerance.
+    """Return the solvers, built once for each backend and tolerance.
 
     Args:
         name: the backend.
-        tolerance: relative tolerance asked of it.
+        tolerance: relative tolerance requested.
         contact: whether b_p is a variable beside b and k.
 
     Raises:
@@ -142,13 +142,13 @@ _SCALING = (("low", 3), ("span", 3), ("scale", 3), ("sizes", 3), ("point", 2))
 
 
 class NlpRows:
-    """The NLPs of n frequencies, with what they are scaled by; a device that turns as felt at its handle.
+    """The NLPs of n frequencies with their scales; a rotary device in units of its handle.
 
-    Tolerances of solvers are absolute, and what is of the order of 1 in N.s/m is nothing in N.m.s/rad.
+    Tolerances of solvers are absolute, and values of order 1 in N.s/m are tiny in N.m.s/rad.
 
     Attributes:
         loop: the loop, in the problem's own units.
-        size: those over the units of everything else here.
+        size: its units over those of all other values here.
         margin: least Re Z_h; -inf admits everything.
         low: lower ends of the box of (b, k, b_p), (3, 1).
         high: upper ends, (3, 1).
@@ -171,15 +171,15 @@ class NlpRows:
         self.natural = np.array([*self._parameters[-3:-1], contact])
 
     def perceived(self, gains: FloatArray, rows: IndexArray | slice = slice(None)) -> ComplexArray:
-        """Z_h of gains (3, ..., m) at the frequencies ``rows``."""
+        """Return Z_h of gains (3, ..., m) at the frequencies ``rows``."""
         loop = self.loop if isinstance(rows, slice) else self.loop.rows(rows)
         impedance: ComplexArray = loop.perceived(*(gains * self.size)) / self.size
         return impedance
 
     def solve(self, stage: Stage, start: FloatArray, rows: IndexArray) -> FloatArray:
-        """Solve a stage for m frequencies from gains (3, m); what comes of them, in the box, whatever the solver says.
+        """Solve a stage for m frequencies from gains (3, m); return the result in the box at any solver status.
 
-        Where the solver throws or returns no numbers, the start comes back.
+        Where the solver throws or returns non-finite values, the start is returned.
         """
         natural, target = self.natural[:, rows], self.loop.target[rows] / self.size
         scale = np.clip(start, natural / _FARTHEST, natural * _FARTHEST)
@@ -191,7 +191,7 @@ class NlpRows:
         device, hold = self.loop.device[rows] / self.size, self.loop.hold[rows]
         terms = np.abs(device) + np.abs(z - device) + np.abs(hold.real * start[2])
         side = np.where((z * np.conj(target)).imag < 0, -1.0, 1.0)
-        # With |Z_h| far below |Z_h_ds| the goal is as good as linear, far above quadratic in |Z_h|.
+        # With |Z_h| far below |Z_h_ds| the goal is nearly linear in |Z_h|, far above it quadratic.
         sizes = np.sqrt(np.maximum(radius, magnitude) * magnitude), np.where(terms > 0, terms, 1.0), side
         data = np.concatenate((self._parameters[:, rows], low, span, scale, sizes, (z.real, z.imag)))
         found = self._called(stage, u, data)
@@ -210,7 +210,7 @@ class NlpRows:
         with silent_terminal(active=self._solvers.backend.prints):
             for first in range(0, u.shape[1], _AT_ONCE):
                 some = slice(first, first + _AT_ONCE)
-                # Where a handler of somebody else takes Ctrl-C without ending anything, the next ones follow.
+                # Where a foreign handler intercepts Ctrl-C without ending anything, the next calls follow.
                 with HeldInterrupt():
                     x = _solved(solver, u[:varied, some], data[:, some], lowest, np.array(_UPPER[stage]))
                 found[:varied, some] = np.where(np.isfinite(x), np.clip(x, 0, 1), u[:varied, some])
@@ -223,7 +223,7 @@ def _solved(solver: Any, u: FloatArray, data: FloatArray, lowest: FloatArray, hi
         every = solver if count == 1 else solver.map(count)
         return np.array(every(x0=u, p=data, lbx=0, ubx=1, lbg=lowest, ubg=highest)["x"])
     except RuntimeError:
-        # Some solvers throw where others return a status: then one by one.
+        # Some solvers throw instead of returning a status: then one by one.
         if count == 1:
             return u
         each = [_solved(solver, u[:, [i]], data[:, [i]], lowest, highest) for i in range(count)]

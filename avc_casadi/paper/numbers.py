@@ -28,7 +28,7 @@ class ComplexExpr:
 
     @staticmethod
     def of(value: Complex) -> ComplexExpr:
-        """Lift a real or complex number or a CasADi expression."""
+        """Return a real or complex number or a CasADi expression as this type."""
         if isinstance(value, ComplexExpr):
             return value
         if isinstance(value, complex | np.complexfloating):
@@ -76,7 +76,7 @@ class ComplexExpr:
 
 @dataclass(frozen=True)
 class NumberSystem:
-    """What an equation needs beyond arithmetic.
+    """Operations that an equation needs beyond arithmetic.
 
     Attributes:
         name: for messages.
@@ -114,7 +114,7 @@ NUMPY = NumberSystem(
 
 
 def casadi_numbers() -> NumberSystem:
-    """Return the CasADi system (SX, MX or DM); imported on demand, so that the command line answers quickly."""
+    """Return the CasADi system (SX, MX or DM); imported on demand, for a fast start of the command line."""
     import casadi as ca  # noqa: PLC0415
 
     return NumberSystem(

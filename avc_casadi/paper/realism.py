@@ -1,4 +1,4 @@
-"""Whether an impedance feels real: between the paper's bounds U and L, or within the just-noticeable difference."""
+"""Realism of an impedance: between the paper's bounds U and L, or within the just-noticeable difference."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.paper.loop import Loop
 
 
-# An impedance that stands on a bound is inside; a solver ends so near to one, as a share of it, and nobody feels it.
+# Relative tolerance of the bounds, imperceptible: a solver ends this close to a bound, which counts as inside.
 _UNFELT = 1e-6
 
 
@@ -25,7 +25,7 @@ class RealismResult(Comparable):
     """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
 
     Attributes:
-        inside_bounds: |Z_h| lies between |Z_h| of the bounds L and U, as the paper has it. Says nothing of phase.
+        inside_bounds: |Z_h| lies between |Z_h| of the bounds L and U, as in the paper, regardless of phase.
         inside_jnd: |Z_h - Z_h_ds| <= rho |Z_h_ds|: magnitude and phase within the just-noticeable difference.
         jnd: rho.
     """
@@ -61,7 +61,7 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
     Args:
         problem: bounds and just-noticeable difference.
         impedance: Z_h at each frequency, shape (n,), N.s/m; not a number where there are no gains.
-        usable: which rows have gains; None takes all that are numbers.
+        usable: which rows have gains; None takes all finite ones.
     """
     if usable is not None:
         impedance = np.where(usable, impedance, np.nan)
@@ -78,9 +78,9 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
 
 
 def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
-    """|Z_h| where the bounds L and U themselves are rendered: the smaller and the larger of the two, (n,), N.s/m.
+    """Return |Z_h| with the bounds L and U themselves rendered: the smaller and the larger, (n,) each, N.s/m.
 
-    Bounds that were measured draw together by what is not known of them: what lies between is real for sure.
+    Measured bounds are narrowed by their uncertainty, so that all between is realistic.
     """
     ends = np.array([np.abs(bound) for bound in perceived_bounds(problem, loop)])
     measured = problem.boundaries.measured
@@ -95,7 +95,7 @@ def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArr
 
 
 def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, ComplexArray]:
-    """Z_h where the bounds U and L themselves are rendered, each (n,), N.s/m."""
+    """Return Z_h with the bounds U and L themselves rendered, each (n,), N.s/m."""
     bounds, model = problem.boundaries, problem.stability.model
     if bounds.measured is None:
         upper, lower = (
@@ -114,13 +114,13 @@ def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, Comple
 def relative_errors(
     impedance: ComplexArray, target: ComplexArray, objective: Objective = "magnitude", jnd: float = 0.0
 ) -> FloatArray:
-    """Relative errors of perceived impedances, of the shape in which the arguments broadcast.
+    """Return the relative errors of perceived impedances, of the broadcast shape of the arguments.
 
     Args:
         impedance: Z_h.
         target: Z_h_ds, not 0.
-        objective: magnitude: ||Z_h| - |Z_h_ds||; complex: |Z_h - Z_h_ds|; perceptual: what the complex error exceeds
-            the just-noticeable difference by, counted in such differences.
+        objective: magnitude: ||Z_h| - |Z_h_ds||; complex: |Z_h - Z_h_ds|; perceptual: excess of the complex error
+            over the just-noticeable difference, in such differences.
         jnd: the just-noticeable difference as a share of |Z_h_ds|; used by perceptual alone.
     """
     size = np.abs(target)

@@ -1,4 +1,4 @@
-"""What gains render: the perceived impedance, with observer and state feedback where these stand before them."""
+"""The perceived impedance of gains, with observer and state feedback if any."""
 
 from __future__ import annotations
 
@@ -35,30 +35,30 @@ def felt_impedance(
 
     Args:
         problem: device, wall and model of the hold.
-        frequency_hz: where, shape (n,).
+        frequency_hz: of evaluation, shape (n,).
         gains: b (N.s/m), k (N/m), b_p (N.s/m), each of shape (n,).
-        law: observer and feedback before the gains, its dead zone passing all; None where the gains stand alone.
+        law: observer and feedback before the gains, at a dead-zone gain of 1; None for gains alone.
     """
     loop, (b, k, contact) = loop_at(problem, frequency_hz), gains
     if law is None:
         return np.asarray(loop.perceived(b, k, contact))
     angle = SampleAngle.at(NUMPY, frequency_hz, problem.device.sample_time_s)
-    # The law runs on a device: it sees the wall as force from positions, whatever the model of the problem.
+    # The law runs on a device: to it the wall is a force over position, in any model of the problem.
     wall, coupling = problem.environment, coupling_impedance(angle, b, k)
     behind = environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m)
     stiffness = (contact + series(coupling, behind, numbers=NUMPY)) * backward_difference(angle)
-    # The impedance of a spring of 1 N/m turns force over position into one over velocity, in the model of the problem.
+    # The impedance of a 1 N/m spring converts force over position to force over velocity, in the problem's model.
     unit = environment_impedance(angle, problem.stability.model, 0.0, 1.0)
     force = force_over_position(law, stiffness, np.exp(2j * np.pi * angle.turns))
     return np.asarray(perceived_impedance(loop.device, loop.hold, force * unit))
 
 
 def force_over_position(law: StateFeedback, stiffness_n_per_m: ComplexArray, z: ComplexArray) -> ComplexArray:
-    """Return force over the measured position at each frequency, N/m, shape (n,), the dead zone passing all.
+    """Return force over the measured position at each frequency, N/m, shape (n,), at a dead-zone gain of 1.
 
     Args:
         law: e = x - s_m, s+ = s + L e, y = R s+, F = G y, then s = A s+ + B F.
-        stiffness_n_per_m: G, force over the position y that the wall sees, shape (n,).
+        stiffness_n_per_m: G, force over the position y that the wall acts on, shape (n,).
         z: exp(j omega T), shape (n,).
     """
     gain, weight = np.array(law.innovation), np.array(law.feedback)
@@ -85,22 +85,22 @@ def gain_schedule(
     notes: tuple[str, ...] = (),
     state_feedback: StateFeedback | None = None,
 ) -> GainSchedule:
-    """Complete gains (b, k, b_p) into a schedule; one code recomputes the impedances of every method.
+    """Return the schedule of gains (b, k, b_p); one code recomputes the impedances of every method.
 
     Args:
-        problem: the problem that the gains answer.
+        problem: the problem of the gains.
         method: name of the method.
         gains: b (N.s/m), k (N/m), b_p (N.s/m), each of shape (n,).
         status: one for each row; gains of rows without usable gains are blanked.
         solver: name of the solver.
         reason: one sentence for each row.
-        requested: b and k that an unrealisable row asked for.
-        requested_contact: b_p that it asked for.
+        requested: b and k requested by an unrealisable row.
+        requested_contact: b_p requested by it.
         impedance: perceived impedance where it is not that of the gains (the closed form's projection).
         frequency_hz: frequencies of the rows; None is those of the problem.
         build_seconds: time to set the method up.
         solve_seconds: time to solve.
-        notes: facts for people.
+        notes: printed facts.
         state_feedback: observer and feedback that belong to the gains.
     """
     frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz

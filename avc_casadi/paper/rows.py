@@ -1,4 +1,4 @@
-"""What every per-frequency method shares: the order among gains and the status of a row."""
+"""Common code of the per-frequency methods: the order among gains and the status of a row."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _GUARD = 4 * float(np.finfo(np.float64).eps)
 
 
 def guarded_margin(device: ComplexArray, hold: ComplexArray, rendered: ComplexArray, margin: float) -> FloatArray:
-    """The margin plus the rounding of Re(device + hold * rendered)."""
+    """Return the margin plus the rounding of Re(device + hold * rendered)."""
     terms = np.abs(device.real) + np.abs(hold.real * rendered.real) + np.abs(hold.imag * rendered.imag)
     guarded: FloatArray = margin + _GUARD * terms
     return guarded
 
 
 def wanted_points(loop: Loop, radius: FloatArray, margin: float) -> tuple[ComplexArray, ComplexArray]:
-    """Z_eavc and Z_e - Z_eavc, (4, n): at the goal, where |Z| = R crosses Re Z = margin (2), at Z = margin."""
+    """Return Z_eavc and Z_e - Z_eavc, (4, n): at the goal, where |Z| = R crosses Re Z = margin (2), at Z = margin."""
     target = loop.target
     at_goal = np.where(target.real >= margin, 0, np.nan)
-    # Both parts of Z_eavc may be as large as this; on the circle a larger guard moves no error.
+    # Both parts of Z_eavc may be this large; on the circle a larger guard changes no error.
     sizes = (1 + 1j) * (np.abs(loop.desired) + np.abs(target / loop.hold))
     guarded = guarded_margin(loop.device, loop.hold, sizes, margin)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -56,13 +56,13 @@ TIE = 1e-12
 """Magnitude errors, and distances |Z_h_avc - Z_h_ds|, that differ by less than this share of |Z_h_ds| are equal."""
 
 ON_BOUND = 1e-6
-"""A gain within this share of the upper end of its box stands on an end: solvers stop short of bounds by less."""
+"""A gain within this share of the box's upper end of an end counts as on it: solvers stop short by less."""
 
 GainArrays = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def admissible(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> BoolArray:
-    """Whether each (b, k, b_p) lies in the gain box, of the shape of the gains."""
+    """Return whether each (b, k, b_p) lies in the gain box, of the shape of the gains."""
     box = problem.coupling
     (b0, b1), (k0, k1), (p0, p1) = box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m
     inside: BoolArray = (b >= b0) & (b <= b1) & (k >= k0) & (k <= k1) & (p >= p0) & (p <= p1)
@@ -79,7 +79,7 @@ def best_candidate(
     *,
     tie: float = TIE,
 ) -> GainArrays:
-    """Choose per frequency, of candidates (m, n), the first in lexicographic order.
+    """Return per frequency the first of candidates (m, n) in lexicographic order.
 
     The order: inside the box and Re Z_h >= margin, strictly; smallest magnitude error; smallest distance to Z_h_ds;
     smallest b_p, k, b. Errors and distances within ``tie`` of |Z_h_ds| are equal. A margin of None is the problem's,
@@ -107,7 +107,7 @@ def best_candidate(
 
 
 def pointwise_notes(problem: Problem) -> tuple[str, ...]:
-    """Say that gains are pointwise where the problem asks for more; for the methods that know no other scope."""
+    """Return a note that gains are pointwise where the problem requires more, for methods without other scopes."""
     scope = problem.stability.scope
     if scope == "pointwise":
         return ()
@@ -115,10 +115,10 @@ def pointwise_notes(problem: Problem) -> tuple[str, ...]:
 
 
 def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:
-    """Status of solved rows: infeasible without gains, active-bound where a gain stands on the box, else solved.
+    """Return the status of solved rows: infeasible without gains, active-bound with a gain at its bound, else solved.
 
-    A gain stands on an end of its box when it lies within 1e-6 of the box's upper end from it (`ON_BOUND`), whichever
-    solver found it: interior-point methods stop short of a bound, root finding stands on it to the last digit.
+    A gain is at an end of its box within 1e-6 of the box's upper end (`ON_BOUND`), for every solver: interior-point
+    methods stop short of a bound, root finding reaches it to the last digit.
     """
     box = problem.coupling
     bounds = [box.damping_ns_per_m, box.stiffness_n_per_m]

@@ -1,4 +1,4 @@
-"""Where the NLP starts at each frequency: nodes of a lattice in the gain box, and the closed form's gains."""
+"""Initial guesses of the NLP at each frequency: nodes of a lattice in the gain box, and the closed form's gains."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
     from avc_casadi.paper.nlp_solver import NlpRows
 
 _DECADES = 5.0
-"""Nodes reach so many decades beyond a gain's natural scale, beside the ends of the box."""
+"""Decades that the nodes extend beyond a gain's natural scale, beside the ends of the box."""
 _CENTRE = 0.5
-"""Decades about the natural scale over which the nodes stand evenly; farther away they thin out."""
+"""Decades about the natural scale with evenly spaced nodes; farther away they are sparser."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """How dense the lattice is, and how many of its best nodes are started from.
+    """Density of the lattice, and number of its best nodes taken as starts.
 
     Attributes:
         series: nodes along b and k.
@@ -49,12 +49,12 @@ class Starts:
     row: IndexArray
 
     def only(self, some: BoolArray) -> Starts:
-        """Return some of them."""
+        """Return a subset."""
         return Starts(self.gains[:, some], self.row[some])
 
 
 def starts_of(nlp: NlpRows, lattice: Lattice) -> tuple[Starts, Starts]:
-    """Return where (11)-(12) starts, and where else its ties do.
+    """Return the starts of (11)-(12), and further ones of its ties.
 
     (11)-(12) starts at feasible nodes whose error is the least of their neighbourhood, at the one with the largest
     Re Z_h where none is feasible, and at the gains of the closed form where they lie in the box.
@@ -64,7 +64,7 @@ def starts_of(nlp: NlpRows, lattice: Lattice) -> tuple[Starts, Starts]:
     excess = np.abs(z) - np.abs(target)
     feasible = z.real >= nlp.margin
     error = np.where(feasible, np.abs(excess), np.inf)
-    # Away from the circle |Z_h| = |Z_h_ds| a node says less of the point that it leads to.
+    # Away from the circle |Z_h| = |Z_h_ds| a node predicts its solution less well.
     distance = np.where(feasible, np.abs(z - target) + 2 * np.abs(excess), np.inf)
     anticlockwise = (z * np.conj(target)).imag >= 0
     none = np.flatnonzero(~feasible.any(axis=0))
@@ -78,12 +78,12 @@ def starts_of(nlp: NlpRows, lattice: Lattice) -> tuple[Starts, Starts]:
 
 
 def joined(some: list[Starts]) -> Starts:
-    """Put starts behind one another."""
+    """Return the concatenation of starts."""
     return Starts(np.concatenate([each.gains for each in some], axis=1), np.concatenate([each.row for each in some]))
 
 
 def _nodes(nlp: NlpRows, lattice: Lattice) -> tuple[FloatArray, tuple[int, ...]]:
-    """Nodes (3, m, n) and the shape of the lattice, of m nodes."""
+    """Return the nodes (3, m, n) and the shape of the lattice, of m nodes."""
     moving = nlp.high[2, 0] > nlp.low[2, 0]
     counts = lattice.damped if moving else (*lattice.series, 1)
     axes = [_axis(*gain) for gain in zip(nlp.low[:, 0], nlp.high[:, 0], nlp.natural, counts, strict=True)]
@@ -93,7 +93,7 @@ def _nodes(nlp: NlpRows, lattice: Lattice) -> tuple[FloatArray, tuple[int, ...]]
 
 
 def _axis(low: float, high: float, natural: FloatArray, count: int) -> FloatArray:
-    """Values of one gain, (count, n), both ends among them."""
+    """Return values of one gain, (count, n), both ends among them."""
     if high == low or count == 1:
         return np.full((1, len(natural)), low)
     with np.errstate(divide="ignore"):
@@ -106,7 +106,7 @@ def _axis(low: float, high: float, natural: FloatArray, count: int) -> FloatArra
 
 
 def _least(nodes: FloatArray, value: FloatArray, shape: tuple[int, ...], count: int, among: BoolArray) -> Starts:
-    """The ``count`` smallest of the values (m, n) that are the least of their neighbours on the lattice."""
+    """Return the ``count`` smallest local minima of the values (m, n) on the lattice."""
     rows = value.shape[1]
     value = np.where(among, value, np.inf)
     on_lattice = value.reshape(*shape, rows)
@@ -115,7 +115,7 @@ def _least(nodes: FloatArray, value: FloatArray, shape: tuple[int, ...], count: 
         outside = np.full_like(on_lattice.take([0], axis), np.inf)
         padded = np.concatenate((outside, on_lattice, outside), axis)
         before, after = padded.take(range(length), axis), padded.take(range(2, length + 2), axis)
-        # Of nodes that are alike the first.
+        # Of equal nodes the first.
         least &= (on_lattice < before) & (on_lattice <= after)
     value = np.where(least.reshape(-1, rows), value, np.inf)
     count = min(count, len(value))
@@ -126,7 +126,7 @@ def _least(nodes: FloatArray, value: FloatArray, shape: tuple[int, ...], count: 
 
 
 def _closed_form(nlp: NlpRows) -> Starts:
-    """The gains that render the paper's projection, where they lie in the box; b_p injects its damping if it may."""
+    """Return the gains of the paper's projection, where they lie in the box; b_p injects its damping if admitted."""
     loop = nlp.loop
     injected = np.maximum(0.0, nlp.margin * nlp.size - loop.target.real)
     moving = nlp.high[2, 0] > nlp.low[2, 0]

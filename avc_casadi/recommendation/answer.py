@@ -1,4 +1,4 @@
-"""Recommend a coupling, to whatever stands at the other end: a wall in the device's loop, a simulation, a device."""
+"""Recommend a coupling to the remote end: a wall in the device's loop, a simulation, or a follower device."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from avc_casadi.recommendation.recommend import Recommendation
 from avc_casadi.recommendation.recommend import recommend as recommend_wall
 from avc_casadi.recommendation.virtual_tool import ToolRecommendation, recommend_tool
 
-# What only a wall in the device's loop asks for.
+# Options that apply to a wall in the device's loop alone.
 _OF_WALLS = ("lean_on_friction", "prove", "workers", "executor")
 
 
 def recommend(
     problem: AnyProblem, hands: int = 100, seed: int = 0, **options: Any
 ) -> Recommendation | ToolRecommendation | BilateralRecommendation:
-    """Choose the coupling to deploy to a wall, to a [simulation] or to a [follower], and tell what is known of it.
+    """Return the coupling to deploy to a wall, a [simulation] or a [follower], with its analysis.
 
     Args:
-        problem: with one of them; a wall beside another end is not answered. Or a file, or a name.
+        problem: with exactly one of them; or a file, or a name.
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
         options: of `recommend_wall`, or ``versions`` and ``progress`` of the others.
 
     Raises:
-        InputError: faults of the file, or an option that the other end does not know.
+        InputError: faults of the file, or an option that does not apply to the remote end.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)

@@ -1,8 +1,8 @@
-"""What other laws render on the same device to the same hands: velocity estimators, passivity controllers.
+"""Baseline control laws on the same device with the same hands: velocity estimators, passivity controllers.
 
 A wall F = K x + B v is rendered directly, with the velocity of each estimator (`VELOCITY_ESTIMATORS`), with the time
 domain passivity controller (Hannaford and Ryu 2002), and through the coupling of the method static, which Llewellyn's
-criterion holds (Adams and Hannaford 1999). All are simulated with what the device declares.
+criterion keeps passive (Adams and Hannaford 1999). All are simulated with the declared device.
 """
 
 from __future__ import annotations
@@ -36,32 +36,32 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 DIFFERENCE, GUARDED, PASSIVE = "backward difference", "passivity controller", "static"
-"""Laws beside the velocity estimators."""
-# Cut-offs of the low pass over the sample rate, and accelerations of a hand, m/s2, for those that want one.
+"""Baseline laws other than the velocity estimators."""
+# Cut-offs of the low pass over the sample rate, and hand accelerations, m/s2, for the estimators that need one.
 _CUTOFFS, _ACCELERATIONS_M_PER_S2 = (0.03, 0.1, 0.3), (10.0, 100.0)
 # Damping of a wall in the interval that is linearly stable with the backward difference.
 _SHARES = (0.5, 0.1, 0.02)
-# A wall is halved until one is held, then the way back halved.
+# A wall's stiffness is halved until the law stabilises it, then bisected upwards.
 _SOFTER, _BACK = 8, 2
-# So many hands, the corners of [hands], search; the speed of the ripple that is told.
+# Number of hands (corners of [hands]) in the search; speed at which the ripple is reported.
 _SEARCH, _SLOWLY_M_PER_S = 32, 0.02
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """A law of others at the stiffest wall with which all hands settle in every motion without dry friction.
+    """A baseline law at the stiffest wall with which all hands settle in every motion without dry friction.
 
     Attributes:
         law: a velocity estimator, `DIFFERENCE`, `GUARDED` or `PASSIVE`.
-        settings: keys of the estimator, those of several with which the stiffest wall is held.
-        stiffness_n_per_m: static, of that wall; 0 where none is held.
+        settings: keys of the estimator, the variant that stabilises the stiffest wall.
+        stiffness_n_per_m: static, of that wall; 0 where none is stable.
         damping_ns_per_m: of that wall, or of the coupling.
-        error: |Z_h - Z|/|Z| before the wall that is wanted, by frequency; without the controller of `GUARDED`, which
-            acts on a handle that is not led.
+        error: |Z_h - Z|/|Z| for the wanted wall, by frequency; without the controller of `GUARDED`, which
+            does not act on a prescribed motion.
         ripple_n: rms of the force on a handle that moves at 20 mm/s.
         settled: how many of the hands settle with that wall.
-        settled_at_wall: how many settle with the wall that is wanted, with the best of the same dampings.
-        hands: how many tried.
+        settled_at_wall: how many settle with the wanted wall, at the best of the same dampings.
+        hands: how many were simulated.
     """
 
     law: str
@@ -82,14 +82,14 @@ class Baseline:
 def baselines(
     problem: Problem, hands: int = 100, seed: int = 0, *, workers: int = 1, progress: Progress = SILENT
 ) -> list[Baseline]:
-    """Search the stiffest wall that each law of others holds, on one device and before one wall.
+    """Return the stiffest wall that each baseline law stabilises on one device.
 
     Args:
         problem: device, wall and hands; no [simulation] and no [follower].
-        hands: how many try it; the corners of [hands] search.
+        hands: number simulated; the search uses the corners of [hands].
         seed: of their draw.
         workers: processes, as for `recommend`.
-        progress: told of the laws.
+        progress: reports the laws.
     """
     tasks: list[Callable[[], Baseline | None]] = [partial(_passive, problem, hands, seed)]
     laws = [*_estimators(problem.device), (GUARDED, None)]
@@ -114,7 +114,7 @@ def _estimators(device: Device) -> Iterator[tuple[str, VelocityFilterEffect | No
     yield DIFFERENCE, None
     for cutoff in _CUTOFFS:
         yield "first-order", VelocityFilterEffect(cutoff_hz=cutoff / device.sample_time_s)
-    # The others reckon with the steps of an encoder, told here so that a handle without steps meets the same ones.
+    # The other estimators assume an encoder resolution; it is fixed here so that an ideal encoder gets the same tuning.
     step = device.encoder_resolution_m
     own: dict[str, Any] = {"noise_rms_m": step / math.sqrt(12), "band_m": step}
     for name, estimator in VELOCITY_ESTIMATORS.items() if step > 0 else ():
@@ -128,7 +128,7 @@ def _estimators(device: Device) -> Iterator[tuple[str, VelocityFilterEffect | No
 
 
 class _Law:
-    """A law that renders walls directly, and those who try it."""
+    """A law that renders walls directly, with the hands of its trials."""
 
     def __init__(self, problem: Problem, law: str, table: VelocityFilterEffect | None, hands: int, seed: int) -> None:
         self._problem, self._law, self._hands = problem, law, hands
@@ -140,7 +140,7 @@ class _Law:
         self._extreme = with_let_go(hand_corners(problem.hands))
 
     def stiffest(self) -> Baseline:
-        """Halve the wall until one is held, then the way back."""
+        """Return the stiffest stable wall: halved until one is stable, then bisected."""
         wall = self._problem.environment.stiffness_n_per_m
         low, high, held = wall, math.inf, self._held(wall)
         for _ in range(_SOFTER):
@@ -163,12 +163,12 @@ class _Law:
         return Baseline(self._law, self._settings, low, damping, error, noise, settled, at_wall, self._hands)
 
     def _held(self, stiffness_n_per_m: float) -> Coupling | None:
-        """Return a wall of some stiffness with which those who search settle, the least damped of those that do."""
+        """Return the least damped wall of a stiffness with which the search hands settle."""
         walls = self._walls(stiffness_n_per_m)
         return next((one for one in walls if self._settled(one, len(self._first)) == len(self._first)), None)
 
     def _walls(self, stiffness_n_per_m: float) -> list[Coupling]:
-        """Return a wall with some dampings, the least damped first; with its own where the difference holds none."""
+        """Return a wall at several dampings, least first; at its own where none is stable with the difference."""
         device = self._problem.device
         stable = damping_range(device, self._extreme, stiffness_n_per_m)
         low, high = stable.lowest_ns_per_m, stable.highest_ns_per_m
@@ -178,7 +178,7 @@ class _Law:
         softer, rigid = self._problem.changed(environment=wall), near_rigid_n_per_m(device)
         found: list[Coupling] = []
         for damping in sorted(dampings):
-            # Nothing that has a deflection stands before the wall, and its damper is a number of the scene.
+            # No coupling deflects before the wall, and the wall's damper is a parameter of the scene.
             table = GainTable.constant_gains(replace(NO_COUPLING, contact_damping_ns_per_m=damping))
             gains = Gains(0.0, rigid, damping)
             found.append(replace(Coupling.constant(softer, gains, "none", self._runtime), table=table))

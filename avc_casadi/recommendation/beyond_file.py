@@ -1,4 +1,4 @@
-"""The margin to what a file does not tell of: a lighter device, missed samples, one more resonance."""
+"""Robustness to unmodelled effects: a lighter device, missed samples, one more resonance."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Withstood:
-    """How hands fare that [hands] or the file of the device does not tell of.
+    """Trial with one unmodelled effect, or with hands outside the design set.
 
     Attributes:
-        key: of [robustness], what is other than declared; or `held`, of [device].
+        key: of [robustness], the unmodelled effect; or `held`, of [device].
         value: of the key.
-        asked: whether the problem asks for it.
-        hands: how many tried it.
+        asked: whether the problem requires it.
+        hands: how many were simulated.
         at_rest_without_friction: how many of them settle in every motion without the declared dry friction.
         at_rest: the same with it; None where all settle without.
-        plain: how many of them settle without friction with the stiffest spring and damper that suits the device; None
-            where that is what is judged.
+        plain: how many of them settle without friction with the stiffest deployable spring and damper; None where
+            that is the coupling under test.
     """
 
     key: str
@@ -44,10 +44,10 @@ class Withstood:
 
 
 def margins(coupling: Coupling, limit: DampingRange, seed: int = 0) -> tuple[Withstood, ...]:
-    """Let hands try a coupling on devices that differ from the file in one thing each, and a plain one beside it.
+    """Return the trials of a coupling and of a plain spring and damper, each with one unmodelled effect.
 
     Args:
-        coupling: made for the device as its file has it.
+        coupling: designed for the nominal device.
         limit: the stiffest wall that is stable with spring and damper.
         seed: of the hands.
     """
@@ -71,11 +71,11 @@ def margins(coupling: Coupling, limit: DampingRange, seed: int = 0) -> tuple[Wit
 
 
 def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
-    """Return what [robustness] asks for and is not withstood; empty where all is.
+    """Return the requirements of [robustness] that are not met.
 
     Args:
         found: of the coupling.
-        by_friction: whether rest by the declared dry friction is enough.
+        by_friction: whether settling by the declared dry friction suffices.
     """
     short = []
     for one in found:

@@ -1,4 +1,4 @@
-"""Recommend the coupling between a leader and a follower: spring, dampers, what they feel like, what limits them."""
+"""Recommend the coupling between a leader and a follower: spring, dampers, rendered impedance, limits."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class BilateralOptions:
 
     Attributes:
         gain_margin: K and B may be this many times as large before a loop is unstable; see `ToolOptions`.
-        share_of_limit: where no stiffness is wanted, the first tried is this share of the stiffest.
-        softer: each next one is so many times the one before, where hands do not settle.
-        tries: how many are tried.
+        share_of_limit: where no stiffness is wanted, the initial stiffness is this share of the stability limit.
+        softer: ratio of successive stiffnesses while hands do not settle.
+        tries: largest number of stiffnesses.
     """
 
     gain_margin: float = 1.5
@@ -48,32 +48,32 @@ class BilateralOptions:
 
 
 OPTIONS = BilateralOptions()
-# Long delays make large matrices: fewer dampers are tried.
+# Long delays make large matrices, so fewer dampers are tried.
 _SEARCH = ToolSearchOptions(dampers=7, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BilateralRecommendation(Printed):
-    """The coupling of a teleoperator that may be deployed, and what is known of it.
+    """A deployable coupling of a teleoperator and its analysis.
 
     Attributes:
         problem: as stated.
         gains: K, B and the damper of each loop, at the leader; None where none is deployable.
-        coupling: that of these gains, with what is known of it, for a file and for C; None likewise.
-        deployable: whether it may go into both devices.
+        coupling: that of these gains, with its analysis, for a file and for C; None likewise.
+        deployable: whether it may be loaded into both devices.
         reason: one sentence: why this one, or why none.
         stiffest: the stiffest K that is linearly stable with every hand, environment, delay and clock, with its B.
-        gain_margin: how many times as large K and B may be together; None without gains.
+        gain_margin: common gain margin of K and B; None without gains.
         mode: the least damped oscillation of all loops; None without gains.
-        worst: the loop that grows fastest beyond the limit.
-        felt: what it feels like at the leader; empty without gains.
-        trial: how simulated hands fared; None without gains.
+        worst: the loop with the largest growth rate beyond the limit.
+        felt: impedance rendered at the leader; empty without gains.
+        trial: result with simulated hands; None without gains.
         passivity_margin_ns_per_m: of the two-port for any operator and environment, 0 or more is passive; None where
             the condition is not known: two sample times, or position-force.
-        passive_damping_ns_per_m: damping that passivity asks of each device with the same gains; None likewise.
+        passive_damping_ns_per_m: damping that passivity requires of each device with the same gains; None likewise.
         loops: how many loops were judged.
-        assumed: what is assumed.
-        not_used: what the problem declares and nothing here uses.
+        assumed: assumptions.
+        not_used: declared keys that the analysis does not use.
     """
 
     problem: Problem
@@ -100,7 +100,7 @@ class BilateralRecommendation(Printed):
         return f"BilateralRecommendation({self.problem.name!r}: K {quantity(k, 'N/m')}, B {quantity(b, 'N.s/m')})"
 
     def document(self) -> dict[str, Any]:
-        """Return the `recommend` document: JSON values only; what asks for a wall is null."""
+        """Return the `recommend` document: JSON values only; keys that need a wall are null."""
         tried = None if self.trial is None else self.trial.document()
         rendered = None if tried is None else tried["rendered_stiffness_n_per_m"]
         gains = None if self.gains is None else vars(self.gains)
@@ -146,14 +146,14 @@ def recommend_bilateral(
     progress: Progress = SILENT,
     options: BilateralOptions = OPTIONS,
 ) -> BilateralRecommendation:
-    """Choose spring and dampers between a leader and its follower.
+    """Return the spring and dampers between a leader and its follower.
 
     Args:
         problem: with [follower].
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw and of the messages.
         versions: of what answers, for the coupling's file.
-        progress: told of the couplings that are tried.
+        progress: reports the couplings tried.
         options: numbers of the recommendation.
 
     Raises:
@@ -207,7 +207,7 @@ def _tried(
     *,
     local: bool,
 ) -> tuple[ToolGains | None, BilateralTrial | None]:
-    """Return the stiffest of some couplings with which all hands settle, or none; of a wanted one, that alone."""
+    """Return the stiffest coupling with which all hands settle, or none; a wanted stiffness is tried alone."""
     count = options.tries if required_follower(problem).stiffness_n_per_m is None else 1
     trial, stiffness = None, first_n_per_m
     for number in range(count):
@@ -228,7 +228,7 @@ def _passivity(problem: Problem, gains: ToolGains) -> tuple[float | None, float 
     pairs = []
     for delays_s in follower.delays_s:
         there, back = (delay_s / t for delay_s in delays_s)
-        # Clocks that are out of step let messages wait, at both ends together for so many samples at most.
+        # Unsynchronised clocks delay messages by at most this many samples, both ends together.
         wait = 1 + (-(there + back)) % 1
         pairs.append(
             Teleoperator(

@@ -1,4 +1,4 @@
-"""Where a wall begins for a hand that moves: the device answers before its face or behind it."""
+"""Contact onset of a wall for a moving hand: the depth at which the device's force sets in."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 SPEEDS_M_PER_S = (0.1, 0.4)
-"""A hand that explores, and one that strikes."""
+"""Approach speeds of exploration and of a strike."""
 NOTICED_N = 0.1
-"""A force that is noticed."""
-# So firm that the wall does not slow it down.
+"""Detectable force."""
+# Grip stiff enough that the wall does not slow the hand.
 _FIRM = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5]))
 _FROM_M, _TO_M = -0.04, 0.01
 
 
 def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
-    """Return how deep a hand is when the device first pushes back, by its speed; below 0 before the wall.
+    """Return the depth at which the device's force sets in, by speed of the hand; below 0 before the wall.
 
-    Depth and speed are those of the device, of a turn in rad and rad/s; what pushes back is noticed at its handle.
+    Depth and speed are the device's, in rad and rad/s of a rotary one; the force is that at its handle.
 
-    A hand that nothing stops comes from free space, in the scene of all that the problem declares of the device. None
-    stands where nothing pushes back within 10 mm.
+    The hand approaches from free space, with every declared effect of the device simulated. None where no detectable
+    force sets in within 10 mm.
 
     Args:
-        coupling: what runs.
+        coupling: gains and runtime.
     """
     device = coupling.problem.device
     radius, hand = device.metres_per_unit, _FIRM.at_handle(device.metres_per_unit)

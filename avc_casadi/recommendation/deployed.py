@@ -1,4 +1,4 @@
-"""How a deployed coupling answers: what a shaken handle measures, presses against time, and the loop broken open."""
+"""Responses of a deployed coupling: rendered impedance, presses against time, and the open loop."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ if TYPE_CHECKING:
 _SHAKEN_HZ = (1.0, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0, 50.0, 70.0, 100.0)
 _PRESSED_S = 1.0
 STRUCK_M_PER_S = 0.1
-"""Speed of the handle that strikes the wall of the linear loop."""
-# So much longer than the loop takes to settle, and so many samples at most.
+"""Impact speed in the linear loop."""
+# Duration over the settling time, and the largest number of samples.
 _BEYOND, _MOST = 1.2, 5000
 
 
 @dataclass(frozen=True, eq=False)
 class Deployed:
-    """The answers of a coupling with h corners of the hands.
+    """Responses of a coupling with h corners of the hands.
 
     Attributes:
-        coupling: that runs.
-        shaken: what a shaken handle measures.
+        coupling: gains and runtime.
+        shaken: rendered impedance of the excited handle.
         hands: the corners.
-        worst: which of them damps the loop least.
+        worst: the one with the least damped loop.
         press_s: time of the presses, shape (n,).
-        press_m: where each hand is that presses, in the scene of all that the device declares, shape (h, n).
+        press_m: position of each pressing hand, with every declared effect simulated, shape (h, n).
         loop: broken at the actuator, with the corners, then released.
         frequency_hz: of its gain, shape (f,).
         gain: L, shape (h + 1, f).
-        struck_s: time after the wall is struck, shape (m,).
-        struck_m: where the device is then, in the linear loop, shape (h + 1, m).
+        struck_s: time after impact, shape (m,).
+        struck_m: position of the device in the linear loop, shape (h + 1, m).
     """
 
     coupling: Coupling
@@ -61,10 +61,10 @@ class Deployed:
 
 
 def deployed(coupling: Coupling) -> Deployed:
-    """Let a coupling answer.
+    """Return the responses of a coupling.
 
     Args:
-        coupling: gains with what runs beside them.
+        coupling: gains and runtime.
     """
     problem = coupling.problem
     device, period = problem.device, problem.device.sample_time_s
@@ -75,7 +75,7 @@ def deployed(coupling: Coupling) -> Deployed:
     samples = int(np.clip(_BEYOND * max(settled_s, default=0.0) / period, 50, _MOST))
     turn = loop.turns()
     chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
-    # The face of the wall in the middle of a step of the encoder, as in a scene.
+    # The wall's face lies at mid-step of the encoder, as in a scene.
     conditions = replace(Conditions.of(coupling), steps_anywhere=False)
     pressed = np.concatenate(
         [

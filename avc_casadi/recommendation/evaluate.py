@@ -1,4 +1,4 @@
-"""Who tries the candidates: a few first, then everybody, then people who had no part in the choice."""
+"""Evaluate candidates with simulated hands: screening hands, all hands, then hands outside the selection."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.generate import Alternatives
 
 FIRST = 16
-"""So many hands, the corners among them, try a coupling before the others do; only what these can use is for all."""
-# Of equally stiff ones no more are tried: one after the other, where others refute the one before.
+"""Number of screening hands, corners included: a coupling that they do not settle with goes no further."""
+# Largest number of equally stiff alternatives, tried in turn while each is refuted.
 _MOST_TRIED = 5
-# Devices of the declared ranges among which those who confirm it are divided.
+# Number of devices of the declared ranges among which the confirming hands are divided.
 _DEVICES = 16
-# Of those who hold on loosely so many try a law before the others.
+# One in this many loose grips screens a law first.
 _ONE_IN = 4
-# Share of the people who move, up to which those are asked first from then on.
+# Largest share of hands not settling at which these join the screening hands.
 _FEW_MOVE = 0.05
 
 
 class Evaluator:
-    """Who tries the candidates.
+    """Trials of the candidates with simulated hands.
 
     Attributes:
-        judged: what was tried, and how.
-        considered: how many couplings there were.
+        judged: couplings tried, with their trials.
+        considered: number of couplings proposed.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Evaluator:
         self._search = ""
 
     def ask(self, more: Iterable[Alternatives], search: str) -> bool:
-        """Try more candidates, of a search that is told; say whether all who try first come to rest with the last."""
+        """Try more candidates of a named search; return whether all screening hands settle with the last."""
         self._search, everybody = search, False
         for alternatives in more:
             self.considered += len(alternatives)
@@ -108,7 +108,7 @@ class Evaluator:
         return everybody
 
     def _replace(self, better: Coupling) -> None:
-        """Forget those as stiff with which somebody hardly came to rest."""
+        """Drop equally stiff couplings with which some screening hand did not settle."""
         felt = felt_at_rest_n_per_m(better)
         worse = (one for one in self._restless if abs(felt_at_rest_n_per_m(one[0]) / felt - 1) < AS_STIFF)
         gone = {id(coupling) for one in worse for coupling in one}
@@ -116,7 +116,7 @@ class Evaluator:
         self.judged = [one for one in self.judged if id(one.coupling) not in gone]
 
     def screening(self) -> Screening:
-        """Return who tries a law first: now, as they may be others after the next ones were tried."""
+        """Return the current screening hands, which later trials may extend."""
         few = np.arange(len(self._loose)) % _ONE_IN == 0
         loose = Group(self._loose)
         likely = Group(together(self._first, self._loose.pick(np.flatnonzero(few))))
@@ -125,18 +125,18 @@ class Evaluator:
         return Screening(tuple(stage for stage in stages if stage), self._lean, self._off)
 
     def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:
-        """Try more candidates until something so stiff is safe and quiet, as far as is known; say whether there is."""
+        """Try more candidates until one of this stiffness is acceptable so far; return whether there is one."""
         for alternatives in more:
             if self.ask([alternatives], search) and self.reaches(stiffness_n_per_m):
                 return True
         return self.reaches(stiffness_n_per_m)
 
     def reaches(self, stiffness_n_per_m: float) -> bool:
-        """Whether something so stiff is safe and quiet, as far as is known."""
+        """Return whether a coupling of this stiffness is acceptable so far: safe, vibration below the threshold."""
         return bool(self.judged) and self.reached_n_per_m() >= (1 - AS_STIFF) * stiffness_n_per_m
 
     def pleases(self, stiffness_n_per_m: float) -> bool:
-        """Whether with something so stiff everybody rests quietly."""
+        """Return whether all hands settle without a detectable vibration with a coupling of this stiffness."""
         enough = (1 - AS_STIFF) * stiffness_n_per_m
         return any(
             one.complete(lean_on_friction=self._lean) and one.felt_n_per_m >= enough and bool(one.trial.quiet.all())
@@ -144,20 +144,20 @@ class Evaluator:
         )
 
     def reached_n_per_m(self) -> float:
-        """Return the stiffest that is felt of what is safe and quiet; below 0 where nothing is."""
+        """Return the largest rendered stiffness of the acceptable couplings; below 0 where there is none."""
         best = self.stiffest()
         return -1.0 if best is None else best.felt_n_per_m
 
     def stiffest(self) -> Judged | None:
-        """Return the stiffest of what is safe and quiet, if anything is."""
+        """Return the stiffest acceptable coupling, if any."""
         return max(self._enough(), key=lambda one: one.felt_n_per_m, default=None)
 
     def nearest(self) -> Judged | None:
-        """Return what is nearest to the wall of what is safe and quiet, if anything is."""
+        """Return the acceptable coupling of smallest impedance mismatch, if any."""
         return min(self._enough(), key=lambda one: one.distance, default=None)
 
     def may_win(self, alternatives: Alternatives) -> bool:
-        """Whether couplings that nobody tried yet are as stiff as what is safe and quiet, or nearer to the wall."""
+        """Return whether untried couplings may be as stiff as the acceptable ones, or of smaller mismatch."""
         enough = self._enough()
         return not enough or _may_win(Judged(alternatives[0], enough[0].trial, 0), enough)
 
@@ -165,7 +165,7 @@ class Evaluator:
         return [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
 
     def holds(self, stiffness_n_per_m: float) -> bool:
-        """Whether something so stiff is safe and quiet, also with people who had no part in the choice."""
+        """Return whether a coupling of this stiffness is acceptable, also with hands outside the selection."""
         while self.reaches(stiffness_n_per_m):
             if not self.confirm():
                 return True
@@ -173,7 +173,7 @@ class Evaluator:
         return False
 
     def confirm(self) -> bool:
-        """Let others try what is best, safe and quiet or not; say whether anything new was seen."""
+        """Try the best coupling with hands outside the selection; return whether a trial was added."""
         before = self.judged
         self.judged = confirmed(
             before,
@@ -188,7 +188,7 @@ class Evaluator:
         return self.judged is not before
 
     def _learn(self, before: list[Judged]) -> None:
-        """Let those try the next ones first who move with one of these, with which others rested."""
+        """Add to the screening hands those that did not settle with a coupling with which the others did."""
         known = {id(one) for one in before}
         for one in (one for one in self.judged if id(one) not in known):
             trial, people = (one.trial, self._people) if one.others is None else (one.others, one.asked)
@@ -233,21 +233,21 @@ def tried(
     search: str = "",
     beyond: Sequence[Group] = (),
 ) -> list[Judged]:
-    """Try those that are deployable, the stiffest first, but for those that could not win.
+    """Return the trials of the deployable candidates, stiffest first, leaving out those that could not win.
 
     Args:
-        candidates: the simpler ones first; some may have been judged already.
-        before: what was judged already.
-        people: who tries them.
-        seed: of their draw, to be told.
-        progress: told of the candidates.
+        candidates: simpler ones first; some may have been judged already.
+        before: those judged already.
+        people: hands of the trial.
+        seed: of their draw, for the record.
+        progress: reports the candidates.
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
-        search: which one the candidates come from that are new, to be told.
-        beyond: who must rest on devices that the file does not tell of.
+        search: name of the search that proposed the new candidates.
+        beyond: hands that must settle on perturbed devices.
 
     Returns:
-        What was judged before, and now.
+        Those judged before, and the new ones.
     """
     ranked = sorted(enumerate(candidates), key=lambda pair: (-felt_at_rest_n_per_m(pair[1][0]), pair[0]))
     judged = list(before)
@@ -270,13 +270,13 @@ def tried(
             judged.append(found)
             if found.complete(lean_on_friction=lean_on_friction):
                 break
-        # Those that were tried before stand among the new ones.
+        # Candidates tried before are counted among the new ones.
         progress.advance(max(done, min(len(judged), len(ranked))), len(ranked), f"candidates tried, {search}")
     return judged
 
 
 def _may_win(one: Judged, enough: list[Judged]) -> bool:
-    """Whether what nobody tried yet is as stiff as what is safe and quiet, or nearer to the wall."""
+    """Return whether an untried coupling may be as stiff as the acceptable ones, or of smaller mismatch."""
     if felt_at_rest_n_per_m(one.coupling) >= (1 - 2 * AS_STIFF) * max(found.felt_n_per_m for found in enough):
         return True
     return one.distance < min(found.distance for found in enough)
@@ -285,18 +285,18 @@ def _may_win(one: Judged, enough: list[Judged]) -> bool:
 def likeliest(
     alternatives: Alternatives, groups: Iterable[Group], elsewhere: Sequence[Group] = (), *, lean_on_friction: bool
 ) -> tuple[Alternatives, bool]:
-    """Take those with which everybody comes to rest, or the one with which most do; say whether everybody does.
+    """Return the alternatives with which all hands settle, or that with which most do; and whether all do.
 
     A single one without state feedback is taken as it is.
 
     Args:
         alternatives: equally stiff ones.
-        groups: who try them: who follows only tries what all before came to rest with.
-        elsewhere: who try them on other devices: with whom fewest of these move come first.
+        groups: hands by stage: a later group tries only those with which all earlier groups settled.
+        elsewhere: hands on other devices: alternatives are sorted by how many of these do not settle.
         lean_on_friction: whether the declared dry friction may help.
     """
     left = alternatives
-    # Where only friction brings somebody to rest, another hand may be a little faster.
+    # Where hands settle by friction alone, a margin is kept: another hand may move a little faster.
     slow = SURELY if lean_on_friction else 1.0
     asked = len(left) > 1 or left[0].runtime.state_feedback is not None
     for group in groups if asked else ():
@@ -321,16 +321,16 @@ def confirmed(
     stiffest: bool = False,
     executor: Executor | None = None,
 ) -> list[Judged]:
-    """Let everybody try what is best, then people who had no part in the choice, until it stays the best.
+    """Try the best coupling with all hands, then with hands outside the selection, until it stays the best.
 
-    Who is best of many before the same hands may owe it to these. Where the device has ranges, the others try it on
-    devices all over them.
+    Selection among many with the same hands is biased. Where the device has ranges, the confirming hands are spread
+    over devices within them.
 
     Args:
         judged: at least one.
-        people: who tries them.
-        others: other people, each time they are asked for.
-        seed: of their draws, to be told.
+        people: hands of the trial.
+        others: hands outside the selection, fresh on each iteration.
+        seed: of their draws, for the record.
         lean_on_friction: as in `best_of`.
         stiffest: as in `best_of`.
         executor: as in `try_coupling`.
@@ -350,7 +350,7 @@ def confirmed(
 
 
 def _devices(device: Device, seed: int) -> list[Device]:
-    """Take some of the devices that the declared ranges allow, in corners and within; the nominal one comes first."""
+    """Return devices of the declared ranges, nominal first, then corners and interior points."""
     corners = device_corners(device)
     if len(corners) == 1:
         return [device]

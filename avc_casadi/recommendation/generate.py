@@ -1,4 +1,4 @@
-"""The couplings among which `recommend` chooses: today's designs, each for every hand and the device let go."""
+"""Candidate couplings of `recommend`, each designed for every hand and the released device."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ if TYPE_CHECKING:
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.recommendation.screening import Screening
 
-# Damping kept in reserve, as multiples of the tuned designs' own: a coarse encoder asks for more.
+# Damping reserves, as multiples of the tuned designs' own: a coarse encoder needs more.
 _RESERVES = (1.0, 3.0)
-# Where in the interval of stable dampings the contact damper stands.
+# Contact damper as a share of the interval of stable dampings.
 _SHARES = (0.5, 0.25, 0.1, 0.03, 0.01)
 OF_STIFFEST = (0.9, 0.82, 0.75)
-"""Stiffness felt before a wall that is too stiff, as a share of the stiffest that is stable with everybody."""
+"""Rendered stiffness for a wall that is too stiff, as shares of the stiffest that is stable with all hands."""
 SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
-"""The same where nothing stiffer brings everybody to rest: of the wall, if that is softer."""
+"""The same where all hands settle with nothing stiffer: of the wall, if that is softer."""
 SOFTENED = "softened wall"
 Alternatives = list[Coupling]
-"""Couplings that are equally stiff, the likeliest first: the first that is safe and quiet will do."""
-# A continuation begins at this share of a wall that spring and damper hold.
+"""Equally stiff couplings, the likeliest first: the first acceptable one is taken."""
+# Start of a continuation, as a share of the stiffest wall stable with spring and damper.
 _SOFT = 0.25
-# A continuation ends so near to a wall that is not held; from what is held it goes on in smaller steps.
+# Stiffness ratio at which a continuation ends below an unstable wall, and the smaller steps of a resumed one.
 _ROUGHLY, _NEARLY, _ONWARDS = 1.12, 1.06, 1.15
-# Numbers of their draws.
+# Seed offset of their draws.
 _OTHERS = 100
-# From a law that was given no much softer wall is tried: what is near it is no good then.
+# From a given law, continuation retries a few softer walls only: if these fail, its neighbourhood is poor.
 _NEAR: dict[str, Any] = {"softer": 2}
-# How much stiffer another wall is at least.
+# Least stiffness ratio of two walls tried.
 _BARELY = 1.02
 
 
@@ -67,13 +67,13 @@ def felt_at_rest_n_per_m(coupling: Coupling) -> float:
 def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: DampingRange) -> Iterator[Alternatives]:
     """Yield couplings of spring and damper.
 
-    No coupling but the wall itself; a rigid coupling with a contact damper; for a wall beyond what the device can give,
+    The wall itself without a coupling; a rigid coupling with a contact damper; for a wall beyond the stability limit,
     springs that soften it to just below that.
 
     Args:
         problem: device, wall and hands.
         subjects: the extreme hands.
-        stiffest: the stiffest wall that is stable with everybody and let go.
+        stiffest: the stiffest wall stable with all hands and released.
     """
     people = with_let_go(subjects)
     for gains, name in _rigid(problem, people):
@@ -83,12 +83,12 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
 
 
 def stiffer_n_per_m(problem: Problem, stiffest: DampingRange, felt_n_per_m: float) -> float | None:
-    """Return the next stiffer of the walls behind a spring that are looked at; None where it is the wanted one.
+    """Return the next stiffer wall behind a spring that is tried; None where it is the wanted one.
 
     Args:
         problem: device, wall and hands.
-        stiffest: the stiffest wall that is stable with everybody and let go.
-        felt_n_per_m: what is felt so far.
+        stiffest: the stiffest wall stable with all hands and released.
+        felt_n_per_m: rendered so far.
     """
     wall, limit = problem.environment.stiffness_n_per_m, stiffest.stiffness_n_per_m
     looked = [share * limit for share in (*OF_STIFFEST, 1.0)] + [share * min(limit, wall) for share in SAFER]
@@ -97,7 +97,7 @@ def stiffer_n_per_m(problem: Problem, stiffest: DampingRange, felt_n_per_m: floa
 
 
 def softened_to(problem: Problem, subjects: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Alternatives]:
-    """Yield springs with which the wall feels so stiff, then the same behind an observer.
+    """Yield springs that render the wall at a stiffness, then the same behind an observer.
 
     Args:
         problem: device, wall and hands.
@@ -112,20 +112,20 @@ class RobustCandidates:
     """Walls behind an observer with state feedback; none for a device without a law, nor beside detents.
 
     Attributes:
-        steps: walls and laws that were found so far.
+        steps: walls and laws found so far.
 
     Args:
         problem: device, wall and hands.
-        stiffest: the stiffest wall that is stable with everybody and let go.
-        crew: who searches.
-        start: a wall, and the law for it, from which to continue; None begins where spring and damper end.
+        stiffest: the stiffest wall stable with all hands and released.
+        crew: workers of the search.
+        start: a wall, and the law for it, from which to continue; None starts from the limit of spring and damper.
     """
 
     def __init__(self, problem: Problem, stiffest: DampingRange, crew: Crew, start: Step | None = None) -> None:
         self._problem, self._crew, self._start = problem, crew, start
         self.steps: list[Step] = []
         self._wanted = problem.environment.stiffness_n_per_m
-        # Whose slopes nobody judges behind an observer.
+        # Slopes of detents are not analysed behind an observer.
         self._possible = problem.detent is None and not why_no_law(problem)
         first = FIRST * stiffest.stiffness_n_per_m
         self._first = first if self._wanted > first else _SOFT * self._wanted
@@ -134,9 +134,9 @@ class RobustCandidates:
         """Yield walls up to the wanted one, the softest of a continuation first.
 
         Args:
-            asked: who must all settle.
-            numbers: of the continuations: from the known laws, then from each of the places where laws begin in turn,
-                and with other draws.
+            asked: screening hands, who must all settle.
+            numbers: of the continuations: from the known laws, then from each initial guess in turn, and with
+                other draws.
         """
         if not self._possible:
             return
@@ -154,13 +154,13 @@ class RobustCandidates:
     def onwards(
         self, coupling: Coupling, felt_n_per_m: float, asked: Screening, numbers: range
     ) -> Iterator[list[Step]]:
-        """Yield stiffer walls, up to the wanted one, from one that is held on; none where its law is not of here.
+        """Yield stiffer walls, up to the wanted one, from a stable one; none for a law of another structure.
 
         Args:
-            coupling: that holds it.
+            coupling: that stabilises it.
             felt_n_per_m: its stiffness.
-            asked: who must all settle.
-            numbers: of the continuations: each has its own draw of laws.
+            asked: screening hands, who must all settle.
+            numbers: of the continuations, each with its own random draws.
         """
         law = coupling.runtime.state_feedback
         point = next((one.logarithms for step in self.steps for one in step.candidates if one.law is law), None)
@@ -172,13 +172,13 @@ class RobustCandidates:
         yield from map(self._kept, self._crew.each(tasks))
 
     def refinements(self, coupling: Coupling, asked: Screening) -> Iterator[list[Step]]:
-        """Yield the wall of a coupling with laws that give way less in motion; none where its law is not of here.
+        """Yield the same wall with laws of less compliance in motion; none for a law of another structure.
 
-        Where they can be, these are laws with which all settle on devices a little off their file too.
+        Where such exist, these are laws with which all hands also settle on perturbed devices.
 
         Args:
-            coupling: that holds it.
-            asked: who must all settle.
+            coupling: that stabilises it.
+            asked: screening hands, who must all settle.
         """
         law = coupling.runtime.state_feedback
         pairs = ((step, one) for step in self.steps for one in step.candidates if one.law is law)
@@ -196,7 +196,7 @@ class RobustCandidates:
 
 
 def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
-    """Search laws for a wall that give way less in motion, on devices a little off their file where one is found."""
+    """Return laws for a wall with less compliance in motion, also on perturbed devices where one is found."""
     everybody, wall = asked.and_off(), step.stiffness_n_per_m
     if asked.off:
         best = step.best
@@ -214,9 +214,9 @@ def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
 def _continued(
     problem: Problem, point: FloatArray | None, walls_n_per_m: tuple[float, float], asked: Screening, **how: Any
 ) -> list[Step]:
-    """Continue from a point; without one from where laws begin, unless a known law holds the last wall."""
+    """Continue from a point; without one from the initial guess, unless a known law stabilises the last wall."""
     if point is None:
-        # Those with which all settle on devices a little off their file too come first: a nearer one is no better.
+        # Laws with which all settle on perturbed devices too come first, even if others have a smaller mismatch.
         for who in (asked.and_off(), asked) if asked.off else (asked,):
             known = from_known(problem, walls_n_per_m[1], _residual_speed_at(problem, who))
             if known is not None:
@@ -239,11 +239,11 @@ def _robust(problem: Problem, gains: Gains, law: StateFeedback) -> Coupling:
 
 
 def tuned_candidates(problem: Problem, progress: Progress = SILENT) -> Iterator[Alternatives]:
-    """Yield constant gains tuned for every hand and the device let go, with growing reserves.
+    """Yield constant gains tuned for every hand and the released device, with growing reserves.
 
     Args:
         problem: device, wall and hands.
-        progress: told of the tuning.
+        progress: reports the tuning.
     """
     safe = problem.changed(hands={"let_go": True})
     for share in _RESERVES:
@@ -267,9 +267,9 @@ def _rigid(problem: Problem, people: Hand | StylusHand) -> Iterator[tuple[Gains,
 
 
 def _softened(problem: Problem, people: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Alternatives]:
-    """Put a spring before a wall that is too stiff, so that both are as stiff as wanted; the least damped first.
+    """Put a spring in series with a wall that is too stiff, for a wanted total stiffness; least damped first.
 
-    The less damped the less a hand feels before the wall, and of what is as stiff many dampers are much alike.
+    Less damping means less force before contact, and at equal stiffness many dampers perform alike.
     """
     wall = problem.environment.stiffness_n_per_m
     if 0 < felt_n_per_m < wall:
@@ -291,7 +291,7 @@ def _with_observer(coupling: Coupling) -> Iterator[Alternatives]:
 
 
 def behind_observers(some: Iterable[Alternatives]) -> Iterator[Alternatives]:
-    """Yield couplings behind an observer between the steps of the encoder; none where it has none."""
+    """Yield couplings behind an observer of the quantised position; none with an ideal encoder."""
     for alternatives in some:
         problem = alternatives[0].problem
         if problem.device.encoder_resolution_m > 0:

@@ -1,4 +1,4 @@
-"""How far gains feel like the wall, against frequency: the complex error, by two references."""
+"""Impedance error of gains against frequency, relative to the sampled and to the physical wall."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 TOLERANCE = 0.10
 GRID_HZ = np.geomspace(0.5, 200.0, 241)
-# A rigid coupling as numbers: no spring or damper of a wall comes near it.
+# A rigid coupling in numbers, far above any wall's spring or damper.
 _RIGID = 1e15
-# A smaller share of the wall is none of it.
+# A smaller share of the wall counts as zero.
 _NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """Complex error against frequency, each of shape (n,).
+    """Relative complex impedance error against frequency, each of shape (n,).
 
     Attributes:
         frequency_hz: interaction frequency.
-        sampled: |Z_h - Z_h_ds|/|Z_h_ds| with the sampled wall itself, on the same device, for the goal: counts its
-            negative damping k_e T/2 as part of what should be felt, and what the structure gives way.
-        physical: the same with the wall that does not know of samples, m s + b_d + b_e + k_e/s at s = j omega.
+        sampled: |Z_h - Z_h_ds|/|Z_h_ds| with the sampled wall on the same device as reference: its negative
+            damping k_e T/2 and the compliance of the structure count as wanted.
+        physical: the same with the continuous-time wall, m s + b_d + b_e + k_e/s at s = j omega.
     """
 
     frequency_hz: FloatArray
@@ -46,14 +46,14 @@ class ErrorCurve:
     physical: FloatArray
 
     def within_hz(self, errors: FloatArray, tolerance: float = TOLERANCE) -> float:
-        """Highest frequency up to which an error stays within the tolerance; 0 where it never does."""
+        """Return the highest frequency up to which an error stays within the tolerance; 0 where it never does."""
         beyond = np.flatnonzero(~(errors <= tolerance))
         if len(beyond) == 0:
             return float(self.frequency_hz[-1])
         return float(self.frequency_hz[beyond[0] - 1]) if beyond[0] else 0.0
 
     def at(self, errors: FloatArray, frequency_hz: float) -> float:
-        """Error at one frequency."""
+        """Return the error at one frequency."""
         return float(np.interp(frequency_hz, self.frequency_hz, errors))
 
 
@@ -63,15 +63,15 @@ def error_curve(
     frequency_hz: FloatArray = GRID_HZ,
     wall: Impedance | None = None,
 ) -> ErrorCurve:
-    """Evaluate the complex error of gains before a wall, at the handle of the device as declared.
+    """Return the impedance error of gains and wall at the handle of the declared device.
 
-    Delay, amplifier and structure are counted; of a motion at one frequency the force at that frequency.
+    Delay, amplifier and structure are included; the force is that at the frequency of the motion.
 
     Args:
         problem: device and the wall that is rendered; its bounds do not matter.
         gains: constant gains, or a table, which is read at each frequency.
-        frequency_hz: where; a table is read at its end beyond it.
-        wall: the wall that should be felt; None is the one that is rendered.
+        frequency_hz: of the motion; beyond its end a table is read at its end.
+        wall: the reference wall; None is the one that is rendered.
     """
     wall, device, s = wall or problem.environment, problem.device, 2j * np.pi * frequency_hz
     stated = _stated(problem)
@@ -84,13 +84,13 @@ def error_curve(
 
 @dataclass(frozen=True)
 class Rendered:
-    """What is felt at the handle at some frequencies, each of shape (n,).
+    """Rendered impedance at the handle by frequency, each of shape (n,).
 
     Attributes:
         stiffness_n_per_m: |Z_h - Z_d| omega.
         error: as `ErrorCurve.physical`.
-        mismatch: |ln((Z_h - Z_d)/Z_e)| with the wall's own impedance Z_e = b_e + k_e/s: alike for too soft and stiff,
-            and where device and wall swing together, so that next to nothing of |Z| is left.
+        mismatch: |ln((Z_h - Z_d)/Z_e)| with the wall's own impedance Z_e = b_e + k_e/s: symmetric in too soft and too
+            stiff, and finite where device and wall resonate and |Z| nearly vanishes.
     """
 
     stiffness_n_per_m: FloatArray
@@ -99,12 +99,12 @@ class Rendered:
 
 
 def of_force(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> Rendered:
-    """Evaluate what a force over the measured position renders at the handle of the device as declared.
+    """Return what a transfer from measured position to force renders at the handle of the declared device.
 
     Args:
         problem: device and wall.
-        force_n_per_m: asked for, before delay and amplifier, shape (n,).
-        frequency_hz: where, shape (n,).
+        force_n_per_m: commanded force over position, before delay and amplifier, shape (n,).
+        frequency_hz: of the motion, shape (n,).
     """
     stated, device, s = _stated(problem), problem.device, 2j * np.pi * frequency_hz
     loop, angle = loop_at(stated, frequency_hz), SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
@@ -118,7 +118,7 @@ def of_force(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatA
 
 
 def _log_ratio(rendered: ComplexArray, wanted: NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
-    """Return |ln(rendered/wanted)|, of nothing for nothing 0."""
+    """Return |ln(rendered/wanted)|, 0 where both vanish."""
     there = wanted != 0
     ratio = np.where(there, rendered / np.where(there, wanted, 1.0), 1.0)
     return np.asarray(np.abs(np.log(np.where(np.abs(ratio) > _NOTHING, ratio, _NOTHING))))
@@ -133,7 +133,7 @@ def _physical(device: Device, wall: Impedance, s: NDArray[np.complexfloating[Any
 
 
 def _at_handle(stated: Problem, perceived: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
-    """Turn the impedance of the model into that at the handle: delay as the port has it, amplifier and structure."""
+    """Return the impedance at the handle: the model's with the port's delay, amplifier and structure."""
     loop, device = loop_at(stated, frequency_hz), stated.device
     on_time = np.exp(2j * np.pi * frequency_hz * device.delay_samples * device.sample_time_s)
     return impedance_at_handle(device, (perceived - loop.device) * on_time, frequency_hz)

@@ -1,4 +1,4 @@
-"""What is known of the rest of the coupling to deploy: proved, refuted, open, or simulated only."""
+"""Limit-cycle freedom of the coupling to deploy: proved, refuted, open, or simulated only."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.rank import Judged
 
 Word = Literal["proved", "refuted", "open", "simulated"]
-# What was found of couplings that are still in use.
+# Cache of results, as long as their couplings are in use.
 _PROMISED: WeakKeyDictionary[Coupling, bool] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
 class LimitCycleFreedom:
-    """Rest of a coupling with every hand, making and breaking contact (level L7).
+    """Settling of a coupling with every hand, making and breaking contact (level L7).
 
     Attributes:
-        word: proved, refuted or open; simulated where no proof was asked for.
-        sentence: what holds, or why not.
-        proved_wall_n_per_m: where it is open, the stiffest wall felt with which such a coupling is proved (0 where
-            none was); the wall that is felt where it is proved; None where that was not looked for.
+        word: proved, refuted or open; simulated where no proof was requested.
+        sentence: the claim that holds, or why it does not.
+        proved_wall_n_per_m: where it is open, the largest rendered stiffness at which such a coupling is proved (0
+            where none was); the rendered stiffness where it is proved; None where no search was made.
     """
 
     word: Word
@@ -43,12 +43,12 @@ class LimitCycleFreedom:
 def with_rest(
     coupling: Coupling, felt_n_per_m: float, progress: Progress = SILENT
 ) -> tuple[Coupling, LimitCycleFreedom]:
-    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and what it says.
+    """Return a certified coupling with L7 in its certificate, where that takes a second or two, and the result.
 
     Args:
         coupling: with its certificate, in which L7 may stand already.
         felt_n_per_m: stiffness of coupling and wall in series.
-        progress: told of the proof.
+        progress: reports the proof.
     """
     certificate = dict(coupling.certificate or {})
     levels = dict(certificate.get("levels", {}))
@@ -70,12 +70,12 @@ def with_rest(
 
 
 def proved_first(judged: list[Judged]) -> list[Judged]:
-    """Leave those of which a proof of rest is likely, where there are any; one alone is not asked."""
+    """Return those for which a proof of L7 is likely, or all if there are none; a single one is not tested."""
     return ([one for one in judged if _promises(one.coupling)] or judged) if len(judged) > 1 else judged
 
 
 def _promises(coupling: Coupling) -> bool:
-    """Ask once for each coupling: the same ones are compared again whenever one more is tried."""
+    """Return whether a proof of L7 is likely, cached: the same couplings are compared again after each trial."""
     if coupling not in _PROMISED:
         _PROMISED[coupling] = promises_rest(coupling)
     return _PROMISED[coupling]

@@ -1,4 +1,4 @@
-"""How people fare with a coupling on devices that are not quite what their file says."""
+"""Trials of a coupling on perturbed devices (model mismatch)."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 SHARE = 0.1
-"""So far off is what no range is stated of."""
+"""Relative perturbation of a value without a stated range."""
 _DEVICES = 8
 
 
 @dataclass(frozen=True)
 class PerturbedDevices:
-    """What is seen where the file is a little wrong; nothing is promised of it.
+    """Result of a trial with model mismatch; no claim is made for it.
 
     Attributes:
-        keys: of the device that are off.
+        keys: perturbed keys of the device.
         trial: of the corner hands, each on every device.
-        unstable: on how many of the devices the coupling is not deployable, though hands that hold it may rest.
+        unstable: number of devices on which the coupling is not deployable, though hands may settle.
     """
 
     keys: tuple[str, ...]
@@ -45,14 +45,14 @@ class PerturbedDevices:
 
 
 def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
-    """Let the corner hands try a coupling on devices a tenth off their file, each number up or down at random.
+    """Return a trial of the corner hands on devices perturbed by a tenth, each value up or down at random.
 
     Args:
-        coupling: made for the device as its file has it.
+        coupling: designed for the nominal device.
         seed: of hands and devices.
 
     Returns:
-        What is seen; None where every number of the device has its range, whose devices are tried elsewhere.
+        The result; None where every value of the device has a range, as those devices are tried elsewhere.
     """
     problem = coupling.problem
     keys = _without_range(problem)
@@ -73,7 +73,7 @@ def _without_range(problem: Problem) -> tuple[str, ...]:
 
 
 def _off(device: Device, keys: tuple[str, ...], seed: int) -> list[Device]:
-    """Draw devices; where a number is at the end of what it may be, it goes the other way only."""
+    """Draw perturbed devices; a value at the end of its admissible range moves inwards only."""
     random = np.random.default_rng(seed)
     values = linear_values(device)
     ends = {key: [end for end in _ends(values[key]) if _possible(device, key, end)] for key in keys}

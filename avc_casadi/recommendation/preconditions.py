@@ -1,4 +1,4 @@
-"""Preconditions of a recommendation: what no coupling mends, what is taken for granted, and what nothing uses."""
+"""Preconditions of a recommendation: infeasible problems, assumptions, and unused keys."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m
 
 
 def hopeless(problem: Problem) -> str:
-    """Return why no coupling is deployable, whatever its gains; empty where one may be.
+    """Return why no coupling is deployable at any gains; empty where one may be.
 
     Args:
         problem: device, wall, hands and detents.
@@ -47,12 +47,12 @@ def hopeless(problem: Problem) -> str:
 
 
 def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> str:
-    """Return why nothing of a wall reaches a hand, whatever is stable; empty where something does.
+    """Return why nothing of the wall is rendered to a hand; empty where something is.
 
     Args:
         problem: device and wall.
-        felt_n_per_m: stiffness at rest with a coupling.
-        trial: how hands fared with it.
+        felt_n_per_m: static rendered stiffness with a coupling.
+        trial: result with simulated hands.
     """
     device, press_n = problem.device, PRESS_N * problem.device.metres_per_unit
     if problem.environment.stiffness_n_per_m == 0:
@@ -76,13 +76,13 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
 def assumed(
     problem: Problem, coupling: Coupling | None = None, *, tried: bool = True, devices: int = 1
 ) -> tuple[str, ...]:
-    """Say what is taken for granted.
+    """Return the assumptions.
 
     Args:
         problem: device, wall and hands.
-        coupling: what is recommended.
-        tried: whether simulated hands try it, or linear stability alone is asked for.
-        devices: of the declared ranges, on which others tried it.
+        coupling: the recommended one.
+        tried: whether it is tried with simulated hands, or judged by linear stability alone.
+        devices: number of devices of the declared ranges on which it was confirmed.
     """
     device = problem.device
     gaps = [
@@ -111,7 +111,7 @@ def assumed(
 
 
 def _of_trials(device: Device) -> list[str]:
-    """Say what the file leaves open that only a trial knows."""
+    """Return the assumptions that concern trials alone."""
     gaps = []
     if device.coulomb_friction_n == 0:
         gaps.append("no dry friction is declared: none is assumed, the cautious end")
@@ -123,7 +123,7 @@ def _of_trials(device: Device) -> list[str]:
 
 
 def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
-    """Return the declared ranges that linear stability is judged over, and those of what is simulated alone."""
+    """Return the declared ranges that linear stability is judged over, and those used in simulation alone."""
     keys = [key for key in declared(problem) if key.startswith(_RANGE) and key not in _not_simulated(problem)]
     return (
         [key for key in keys if key.removeprefix(_RANGE) in LINEAR_KEYS],
@@ -132,9 +132,9 @@ def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
 
 
 def _outside(coupling: Coupling) -> list[str]:
-    """Say where gains leave what the problem states of the gain box of [coupling]."""
+    """Return where gains leave the gain box stated in [coupling]."""
     box, gains, device = coupling.problem.coupling, coupling.table.gains, coupling.problem.device
-    # Filled in where the file of a device that turns states none.
+    # Defaults, where the file of a rotary device states none.
     usual = turned_gains(device.metres_per_unit) if device.motion == "rotary" else {}
     given = {key: getattr(box, key) for key in box.model_fields_set}
     stated = (_ANY if given.get(key) in {None, usual.get(key)} else given[key] for key in _BOX)
@@ -154,19 +154,19 @@ def _outside(coupling: Coupling) -> list[str]:
 
 
 def _not_simulated(problem: Problem) -> set[str]:
-    """Return the declared keys that an encoder at the handle does not see: the play lies between it and the motor."""
+    """Return the declared keys without effect with an encoder at the handle: play is between it and the motor."""
     device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
     return {"device.backlash_m", "device.range.backlash_m"} if at_handle else set()
 
 
 def _far_end(problem: Problem) -> str:
-    """Return the table of what stands at the other end in place of a wall; empty where there is none."""
+    """Return the table of the remote end that replaces the wall; empty where there is none."""
     return "simulation" if problem.simulation is not None else "follower" if problem.follower is not None else ""
 
 
 def not_used(problem: Problem) -> tuple[str, ...]:
-    """Name what the problem declares and no candidate, certificate or trial uses."""
+    """Return the declared keys that no candidate, certificate or trial uses."""
     unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem)]
     unused = [line for line in unused if line.partition(" ")[0] in _not_simulated(problem)]
     simulated = {effect.kind for effect in declared_effects(problem)}

@@ -1,4 +1,4 @@
-"""Which of the candidates to deploy: the safest, of these the quiet, of these the nearest to the wall in motion."""
+"""Rank candidates: by safety, then by vibration threshold, then by impedance mismatch in motion."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ if TYPE_CHECKING:
 
 AS_STIFF = 0.01
 """Stiffnesses closer than this share are equal."""
-# Couplings are as near to the wall whose distances differ by no more.
+# Mismatches that differ by no more are equal.
 _AS_NEAR = 0.01
-# What a press feels of the stiffness at rest, below which it is what counts.
+# Share of the static stiffness at the end of a press, below which the latter counts.
 _SLOW = 0.95
-# Share of the hands for whom a quiet coupling is quiet: a stiff wall is not given up for the last of the light ones.
+# Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
 QUIET_SHARE = 0.9
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A deployable coupling and how simulated hands fared with it.
+    """A deployable coupling and its trials with simulated hands.
 
     Attributes:
-        coupling: what was tried.
-        trial: how they fared.
-        order: place among the candidates: the simpler ones come first.
-        others: how people fared who had no part in the choice; None before they were asked.
-        asked: these people.
-        devices: among which they were dealt out in turn.
-        beyond: who rests on each device that the file does not tell of and that is asked for.
+        coupling: the one tried.
+        trial: result with simulated hands.
+        order: rank among the candidates, simpler ones first.
+        others: trial with hands outside the selection; None before it.
+        asked: these hands.
+        devices: to which they are assigned in turn.
+        beyond: which hands settle on each perturbed device that the problem requires.
     """
 
     coupling: Coupling
@@ -56,7 +56,7 @@ class Judged:
 
     @cached_property
     def safety(self) -> int:
-        """0: everybody rests without dry friction and with it; 1: with the declared friction; 2: not everybody."""
+        """0: all hands settle without dry friction and with it; 1: with the declared friction; 2: not all."""
         everybody = all(bool(trial.stable.all()) for trial in self.trials) and self.withstands
         if everybody and all(bool(trial.stable_without_friction.all()) for trial in self.trials):
             return 0
@@ -64,58 +64,58 @@ class Judged:
 
     @property
     def withstands(self) -> bool:
-        """Whether all rest on the devices that the file does not tell of, if any are asked for."""
+        """Whether all hands settle on the required perturbed devices, if any."""
         return all(bool(rests.all()) for rests in self.beyond)
 
     @property
     def trials(self) -> tuple[CouplingTrial, ...]:
-        """All that was seen of it."""
+        """All its trials."""
         return (self.trial,) if self.others is None else (self.trial, self.others)
 
     @property
     def at_rest(self) -> float:
-        """Share of the hands that come to rest."""
+        """Share of the hands that settle."""
         rests = [*(one.stable for one in self.trials), *self.beyond]
         return float(np.concatenate(rests).mean())
 
     @property
     def quiet(self) -> bool:
-        """Whether next to nobody feels a vibration at rest, on the declared device and on those of its ranges."""
+        """Whether nearly all hands stay below the vibrotactile detection threshold, also within the ranges."""
         return sum(int(one.quiet.sum()) for one in self.trials) >= QUIET_SHARE * sum(one.hands for one in self.trials)
 
     @property
     def felt_n_per_m(self) -> float:
-        """Stiffness at rest, or that at the end of a press where a slow observer is still far from it."""
+        """Rendered stiffness: static, or at the end of a press where a slow observer is still far from it."""
         at_rest, pressed = felt_at_rest_n_per_m(self.coupling), self.trial.stiffness
         return pressed if pressed < _SLOW * at_rest else at_rest
 
     @cached_property
     def shaken(self) -> Shaken:
-        """What a shaken handle measures over the band in which hands move."""
+        """Rendered impedance over the band in which hands move."""
         return shaken(self.coupling, felt_at_rest_n_per_m(self.coupling), BAND_HZ)
 
     @property
     def mismatch(self) -> float:
-        """Root of the mean squared mismatch over that band."""
+        """Root mean square mismatch over that band."""
         return float(np.sqrt(np.mean(self.shaken.mismatch**2)))
 
     @cached_property
     def distance(self) -> float:
-        """How far it is from the wall, in motion and in how long it swings when released."""
+        """Distance from the wall: mismatch in motion, with a price on the settling time when released."""
         return distance(self.mismatch, transients(self.coupling)[0].settling_s)
 
     def complete(self, *, lean_on_friction: bool) -> bool:
-        """Whether it is as safe as is asked for, and quiet."""
+        """Return whether it is acceptable: as safe as required, vibration below the threshold."""
         return self.safety <= int(lean_on_friction) and self.quiet
 
 
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: bool = False) -> Judged:
-    """Take the safest, of these the quiet, of these the nearest to the wall, then the quietest, provable and stiffest.
+    """Return the best: by safety, vibration threshold, mismatch, then least vibration, provability and stiffness.
 
     Args:
         judged: at least one.
-        lean_on_friction: whether rest by the declared dry friction is as good as rest without it.
-        stiffest: whether the stiffest at rest wins over the nearest.
+        lean_on_friction: whether settling by the declared dry friction counts as settling without it.
+        stiffest: whether static stiffness counts before mismatch.
     """
 
     def safety(one: Judged) -> int:
@@ -138,12 +138,12 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
 
 
 def devices_of(best: Judged | None) -> int:
-    """Return among how many devices those were dealt out who confirmed a coupling, if there is one."""
+    """Return the number of devices on which a coupling was confirmed, if there is one."""
     return 1 if best is None or best.others is None else best.others.devices
 
 
 def reason_of(best: Judged | None, judged: list[Judged], considered: int) -> str:
-    """Say why this one, or why none."""
+    """Return why this one, or why none."""
     if best is None:
         return f"none of {considered} couplings is linearly stable with every hand of [hands] and released"
     trial, device = best.trial, best.coupling.problem.device

@@ -1,4 +1,4 @@
-"""Recommend: which coupling to deploy, how stiff it feels, what holds it back, and what would help."""
+"""Recommend a coupling to deploy, with its rendered stiffness, its limits and their sensitivities."""
 
 from __future__ import annotations
 
@@ -43,35 +43,34 @@ if TYPE_CHECKING:
 
 SCHEMA = "avc-recommend/1"
 OTHER_HANDS = {"stylus": "on a stylus", "fingertip": "one fingertip"}
-"""How hands may hold the device otherwise than [hands] says, as it is told."""
+"""Grips outside [hands], as they are reported."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recommendation(Printed):
-    """The coupling to deploy and what is known of it.
+    """The coupling to deploy and its analysis.
 
     Attributes:
         problem: the problem as stated.
         coupling: certified and tried; None where no coupling is deployable.
-        trial: how simulated hands fared with it; None without a coupling.
-        confirmed: how hands of [hands] fared that had no part in the choice; None where nothing was chosen.
-        beside: how others fared, of whom nothing is promised, by how they hold the device.
-        off_file: how the corner hands fared on devices a tenth off their file; None without a coupling, or where every
-            number of the device has a range.
-        beyond_file: how hands fared on devices that differ from the file in one thing each: lighter, with missed
-            samples, with one more resonance.
-        deployable: whether the coupling may go into the device.
-        rest: what is known of rest with every hand, making and breaking contact; None without a coupling.
-        stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and let go: with a plain
-            spring and damper, or with one of the couplings that were judged, which are no stiffer than the wall asks.
-        plain_wall_n_per_m: that of a plain spring and damper, linear stability alone.
-        with_friction_n_per_m: what the stiffest of those tried would give if rest by the declared dry friction were
-            enough; a search for that may find more. None without any.
-        helps: what would allow a plain spring and damper a stiffer wall.
-        considered: how many couplings were judged.
+        trial: result with simulated hands; None without a coupling.
+        confirmed: result with hands of [hands] outside the selection; None where nothing was chosen.
+        beside: results with hands outside the design set, by grip.
+        off_file: result of the corner hands on devices perturbed by a tenth; None without a coupling or where every
+            value of the device has a range.
+        beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
+        deployable: whether the coupling may be loaded into the device.
+        rest: limit-cycle freedom with every hand, making and breaking contact; None without a coupling.
+        stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and released: with a
+            plain spring and damper, or with one of the couplings judged, which are no stiffer than the wall.
+        plain_wall_n_per_m: that of a plain spring and damper by linear stability alone.
+        with_friction_n_per_m: rendered stiffness of the stiffest one tried if settling by the declared dry friction
+            sufficed; a search for that may find more. None without any.
+        helps: sensitivity of the stiffness limit of a plain spring and damper.
+        considered: number of couplings judged.
         reason: one sentence: why this one, or why none.
-        assumed: what is assumed.
-        not_used: what the problem declares and nothing here uses.
+        assumed: assumptions.
+        not_used: declared keys that the analysis does not use.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)
@@ -102,7 +101,7 @@ class Recommendation(Printed):
         return f"Recommendation({self.problem.name!r}: {felt}; {self.reason})"
 
     def felt(self) -> dict[str, Any]:
-        """Return what the hand feels: stiffness, complex error against the physical wall, tap, vibration."""
+        """Return what is rendered: stiffness, impedance error against the physical wall, tap, vibration."""
         if self.coupling is None or self.trial is None:
             return {"stiffness_n_per_m": None, "share_of_wall": None}
         tried = self.trial.document()
@@ -128,7 +127,7 @@ class Recommendation(Printed):
         }
 
     def _encoder_step_n(self) -> dict[str, float]:
-        """Return how the force jumps at a step of the encoder: of the spring, and for a sample of what damps."""
+        """Return the force step at an encoder step: of the spring, and for one sample of the damping."""
         coupling, device = self.coupling, self.problem.device
         if coupling is None:
             return {}
@@ -137,9 +136,9 @@ class Recommendation(Printed):
         return {"spring": felt_at_rest_n_per_m(coupling) * step, "damping": damping * step / device.sample_time_s}
 
     def transient(self) -> dict[str, Any]:
-        """Return how the linear loop in contact settles: released, and with the worst hand; nothing without a coupling.
+        """Return how the linear loop in contact settles, released and with the worst hand; empty without a coupling.
 
-        A time to settle is None where an oscillation does not die away.
+        A settling time is None where an oscillation does not die away.
         """
         if self.coupling is None:
             return {}
@@ -150,10 +149,10 @@ class Recommendation(Printed):
         }
 
     def margins(self) -> dict[str, Any]:
-        """Return by how much the force of the actuator may be wrong: released, and the smallest with a hand.
+        """Return the stability margins at the actuator: released, and the smallest with a hand.
 
-        Of gain as a factor, up and down, of phase in degrees, of delay in samples; None without a limit, and nothing
-        without a coupling.
+        Gain margins as factors, up and down, phase margin in degrees, delay margin in samples; None without a limit;
+        empty without a coupling.
         """
         if self.coupling is None:
             return {}
@@ -193,7 +192,7 @@ class Recommendation(Printed):
 
 
 def _at_handle(device: Device, stiffness_n_per_m: float) -> float:
-    """Return the stiffness that the hand feels: behind an encoder at the motor, the structure gives way too."""
+    """Return the stiffness at the handle: with an encoder at the motor, the structure's compliance adds."""
     mode = device.resonance
     if mode is None or device.encoder_at == "handle":
         return stiffness_n_per_m
@@ -211,15 +210,15 @@ def judged_as_recommended(
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
 ) -> Recommendation:
-    """Certify and try the gains of a method as `recommend` does with its own, whatever the verdict.
+    """Certify and try the gains of a method as `recommend` does its own, whatever the verdict.
 
     Args:
-        problem: what the gains were made for.
+        problem: problem of the gains.
         gains: by any method.
         hands: number of simulated hands.
         seed: of their draw.
-        versions: of what made it, by package.
-        progress: told of the rows that are judged and the motions that are tried.
+        versions: of the software that made it, by package.
+        progress: reports the rows judged and the motions simulated.
     """
     found = certified(Coupling.of(problem, gains, versions=versions), progress)
     found, rest = with_rest(found, felt_at_rest_n_per_m(found), progress)
@@ -262,30 +261,30 @@ def recommend(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> Recommendation:
-    """Choose the coupling to deploy.
+    """Return the coupling to deploy.
 
-    Only couplings are considered that are linearly stable with every hand of [hands] and let go. Of these the safest
-    win: everybody at rest without dry friction, then with the declared one, then as many as possible; among equally
-    safe ones those whose rest nine hands in ten do not feel, then the nearest to the wall from 1 to 30 Hz, with a
-    price on a long time to settle when released, then the quietest, provable and stiffest. Twice as many hands that
-    had no part in the choice confirm it, on devices all over [device.range].
+    Candidates are linearly stable with every hand of [hands] and released. They are ranked by safety: all hands
+    settle without dry friction, then with the declared one, then as many as possible; then by whether the residual
+    vibration is below the detection threshold of nine hands in ten; then by impedance mismatch from 1 to 30 Hz, with
+    a price on a long settling time when released; then by vibration, provability and stiffness. Twice as many hands
+    outside the selection confirm the choice, on devices throughout [device.range].
 
     Args:
-        problem: device with what is known of it, wall and hands; or a problem file, or a name of the catalogue.
+        problem: device with its ranges, wall and hands; or a problem file, or a name of the catalogue.
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
-        lean_on_friction: whether rest that only the declared dry friction brings is enough.
-        prove: ask for proofs of the coupling that is chosen, as `certify` does; without it rest is proved where a
-            second or two tells, and simulated otherwise.
-        versions: of what makes it, by package; written into the coupling.
+        lean_on_friction: whether settling by the declared dry friction alone suffices.
+        prove: request proofs of the chosen coupling, as `certify` does; without it limit-cycle freedom is proved where
+            that takes a second or two, and simulated otherwise.
+        versions: of the software that made it, by package; written into the coupling.
         workers: processes, this one among them; more than one start this program anew, so that a script needs its
-            guard. What is found does not depend on it.
-        progress: told of the candidates that are tuned, judged and tried.
-        executor: who lets the hands try them, as for `Chunked.run`: for many thousands.
+            guard. The result does not depend on it.
+        progress: reports the candidates tuned, judged and tried.
+        executor: runs the trials, as for `Chunked.run`: for many thousands.
 
     Raises:
         InputError: workers that are no whole number of 1 or more.
-        WorkerLostError: a helper died three times of the same task.
+        WorkerLostError: a worker died three times on the same task.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)
@@ -342,7 +341,7 @@ def recommend(
 
 
 def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None = None) -> dict[str, CouplingTrial]:
-    """Let people try it who hold the device otherwise than [hands] says."""
+    """Return trials with the grips outside [hands]."""
     radius = coupling.problem.device.metres_per_unit
     return {
         told: try_coupling(

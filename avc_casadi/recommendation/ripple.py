@@ -1,4 +1,4 @@
-"""What the steps of the encoder do while the handle moves: ripple of the force, and whether a hand feels it."""
+"""Force ripple from encoder quantisation during motion, against the vibrotactile detection threshold."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
     from avc_casadi.model.effects import Effect
 
 SPEEDS_M_PER_S = (0.02, 0.05)
-"""Slow motions of a hand: at a higher speed the steps of the encoder follow each other faster, and less is felt."""
-# The handle is led for so long, of which the last part counts; hands are drawn along as long.
+"""Slow hand motions: at higher speed the encoder steps are more frequent and less detectable."""
+# Duration of the prescribed motion, of which the last part is evaluated; the moved hands' is the same.
 _LED_S, _COUNTS_S, _DRAWN_S = 1.0, 0.5, 1.5
-# From first to last the led handle becomes faster by that share.
+# Relative increase of the prescribed speed over the motion.
 _FASTER = 0.2
 _HANDS = 16
 
 
 @dataclass(frozen=True)
 class Ripple:
-    """What the steps of the encoder add to the force on a handle that moves steadily in the wall.
+    """Force ripple from encoder quantisation on a handle in steady motion in the wall.
 
     Attributes:
         force_n: rms of the ripple by speed of the device, m/s.
-        hands: how many are drawn along at the lowest of these.
-        quiet: how many of them feel no vibration.
+        hands: number simulated at the lowest of these.
+        quiet: how many of them stay below the vibrotactile detection threshold.
     """
 
     force_n: dict[str, float]
@@ -42,13 +42,13 @@ class Ripple:
 
 
 def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
-    """Move the handle steadily, led as by a motor, then by hands whose target moves on.
+    """Return the ripple in steady motion, prescribed first, then by hands whose target moves.
 
     With a damper of b behind a step of the encoder q the force has pulses of b q/T, for b sqrt(q v/T - v^2) rms while
     the handle passes less than a step in a sample.
 
     Args:
-        coupling: what runs.
+        coupling: gains and runtime.
         seed: of the hands.
     """
     problem = coupling.problem
@@ -64,12 +64,12 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
 
 
 def ripple_n(coupling: Coupling, speed_per_s: float, effects: tuple[Effect, ...] = ()) -> float:
-    """Return the rms of what the encoder adds to the force on a handle that is led in the wall.
+    """Return the rms force ripple of the encoder on a handle in prescribed motion in the wall.
 
     Args:
-        coupling: what runs.
-        speed_per_s: of the device, about which it varies: at one speed alone steps may fall on the samples.
-        effects: what runs beside it.
+        coupling: gains and runtime.
+        speed_per_s: of the device, varied slightly: at a constant speed encoder steps may coincide with samples.
+        effects: simulated beside it.
     """
     device = coupling.problem.device
     if device.encoder_resolution_m == 0:

@@ -1,4 +1,4 @@
-"""Who tries a coupling before everybody does."""
+"""Screening hands: a subset that tries a coupling before all hands do."""
 
 from __future__ import annotations
 
@@ -25,26 +25,25 @@ if TYPE_CHECKING:
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.simulation.population.trial import Ends
 
-# Where the device has ranges, so many at their corners and so many within are tried, by so many of each kind of people.
+# Devices at the corners of the ranges, devices within, and hands of each kind on every one.
 _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
-# On every device that is a little off its file so many of each kind of people try a law: corners of the hands, and
-# of those who hold on loosely some.
+# Hands on each perturbed device: corners of [hands], and loose grips.
 _OFF_FIRST, _OFF_LOOSE = 8, 60
 BEYOND_HANDS = 60
-"""So many hands try a coupling on each device that the file does not tell of."""
+"""Number of hands on each device with an unmodelled effect."""
 SURELY = 0.7
-"""Who ends at less than this share of the speed below which a hand is at rest is so in another simulation too."""
+"""Settled with margin: residual speed below this share of the threshold."""
 
 
 @dataclass(frozen=True)
 class Group:
-    """People who press, tap, hold, strike and touch lightly.
+    """Hands that press, tap, hold, strike and touch lightly.
 
     Attributes:
-        people: who they are.
-        device: on which; None is that of the problem.
-        effects: what is simulated beside what the device declares.
-        slow: what they end at when they rest, over the speed below which a hand is at rest.
+        people: the hands.
+        device: theirs; None is that of the problem.
+        effects: simulated beside those that the device declares.
+        slow: required residual speed over the settling threshold.
     """
 
     people: Hand | StylusHand
@@ -53,45 +52,45 @@ class Group:
     effects: tuple[Effect, ...] = ()
 
     def pick(self, moving: BoolArray) -> Group:
-        """Return some of them."""
+        """Return a subset."""
         return replace(self, people=self.people.pick(np.flatnonzero(moving)))
 
     def unrest(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
-        """Return how fast they end with couplings, over what they rest at, shape (couplings, people)."""
+        """Return residual speeds over the required one, shape (couplings, hands)."""
         how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
         return unrest(couplings, self.people, **how) / self.slow
 
     def ends(self, coupling: Coupling, *, friction: bool) -> _Asked:
-        """Prepare to ask that with laws of the structure of one, until somebody moves."""
+        """Return the evaluation of residual speeds for laws of one structure, stopping at the first unsettled hand."""
         how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
         return _Asked(ends_of(coupling, self.people, racing=True, **how), self.slow)
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """A group who are ready to try laws of one structure."""
+    """A group prepared for laws of one structure."""
 
     ends: Ends
     slow: float
 
     @property
     def people(self) -> int:
-        """How many they are."""
+        """Number of hands."""
         return self.ends.people
 
     def __call__(self, laws: Sequence[StateFeedback]) -> FloatArray:
-        """Return how fast they end, over what they rest at, shape (laws, people)."""
+        """Return residual speeds over the required one, shape (laws, hands)."""
         return self.ends(laws) / self.slow
 
 
 @dataclass(frozen=True)
 class Screening:
-    """Groups of people in stages: who comes later only tries what all before rest with.
+    """Groups of hands in stages: a later stage tries only laws with which all before it settle.
 
     Attributes:
-        stages: with the first of which somebody is likely to move, if anybody does.
+        stages: the most discriminating first.
         friction: whether the declared dry friction may help.
-        off: who try a law on devices that are a little off their file, where that is asked for.
+        off: hands on perturbed devices, used where requested.
     """
 
     stages: tuple[tuple[Group, ...], ...]
@@ -99,17 +98,17 @@ class Screening:
     off: tuple[Group, ...] = ()
 
     def and_off(self) -> Screening:
-        """Return them with those on devices that are a little off their file as the last."""
+        """Return the stages with the perturbed devices as the last."""
         return Screening((*self.stages, self.off), self.friction)
 
     def only_off(self) -> Screening:
-        """Return those on devices that are a little off their file alone."""
+        """Return the perturbed devices as the only stage."""
         return Screening((self.off,), self.friction)
 
     def ends(self, coupling: Coupling) -> ResidualSpeed:
-        """Prepare to ask how fast they end with laws of the structure of one.
+        """Return the evaluation of residual speeds for laws of one structure.
 
-        Who is not asked is taken to end as those before.
+        Hands of a skipped stage are given the speeds of the stages before.
         """
         first, *later = ([group.ends(coupling, friction=self.friction) for group in stage] for stage in self.stages)
 
@@ -131,14 +130,14 @@ def _speeds(stage: list[_Asked], laws: Sequence[StateFeedback]) -> FloatArray:
 
 
 def elsewhere(device: Device, kinds: Sequence[Hand], seed: int) -> tuple[Group, ...]:
-    """Deal people out among devices of the declared ranges; none where there are no ranges.
+    """Return hands on devices of the declared ranges; none without ranges.
 
-    The lightest ones are where a law that is made for a heavier one does most; of their corners those are taken that
-    differ most. Who confirms a coupling has other devices within, and may have the same corners: there are few.
+    A law has most effect on the lightest devices; of their corners those that differ most are taken. The confirming
+    hands get other devices within the ranges, but may get the same corners, which are few.
 
     Args:
         device: with its ranges.
-        kinds: of people, of each of which there are some on every device.
+        kinds: of hands, some of each on every device.
         seed: of the first corner, and of the devices within.
     """
     corners = device_corners(device)
@@ -156,15 +155,15 @@ def elsewhere(device: Device, kinds: Sequence[Hand], seed: int) -> tuple[Group, 
 
 
 def off_file(device: Device, corners: Hand, loose: Hand) -> tuple[Group, ...]:
-    """Deal people out among devices that are a little off their file where that does not say how well it is known.
+    """Return hands on the lightest perturbed devices, where values have no declared range.
 
-    Nothing is promised of these, and on the lightest, where a law does most, nothing stiffer is given up for them; but
-    of laws for the same wall those are better with which they surely rest.
+    No claim is made for these, and no stiffness is given up for them; but of laws for the same wall those are
+    preferred with which they settle with margin.
 
     Args:
         device: with its ranges, if it has any.
         corners: of the hands, and others.
-        loose: who hold on loosely.
+        loose: loose grips.
     """
     others = [one for one in assumed_devices(device) if linear_values(one) != linear_values(device)]
     lightest = min((one.mass_kg for one in others), default=0.0)
@@ -176,18 +175,18 @@ def off_file(device: Device, corners: Hand, loose: Hand) -> tuple[Group, ...]:
 
 
 def beyond_file(problem: Problem, asked: Robustness, people: Hand) -> tuple[Group, ...]:
-    """Let people try a coupling on each device that its file does not tell of.
+    """Return hands on each device with an unmodelled effect.
 
     Args:
         problem: with its device.
-        asked: which these are.
-        people: who they are.
+        asked: the effects.
+        people: the hands.
     """
     return tuple(Group(people, one.device, effects=one.effects) for one in unmodelled(problem.device, asked))
 
 
 def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]:
-    """Return people who hold the device as it is made for, where that is not as [hands] says.
+    """Return hands with the grip that the device is made for, where that is not the grip of [hands].
 
     Args:
         problem: with its device.
@@ -201,7 +200,7 @@ def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]
 
 
 def _far_apart(corners: IndexArray, random: np.random.Generator) -> list[int]:
-    """Take some of the corners of a cube, each as far as can be from those before; a bit of its number is a side."""
+    """Choose corners of a cube, each as far as possible from those before; each bit of an index is a side."""
     taken = [int(random.choice(corners))]
     while len(taken) < min(_CORNERS, len(corners)):
         nearest = [min((int(one) ^ other).bit_count() for other in taken) for one in corners]
@@ -210,5 +209,5 @@ def _far_apart(corners: IndexArray, random: np.random.Generator) -> list[int]:
 
 
 def together(*kinds: Hand) -> Hand:
-    """Return all of some people."""
+    """Return the concatenation of several sets of hands."""
     return Hand(*(np.concatenate([getattr(people, name) for people in kinds]) for name in vars(kinds[0])))

@@ -1,4 +1,4 @@
-"""The order in which candidates are judged: the likeliest first, the others only where none is the wall itself."""
+"""Schedule of the search: likeliest candidates first, the others only where none renders the wall itself."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.rank import Judged
 
-# The way from the stiffest that is held to the next stiffer wall is halved until it is so short, or so often.
+# Bisection between the stiffest stable wall and the next stiffer one: final ratio, largest number of steps.
 _CLOSE, _MOST_HALVED = 1.05, 3
 CLIMBS, ONWARDS = range(2), range(0)
-"""Continuations, by their numbers, and those that go on from what is held.
+"""Continuations by number, and those resumed from a stable wall.
 
-Of seven devices drawn at random a third continuation and two onwards brought none nearer to the wall, for half as much
-time again, though two of them stiffer at rest, by an eighth; one continuation left three farther from it.
+On seven random devices a third continuation and two resumed ones reduced the mismatch of none, for half as much time
+again, though two became an eighth stiffer at rest; with one continuation three had a larger mismatch.
 """
-# Of the walls of a continuation the next that is asked about is so much softer.
+# Ratio to the next softer wall of a continuation that is tried.
 _LESS = 0.96
-# Searches, as they are told.
+# Names of searches, as reported.
 _PLAIN, _BETWEEN = "springs and dampers", "halfway to the next stiffer wall"
 _OBSERVED = "springs and dampers behind an observer"
 
@@ -66,24 +66,24 @@ def judged_candidates(
     onwards: range = ONWARDS,
     stiffest: bool = False,
 ) -> Candidates:
-    """Try the likeliest couplings first, and the others only where none is the wall itself.
+    """Return the judged couplings: likeliest first, the others only where none renders the wall itself.
 
     Args:
         problem: device, wall and hands.
-        people: who tries them.
+        people: hands of the trials.
         seed: of their draw.
-        limit: the stiffest wall that is stable with everybody and let go, with a spring and damper.
-        progress: told of the candidates.
+        limit: the stiffest wall stable with all hands and released, with a spring and damper.
+        progress: reports the candidates.
         lean_on_friction: as in `best_of`.
         executor: as in `try_coupling`.
-        crew: who searches laws.
+        crew: workers of the search.
         start: as in `RobustCandidates`.
-        climbs: numbers of those that are made.
-        onwards: numbers of those that go on from what is held.
+        climbs: numbers of the continuations.
+        onwards: numbers of those resumed from a stable wall.
         stiffest: as in `best_of`.
     """
     wall = problem.environment.stiffness_n_per_m
-    # Where springs and dampers hold nothing, laws begin at the softest wall there is.
+    # Where spring and damper stabilise no wall, laws start at the softest one.
     limit = replace(limit, stiffness_n_per_m=max(limit.stiffness_n_per_m, softest_wall_n_per_m(problem.device)))
     evaluator = Evaluator(
         problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor, stiffest=stiffest
@@ -92,9 +92,9 @@ def judged_candidates(
     plainly = min(wall, limit.stiffness_n_per_m)
     corners = hand_corners(problem.hands)
     plain = list(plain_candidates(problem, corners, limit))
-    # A wall beyond what spring and damper hold is robust from the start; one that nothing holds is softened until
-    # everybody rests quietly, behind a law first: what springs give is mostly softer. Tuned gains come last: what holds
-    # spring and damper back holds them back too.
+    # A wall beyond spring and damper needs a robust law from the start; one that nothing stabilises is softened until
+    # acceptable, behind a law first, as springs mostly render less. Tuned gains come last: they share the limits of
+    # spring and damper.
     held_plainly = wall <= limit.stiffness_n_per_m
     if held_plainly:
         _plainly(evaluator, plain, wall)
@@ -103,7 +103,7 @@ def judged_candidates(
         _behind_laws(evaluator, robust, wall, plainly_near, climbs, onwards)
     if not held_plainly:
         if evaluator.holds(limit.stiffness_n_per_m):
-            # Softer at rest, but a law may give way more in motion.
+            # Softer at rest, but a law may have more compliance in motion.
             evaluator.ask(filter(evaluator.may_win, plain), _PLAIN)
         else:
             _plainly(evaluator, plain, limit.stiffness_n_per_m)
@@ -114,7 +114,7 @@ def judged_candidates(
         evaluator.ask(tuned_candidates(problem, progress), "tuned gains")
     if evaluator.judged:
         best = evaluator.stiffest()
-        # Climbs have come as near as that to what is not held, where springs end before laws do.
+        # Continuations have come this close to the limit already, where laws reach further than springs.
         behind_a_law = best is not None and best.coupling.runtime.state_feedback is not None
         if not behind_a_law or evaluator.reached_n_per_m() < plainly:
             _closer(problem, evaluator, limit)
@@ -124,11 +124,11 @@ def judged_candidates(
 
 @dataclass(frozen=True)
 class Candidates:
-    """What was judged.
+    """The judged candidates.
 
     Attributes:
-        judged: what was tried, and how.
-        considered: how many couplings there were.
+        judged: couplings tried, with their trials.
+        considered: number of couplings proposed.
         steps: walls for which laws were found.
     """
 
@@ -138,7 +138,7 @@ class Candidates:
 
 
 def _plainly(evaluator: Evaluator, plain: list[Alternatives], stiffness_n_per_m: float) -> None:
-    """Try springs and dampers, and behind an observer where for somebody without one it is too soft or not quiet."""
+    """Try springs and dampers, then behind an observer where they are too soft or vibrate above the threshold."""
     evaluator.ask(plain, _PLAIN)
     if not (evaluator.pleases(stiffness_n_per_m) and evaluator.holds(stiffness_n_per_m)):
         evaluator.ask(behind_observers(plain), _OBSERVED)
@@ -152,7 +152,7 @@ def _behind_laws(
     climbs: range,
     onwards: range,
 ) -> None:
-    """Continue to the wanted wall, then on from what is held, with those who moved among the first to try."""
+    """Continue to the wanted wall, then on from a stable one, with hands that did not settle added to the screening."""
     held = _held(evaluator, robust, robust.continuations(evaluator.screening(), climbs), wall_n_per_m)
     best = evaluator.stiffest()
     if best is not None and not held:
@@ -166,21 +166,21 @@ def _behind_laws(
         nearest = evaluator.nearest()
         if nearest is None or nearest.distance <= plainly_near:
             return
-        # No nearer than a spring alone: the search ended in a poor valley.
+        # No smaller mismatch than a spring alone: the search ended in a poor local minimum.
         for steps in robust.continuations(evaluator.screening(), range(number, number + 1)):
             if steps and steps[-1].stiffness_n_per_m >= (1 - AS_STIFF) * best.felt_n_per_m:
                 _refine(evaluator, robust, robust.alternatives(steps[-1])[0])
 
 
 def _refine(evaluator: Evaluator, robust: RobustCandidates, coupling: Coupling) -> None:
-    """Ask for laws like that of a coupling for the same wall that are nearer to it."""
+    """Try laws like that of a coupling, for the same wall, of smaller mismatch."""
     for steps in robust.refinements(coupling, evaluator.screening()):
         told = f"the same wall, nearer in motion, {steps[-1].stiffness_n_per_m:.4g} N/m"
         evaluator.ask([robust.alternatives(steps[-1])], told)
 
 
 def _held(evaluator: Evaluator, robust: RobustCandidates, climbs: Iterable[list[Step]], wall_n_per_m: float) -> bool:
-    """Ask for what each continuation reached; say whether one holds the wanted wall, so that no more are needed."""
+    """Try the walls that each continuation reached; return whether one stabilises the wanted wall."""
     for steps in climbs:
         _stiffest_held(evaluator, robust, steps)
         if evaluator.holds(wall_n_per_m):
@@ -189,7 +189,7 @@ def _held(evaluator: Evaluator, robust: RobustCandidates, climbs: Iterable[list[
 
 
 def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[Step]) -> None:
-    """Ask for the stiffest of some walls that is held, also with people who had no part in the choice."""
+    """Try walls from the stiffest down until one is acceptable, also with hands outside the selection."""
     asked = math.inf
     for step in reversed(steps):
         felt = step.stiffness_n_per_m
@@ -203,9 +203,9 @@ def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[S
 
 
 def _closer(problem: Problem, evaluator: Evaluator, limit: DampingRange) -> None:
-    """Halve the way to the next stiffer wall behind a spring, a few times.
+    """Bisect towards the next stiffer wall behind a spring, a few times.
 
-    So that what is felt hardly depends on where the walls stand that were looked at, and thus on the one wanted.
+    So the rendered stiffness hardly depends on the grid of walls tried, and thus on the wanted wall.
     """
     corners = hand_corners(problem.hands)
     low = evaluator.reached_n_per_m()

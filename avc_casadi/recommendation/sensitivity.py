@@ -1,4 +1,4 @@
-"""What would allow a stiffer wall: devices with one property changed."""
+"""Sensitivity of the stiffness limit: devices with one property changed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Help:
 
     Attributes:
         change: in words.
-        stiffest_wall_n_per_m: the stiffest wall that is then stable with every hand and let go; 0 where none is.
+        stiffest_wall_n_per_m: the stiffest wall that is then stable with every hand and released; 0 where none is.
     """
 
     change: str
@@ -28,7 +28,7 @@ class Help:
 
 
 def linear_changes(problem: Problem) -> dict[str, Problem]:
-    """Return what could be better that linear stability knows of, each on its own, with the problem that it leaves."""
+    """Return improvements that linear stability captures, one at a time, with the changed problem."""
     device = problem.device
     keys: dict[str, dict[str, Any]] = {"half the sample time": {"sample_time_s": device.sample_time_s / 2}}
     if device.damping_ns_per_m:
@@ -47,7 +47,7 @@ def linear_changes(problem: Problem) -> dict[str, Problem]:
 
 
 def simulated_changes(problem: Problem) -> dict[str, Problem]:
-    """Return what could be better that only a simulation knows of, each on its own, with the problem that it leaves."""
+    """Return improvements that only a simulation captures, one at a time, with the changed problem."""
     device = problem.device
     keys: dict[str, dict[str, Any]] = {}
     if device.encoder_resolution_m:
@@ -62,7 +62,7 @@ def simulated_changes(problem: Problem) -> dict[str, Problem]:
 
 
 def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
-    """Try each change with a plain spring and damper; the most helpful first.
+    """Return the limit of a plain spring and damper after each change, most effective first.
 
     Args:
         problem: the device as it is.
@@ -81,7 +81,7 @@ def _ranked(found: list[Help]) -> tuple[Help, ...]:
 
 
 def _times(share: float, device: Device, key: str) -> dict[str, Any]:
-    """Multiply a value, and the range within which it is known."""
+    """Return a value and its declared range, multiplied."""
     interval = getattr(device.range, key)
     return {
         key: share * getattr(device, key),

@@ -1,4 +1,4 @@
-"""What a shaken handle measures of a coupling: encoder, observer, dead zone and one-sided wall counted."""
+"""Rendered impedance by sinusoidal excitation of the handle, with encoder, observer, dead zone, one-sided wall."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 TOLD_HZ = (1.0, 10.0, 50.0)
-"""Frequencies at which a coupling's error is told."""
+"""Frequencies at which a coupling's error is reported."""
 PRESS_N = 10.0
-"""A firm press of a hand. The handle is shaken about half of it, or half the force limit if that is less."""
+"""A firm press of a hand. The handle is excited about half of it, or half the force limit if that is less."""
 # Amplitude over mean depth: the handle never leaves the wall.
 _SHARE = 0.5
-# Mean depth before a wall without a spring.
+# Mean depth for a wall without a spring.
 _DEPTH_M = 0.01
-# The handle is led into the wall, what that excites dies out, and the response is taken.
+# The handle is moved into the wall, the transient decays, and the response is recorded.
 _RAMP_S, _SETTLED_S, _END_S = 0.25, 2.0, 4.0
-# It is led by a mass that no force of the device moves, on a spring that is so much faster than the motion.
+# The motion is imposed by a mass far beyond the device's force, on a spring much faster than the motion.
 _HEAVY, _FASTER, _LEAST_HZ = 1e7, 20.0, 30.0
-# What stands between the command and the handle is linear and reckoned apart.
+# What lies between command and handle is linear and computed analytically.
 _IDEAL: dict[str, Any] = {
     "delay_samples": 0,
     "coulomb_friction_n": 0.0,
@@ -50,15 +50,15 @@ _IDEAL: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Shaken:
-    """What a handle measures that is shaken about a depth.
+    """Impedance rendered to a handle excited about a mean depth.
 
     Attributes:
         depth_m: mean depth.
         amplitude_m: of the sine about it.
         frequency_hz: shape (n,), those below a quarter of the sample rate.
-        stiffness_n_per_m: |Z_h - Z_d| omega, what the handle feels beside its device, shape (n,).
+        stiffness_n_per_m: |Z_h - Z_d| omega, rendered beside the device, shape (n,).
         error: |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s, shape (n,).
-        mismatch: |ln((Z_h - Z_d)/Z_e)|, what is rendered over the wall b_e + k_e/s, shape (n,).
+        mismatch: |ln((Z_h - Z_d)/Z_e)|, rendered impedance over the wall b_e + k_e/s, shape (n,).
     """
 
     depth_m: float
@@ -85,17 +85,17 @@ def shaken(
     effects: tuple[Effect, ...] = (),
     wanted: Problem | None = None,
 ) -> Shaken:
-    """Shake the handle of a coupling's device in its wall.
+    """Return the impedance rendered to the sinusoidally excited handle in the wall.
 
-    The force at the frequency of the motion counts (a describing function: Gelb and Vander Velde 1968); dry friction,
-    which belongs to the device, does not.
+    By the force at the frequency of the motion (describing function: Gelb and Vander Velde 1968), without dry
+    friction, which belongs to the device.
 
     Args:
-        coupling: gains, or a table, which then follows the motion; with what runs beside it.
-        felt_n_per_m: stiffness at rest.
-        frequency_hz: where; those above a quarter of the sample rate are left out, and that is taken if none is left.
-        effects: what runs beside it in the scene.
-        wanted: with the wall that should be felt; None is that of the coupling.
+        coupling: gains, or a table, which then follows the motion; and runtime.
+        felt_n_per_m: static rendered stiffness.
+        frequency_hz: below a quarter of the sample rate; others are left out, and if none remain that is taken.
+        effects: simulated beside it.
+        wanted: problem of the reference wall; None is that of the coupling.
     """
     device = coupling.problem.device
     quarter_hz = 0.25 / device.sample_time_s
@@ -115,7 +115,7 @@ def force_over_position(
     frequency_hz: FloatArray,
     effects: tuple[Effect, ...] = (),
 ) -> ComplexArray:
-    """Lead the measured position along sines and return the force asked for over it, N/m, shape (n,).
+    """Return commanded force over measured position for imposed sines, N/m, shape (n,).
 
     Args:
         coupling: as for `shaken`.
@@ -145,17 +145,17 @@ def led(
     *,
     exact: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Lead the measured position as no force of the device can prevent; what stands behind the command is ideal.
+    """Return position and commanded force for an imposed motion, with an ideal actuator.
 
     Args:
         coupling: as for `shaken`.
-        position_m: where it goes, at each sample and at the end, shape (samples + 1,).
+        position_m: imposed, at each sample and at the end, shape (samples + 1,).
         effects: as for `shaken`.
-        fastest_hz: that is in it.
-        exact: whether the position is read without the steps of the encoder.
+        fastest_hz: highest frequency of the motion.
+        exact: whether the position is read without quantisation.
 
     Returns:
-        Its position, and the force that is asked for, shape (samples,) each.
+        Position and commanded force, shape (samples,) each.
     """
     device = coupling.problem.device
     read = {"encoder_resolution_m": 0.0} if exact else {}
@@ -172,5 +172,5 @@ def led(
     inputs[scene.inputs.index("target_position_m")] = position_m[:-1]
     inputs[scene.inputs.index("target_velocity_m_per_s")] = np.diff(position_m) / t
     run = execute(scene, parameters, inputs, engine=engine_for(1))
-    # Nothing asks for a force where there is no wall.
+    # Without a wall no force is commanded.
     return run["position_m"][0], run["force_n"][0] if "force_n" in run else np.zeros(samples)

@@ -1,4 +1,4 @@
-"""How stiff a wall the device can give to simulated hands, and what would allow a stiffer one."""
+"""Stiffest wall that a device renders to simulated hands, and the sensitivity of that limit."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 
-# A wall out of reach, over what spring and damper hold.
+# Unreachable stiffness, over the limit of spring and damper.
 _FAR = 1e3
-# Climbs, by their numbers, and those on from what they hold: of a recommendation for such a wall, and of another
-# search beside it, on the device as it is; and one on a changed device.
+# Numbers of continuations and of resumed ones: for the device as it is those of a recommendation and of a second
+# search; one for a changed device.
 _AS_IT_IS, _ONCE = ((range(3), range(2)), (range(3, 5), range(1))), range(1)
 
 
 @dataclass(frozen=True)
 class _Asked:
-    """Who asks: how many hands, the seed of their draw, and whether they may lean on dry friction."""
+    """Settings of the trials: number of hands, seed, whether settling by dry friction suffices."""
 
     hands: int
     seed: int
@@ -58,26 +58,25 @@ def stiffest(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> dict[str, Any]:
-    """Search the stiffest wall at which simulated hands rest as safely as with a recommendation, and what would help.
+    """Return the stiffest wall at which simulated hands settle as safely as in `recommend`, and its sensitivities.
 
-    The search is that of `recommend`, for a wall that is out of reach: everything that the device declares is
-    simulated. Each change is searched from the law of the device as it is on, which may lead astray. It is
-    tried with the best coupling of the device as it is too, so that an improvement never counts as a loss where that
-    coupling goes on to hold.
+    The search is that of `recommend` for an unreachable wall, with every declared effect simulated. The law of the
+    device as it is serves as initial guess for each changed device, possibly a poor one; its best coupling is tried
+    there too, so that an improvement never counts as a loss where that coupling stays stable.
 
     Args:
         problem: the device and its hands; its wall and detents do not matter.
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
-        lean_on_friction: whether rest that only the declared dry friction brings is enough.
+        lean_on_friction: whether settling by the declared dry friction alone suffices.
         workers: processes; more than one start this program anew, so that a script needs its guard.
-        progress: told of the searches.
-        executor: who searches instead, as for `Chunked.run`.
+        progress: reports the searches.
+        executor: runs the searches instead, as for `Chunked.run`.
 
     Returns:
-        The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is felt at rest with the
-        coupling that was found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper by
-        linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where it holds none.
+        The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is the static stiffness
+        rendered by the coupling found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper
+        by linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where none is stable.
     """
     simple, _ = _out_of_reach(problem)
     asked = _Asked(hands, seed, lean_on_friction)
@@ -119,7 +118,7 @@ def stiffest(
 
 
 def _out_of_reach(problem: Problem) -> tuple[DampingRange, Problem]:
-    """Return what spring and damper hold, and the device before a bare wall that is much stiffer."""
+    """Return the limit of spring and damper, and the problem with a much stiffer undamped wall."""
     simple = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
     far = _FAR * max(simple.stiffness_n_per_m, softest_wall_n_per_m(problem.device))
     wall = {"stiffness_n_per_m": far, "damping_ns_per_m": 0.0}
@@ -128,10 +127,10 @@ def _out_of_reach(problem: Problem) -> tuple[DampingRange, Problem]:
 
 @dataclass(frozen=True)
 class _Best:
-    """The best that a device gives.
+    """The best coupling of a device.
 
     Attributes:
-        judged: the coupling, and how it was tried.
+        judged: the coupling with its trial.
         step: the wall and the law behind it; None behind a spring and damper.
     """
 
@@ -143,7 +142,7 @@ _Task = Callable[[], "_Best | None"]
 
 
 def _done(tasks: list[_Task], executor: Executor | None, progress: Progress) -> list[_Best | None]:
-    """Work tasks out, in any order; return what they found."""
+    """Run tasks in any order and return their results."""
     study: Chunked[_Task, list[_Best | None]] = Chunked({}, _called, tasks, list, things="searches")
     return study.run(executor, progress=progress)
 
@@ -161,7 +160,7 @@ def _best(
     onwards: range = range(0),
     start: Step | None = None,
 ) -> _Best | None:
-    """Search the stiffest, where one can be held; arguments as for `judged_candidates`."""
+    """Return the stiffest coupling, if any is stable; arguments as for `judged_candidates`."""
     if hopeless(problem):
         return None
     people, lean = people_of(problem.hands, asked.hands, asked.seed), asked.lean_on_friction
@@ -187,13 +186,13 @@ def _best(
 
 
 def _as_it_is(problem: Problem, asked: _Asked, climbs: range, onwards: range) -> _Best | None:
-    """Search on the device as it is."""
+    """Search on the unchanged device."""
     simple, walled = _out_of_reach(problem)
     return _best(walled, simple, asked, climbs=climbs, onwards=onwards)
 
 
 def _changed(before: _Best | None, changed: Problem, asked: _Asked) -> _Best | None:
-    """Search on a changed device, from the law of the device as it is where there is one."""
+    """Search on a changed device, from the law of the unchanged one if any."""
     simple, walled = _out_of_reach(changed)
     start = None
     if before is not None and before.step is not None:
@@ -202,7 +201,7 @@ def _changed(before: _Best | None, changed: Problem, asked: _Asked) -> _Best | N
 
 
 def _kept(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
-    """Let the hands try the coupling of the device as it is; None at another rate or where it is not deployable."""
+    """Try the coupling of the unchanged device on a changed one; None at another rate or where not deployable."""
     if changed.device.sample_time_s != before.judged.coupling.problem.device.sample_time_s:
         return None
     if _only_stronger(changed.device, before.judged.coupling.problem.device):
@@ -216,7 +215,7 @@ def _kept(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
 
 
 def _only_stronger(device: Device, before: Device) -> bool:
-    """Whether a change is one of the force limit alone: force need not be used."""
+    """Return whether only the force limit differs, which the coupling need not reach."""
     force: dict[str, Any] = {"max_force_n": True, "range": {"max_force_n": True}}
     return device.model_dump(exclude=force) == before.model_dump(exclude=force)
 
@@ -227,7 +226,7 @@ def _safest_then_stiffest(told: dict[str, Any]) -> tuple[float, ...]:
 
 
 def _best_of(found: Sequence[_Best | None], asked: _Asked) -> _Best | None:
-    """Return the best of some, whoever found nothing among them."""
+    """Return the best of several results, which may be None."""
     some = [one for one in found if one is not None]
     if not some:
         return None

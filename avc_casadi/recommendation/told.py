@@ -1,4 +1,4 @@
-"""What a recommendation says in words: the conclusion first, one sentence a line."""
+"""Text of a recommendation: the conclusion first, one sentence a line."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from avc_casadi._util.text import number
 from avc_casadi.recommendation.contact_onset import NOTICED_N
 from avc_casadi.simulation.population.motions import TRIAL_S
 
-# Shares of the force limit and of the stiffness felt from which it is worth a line.
+# Shares of the force limit and of the rendered stiffness above which a line is printed.
 _AT_LIMIT, _STIFFER = 0.97, 1.1
-# A share of the wall that is hardly anything, and an error at 1 Hz from which motion is another matter than rest.
+# Rendered stiffness (share of the wall) that is negligible, and impedance error at 1 Hz that is worth a line.
 _HARDLY, _OTHERWISE = 0.1, 0.2
-# A spring so much stiffer than the wall is none.
+# A spring this many times stiffer than the wall counts as rigid.
 _RIGID = 100.0
-# Hands that feel so much more or less than the median differ noticeably.
+# Noticeable deviation from the median of the hands.
 _SPREAD = 0.1
-# How hands hold a device, where the key of the document is no phrase.
+# Phrases for grips whose document key is not one.
 _HELD = {"one fingertip": "with one fingertip"}
-# So far from its face a wall begins noticeably elsewhere.
+# Noticeable offset of the contact onset.
 _ELSEWHERE_M = 5e-4
 
 
 def conclusion_lines(document: dict[str, Any]) -> list[str]:
-    """Return what to deploy and what it feels like, or that nothing can be deployed."""
+    """Return what to deploy and what it renders, or that nothing can be deployed."""
     coupling, felt, trial = document["coupling"], document["felt"], document["trial"]
     if coupling is None:
         return [f"deploy nothing on {document['problem']}: {document['reason']}"]
@@ -65,12 +65,12 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
 
 
 def _watched(trial: dict[str, Any]) -> str:
-    """Say how long all are watched where hand and device alone swing for longer than a trial lasts."""
+    """Return the trial's duration where hand and device alone oscillate for longer than the usual one."""
     return "" if trial["longest_s"] <= TRIAL_S else f"; all are watched for {number(trial['longest_s'])} s"
 
 
 def _settling(found: dict[str, Any]) -> str:
-    """Say how long a released device swings, and how the worst hand's oscillation is damped."""
+    """Return the settling time of the released device and the damping ratio with the worst hand."""
     free, held = found["released"], found["worst_hand"]
     told = "not at all" if free["settling_s"] is None else f"in {number(free['settling_s'], 3)} s"
     ringing = f"damping ratio {number(held['damping_ratio'], 2)} at {number(held['frequency_hz'], 3)} Hz"
@@ -78,14 +78,14 @@ def _settling(found: dict[str, Any]) -> str:
 
 
 def _ripple(found: dict[str, Any]) -> str:
-    """Say what the steps of the encoder add to the force while the handle moves, and who feels it."""
+    """Return the force ripple of the encoder in motion, and how many hands detect it."""
     told = " and ".join(f"{number(force, 3)} N rms at {speed} m/s" for speed, force in found["force_n"].items())
     slowest = next(iter(found["force_n"]))
     return f"ripple in motion: {told}; {found['quiet']} of {found['hands']} hands at {slowest} m/s feel no vibration"
 
 
 def _margins(who: str, found: dict[str, Any]) -> str:
-    """Say by how much the actuator's force may be wrong, released or with the worst hand of each."""
+    """Return the stability margins at the actuator, released or with the worst hand of each."""
     units = (
         ("gain", " times", "gain_hz"),
         ("phase_deg", " degrees", "phase_hz"),
@@ -101,12 +101,12 @@ def _margins(who: str, found: dict[str, Any]) -> str:
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:
-    """Say that the hands of the trial have the device as declared, where others had devices of its ranges."""
+    """Return a phrase for a trial on the nominal device, where others were on devices of its ranges."""
     return " on the nominal device" if confirmed and confirmed["devices"] > 1 else ""
 
 
 def _quietly(document: dict[str, Any]) -> str:
-    """Say who presses without a vibration that is felt."""
+    """Return how many hands press below the vibrotactile detection threshold."""
     trial, confirmed, declared_n = document["trial"], document["confirmed"], document["felt"]["friction_n"]
     friction = ", with the declared friction" if declared_n else ""
     others = f", and {confirmed['quiet']} of {confirmed['hands']} others" if confirmed else ""
@@ -115,7 +115,7 @@ def _quietly(document: dict[str, Any]) -> str:
 
 
 def rest_line(rest: dict[str, Any]) -> str:
-    """Return what is known of rest with every hand: proved, refuted, open or simulated."""
+    """Return the line on limit-cycle freedom with every hand: proved, refuted, open or simulated."""
     wall = rest["proved_wall_n_per_m"]
     ends = ""
     if rest["word"] == "open" and wall is not None:
@@ -124,7 +124,7 @@ def rest_line(rest: dict[str, Any]) -> str:
 
 
 def _unlike_the_proof(rest: dict[str, Any], trial: dict[str, Any]) -> list[str]:
-    """Say that hands move where a proof says that they rest: owing to what the proof leaves out."""
+    """Return a line if hands do not settle despite a proof, owing to effects that it leaves out."""
     moving = trial["hands"] - trial["at_rest_without_friction"]
     if rest["word"] != "proved" or not moving:
         return []
@@ -147,7 +147,7 @@ def _felt(felt: dict[str, Any], trial: dict[str, Any], *, springy: bool) -> str:
 
 
 def _spread(over_hands: dict[str, Any]) -> str:
-    """Say how far hands differ, where more than one in twenty feels noticeably less than the median, or more."""
+    """Return the spread over hands, where more than one in twenty differs noticeably from the median."""
     median, (low, high) = over_hands["median"], over_hands["nine_in_ten"]
     if (1 - _SPREAD) * median <= low <= high <= (1 + _SPREAD) * median:
         return ""
@@ -155,7 +155,7 @@ def _spread(over_hands: dict[str, Any]) -> str:
 
 
 def _in_motion(felt: dict[str, Any]) -> list[str]:
-    """Say that a wall behind an observer that is stiff at rest is softer in motion, where its error says so."""
+    """Return a line if a wall behind an observer is softer in motion than at rest."""
     error = felt["complex_error"].get("1", 0.0)
     if felt["stiffness_n_per_m"] is None or felt["share_of_wall"] < 1 - _OTHERWISE or error < _OTHERWISE:
         return []
@@ -167,7 +167,7 @@ def _in_motion(felt: dict[str, Any]) -> list[str]:
 
 
 def _edge(felt: dict[str, Any]) -> list[str]:
-    """Say where the wall begins for a hand that moves, if that is felt to be elsewhere than its face."""
+    """Return the contact onset for a moving hand, if noticeably off the wall's face."""
     at = {speed: depth for speed, depth in felt["edge_m"].items() if depth is not None}
     noticed = felt["edge_force_n"]
     give = noticed / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
@@ -187,7 +187,7 @@ def _depth(depth_m: float) -> str:
 
 
 def _off_file(off: dict[str, Any] | None) -> list[str]:
-    """Say how those fare who hold the device at the corners of [hands] where its file is a little wrong."""
+    """Return the result of the corner hands on perturbed devices."""
     if off is None:
         return []
     enough = off["at_rest_without_friction"] == off["hands"] and not off["linearly_unstable"]
@@ -205,7 +205,7 @@ def _off_file(off: dict[str, Any] | None) -> list[str]:
 
 
 def _beyond_file(found: list[dict[str, Any]]) -> list[str]:
-    """Say how those fare whose device is in one thing what its file does not say."""
+    """Return the results with one unmodelled effect each."""
     parts = []
     for one in found:
         friction = "" if one["at_rest"] is None else f", {one['at_rest']} with friction"
@@ -217,7 +217,7 @@ def _beyond_file(found: list[dict[str, Any]]) -> list[str]:
 
 
 def beyond_file_text(one: dict[str, Any]) -> str:
-    """Return what a device has that its file does not say."""
+    """Return the name of an unmodelled effect."""
     value = one["value"]
     if one["key"] == "held":
         return "one fingertip" if value == "fingertip" else f"hands on a {value}"
@@ -241,7 +241,7 @@ def _other_hands(tried: dict[str, Any]) -> str:
 
 
 def _limits(document: dict[str, Any]) -> list[str]:
-    """Say what the force limit does, and what leaning on dry friction would give."""
+    """Return the effect of the force limit, and the gain from counting on dry friction."""
     trial, lines = document["trial"], []
     limit = document["coupling"]["max_force_n"]
     if limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit:
@@ -259,7 +259,7 @@ def _limits(document: dict[str, Any]) -> list[str]:
 
 
 def gains_line(coupling: dict[str, Any]) -> str:
-    """Return the gains and what runs beside them, as numbers to type into any firmware."""
+    """Return the gains and the runtime, as numbers to type into any firmware."""
     rows = coupling["table"]
     named = (
         ("b", "damping_ns_per_m", "N.s/m"),

@@ -1,4 +1,4 @@
-"""What a hand feels of a virtual tool or of a follower: mass and drag in free motion, stiffness on a rigid object."""
+"""Rendered impedance of a virtual tool or a follower: mass and drag in free motion, stiffness in rigid contact."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 FELT_HZ = (1.0, 10.0)
-"""Frequencies at which it is told, in the band in which hands move."""
+"""Frequencies reported, in the band in which hands move."""
 _BAND_HZ = tuple(np.geomspace(0.3, 100.0, 80).tolist())
 
 
@@ -32,8 +32,8 @@ class Felt:
 
     Attributes:
         frequency_hz: of the motion.
-        mass_kg: felt in free motion, Im(Z)/omega; None where nothing moves.
-        drag_ns_per_m: felt in free motion, Re(Z), of device, tool and what the loop adds.
+        mass_kg: rendered in free motion, Im(Z)/omega; None where nothing moves.
+        drag_ns_per_m: rendered in free motion, Re(Z), of device, tool and loop.
         free_error: distance from device and tool as one body, relative to its |Z|; None where nothing moves.
         stiffness_n_per_m: rendered against a rigid object, |F/x|.
         contact_error: distance from the device on a spring K, relative to its |Z|.
@@ -49,12 +49,12 @@ class Felt:
 
 @dataclass(frozen=True)
 class FeltBand:
-    """What is felt over a band of frequencies, and what is wanted there.
+    """Rendered and wanted impedance over a band of frequencies.
 
     Attributes:
         problem: name of the problem.
-        felt: at each frequency, low ones first.
-        mass_kg: wanted in free motion: of the device and what moves at the other end, as one body.
+        felt: rendered impedance by frequency, ascending.
+        mass_kg: wanted in free motion: of the device and the remote mass, as one body.
         damping_ns_per_m: of both.
         stiffness_n_per_m: wanted on a rigid object: K.
     """
@@ -67,7 +67,7 @@ class FeltBand:
 
 
 def felt_band(problem: Problem, gains: ToolGains) -> FeltBand:
-    """Return what is felt of the other end over the band in which hands move and feel.
+    """Return the rendered impedance of the remote end over the band of hand motion and perception.
 
     Args:
         problem: with [simulation] or [follower].
@@ -86,7 +86,7 @@ def felt_band(problem: Problem, gains: ToolGains) -> FeltBand:
 
 
 def felt_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = FELT_HZ) -> list[Felt]:
-    """Return what is felt of the heaviest tool, with the nominal device as a rigid body.
+    """Return the rendered impedance of the heaviest tool, with the nominal device as a rigid body.
 
     Args:
         problem: with [simulation].
@@ -107,7 +107,7 @@ def felt_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float
 
 
 def felt_follower(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = FELT_HZ) -> list[Felt]:
-    """Return what is felt of the follower, with both nominal devices as rigid bodies.
+    """Return the rendered impedance of the follower, with both nominal devices as rigid bodies.
 
     Args:
         problem: with [follower].
@@ -141,13 +141,13 @@ def _felt(
     free: complex | None,
     rigid: complex,
 ) -> Felt:
-    """Return what is felt of the forces that the device's loop asks for in free motion and against a rigid object.
+    """Return the impedance rendered by the commanded forces in free motion and in rigid contact.
 
     Args:
-        device: held and late as its forces are.
+        device: with the hold and delay of its forces.
         gains: of the coupling.
         frequency_hz: of the motion.
-        far: mass and damping of what moves at the other end.
+        far: mass and damping of the remote end.
         free: force per metre; None where nothing moves.
         rigid: force per metre.
     """

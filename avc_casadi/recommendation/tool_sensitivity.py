@@ -1,4 +1,4 @@
-"""How far the same stiffness reaches: lighter tools, slower engines, other exchanges and devices; what allows more."""
+"""Range of a stiffness over tool mass, engine step, exchange and device; sensitivity of its limit."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class SensitivityOptions:
     """Numbers of the sensitivities.
 
     Attributes:
-        mismatch: share by which mass and damping of the device may be off.
-        later_samples: by which its delay may be longer.
-        heaviest: a tool so many times heavier is looked at, at most.
-        slowest: as is a step so many times longer.
+        mismatch: relative perturbation of mass and damping of the device.
+        later_samples: additional delay.
+        heaviest: largest factor on the tool's mass.
+        slowest: largest factor on the engine's step.
     """
 
     mismatch: float = 0.1
@@ -35,7 +35,7 @@ class SensitivityOptions:
 
 
 _OPTIONS = SensitivityOptions()
-# What would help is told beside a limit: one part in a hundred is enough.
+# Sensitivities are printed beside a limit: one part in a hundred suffices.
 _ROUGHLY = ToolSearchOptions(precision=0.01)
 
 
@@ -44,7 +44,7 @@ class ToolHelp:
     """A change and the stiffest coupling that it allows.
 
     Attributes:
-        change: what, in words.
+        change: in words.
         stiffest_n_per_m: K with the best B, linear stability alone.
     """
 
@@ -53,12 +53,12 @@ class ToolHelp:
 
 
 def stable_on_other_devices(problem: Problem, gains: ToolGains, options: SensitivityOptions = _OPTIONS) -> bool:
-    """Whether the gains are stable on devices about the nominal one, or all over the ranges that are declared.
+    """Return whether the gains are stable on perturbed devices, or throughout the declared ranges.
 
     Args:
         problem: with [simulation].
         gains: of the coupling.
-        options: how far other devices are off.
+        options: perturbations of the device.
     """
     device, known, off = problem.device, problem.device.range, options.mismatch
     about = {
@@ -72,13 +72,13 @@ def stable_on_other_devices(problem: Problem, gains: ToolGains, options: Sensiti
 def least_tool_mass_kg(
     problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS, *, local: bool
 ) -> float | None:
-    """Return the lightest tool with which a stiffness is stable: down from the declared one, or up to where it is.
+    """Return the lightest tool with which a stiffness is stable, searched from the declared mass down, or up.
 
     Args:
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
-        options: how heavy a tool is looked at.
-        local: whether the device's own loop may damp too.
+        options: heaviest tool searched.
+        local: whether the device's local loop may damp too.
     """
     tool = required_tool(problem)
     declared = min(tool.tool_mass_kg or (1.0,))
@@ -104,8 +104,8 @@ def slowest_step_s(
     Args:
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
-        options: how long a step is looked at.
-        local: whether the device's own loop may damp too.
+        options: longest step searched.
+        local: whether the device's local loop may damp too.
     """
     tool, t = required_tool(problem), problem.device.sample_time_s
 
@@ -124,12 +124,12 @@ def slowest_step_s(
 
 
 def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> dict[str, bool]:
-    """Return with which exchanges a stiffness is stable with some damper.
+    """Return the exchanges with which a stiffness is stable at some damping.
 
     Args:
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
-        local: whether the device's own loop may damp too; beside a held force it may in any case.
+        local: whether the device's local loop may damp too; beside a held force it may in any case.
     """
     names: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
     return {
@@ -139,12 +139,12 @@ def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bo
 
 
 def what_would_help(problem: Problem, limit_n_per_m: float, *, local: bool) -> tuple[ToolHelp, ...]:
-    """Return what would allow a stiffer coupling, the most first.
+    """Return the sensitivities of the stiffness limit, largest first.
 
     Args:
         problem: with [simulation].
-        limit_n_per_m: the stiffest K as it is.
-        local: whether the device's own loop damps already; if not, that is one of the changes.
+        limit_n_per_m: the stiffest K of the unchanged problem.
+        local: whether the device's local loop damps already; if not, that is one of the changes.
     """
     tool, t = required_tool(problem), problem.device.sample_time_s
     step_s = max(tool.step_s)
@@ -170,7 +170,7 @@ def what_would_help(problem: Problem, limit_n_per_m: float, *, local: bool) -> t
 
 
 def _between(holds: Callable[[float], bool], low: float, high: float) -> float:
-    """Return the smallest value, down to `low`, from which on all up to `high` hold, within 2 %."""
+    """Return the smallest value, down to `low`, above which all up to `high` hold, within 2 %."""
     while high > low:
         lower = max(high / 2, low)
         if not holds(lower):

@@ -1,4 +1,4 @@
-"""Recommend the coupling between a device and a simulation: spring, damper, what they feel like, what limits them."""
+"""Recommend the coupling between a device and a simulation: spring, damper, rendered impedance, limits."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ class ToolOptions:
     Attributes:
         gain_margin: K and B may be this many times as large before a hand, released, a tool or a contact is unstable.
             Usual design margins lie between 1.5 and 2 (Astrom and Murray, Feedback Systems, 10.3).
-        share_of_limit: where no stiffness is wanted, the first tried is this share of the stiffest: within the margin,
-            with room to choose the damper.
-        softer: each next one is so many times the one before, where hands do not settle.
-        tries: how many are tried.
-        for_friction: so many softer ones are tried for one that needs no dry friction, where one that does is found.
+        share_of_limit: where no stiffness is wanted, the initial stiffness is this share of the stability limit:
+            within the margin, with freedom to choose the damper.
+        softer: ratio of successive stiffnesses while hands do not settle.
+        tries: largest number of stiffnesses.
+        for_friction: largest number of softer ones tried to settle without dry friction.
     """
 
     gain_margin: float = 1.5
@@ -59,35 +59,35 @@ class ToolOptions:
 
 
 OPTIONS = ToolOptions()
-# Who tries a coupling first, corners of the hands, and in which motions: what they refuse nobody else tries.
+# Screening hands (corners) and their motions: a coupling that fails with them is tried no further.
 _FIRST, _HARDEST = 16, ("touch", "free")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolRecommendation(Printed):
-    """The coupling to a simulation that may be deployed, and what is known of it.
+    """A deployable coupling to a simulation and its analysis.
 
     Attributes:
         problem: as stated.
         coupling: tried and judged; None where none is deployable.
-        deployable: whether it may go into device and engine.
+        deployable: whether it may be loaded into device and engine.
         reason: one sentence: why this one, or why none.
         stiffest: the limit: the stiffest K that is linearly stable with every hand, tool and contact, with its B.
-        gain_margin: how many times as large K and B may be together; None without a coupling.
+        gain_margin: common gain margin of K and B; None without a coupling.
         mode: the least damped oscillation of all loops; None without a coupling.
         worst: the loop with the largest spectral radius at the limit.
-        felt: what it feels like at the handle.
-        trial: how simulated hands fared; None without a coupling.
+        felt: impedance rendered at the handle.
+        trial: result with simulated hands; None without a coupling.
         mismatch: whether devices a tenth off and a quarter of a sample late are linearly stable too.
-        local_dampers_ns_per_m: least and largest damper of the device's own loop that keeps K and B stable; None
-            where that does not damp.
+        local_dampers_ns_per_m: range of the damper in the device's local loop that keeps K and B stable; None where
+            that does not damp.
         least_tool_mass_kg: the lightest tool with which the same K is stable with some B; None where none is, or where
             nothing moves.
         slowest_step_s: the longest step of the engine with which it is.
         exchanges: with which exchanges it is.
-        helps: what would allow a stiffer one.
-        assumed: what is assumed.
-        not_used: what the problem declares and nothing here uses.
+        helps: sensitivities of the stiffness limit.
+        assumed: assumptions.
+        not_used: declared keys that the analysis does not use.
     """
 
     problem: Problem
@@ -117,7 +117,7 @@ class ToolRecommendation(Printed):
         return f"ToolRecommendation({self.problem.name!r}: {told}; {self.reason})"
 
     def document(self) -> dict[str, Any]:
-        """Return the `recommend` document: JSON values only; what asks for a wall is null."""
+        """Return the `recommend` document: JSON values only; keys that need a wall are null."""
         gains = None if self.coupling is None else self.coupling.gains
         tried = None if self.trial is None else self.trial.document()
         rendered = None if tried is None else tried["rendered_stiffness_n_per_m"]
@@ -174,7 +174,7 @@ def recommend_tool(
     progress: Progress = SILENT,
     options: ToolOptions = OPTIONS,
 ) -> ToolRecommendation:
-    """Choose spring and damper between a device and the tool of a simulation.
+    """Return the spring and damper between a device and the tool of a simulation.
 
     Every loop of the answer is linearly stable: hands of [hands] and the device released, free and rigid contact and
     the springs between, every corner of device and tool, with a margin; and simulated hands settle in every motion.
@@ -183,8 +183,8 @@ def recommend_tool(
         problem: with [simulation].
         hands: number of simulated hands, corners of [hands] among them.
         seed: of their draw.
-        versions: of what makes it, by package; written into the coupling.
-        progress: told of the couplings that are tried.
+        versions: of the software that made it, by package; written into the coupling.
+        progress: reports the couplings tried.
         options: numbers of the recommendation.
 
     Raises:
@@ -194,7 +194,7 @@ def recommend_tool(
     local, wanted = tool.damped_locally, tool.stiffness_n_per_m
     stiffest = search.stiffest_beside_local_damper() if local else search.stiffest()
     if not local and wanted is not None and wanted > stiffest.stiffness_n_per_m:
-        # It drags in free motion, and is there for a stiffness that is not to be had without.
+        # It drags in free motion, so it serves only a stiffness that is unreachable without.
         local, stiffest = True, search.stiffest_beside_local_damper()
     limit = stiffest.stiffness_n_per_m
     why = _hopeless(problem, search, limit)
@@ -246,10 +246,10 @@ def _tried(
     *,
     local: bool,
 ) -> tuple[ToolGains | None, ToolTrial | None]:
-    """Return the stiffest of some couplings with which all hands settle, without dry friction too where one does.
+    """Return the stiffest coupling with which all hands settle, without dry friction if one does.
 
     Returns:
-        No gains where none does; the trial of the last one then.
+        Gains and trial; without gains where none does, with the trial of the last one.
     """
     tool = required_tool(problem)
     people = people_of(problem.hands, hands, seed)
@@ -322,7 +322,7 @@ def _reason(tool: VirtualTool, wanted: float | None, margin: float, options: Too
 
 
 def unusual(problem: Problem) -> dict[str, str]:
-    """Return what is unusual of a [simulation], by key: what costs most stiffness, and what no coupling mends.
+    """Return unusual values of a [simulation] by key: costliest in stiffness, or beyond any coupling.
 
     Args:
         problem: with [simulation].

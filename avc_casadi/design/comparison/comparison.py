@@ -1,4 +1,4 @@
-"""Solve a problem by several methods and put the answers side by side."""
+"""Solve a problem by several methods and compare the results."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 POINTWISE: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.pointwise)
-"""The methods that answer the paper's question at each frequency alone, and are compared."""
+"""The methods that solve the paper's problem pointwise in frequency, which are compared."""
 OPTIMISERS: tuple[MethodName, ...] = tuple(name for name, one in METHODS.items() if one.optimises)
 _SHARED = {"frequency_hz", "target_ns_per_m"}
 
@@ -59,16 +59,16 @@ class Comparison(PrintedColumns):
         upper: perceived impedance of the realistic bound U.
         lower: perceived impedance of the realistic bound L.
         optimum: the method that the verdicts compare with the closed form.
-        delivered: the method whose gains the device gets: `optimum`, or "direct, scope ..." after `with_delivered`.
+        delivered: the method whose gains are deployed: `optimum`, or "direct, scope ..." after `with_delivered`.
         verdict: one for each frequency.
         reason: one sentence for each frequency.
-        injection: what the closed form really is.
-        cross_check: `direct` against `exact`, where both were asked for.
+        injection: the closed form as damping injection.
+        cross_check: `direct` against `exact`, where both were requested.
         mine: a hand-tuned pair, where one was given.
         judged: certificate and realism of each method, and of the pair under the name "mine".
         passive_limit_n_per_m: largest DC stiffness of any passive linear time-invariant rendering, sampled-data:
             2 b_d/((1 + delay) T).
-        stated: the problem as it was asked, for ``print``.
+        stated: the problem as stated, for ``print``.
 
     Example:
         >>> comparison = avc.compare("soft")
@@ -132,12 +132,12 @@ def compare(
 ) -> Comparison:
     """Compare the gains of several methods at each frequency: the closed form, CasADi and the exact optimum.
 
-    The paper's (12) is pointwise, and so is the comparison, whatever scope and realism the problem demands.
+    The paper's (12) is pointwise, and so is the comparison, whatever scope and realism the problem requires.
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        methods: must hold "closed-form" and at least one of `OPTIMISERS`; the first of these is what the closed form is
-            compared with.
+        methods: must hold "closed-form" and at least one of `OPTIMISERS`; the closed form is compared with the
+            first of these.
         mine: a hand-tuned constant pair (k in N/m, b in N.s/m).
         solver: called as ``solver(problem, method)``; replace it to show progress or to reuse gains.
 
@@ -206,7 +206,7 @@ def compare(
 
 
 def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule) -> Comparison:
-    """Put the gains of a scope beyond pointwise, or of required realism, beside the pointwise ones as a method."""
+    """Add the gains of a wider scope or of required realism to the pointwise ones, as a method."""
     name = f"{gains.method}, scope {_demanded(problem)}"
     return replace(
         comparison,
@@ -217,7 +217,7 @@ def with_delivered(comparison: Comparison, problem: Problem, gains: GainSchedule
 
 
 def _demanded(problem: Problem) -> str:
-    """Name the scope of a problem, with the realism that it requires."""
+    """Return the name of a problem's scope, with the realism that it requires."""
     scope, require = problem.stability.scope, problem.realism.require
     return scope if require == "none" else f"{scope}, realism {require}"
 
@@ -239,8 +239,8 @@ class DampingInjection(Comparable):
         contact_damper_ns_per_m: b_p = delta/Re H, which renders delta in the damped structure; not a number where
             Re H <= 0 and no damper can.
         residual_error: |H b_p - delta|/|Z_h_ds|, the relative error of a damper without the virtual mass.
-        damped_realisable: whether the damped structure holds it: spring and damper in the gain box render the desired
-            wall, and b_p, however large, the injected damping.
+        damped_realisable: whether the damped structure realises it: spring and damper in the gain box render the
+            desired wall, and b_p, however large, the injected damping.
         damped_reason: why not; empty where it does.
     """
 
@@ -268,5 +268,5 @@ def damping_injection(problem: Problem, loop: Loop) -> DampingInjection:
 
 
 def _damped(problem: Problem) -> Problem:
-    """The same problem in the damped structure, any contact damping allowed."""
+    """Return the same problem in the damped structure, any contact damping allowed."""
     return problem.changed(coupling={"structure": "damped", "contact_damping_ns_per_m": (0.0, _MOST_NS_PER_M)})

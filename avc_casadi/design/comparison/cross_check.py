@@ -1,4 +1,4 @@
-"""`direct` against `exact`, which solve the same problem independently: where they part, and why."""
+"""`direct` against `exact`, which solve the same problem independently: where they differ, and why."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _NEARER = 1e-6
 
 @dataclass(frozen=True)
 class Parting:
-    """One frequency at which `direct` and `exact` part.
+    """One frequency at which `direct` and `exact` differ.
 
     Attributes:
-        frequency_hz: where.
+        frequency_hz: the frequency.
         reason: why.
     """
 
@@ -32,14 +32,14 @@ class Parting:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """How far `direct` and `exact` lie apart.
+    """Differences between `direct` and `exact`.
 
     Attributes:
         magnitude_error: largest difference in ||Z_h_ds| - |Z_h_avc||, relative to |Z_d| + |H Z_ds|, where both have
             gains.
         distance: the same for |Z_h_avc - Z_h_ds|.
         only_one: rows where only one of the two has gains.
-        partings: the frequencies at which they part.
+        partings: the frequencies at which they differ.
     """
 
     magnitude_error: float

@@ -20,7 +20,7 @@ _MARK = {True: "pass", False: "fail", None: "refused"}
 
 
 class ComparisonTables(NamedTuple):
-    """All of them, in the order in which they are told."""
+    """All tables, in the order in which they are printed."""
 
     frequencies: Table
     verdicts: Table
@@ -34,7 +34,7 @@ def comparison_tables(document: Mapping[str, Any]) -> ComparisonTables:
 
 
 def _frequencies(document: Mapping[str, Any]) -> Table:
-    """What the closed form asks for and what the optimiser gives at some of the frequencies."""
+    """Return the table of closed form and optimum at some of the frequencies."""
     header, columns = ["f\nHz"], [document["frequency_hz"]]
     for method in ("closed-form", document["optimum"]):
         asked = "requested_" if method == "closed-form" else ""
@@ -70,7 +70,7 @@ def _verdicts(document: Mapping[str, Any]) -> Table:
 
 
 def _judged(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Every method, and the hand-tuned pair, by the names that people read."""
+    """Return the evaluations of every method and of the hand-tuned pair, by printed name."""
     judged = {name: (_SHORT.get(name, name), gains) for name, gains in document["methods"].items()}
     if document["mine"] is not None:
         judged["mine"] = ("mine", document["mine"])
@@ -78,7 +78,7 @@ def _judged(document: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 
 def _safety(document: Mapping[str, Any]) -> Table:
-    """What each is safe for; passivity and stability are different claims."""
+    """Return the safety table; passivity and stability are different claims."""
     rows = []
     for name, gains in _judged(document).items():
         safety = gains["safety"]
@@ -101,7 +101,7 @@ def _safety(document: Mapping[str, Any]) -> Table:
 
 
 def _realism(document: Mapping[str, Any]) -> Table:
-    """How often each feels real; counts only among those that are equally safe."""
+    """Return the realism table, which matters only among equally safe ones."""
     jnd = 100 * document["methods"][document["optimum"]]["realism"]["jnd"]
     rows = tuple(
         (name, *(100 * gains["realism"][key] for key in ("share_inside_bounds", "share_inside_jnd")))

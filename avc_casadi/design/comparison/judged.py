@@ -1,4 +1,4 @@
-"""What the gains of each method are worth: certificate, realism, and Re Z_h in both hold models."""
+"""Evaluation of the gains of each method: certificate, realism, and Re Z_h in both hold models."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Safety:
-    """What a gain table is safe for, as its certificate says.
+    """Safety of a gain table by its certificate.
 
     Attributes:
         levels: whether every row meets each level; None where the level is refused on this device.
         hands: L5, linearly stable with every hand, at the rows and where the device interpolates between them.
-        let_go: the same with the device let go.
+        let_go: the same with the device released.
         passive: L3, passive in the model of the loop that runs.
         rows_failed: by level, how many rows do not meet it.
         rows: how many rows there are.
@@ -51,7 +51,7 @@ class Safety:
 
     @classmethod
     def of(cls, certificate: Certificate, verdict: Deployable | None = None) -> Safety:
-        """Read a certificate and the verdict on the coupling; what could not be judged is not safe."""
+        """Return the safety by a certificate and the verdict on the coupling; claims not judged count as unsafe."""
         levels = certificate.levels
         claims = {} if verdict is None else {claim.name: claim.passed for claim in verdict.claims}
         return cls(
@@ -65,12 +65,12 @@ class Safety:
 
     @property
     def rank(self) -> tuple[bool, bool, bool]:
-        """Order of safety: every hand, then let go, then passive; larger is safer."""
+        """Order of safety: every hand, then released, then passive; larger is safer."""
         return self.hands, self.let_go, self.passive
 
     @property
     def deployable(self) -> bool:
-        """Whether the frozen gains may go into a device: stable with every hand and let go."""
+        """Whether the frozen gains may be deployed: stable with every hand and released."""
         return self.hands and self.let_go
 
     def document(self) -> dict[str, Any]:
@@ -79,18 +79,18 @@ class Safety:
 
 
 def safer(mine: Safety, other: Safety, name: str) -> str:
-    """Say which of two is safer: "mine", the name of the other, or "equal"."""
+    """Return which of two is safer: "mine", the name of the other, or "equal"."""
     if mine.rank == other.rank:
         return "equal"
     return "mine" if mine.rank > other.rank else name
 
 
 def safety_reason(mine: Safety, other: Safety, name: str) -> str:
-    """Say in one sentence what two tables are safe for and which not to deploy.
+    """Return one sentence on the safety of two tables and which not to deploy.
 
     Args:
         mine: of the hand-tuned pair.
-        other: of the method that it is judged beside.
+        other: of the method that it is compared with.
         name: that method's name.
     """
     if mine.rank == other.rank:
@@ -112,7 +112,7 @@ def _equal(mine: Safety, other: Safety, name: str) -> str:
 
 
 def _first_difference(better: Safety, worse: Safety) -> tuple[str, str]:
-    """What the one is and the other is not, and why the other is not."""
+    """Return the first claim that one meets and the other does not, and why."""
     if better.hands != worse.hands:
         return "stable with every hand", _failing(worse, "L5")
     if better.let_go != worse.let_go:
@@ -141,7 +141,7 @@ class HandTuned(Comparable):
         real_part: Re Z_h, N.s/m.
         meets_margin: Re Z_h >= margin, (12).
         inside_box: whether both gains lie in the problem's gain box.
-        compared: the method that it is judged beside.
+        compared: the method that it is compared with.
         share_schedule_better: share of frequencies where the schedule has the smaller magnitude error, or meets (12)
             where the pair does not.
         share_pair_better: share where the pair meets (12) and has the smaller magnitude error, or the schedule has no
@@ -166,7 +166,7 @@ class HandTuned(Comparable):
 
     @property
     def better(self) -> str:
-        """Which is better, "mine", the method's name or "equal": the safer; of equally safe ones the nearer."""
+        """Which is better, "mine", the method's name or "equal": by safety, then by smaller error."""
         if self.safer != "equal" or self.share_pair_better == self.share_schedule_better:
             return self.safer
         return "mine" if self.share_pair_better > self.share_schedule_better else self.compared
@@ -232,9 +232,9 @@ class Judged(Comparable):
 
     Attributes:
         certificate: of the gains that exist.
-        realism: of what these gains render.
-        real_part: Re Z_h at its own frequency by hold model, N.s/m; rows without gains show what was asked for, and not
-            a number where that is not finite.
+        realism: of the rendered impedance.
+        real_part: Re Z_h at its own frequency by hold model, N.s/m; rows without gains show the requested
+            value, or not a number where that is not finite.
     """
 
     certificate: Certificate
@@ -244,7 +244,7 @@ class Judged(Comparable):
 
     @property
     def safety(self) -> Safety:
-        """What the gains are safe for."""
+        """Safety of the gains."""
         return Safety.of(self.certificate, self.deployable)
 
     def document(self) -> dict[str, Any]:

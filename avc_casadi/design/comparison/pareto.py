@@ -1,6 +1,6 @@
-"""Trade-off of guarantee and realism: what each guarantee costs, and what adaptive gains win over constant ones.
+"""Trade-off of guarantee and realism: the cost of each guarantee, and the gain of adaptive over constant gains.
 
-A study of the source distribution (`avc study pareto`); it stands here as long as `pareto` answers, for release 0.3.
+A study of the source distribution (`avc study pareto`); kept here while `pareto` is deprecated, for release 0.3.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ class Variant:
 
 
 def variants(problem: Problem) -> list[Variant]:
-    """List the variants of the study of a problem, all with its own model, box and objective unless said otherwise.
+    """Return the variants of the study of a problem, all with its own model, box and objective unless said otherwise.
 
     - scope: its own frequency, bands, all frequencies, hands; each with adaptive and with constant gains;
     - slope: limits on the slopes under the problem's own scope;
     - contact: limits on b_p with structure `damped`, complex error and scope `hands`, adaptive and constant.
 
-    Where the problem names no frequencies of interaction, those of hands are taken, so that what is minimised is what
-    is measured.
+    Where the problem names no interaction frequencies, those of hands are taken, so that the measured error is the one
+    minimised.
     """
     if problem.schedule.interaction_hz is None:
         problem = problem.changed(schedule={"interaction_hz": HANDS_HZ})
@@ -105,21 +105,21 @@ def variants(problem: Problem) -> list[Variant]:
 
 @dataclass(frozen=True, eq=False)
 class Point(Comparable):
-    """One design, its errors and what is certified of it; not a number where it has no gains at some frequency.
+    """One design, its errors and certificate; not a number where it has no gains at some frequency.
 
     Attributes:
         study: which quantity is varied: scope, slope or contact.
         label: its value in words.
         value: its value as a number, or None.
         constant: whether the gains are constant.
-        scope: scope of frequencies that was demanded.
-        objective: what was minimised.
+        scope: required scope of frequencies.
+        objective: the one minimised.
         magnitude_error: root mean square of ||Z_h_ds| - |Z_h||/|Z_h_ds| over ln(frequency) in the band of hands.
         complex_error: the same of |Z_h - Z_h_ds|/|Z_h_ds|.
-        dc_stiffness_n_per_m: k k_e/(k + k_e) of the row of the lowest frequency, which a resting hand feels.
+        dc_stiffness_n_per_m: k k_e/(k + k_e) of the row of the lowest frequency, felt by a hand at rest.
         steepest: largest |d ln(gain)/d ln(frequency)| of b and k between neighbouring rows that have them.
         contact_damping_ns_per_m: largest b_p of the table.
-        rows_without_gains: how many rows have none.
+        rows_without_gains: number of rows without gains.
         passed: by level of the certificate, whether all rows meet it.
         margin_ns_per_m: by level, the worst margin.
         seconds: time to solve.
@@ -150,7 +150,7 @@ class Pareto(Tabular):
         problem: its name.
         title: its title.
         model: hold model of the constraints.
-        band_hz: where the errors are averaged.
+        band_hz: band of averaging.
         dc_frequency_hz: frequency of the row whose DC stiffness is stated.
         wall_stiffness_n_per_m: k_e.
         desired_stiffness_n_per_m: k of the mean of the bounds.
@@ -169,7 +169,7 @@ class Pareto(Tabular):
     points: tuple[Point, ...]
 
     def to_dict(self) -> Columns:
-        """Return the designs as columns, a row for each."""
+        """Return the designs as columns, one row each."""
         names = (
             "label",
             "study",
@@ -192,7 +192,7 @@ class Pareto(Tabular):
         return f"{self.problem!r}: {len(self.points)} designs, errors from {low:.4g} to {high:.4g} Hz"
 
     def of(self, study: Study, *, constant: bool | None = None) -> list[Point]:
-        """Points of one study, in order; adaptive or constant ones, or both."""
+        """Return the points of one study, in order; adaptive or constant ones, or both."""
         return [p for p in self.points if p.study == study and constant in {None, p.constant}]
 
     def document(self) -> dict[str, Any]:
@@ -212,8 +212,8 @@ def study_pareto(
 
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
-        progress: told of the designs.
-        executor: who solves and certifies some of the designs, as for `Chunked.run`.
+        progress: reports the designs.
+        executor: solves and certifies some of the designs, as for `Chunked.run`.
         workers: processes, where there is no executor.
     """
     problem = with_wall(problem)
@@ -248,7 +248,7 @@ def pareto(
     executor: Executor | None = None,
     workers: int = 1,
 ) -> Pareto:
-    """Trade-off of guarantee and realism, of release 0.2; deprecated: it goes with 0.4.
+    """Return the trade-off of guarantee and realism, of release 0.2; deprecated, removed in 0.4.
 
     Arguments as for `study_pareto`.
 
@@ -296,7 +296,7 @@ def _root_mean_square(values: FloatArray, weight: FloatArray) -> float:
 
 
 def _log_weights(frequency_hz: FloatArray) -> FloatArray:
-    """Trapezoids over ln(frequency), (n,)."""
+    """Return trapezoidal weights over ln(frequency), (n,)."""
     if len(frequency_hz) == 1:
         return np.ones(1)
     return np.asarray(np.convolve(np.diff(np.log(frequency_hz)), [0.5, 0.5]))

@@ -1,4 +1,4 @@
-"""The verdict at each frequency: who wins, and why the methods differ."""
+"""The verdict at each frequency: the better method, and why they differ."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ AGREEMENT = 1e-8
 
 
 class Verdict(StrEnum):
-    """What holds at one frequency; where several hold, the first of this list.
+    """The verdict at one frequency; the first of this list that applies.
 
-    The optimiser cannot be compared where it has no gains, nor the closed form where it cannot be built; a difference
-    in error says more than a gain that stands on a limit.
+    The optimiser cannot be compared where it has no gains, nor the closed form where it is not realisable; a difference
+    in error precedes a gain at its limit.
     """
 
     INFEASIBLE = "infeasible"
@@ -34,7 +34,7 @@ def judge(
     Args:
         closed_form: the paper's projection.
         optimum: the solution of (11)-(12), by `direct` or `exact`.
-        scale: |Z_d| + |H Z_ds|, N.s/m, shape (n,): what the tolerance of agreement is relative to.
+        scale: |Z_d| + |H Z_ds|, N.s/m, shape (n,): reference of the relative tolerance of agreement.
 
     Returns:
         Verdicts and reasons, each of length n.

@@ -1,4 +1,4 @@
-"""Method `static`: the best constant coupling that a condition on all frequencies allows."""
+"""Method `static`: the best constant coupling under a condition on all frequencies."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ StaticCondition = Literal["llewellyn", "all"]
 _DECADES = 6
 _COARSE = {2: 49, 3: 21}
 _FINE = {2: 9, 3: 5}
-# From so many of the best points, which lie apart, the search goes on to steps of this size; from the best of them on.
+# Number of distinct best points refined, to this step size; then of the best of them, to the next.
 _STARTS, _APART = 3, 1.5
 _NEAR = 2e-3
 _SHRINK = 0.4
@@ -40,7 +40,7 @@ _MOST_MOVES = 200
 _SMALLEST_STEP = 1e-10
 # Costs that differ by less are equal; a gain at its bound is then preferred.
 _FLAT = 1e-9
-# Points nearer than this to an end stand on it.
+# Points nearer than this to an end are at the end.
 _AT_END = 1e-9
 _EDGE_STEPS = 24
 # Slack, as a share of the damping of the device, below which a stiffness counts as the largest allowed.
@@ -50,8 +50,8 @@ _ON_EDGE = 1e-13
 class StaticSearch:
     """Search over (b, k[, b_p]), logarithmic shares of their ranges; points have shape (m, d).
 
-    On a grid over the box a stiffness beyond the condition is taken back to the largest one allowed with the same
-    damping; from the best points, which lie apart, smaller and smaller grids go on.
+    On a grid over the box a stiffness that violates the condition is reduced to the largest admissible one at the same
+    damping; ever smaller grids then refine the best distinct points.
     """
 
     def __init__(self, problem: Problem, condition: StaticCondition, loop: SampledLoop) -> None:
@@ -70,7 +70,7 @@ class StaticSearch:
         self.design = loop_at(problem, problem.frequencies_hz())
 
     def gains(self, points: FloatArray) -> FloatArray:
-        """b, k and b_p of points, shape (3, m)."""
+        """Return b, k and b_p of points, shape (3, m)."""
         scale = self.high * 10.0**-_DECADES
         ratio = (self.high + scale) / np.where(self.high > 0, self.low + scale, 1.0)
         values = (self.low + scale) * np.where(self.high > 0, ratio, 1.0) ** points - scale
@@ -81,7 +81,7 @@ class StaticSearch:
         return np.asarray(values.T)
 
     def slack(self, points: FloatArray) -> FloatArray:
-        """What the condition leaves to spare beyond the margin, N.s/m, shape (m,)."""
+        """Return the slack of the condition beyond the margin, N.s/m, shape (m,)."""
         b, k, contact = self.gains(points)
         if self.condition == "llewellyn":
             margin = llewellyn_margin(self.loop, b, k, contact, refine=self.exact)[0]
@@ -90,7 +90,7 @@ class StaticSearch:
         return np.asarray(margin - margin_over_range(self.problem))
 
     def allowed(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Take stiffnesses back into the condition; return the points and whether they meet it."""
+        """Reduce stiffnesses until the condition is met; return the points and whether it is."""
         points = points.copy()
         met = self.slack(points) >= 0
         others, group = np.unique(np.delete(points[~met], 1, axis=1), axis=0, return_inverse=True)
@@ -98,21 +98,21 @@ class StaticSearch:
             return points, met
         inside, reachable = self._edge(others)
         group = group.ravel()
-        # The edge of another stretch may lie above the point: stiffness is only ever taken back.
+        # The edge of another interval may lie above the point: stiffness is only ever reduced.
         back = inside[group, 1] <= points[~met, 1]
         points[~met] = np.where(back[:, None], inside[group], points[~met])
         met[~met] = reachable[group] & back
         return points, met
 
     def _edge(self, others: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Largest allowed stiffness at each of the other gains, by false position with halved ends (Illinois)."""
+        """Return the largest admissible stiffness at each of the other gains, by false position (Illinois)."""
         inside, outside = (np.insert(others, 1, end, axis=1) for end in (0.0, 1.0))
         slack_in, slack_out = self.slack(inside), self.slack(outside)
         reachable, spare = slack_in >= 0, slack_in
         last = np.zeros(len(inside), dtype=int)
         close = _ON_EDGE * self.problem.device.damping_ns_per_m
         for step in range(_EDGE_STEPS):
-            # Close enough to judge by, or narrower than any later step.
+            # Converged, or narrower than any later step.
             open_rows = reachable & (spare > close) & (outside[:, 1] - inside[:, 1] > _SMALLEST_STEP)
             if not open_rows.any():
                 break
@@ -132,7 +132,7 @@ class StaticSearch:
         return inside, reachable
 
     def cost(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean squared relative error (m,), infinite where the condition cannot be met, and the points judged."""
+        """Return the mean squared relative error (m,), infinite where the condition is violated, and the points."""
         points, met = self.allowed(points)
         cost = np.full(len(points), np.inf)
         if met.any():
@@ -140,7 +140,7 @@ class StaticSearch:
         return cost, points
 
     def errors(self, points: FloatArray) -> FloatArray:
-        """Mean squared relative error, (m,)."""
+        """Return the mean squared relative error, (m,)."""
         b, k, contact = (gain[:, None] for gain in self.gains(points))
         realism = self.problem.realism
         perceived = self.design.perceived(b, k, contact)
@@ -148,7 +148,7 @@ class StaticSearch:
         return np.asarray(np.mean(errors**2, axis=1))
 
     def run(self) -> tuple[FloatArray, float]:
-        """Return the best point and its cost; with an infinite cost, the point that comes nearest to the condition."""
+        """Return the best point and its cost; if the cost is infinite, the point of least violation."""
         size = len(self.low)
         grid = _grid(np.linspace(0, 1, _COARSE[size]), size)
         step = 1.0 / (_COARSE[size] - 1)
@@ -163,7 +163,7 @@ class StaticSearch:
         near, _ = min((_descend(start, self.cost, step, _NEAR) for start in starts), key=lambda end: end[1])
         best, _ = _descend(near, self.cost, 10 * _NEAR)
         best = np.where(best < _AT_END, 0.0, np.where(best > 1 - _AT_END, 1.0, best))
-        # The error may be so flat that the search stops short of a bound.
+        # A flat error may stop the search short of a bound.
         rounded = np.repeat(best[None], 2 * size - 1, axis=0)
         for row, (gain, end) in enumerate(product([0, *range(2, size)], (0.0, 1.0)), start=1):
             rounded[row, gain] = end
@@ -180,7 +180,7 @@ def _grid(axis: FloatArray, size: int) -> FloatArray:
 
 
 def _apart(points: FloatArray, distance: float) -> FloatArray:
-    """The first of the points, (m, d), and the next ones that lie apart from those taken before."""
+    """Return the first of the points, (m, d), and the next ones distinct from those before."""
     taken = points[:1]
     for point in points:
         if len(taken) == _STARTS:
@@ -207,7 +207,7 @@ def _descend(
         gained = best - values[lowest]
         if gained > 0:
             best, start = float(values[lowest]), points[lowest]
-        # On the rim the same step goes on, unless next to nothing is gained.
+        # At the rim the same step is repeated, unless the gain is negligible.
         if not gained > _FLAT * abs(best) or np.max(np.abs(offsets[lowest])) < 1:
             step *= _SHRINK
     return start, best
@@ -229,7 +229,7 @@ class StaticCoupling:
         damping_ns_per_m: b.
         stiffness_n_per_m: k.
         contact_damping_ns_per_m: b_p; 0 in the series structure.
-        margin_ns_per_m: what the condition leaves to spare; below the margin asked for where nothing meets it.
+        margin_ns_per_m: slack of the condition; below the required margin where nothing meets it.
         error: root of the mean squared relative error over the problem's frequencies, by the problem's objective.
         found: whether the condition is met.
     """
@@ -244,7 +244,7 @@ class StaticCoupling:
     found: bool
 
     def sentence(self) -> str:
-        """Return one line for people."""
+        """Return a printed line."""
         name = f"{_CONDITIONS[self.condition]}, {self.model} model"
         if not self.found:
             return f"{name}: no constant coupling of the gain box"
@@ -258,13 +258,13 @@ class StaticCoupling:
 def static_coupling(
     problem: Problem, condition: StaticCondition = "llewellyn", model: Model | None = None
 ) -> StaticCoupling:
-    """Find the constant coupling with the least mean squared relative error that a condition allows.
+    """Return the constant coupling with the least mean squared relative error that a condition allows.
 
     The search is global on a logarithmic grid, then refined from its best cells; only gains that meet the condition
     with its margin, without tolerance, are compared.
 
     Args:
-        problem: the problem; its objective says what counts as error.
+        problem: the problem; its objective defines the error.
         condition: llewellyn: (4) to (6); all: Re Z_h >= margin at all frequencies with the problem's environment.
         model: hold model of the condition; None is the problem's.
 

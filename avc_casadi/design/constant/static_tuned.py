@@ -1,8 +1,8 @@
-"""Method `static-tuned`: the best constant gains with which every hand of the set comes to rest.
+"""Method `static-tuned`: the best constant gains with which every hand of the set settles.
 
-The joint programme finds the gains of least error that are linearly stable with every hand while the device is robbed
-of a reserve of damping. They are tried in the problem's scene by all hands, without dry friction and with it; where
-somebody does not come to rest, the reserve is raised and the programme solved again.
+The joint programme finds the gains of least error that are linearly stable with every hand with the
+damping of the device reduced by a reserve. All hands try them in the problem's scene, without dry friction and with
+it; where some hand does not settle, the reserve is raised and the programme solved again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _POINTS = {2: 25, 3: 11}
 _NEAR = 5
 _REFINEMENTS = 4
 _SHRINK = 0.4
-# Impedances held at a time while errors are computed.
+# Impedances in memory at a time while errors are computed.
 _NUMBERS_AT_ONCE = 1_000_000
 
 
@@ -64,7 +64,7 @@ def gains_on_grid(problem: Problem) -> Gains | None:
 
 
 def rms_errors(problem: Problem, gains: FloatArray) -> FloatArray:
-    """Root of the mean squared relative error of constant gains (3, m) over the problem's frequencies, shape (m,)."""
+    """Return the rms relative error of constant gains (3, m) over the problem's frequencies, shape (m,)."""
     loop, realism = loop_at(problem, problem.frequencies_hz()), problem.realism
     target = np.asarray(loop.target)[None]
     at_once = max(1, _NUMBERS_AT_ONCE // target.size)
@@ -89,8 +89,8 @@ def _grid(values: FloatArray, size: int) -> FloatArray:
     return np.stack(np.meshgrid(*[values] * size, indexing="ij"), axis=-1).reshape(-1, size)
 
 
-# Reserve where the problem states none, as a share of k_e T/2, the damping that sampling takes from the wall. It leaves
-# decay, not only the absence of growth: 6 N.s/m at the wall of figure 5, where with less somebody bounces for ever.
+# Default reserve as a share of k_e T/2, the damping that sampling takes from the wall. It ensures decay, not only the
+# absence of growth: 6 N.s/m at the wall of figure 5, where with less some hand bounces for ever.
 TUNED_MARGIN_SHARE = 0.12
 _RAISE = 1.5
 # The smallest margin that a problem can state.
@@ -99,10 +99,10 @@ _LEAST_NS_PER_M = 1e-9
 
 @dataclass(frozen=True)
 class Budget:
-    """What the tuning may spend.
+    """Effort of the tuning.
 
     Attributes:
-        draws: hands tried in the scene beside the corners of their ranges.
+        draws: hands in the scene beside the corners of their ranges.
         seed: seed of the draws.
         raises: how often the reserve may be raised.
     """
@@ -117,13 +117,13 @@ class StaticTuned:
     """Tuned constant gains.
 
     Attributes:
-        gains: the gains; None where none are found with which every hand comes to rest.
+        gains: the gains; None where none are found with which every hand settles.
         error: root of the mean squared relative error over the problem's frequencies, by the problem's objective;
             infinite without gains.
-        reserve_ns_per_m: damping of which the device was robbed while every hand had to be linearly stable.
+        reserve_ns_per_m: reduction of the device's damping with which every hand had to be linearly stable.
         raised: how often it was raised.
-        rested: hands that came to rest in the scene in the last trial of the last gains.
-        hands: hands that were tried in the scene.
+        rested: hands that settled in the last trial of the last gains.
+        hands: hands of that trial.
         seed: seed of their draws.
         reason: why there are no gains; empty where there are.
     """
@@ -138,7 +138,7 @@ class StaticTuned:
     reason: str = ""
 
     def sentence(self) -> str:
-        """Say what was found and how it was tried."""
+        """Return a line on the result and its trial."""
         if self.gains is None:
             return self.reason
         b, k, b_p = vars(self.gains).values()
@@ -152,7 +152,7 @@ class StaticTuned:
 
 
 def tuned_margin(problem: Problem) -> float:
-    """Damping that tuned gains keep in reserve where the problem states no margin, N.s/m."""
+    """Return the default damping reserve of tuned gains, N.s/m."""
     reserve = TUNED_MARGIN_SHARE * problem.environment.stiffness_n_per_m * problem.device.sample_time_s / 2
     return reserve if reserve >= _LEAST_NS_PER_M else 0.0
 
@@ -161,9 +161,9 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
     """Tune constant gains for the problem's set of hands, in the problem's structure, gain box and frequencies.
 
     Args:
-        problem: the problem; its scene is what the hands do, its objective what counts as error.
-        budget: what may be spent; None is the default.
-        progress: told of the reserves that are tried.
+        problem: the problem; its scene defines the motion, its objective the error.
+        budget: effort; None is the default.
+        progress: reports the reserves tried.
 
     Raises:
         UnsupportedError: a scene whose hand is not the effect ``hand``.
@@ -175,7 +175,7 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
     rested = raised = 0
     for raised in range(1 + budget.raises):
         progress.advance(raised, 1 + budget.raises, f"{reserve:.4g} N.s/m in reserve")
-        # Realism is for the tables: a row may be unreal where the constant gains are the best that there are.
+        # Realism applies to tables: the best constant gains may be unrealistic at some row.
         stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
         table = solver.solve(stated)
         gains = gains_at(table) if table.usable.all() else gains_on_grid(stated)
@@ -184,7 +184,7 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
             return StaticTuned(None, np.inf, reserve, raised, rested, len(hands), budget.seed, why)
         rest = np.ones(len(hands), dtype=bool)
         for friction in _frictions(problem):
-            # The trial without friction, which costs least, comes first; where somebody fails the next is spared.
+            # The trial without friction costs least and comes first; where it fails the next is skipped.
             if rest.all():
                 rest = simulate_batch(problem, hands, gains, friction=friction).stable
         rested = int(np.count_nonzero(rest))
@@ -197,11 +197,11 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
 
 
 def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
-    """Solve by tuned constant gains; every row has the same ones, and the notes say how they were tried.
+    """Solve by tuned constant gains; the same at every row; the notes report their trial.
 
     Args:
         problem: the problem.
-        progress: told of the reserves that are tried.
+        progress: reports the reserves tried.
 
     Raises:
         UnsupportedError: a scene whose hand is not the effect ``hand``.
@@ -230,7 +230,7 @@ def _restless(rested: int, hands: int) -> str:
 
 
 def _frictions(problem: Problem) -> tuple[bool, ...]:
-    """Without dry friction, and with it where the scene has it."""
+    """Return the friction settings: without dry friction, and with it where the scene has it."""
     listed = any(effect.kind == "coulomb-friction" for effect in scene_effects(problem))
     return (False, True) if listed else (False,)
 

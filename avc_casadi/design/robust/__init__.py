@@ -1,1 +1,1 @@
-"""The wall behind an observer with state feedback, for every hand and a device not quite as declared."""
+"""Wall behind an observer with state feedback, robust over hands and model mismatch of the device."""

@@ -1,8 +1,8 @@
-"""Robust laws for stiffer and stiffer walls: covariance matrix adaptation, continued from wall to wall.
+"""Robust laws by covariance matrix adaptation with continuation in the wall's stiffness.
 
-The goal of a law looks at linear loops. What else keeps a hand moving, the step of the encoder or the force limit, it
-does not see; laws near each other differ in it. So the laws whose loops are all damped are simulated, where somebody
-simulates, and the residual speeds of the hands lead the search from wall to wall.
+The objective of a law covers linear loops only. Encoder quantisation and the force limit may still keep a hand from
+settling, differently with neighbouring laws. So laws whose loops are all damped are simulated, where a simulation is
+given, and the residual speeds of the hands guide the search.
 """
 
 from __future__ import annotations
@@ -35,40 +35,40 @@ if TYPE_CHECKING:
 
 
 ResidualSpeed = Callable[[Sequence["StateFeedback"]], FloatArray]
-"""Laws to the residual speed of each hand, over the threshold of rest, shape (laws, hands)."""
+"""Laws to the residual speed of each hand over the settling threshold, shape (laws, hands)."""
 ResidualSpeedAt = Callable[["Gains", "StateFeedback"], ResidualSpeed]
-"""What prepares that for a wall behind its spring, and laws of the structure of one."""
+"""Spring before the wall and a law to that function, for laws of this one's structure."""
 
 CLOSE = 1.04
-"""A continuation ends where the next wall would be nearer than that."""
+"""Stiffness ratio to the next wall below which a continuation ends."""
 MOST_SOFTER = 12
-"""How often a softer wall is tried where none is held yet."""
+"""Largest number of softer walls tried before one is stabilised."""
 _POPULATION = 10
-# How far the first laws lie around the start, in logarithms, and, the widest way, those before a wall at least.
+# Initial spread of laws about the start, in logarithms; least spread along the widest axis at each wall; widening.
 _SPREAD, _LEAST_SPREAD, _WIDER = 0.3, 0.08, 1.5
-# The next wall over one that is held: at first, and at most where that took no longer than so many generations.
+# Continuation step in stiffness: initial, largest, and the number of generations up to which it grows.
 _RISE, _MOST_RISE, _AT_ONCE = 1.3, 1.4, 2
-# What makes the rise larger.
+# Exponent by which the step grows.
 _FASTER = 1.5
-# A wall is given up after so many generations; where none is held yet one is tried that is so much softer.
+# Generations after which a wall is given up, and the ratio to a softer one where none is stable yet.
 _PATIENCE, _SOFTER = 12, 1.4
-# The residual speed that is aimed at, over the threshold of rest; beyond the fastest all are as bad. The price of a
-# factor of e between them, of a law's own cost, and of what loops lack of their decay for each 1/s.
+# Target of the residual speed over the settling threshold, and its saturation. Weights of a factor of e in between, of
+# a law's own cost, and of missing decay for each 1/s.
 _AIM, _FASTEST = 0.5, 1e3
 _PER_UNREST, _PER_COST, _PER_DECAY = 4.0, 0.02, 10.0
-# What no law costs that is simulated: one whose loops lack some of their decay is not.
+# Offset of laws that lack decay, which are not simulated: above the cost of any simulated law.
 _NEVER = 1e4
-# What none costs that hands are asked about: one about which they are not is worth less.
+# Offset of damped laws that are not simulated: above the cost of any simulated law.
 _UNASKED = 5e3
 MOST_LAWS = 3
-"""So many laws of a wall are kept."""
-# Generations of a refinement, and how far its first laws lie around the start.
+"""Number of laws kept for a wall."""
+# Generations of a refinement, and the initial spread of its laws.
 _REFINED, _NEAR = 20, 0.3
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A law, where it stands in the search space, and what it costs.
+    """A law with its point in the search space and its cost.
 
     Attributes:
         law: observer and feedback.
@@ -83,13 +83,13 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Step:
-    """A wall, and laws that hold it.
+    """A continuation step: a wall and laws that stabilise it.
 
     Attributes:
         gains: the spring in series with the wall, rigid where the wall itself is rendered.
-        stiffness_n_per_m: of both at rest.
-        candidates: laws, the best first. The goal tells little of the last hand in a hundred: where one law loses it,
-            another may not.
+        stiffness_n_per_m: static, of both in series.
+        candidates: laws, best first. The objective resolves the last hand in a hundred poorly: where one law fails
+            with it, another may not.
     """
 
     gains: Gains
@@ -103,11 +103,11 @@ class Step:
 
 
 def candidate_at(space: Space, loops: Loops, rendering: Rendering, logarithms: FloatArray) -> Candidate:
-    """Weigh the law of one point before all loops.
+    """Return the law of one point with its cost over all loops.
 
     Args:
         space: of the parameters.
-        loops: what the law must hold.
+        loops: loops that the law must stabilise.
         rendering: coupling and wall behind it.
         logarithms: of the parameters.
 
@@ -129,20 +129,20 @@ def continuation(
     close: float = CLOSE,
     softer: int = MOST_SOFTER,
 ) -> list[Step]:
-    """Search laws for stiffer and stiffer walls.
+    """Return laws for walls of increasing stiffness.
 
     Args:
-        problem: device with what is known of it, hands and wall.
-        start: logarithms of the parameters from which to begin.
-        walls_n_per_m: stiffness at rest of the first wall, and of the last.
-        residual_speed_at: simulates hands, who must all settle; None asks for damped loops alone.
+        problem: device with its ranges, hands and wall.
+        start: initial guess, logarithms of the parameters.
+        walls_n_per_m: static stiffness of the first wall, and of the last.
+        residual_speed_at: simulates hands, who must all settle; None requires damped loops only.
         seed: of the draw of laws.
         rise: the second wall over the first.
-        close: a wall that is not held ends the continuation if it is no more than so many times the last that is.
-        softer: how often a softer wall is tried where none is held yet.
+        close: a wall without a law ends the continuation at this ratio to the last one with a law, or below.
+        softer: largest number of softer walls tried before one has a law.
 
     Returns:
-        The walls that are held, the softest first, with laws whose loops are all damped.
+        The stabilised walls, softest first, with laws whose loops are all damped.
 
     Raises:
         numpy.linalg.LinAlgError: the start has no law.
@@ -173,11 +173,11 @@ def continuation(
 
 
 def refined(problem: Problem, step: Step, residual_speed_at: ResidualSpeedAt | None = None, *, seed: int = 0) -> Step:
-    """Return a step with the laws that are nearest to the wall, of those of some more generations and its own.
+    """Return a step with its laws of smallest impedance mismatch after some more generations.
 
     Args:
-        problem: device with what is known of it, hands and wall.
-        step: a wall and laws that hold it.
+        problem: device with its ranges, hands and wall.
+        step: a wall and laws that stabilise it.
         residual_speed_at: as for `continuation`.
         seed: of the draw of laws.
     """
@@ -188,7 +188,7 @@ def refined(problem: Problem, step: Step, residual_speed_at: ResidualSpeedAt | N
 class _Search:
     """The search for laws with which all hands settle, wall by wall; arguments as for `continuation`.
 
-    It is one evolution: what it learned before one wall, held or not, is worth as much before the next.
+    It is one evolution: the covariance learned at one wall, stabilised or not, serves the next.
     """
 
     def __init__(
@@ -204,11 +204,11 @@ class _Search:
         self._evolution = evolution(start, self._space.bounds, spread, draw)
 
     def held(self, point: FloatArray, stiffness_n_per_m: float) -> tuple[Step | None, int]:
-        """Search laws for one wall, a given one among the first; return how many generations it took.
+        """Search laws for one wall, a given one in the first generation; return the step and the generations taken.
 
         Args:
-            point: logarithms of the parameters of that one.
-            stiffness_n_per_m: of the wall at rest.
+            point: logarithms of the given law's parameters.
+            stiffness_n_per_m: static, of the wall.
         """
         space, loops = self._space, self._loops
         gains, rendering = softened(self._problem, stiffness_n_per_m)
@@ -230,13 +230,13 @@ class _Search:
             whole = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.total)[:MOST_LAWS]
             if whole:
                 return Step(gains, stiffness_n_per_m, tuple(whole)), done
-            # The loops that are hardest for these were not among those that were for the first.
+            # The critical loops of these laws differ from those of the first.
             for one in found:
                 hardest = hardest.and_of(loops.hardest(one.law, rendering))
         return None, _PATIENCE
 
     def nearer(self, step: Step) -> Step:
-        """Continue at a wall that is held; return it with the laws that are nearest to the wall."""
+        """Continue at a stabilised wall; return it with the laws of smallest impedance mismatch."""
         space, loops, search = self._space, self._loops, self._evolution
         gains, rendering = softened(self._problem, step.stiffness_n_per_m)
         stiffness, law = stiffness_at_rest(rendering), step.best.law
@@ -247,7 +247,7 @@ class _Search:
             points = search.ask()
             laws = space.laws(np.array(points), stiffness)
             costs = costs_of(laws, rendering, hardest)
-            # Whatever hands say of a law that gives way more, it is none to be returned.
+            # A law of larger mismatch is never returned, so it is not simulated.
             value, settled = weighed(space, laws, costs, residual_speed, distance=best[0].cost.distance)
             search.tell(points, value.tolist())
             likely = [np.asarray(points[row]) for row in settled]
@@ -267,9 +267,9 @@ def weighed(
     residual_speed: ResidualSpeed | None,
     distance: float = math.inf,
 ) -> tuple[FloatArray, list[int]]:
-    """Return what laws are worth, the less the better, and with which of them all hands settle.
+    """Return the objective of laws, to be minimised, and those with which all hands settle.
 
-    Where a distance is given, laws that are as far from the wall are not simulated, and distance counts.
+    Where a distance is given, laws of at least that distance are not simulated, and distance adds to the objective.
     """
     total = np.array([cost.total for cost in costs])
     lacks = np.nan_to_num([cost.lacks_per_s for cost in costs], posinf=0.0)
@@ -292,7 +292,7 @@ def weighed(
 
 
 def laws_of_all(space: Space, loops: Loops, rendering: Rendering, points: list[FloatArray]) -> list[Candidate]:
-    """Weigh points before all loops, without those that have no law."""
+    """Return the points' laws with their cost over all loops, without points that have no law."""
     found: list[Candidate] = []
     for point in points:
         with suppress(np.linalg.LinAlgError):
@@ -301,22 +301,22 @@ def laws_of_all(space: Space, loops: Loops, rendering: Rendering, points: list[F
 
 
 class _Without(MetaPathFinder):
-    """Modules that this thread does not find, unless they are loaded already."""
+    """Block the import of modules in this thread, unless they are loaded already."""
 
     def __init__(self, *names: str) -> None:
         self._names, self._thread = names, get_ident()
 
     def find_spec(self, fullname: str, path: object = None, target: object = None) -> None:  # noqa: ARG002
-        """Find nothing, for everybody else to look on."""
+        """Raise for blocked modules; return None so that the other finders look."""
         if fullname in self._names and get_ident() == self._thread:
             raise ModuleNotFoundError(f"{fullname} is left out", name=fullname)
 
 
 def _cma() -> Any:
-    """Import the package without what it can do without: plotting and statistics cost a second and are not used."""
+    """Import cma without plotting and statistics, which cost a second and are not used."""
     unused = _Without("matplotlib", "matplotlib.pyplot", "scipy.stats")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of what is left out
+        warnings.simplefilter("ignore")  # about blocked modules
         sys.meta_path.insert(0, unused)
         try:
             import cma  # noqa: PLC0415
@@ -328,13 +328,13 @@ def _cma() -> Any:
 def evolution(
     start: FloatArray, bounds: tuple[FloatArray, FloatArray], spread: float, draw: np.random.Generator
 ) -> Any:
-    """Prepare covariance matrix adaptation (Hansen 2016): an object that is asked for points and told their values.
+    """Return a covariance matrix adaptation (Hansen 2016) with `ask` for points and `tell` for their values.
 
     Args:
-        start: where to begin, shape (parameters,).
+        start: initial guess, shape (parameters,).
         bounds: lower and upper.
         spread: of the first points.
-        draw: its random numbers; its own generator would seed numpy's, which belongs to the caller.
+        draw: random generator; cma's own would seed numpy's global one.
     """
     options = {
         "bounds": [bound.tolist() for bound in bounds],
@@ -348,15 +348,15 @@ def evolution(
 
 
 def moved(step: Step, before: Problem, problem: Problem) -> Step | None:
-    """Take the numbers of a law for another device, each as far from where its search begins as before.
+    """Return a law's parameters for another device, each at the same ratio to its initial guess.
 
     Args:
-        step: a wall and its law, which need not hold on the other device.
-        before: the device that it was found for.
-        problem: the other device, before the same wall.
+        step: a wall and its law, which need not be stable on the other device.
+        before: problem of the original device.
+        problem: of the other device, with the same wall.
 
     Returns:
-        The same wall on the other device; None where the numbers give no law there.
+        The same wall on the other device; None where the parameters give no law there.
     """
     space, usual = Space(problem.device, problem.hands), Space(before.device, before.hands)
     names = [knob.name for knob in usual.knobs]

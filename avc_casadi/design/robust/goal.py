@@ -1,4 +1,4 @@
-"""What a robust law is searched for: a wall that feels stiff, damped whatever share of the innovation passes."""
+"""Objective of a robust law: small impedance mismatch, and damping at every sector gain of the dead zone."""
 
 from __future__ import annotations
 
@@ -26,62 +26,62 @@ if TYPE_CHECKING:
     from avc_casadi.model.runtime import StateFeedback
 
 BAND_HZ = np.array([1.0, 3.0, 10.0, 30.0])
-"""The band in which hands move and feel; what lies above half the sample rate counts as it does there."""
+"""Band of hand motion and perception; above half the sample rate a law is evaluated there."""
 JUST_FELT = 0.05
-"""Difference in stiffness, relative, that no hand tells: Weber fractions are 0.08 and more (Jones and Hunter 1990)."""
+"""Imperceptible relative difference in stiffness: Weber fractions are 0.08 and more (Jones and Hunter 1990)."""
 AT_ONCE_S = 0.25
-"""Time to settle that a hand which lets go does not wait for."""
+"""Settling time after release below which no difference is noticed."""
 _PER_SETTLING = 0.3
 DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
-"""Share of the innovation that passes -> decay, 1/s, that oscillations above `_SLOW_HZ` must have."""
+"""Sector gain of the dead zone -> required decay, 1/s, of oscillations above `_SLOW_HZ`."""
 _SLOW_HZ = 2.0
-# The same of slower ones, times the share; and what they must have for the stiffness at rest to be what a press feels.
+# The same of slower ones, times the sector gain; and the decay needed for a press to reach the static stiffness.
 SLOW_DECAY_PER_S, _SETTLES_PER_S = 5.0, 1.0
 VARIED_DECAY_PER_S = {1.0: 10.0, 0.5: 5.0}
-"""The same with every hand at every device: a structure stiffer than believed buzzes at half the share first."""
+"""The same with every hand on every device: a structure stiffer than assumed becomes unstable at half gain first."""
 RANGED_DECAY_PER_S = {0.7: 2.0, 0.4: 2.0, 0.25: 1.5, 0.16: 1.0, 0.09: 0.5, 0.05: 0.5, 0.025: 0.3, 0.01: 0.1}
-"""The same at the devices that the declared ranges allow, for which more is promised."""
-# Decay of the device let go.
+"""The same on devices of the declared ranges, for which stability is claimed at every sector gain."""
+# Required decay of the released device.
 FREE_DECAY_PER_S = 1.0
-# Decay with hands on a stylus and fingertips, which are no part of what is promised.
+# Required decay with stylus grips and fingertips, which are outside the design set.
 BESIDE_DECAY_PER_S = 2.0
-# Cost of a loop that decays so much slower, for each 1/s.
+# Cost of missing decay, for each 1/s.
 PER_DECAY = 1.0
-# Beyond it a law is not looked at any further.
+# Softness and spectral radius beyond which a law is not evaluated further.
 HOPELESS_SOFTNESS, _HOPELESS_RADIUS = 0.6, 1.03
 _BUZZ_HZ = 40.0
 
 
-# Bounds of |C/K - 1|, C the force over the position that is measured: at 3 Hz, and at 10 Hz beside 6 N.s/m of damping.
+# Bounds of |C/K - 1|, C the force over measured position: at 3 Hz, and at 10 Hz with 6 N.s/m of damping.
 _SOFTNESS_3HZ, _SOFTNESS_10HZ = 0.30, 0.25
 _DAMPING_NS_PER_M = 6.0
-# Cost of softness beyond, of the largest |1/(1 + H)|, H the loop cut at the innovation, and of the largest |C|/K.
+# Cost of softness beyond, of the largest |1/(1 + H)|, H the loop opened at the innovation, and of the largest |C|/K.
 PER_SOFTNESS, PER_SENSITIVITY, PER_GAIN = 40.0, 2.0, 2.0
 USUAL_SENSITIVITY = 3.0
 
 
 def distance(mismatch: float, settling_s: float) -> float:
-    """Weigh what is rendered in motion and the time to settle when released.
+    """Return the distance from the wall: mismatch in motion plus a price on the settling time when released.
 
-    To settle four times as long is worth a third of the stiffness.
+    A settling time four times as long counts as much as a third of the stiffness.
 
     Args:
-        mismatch: rms of abs(ln(rendered/wanted)) over `BAND_HZ`; what nobody feels counts as that.
-        settling_s: of the slowest oscillation; what is over at once counts as that.
+        mismatch: rms of abs(ln(rendered/wanted)) over `BAND_HZ`; `JUST_FELT` at least.
+        settling_s: of the slowest oscillation; `AT_ONCE_S` at least.
     """
     return max(mismatch, JUST_FELT) + _PER_SETTLING * math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S)
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a law costs, and what it is.
+    """Cost of a law and its properties.
 
     Attributes:
         total: to be minimised.
-        radius: largest spectral radius with every hand at every device that was looked at; infinite if it was not.
-        radius_any_share: the same of the devices for which that is promised over all shares of the innovation.
-        lacks_per_s: what loops lack of the decay without which a law is none: the growth of the one that grows fastest,
-            and what a press lacks to settle; 0 where nothing does.
+        radius: largest spectral radius with every hand on every device evaluated; infinite if not evaluated.
+        radius_any_share: the same over all sector gains, on the devices for which that is claimed.
+        lacks_per_s: missing decay of an inadmissible law: the fastest growth rate of its loops, and the decay that a
+            press lacks to settle; 0 for an admissible one.
         facts: sensitivity, gain and softness.
     """
 
@@ -93,28 +93,28 @@ class Cost:
 
     @property
     def holds(self) -> bool:
-        """Whether all loops that were looked at are damped, and presses settle."""
+        """Whether all loops evaluated are damped, and presses settle."""
         return self.radius < 1 and self.radius_any_share < 1 and self.lacks_per_s <= 0
 
     @property
     def distance(self) -> float:
-        """How far the law is from the wall: in motion over the hand's band, and in how long it swings when released."""
+        """Distance from the wall: mismatch over the hand's band, and settling time when released."""
         return distance(self.facts["mismatch"], self.facts["settling_s"])
 
 
 def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
-    """Weigh a law.
+    """Return the cost of a law.
 
     Args:
         law: observer and feedback.
         rendering: coupling and wall behind it.
-        loops: what it must hold.
+        loops: loops that it must stabilise.
     """
     return costs_of(Laws.of(law), rendering, loops)[0]
 
 
 def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
-    """Weigh many laws at once; one of numbers that are not finite costs infinitely much."""
+    """Return the costs of many laws; one with non-finite parameters costs infinity."""
     costs = [Cost(math.inf)] * len(laws)
     defined = np.flatnonzero(np.isfinite(laws.innovation).all(axis=1) & np.isfinite(laws.feedback).all(axis=1))
     felt = _felt(laws.pick(defined), rendering, loops)
@@ -133,7 +133,7 @@ def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
 
 @dataclass(frozen=True)
 class _Felt:
-    """How a law feels: the facts of a cost, and softness beyond its bounds."""
+    """Rendering of a law: the properties of its cost, and softness beyond the bounds."""
 
     facts: dict[str, float]
     over: float
@@ -141,7 +141,7 @@ class _Felt:
 
 @dataclass(frozen=True)
 class _Damped:
-    """How its loops are damped, and what that costs."""
+    """Damping of a law's loops, and its cost."""
 
     cost: float
     radius: float
@@ -151,16 +151,16 @@ class _Damped:
 
 @dataclass(frozen=True)
 class Responses:
-    """What some laws are at each frequency; the first axis is that of the laws.
+    """Frequency responses of several laws; the first axis is that of the laws.
 
     Attributes:
-        sensitivity: abs(1/(1 + H)), H the loop cut at the innovation, shape (laws, hands, f).
-        sensitivity_any_share: the largest for any share of the innovation, where a loop may buzz.
-        gain: abs(C)/K, C the force over the position that is measured, shape (laws, f).
+        sensitivity: abs(1/(1 + H)), H the loop opened at the innovation, shape (laws, hands, f).
+        sensitivity_any_share: the largest over all sector gains, above `_BUZZ_HZ`.
+        gain: abs(C)/K, C the force over measured position, shape (laws, f).
         softness_3hz: abs(C/K - 1), shape (laws,).
         softness_10hz: the same, with its own bound.
-        bound_3hz: up to which it costs nothing.
-        bound_10hz: the same.
+        bound_3hz: of `softness_3hz`, up to which it costs nothing.
+        bound_10hz: the same of `softness_10hz`.
         mismatch: rms of abs(ln(C D/K)) over the band of the hand, D the delay and half a sample.
     """
 
@@ -175,7 +175,7 @@ class Responses:
 
 
 def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
-    """Look at laws over frequency."""
+    """Return the frequency responses of laws."""
     t, stiffness, frequency = loops.sample_time_s, stiffness_at_rest(rendering), loops.frequency_hz
     force, believed = force_over_innovation(laws, rendering, frequency, t)
     cut = believed[:, None] - loops.response * force[:, None]
@@ -217,13 +217,13 @@ def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
 
 
 def _nominal(plants: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Take the first of some plants: the device as declared, or at the first of its corners."""
+    """Return the first of several plants: the nominal device, or its first corner."""
     matrix, push, measured = plants
     return matrix[:1], push[:1], measured
 
 
 def _paid(facts: dict[str, float]) -> float:
-    """Return what sensitivity and gain cost."""
+    """Return the cost of sensitivity and gain."""
     return (
         PER_SENSITIVITY * facts["sensitivity"]
         + PER_SENSITIVITY * max(0.0, facts["sensitivity_any_share"] - USUAL_SENSITIVITY)
@@ -232,7 +232,7 @@ def _paid(facts: dict[str, float]) -> float:
 
 
 def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
-    """Judge the loops of some laws, of hopeless ones the first alone."""
+    """Evaluate the damping of laws' loops, for clearly unstable laws by their radius alone."""
     if len(laws) == 0:
         return []
     t = loops.sample_time_s
@@ -270,7 +270,7 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
 
 
 def largest_by_speed(poles: ComplexArray, sample_time_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return the size of the largest quick and the largest slow pole of each loop, 0 where there is none.
+    """Return the modulus of the largest fast and the largest slow pole of each loop, 0 where there is none.
 
     Args:
         poles: of the loops, shape (..., s).
@@ -282,10 +282,10 @@ def largest_by_speed(poles: ComplexArray, sample_time_s: float) -> tuple[FloatAr
 
 
 def is_quick(poles: ComplexArray, sample_time_s: float) -> BoolArray:
-    """Say which poles swing faster than what counts as slow."""
+    """Return which poles oscillate above `_SLOW_HZ`."""
     return np.asarray(np.abs(np.angle(poles)) > 2 * math.pi * _SLOW_HZ * sample_time_s)
 
 
 def _missing(radius: float, decay_per_s: float, sample_time_s: float) -> float:
-    """Return by how much a loop decays too slowly, 1/s."""
+    """Return the missing decay of a loop, 1/s."""
     return max(0.0, math.log(max(radius, 1e-9)) / sample_time_s + decay_per_s)

@@ -1,8 +1,8 @@
-"""Laws that searches found on other devices: one of them often holds a wall at once, and a search begins there.
+"""Laws found on other devices, as initial guesses: one of them often stabilises a wall at once.
 
-The table (`known_laws.csv`, made by tests/benchmarks/law_starts.py) holds the numbers of laws relative to where
-searches begin without it, which makes them of no unit: what held one device often holds another one, or nearly. No
-claim hangs on it: a law from the table is judged like any other, and without it a search begins where it did.
+The table (`known_laws.csv`, made by tests/benchmarks/law_starts.py) holds the parameters of laws relative to
+the default initial guess, hence dimensionless: a law of one device often stabilises another one, or nearly. No claim
+rests on it: a law from the table is judged like any other, and without it a search starts from the default guess.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 _TABLE = Path(__file__).with_name("known_laws.csv")
-# So many of the table's best are judged before all loops, and tried by hands.
+# Number of the table's best laws that are judged with all loops and simulated.
 _TRIED = 20
 
 
@@ -39,7 +39,7 @@ def _rows() -> tuple[dict[str, str], ...]:
 
 
 def known_points(space: Space) -> FloatArray:
-    """Return the logarithms of the numbers of known laws in the space of a device, shape (laws, numbers)."""
+    """Return the known laws as points in the search space of a device, logarithms, shape (laws, parameters)."""
     names = [knob.name for knob in space.knobs]
     rows = [[float(row[name]) for name in names] for row in _rows() if _told(row) == set(names)]
     points = space.starts[0] + np.reshape(rows, (len(rows), len(names)))
@@ -53,15 +53,15 @@ def _told(row: dict[str, str]) -> set[str]:
 def from_known(
     problem: Problem, stiffness_n_per_m: float, residual_speed_at: ResidualSpeedAt | None = None
 ) -> Step | None:
-    """Look among the known laws for some that hold a wall.
+    """Return the known laws that stabilise a wall.
 
     Args:
-        problem: device with what is known of it, hands and wall.
-        stiffness_n_per_m: of the wall at rest.
+        problem: device with its ranges, hands and wall.
+        stiffness_n_per_m: static, of the wall.
         residual_speed_at: as for `continuation`.
 
     Returns:
-        The wall with laws that hold it, those first that give way least; None where no known one does.
+        The wall with laws that stabilise it, by increasing mismatch; None where no known one does.
     """
     space = Space(problem.device, problem.hands)
     points = known_points(space)

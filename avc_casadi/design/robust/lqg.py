@@ -1,8 +1,8 @@
-"""One law of the search space: a Kalman filter with a believed hand, and a linear regulator on what it believes.
+"""One law of the search space: a Kalman filter with an assumed hand model, and a linear regulator on its estimate.
 
-The observer knows both bodies, amplifier, delay and the force that it commands itself; the push of the hand is a state
-that walks. The regulator brings the device to the place where wall and push balance, which the push tells: the
-stiffness at rest is the wall's, exactly.
+The observer models both bodies, amplifier, delay and its own commanded force; the hand's force is a random-walk
+disturbance. The regulator drives the device to the equilibrium of wall and estimated disturbance, so that the static
+stiffness is exactly the wall's.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Hands
 
 DEAD_ZONE_STEPS = 0.75
-"""Half width of the dead zone: half a step is what an encoder leaves open, a quarter is for the model."""
+"""Half width of the dead zone in encoder steps: half a step of quantisation and a quarter for model error."""
 
-# The start suits it; at shorter ones the filter is as fast in seconds, at longer ones in samples.
+# Sample time of the initial guesses; at shorter ones the filter is as fast in seconds, at longer ones in samples.
 _USUAL_SAMPLE_TIME_S = 1e-3
 
 # Regularises states without weight or noise.
 _NOTHING = 1e-9
-# Doublings of a Riccati equation at most, and the relative change that ends them.
+# Largest number of doublings for a Riccati equation, and the relative change that ends them.
 _DOUBLINGS, _CHANGE = 40, 1e-14
 
 # A of shape (points, n, n), b (points, n) and Q (points, n, n) to P.
@@ -43,12 +43,12 @@ Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class Knob:
-    """One number of the search, told by its logarithm.
+    """One parameter of the search, represented by its logarithm.
 
     Attributes:
-        name: what it is; of the regulator or the filter.
-        starts: where searches begin: in the middle of where climbs to the stiffest walls of devices drawn at random
-            ended, with a stiff regulator behind a slow filter, and with a soft one.
+        name: of a weight or noise of the regulator or the filter.
+        starts: initial guesses, the middle of the results for the stiffest walls of random devices: with a stiff
+            regulator behind a slow filter, and with a soft one.
         low: lower bound.
         high: upper bound.
     """
@@ -61,7 +61,7 @@ class Knob:
 
 @dataclass(frozen=True)
 class Space:
-    """The numbers of the search, in units of the device.
+    """The parameters of the search, in units of the device.
 
     Weights are relative to that of the force. Velocities are weighted by sqrt(K m), noises by the force that moves the
     lightest device and hand by one unit of the encoder's noise in a sample: only ratios matter.
@@ -76,7 +76,7 @@ class Space:
 
     @cached_property
     def knobs(self) -> tuple[Knob, ...]:
-        """The numbers, those of a resonance only where there is one."""
+        """The parameters, those of a resonance only where there is one."""
         hands, faster = self.hands, min(1.0, self.device.sample_time_s / _USUAL_SAMPLE_TIME_S)
         light, middle = self._light_kg, [sum(getattr(hands, name)) / 2 for name in _HAND]
         rigid = self.device.resonance is None
@@ -105,9 +105,9 @@ class Space:
 
     @property
     def starts(self) -> tuple[FloatArray, ...]:
-        """Logarithms of the starts.
+        """Logarithms of the initial guesses, likeliest first.
 
-        They lie in valleys of their own: which leads further depends on the device; the likeliest first.
+        They lie in different basins; which is better depends on the device.
         """
         return tuple(np.log([knob.starts for knob in self.knobs]).T)
 
@@ -125,7 +125,7 @@ class Space:
 
         Args:
             logarithms: of the knobs.
-            stiffness_n_per_m: K of the wall as it is rendered.
+            stiffness_n_per_m: K of the rendered wall.
 
         Raises:
             numpy.linalg.LinAlgError: the point has no law.
@@ -135,7 +135,7 @@ class Space:
         return self.one_of(model.laws(*weights, *sizes, solve=_precisely), 0)
 
     def one_of(self, laws: Laws, row: int) -> StateFeedback:
-        """Return one of some laws as it runs."""
+        """Return one of several laws in the form that runs."""
         known = self.device.range.encoder_resolution_m
         coarsest = self.device.encoder_resolution_m if known is None else known[1]
         dead_zone_m = coarsest * DEAD_ZONE_STEPS
@@ -154,11 +154,11 @@ class Space:
         """Return the laws of many points, quickly, to about ten digits.
 
         Args:
-            points: logarithms of the knobs, shape (points, knobs).
-            stiffness_n_per_m: K of the wall as it is rendered.
+            points: logarithms of the parameters, shape (points, parameters).
+            stiffness_n_per_m: K of the rendered wall.
 
         Returns:
-            A law of numbers that are not finite stands for a point that has none.
+            The laws; non-finite where a point has none.
         """
         value = dict(zip([knob.name for knob in self.knobs], np.exp(points).T, strict=True))
         model, weights, sizes = self._believed(value, stiffness_n_per_m)
@@ -167,7 +167,7 @@ class Space:
     def _believed(
         self, value: dict[str, Any], stiffness_n_per_m: float
     ) -> tuple[_Model, tuple[Any, Any], tuple[Any, Any, Any]]:
-        """Return what the observer believes, the weights of the regulator, and the sizes of the filter's noises."""
+        """Return the observer's model, the regulator's weights, and the filter's noise intensities."""
         device, t, mode = self.device, self.device.sample_time_s, None
         if device.resonance is not None:
             mode = Mode(
@@ -184,12 +184,12 @@ class Space:
 
 
 def _noise(name: str, starts: tuple[float, ...], low: float, high: float, scale: float) -> Knob:
-    """Return a knob that leaves the filter as fast at other sample times."""
+    """Return a noise parameter scaled so that the filter is as fast at other sample times."""
     return Knob(name, tuple(scale * start for start in starts), scale * low, scale * high)
 
 
 def _hand(name: str, starts: tuple[float, ...], low: float, high: float, middle: float) -> Knob:
-    """Return a knob of the believed hand, over one in the middle of its range."""
+    """Return a parameter of the assumed hand model, relative to the middle of its range."""
     return Knob(name, tuple(middle * start for start in starts), middle * low, middle * high)
 
 
@@ -199,16 +199,16 @@ _LEAST = (0.01, 1.0, 10.0)
 
 @dataclass(frozen=True)
 class _Model:
-    """What the observers of some points believe: s+ = A s + B u in metres; rates times T, forces over K.
+    """Models of the observers of several points: s+ = A s + B u in metres; rates times T, forces over K.
 
-    The push comes last.
+    The disturbance is the last state.
 
     Attributes:
         state: A, shape (points, n, n).
         asked: B of u = F/K, shape (points, n).
         names: of the states.
-        measured: place of the measured position.
-        kicks: what a force of K times a metre on motor and handle for a sample leaves behind, shape (points, 2, n).
+        measured: index of the measured position.
+        kicks: response to a force of K times a metre on motor and handle for one sample, shape (points, 2, n).
         stiffness_n_per_m: K.
     """
 
@@ -221,7 +221,7 @@ class _Model:
 
     @classmethod
     def of(cls, device: Device, hand: Hand, mode: Mode | None, stiffness_n_per_m: float) -> _Model:
-        """Believe in hands and modes, whose numbers may be arrays over points."""
+        """Return the model for an assumed hand and mode, whose parameters may be arrays over points."""
         t, k = device.sample_time_s, stiffness_n_per_m
         plant = device_plant(device, hand, mode=mode)
         linear = plant.linear()
@@ -229,7 +229,7 @@ class _Model:
         matrix, push = (part[0] for part in sampled.with_forces_under_way())
         s, n = len(linear.names), push.shape[-1] + 1
         names = (*linear.names, *(f"force_under_way_{place + 1}_n" for place in range(n - 1 - s)), "push_n")
-        # The hand's spring turns a target that is moved by 1/k_h into a push of 1 N.
+        # A target displaced by 1/k_h exerts 1 N through the hand's spring.
         spring = np.reshape(hand.stiffness_n_per_m, (-1, 1))
         pushed = transition(linear, t).target.reshape(-1, s, 2)[..., 0] / spring
         state, asked = np.zeros((len(push), n, n)), np.zeros((len(push), n))
@@ -250,15 +250,15 @@ class _Model:
         )
 
     def laws(self, position: Any, velocity: Any, walk: Any, motor: Any, handle: Any, *, solve: Solver) -> Laws:
-        """Return observers and regulators; every argument is one number, or one for each point.
+        """Return observers and regulators; every argument is a scalar, or one for each point.
 
         Args:
             position: weight of the position.
             velocity: weight of the velocity.
-            walk: of the push.
+            walk: intensity of the random-walk disturbance.
             motor: noise of the force on the motor.
             handle: noise of the force on the handle.
-            solve: of Riccati equations.
+            solve: solver of Riccati equations.
         """
         feedback = self._feedback(position, velocity, solve)
         innovation = self._innovation(walk, (motor, handle), solve)
@@ -267,11 +267,11 @@ class _Model:
         return Laws(self.state, force, innovation, feedback, self.measured, positions)
 
     def _feedback(self, position: Any, velocity: Any, solve: Solver) -> FloatArray:
-        """Return R: the regulator towards the place of rest that belongs to the push."""
+        """Return R: the regulator towards the equilibrium of the disturbance."""
         a, b, n = self.state[:, :-1, :-1], self.asked[:, :-1], self.asked.shape[-1]
         seen = np.zeros(n - 1)
         seen[self.measured] = 1.0
-        # Where u = the measured position holds the push: the wall's own stiffness.
+        # Equilibrium where u = the measured position balances the disturbance: the wall's own stiffness.
         rest = np.linalg.solve(np.eye(n - 1) - a - b[..., None] * seen, self.state[:, :-1, -1:])
         weight = np.full((len(a), n - 1), _NOTHING)
         weight[:, 0] += position**2
@@ -282,7 +282,7 @@ class _Model:
         return np.concatenate([gain, rest[:, self.measured, None] - gain @ rest], axis=-1)[:, 0]
 
     def _innovation(self, walk: Any, forces: tuple[Any, Any], solve: Solver) -> FloatArray:
-        """Return L: the stationary Kalman gain, with the encoder's noise for the unit of length."""
+        """Return L: the stationary Kalman gain, with the encoder's noise as the unit of length."""
         points, n = self.asked.shape
         noise = np.zeros((points, n, n))
         noise[:] = np.diag(np.full(n, _NOTHING))
@@ -297,7 +297,7 @@ class _Model:
 
 
 def _precisely(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
-    """Solve P = A'PA - A'Pb b'PA / (1 + b'Pb) + Q by ordered Schur vectors; where their order is lost, by doubling.
+    """Solve P = A'PA - A'Pb b'PA / (1 + b'Pb) + Q by ordered Schur vectors; where reordering fails, by doubling.
 
     Raises:
         numpy.linalg.LinAlgError: there is no solution.
@@ -308,7 +308,7 @@ def _precisely(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
     try:
         return np.stack([solve_discrete_are(*each, one) for each in zip(a, b[..., None], weight, strict=True)])
     except (ValueError, np.linalg.LinAlgError):
-        # Slow eigenvalues lie next to the unit circle; scipy raises either.
+        # Slow eigenvalues lie close to the unit circle; scipy raises either error.
         found = _by_doubling(a, b, weight)
     if not np.isfinite(found).all():
         raise np.linalg.LinAlgError("a Riccati equation has no solution")
@@ -316,9 +316,9 @@ def _precisely(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def _by_doubling(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
-    """Do the same for all of many at once, to about ten digits, by structured doubling (Chu et al. 2004).
+    """Solve many at once, to about ten digits, by structured doubling (Chu et al. 2004).
 
-    What does not converge is not finite.
+    Solutions that do not converge are non-finite.
     """
     eye, power, cost, left = np.eye(a.shape[-1]), a, weight, b[..., None] * b[:, None]
     change = np.full(len(a), np.inf)
@@ -336,6 +336,6 @@ def _by_doubling(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray
 
 
 def _unit(name: str, sample_time_s: float, stiffness_n_per_m: float) -> float:
-    """Return what turns a state into a length."""
+    """Return the factor that turns a state into a length."""
     unit = sample_time_s if name.endswith("_per_s") else 1.0
     return unit / stiffness_n_per_m if "_n" in name else unit

@@ -21,22 +21,22 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 FIRST = 0.9
-"""The first wall of a continuation, as a share of what spring and damper hold."""
+"""The first wall of a continuation, as a share of the limit of spring and damper."""
 
 
 def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedule:
-    """Solve by an observer with state feedback before the wall; every row has the same gains.
+    """Solve by an observer with state feedback; every row has the same gains.
 
-    The gains are the spring before the wall. The law that belongs to them is in ``state_feedback``; it holds every hand
-    of ``[hands]`` and the device let go at every corner of ``[device.range]``, with what a device may differ from its
-    file by, and whatever share of the innovation passes the dead zone, which passes all in the impedances of the rows.
+    The gains are the spring before the wall. The law is in ``state_feedback``; it is stable with every hand of
+    ``[hands]`` and released, at every corner of ``[device.range]``, with the assumed model mismatch, and at every
+    sector gain of the dead zone, which is 1 in the impedances of the rows.
 
     Args:
         problem: device, hands and wall; scope, structure, gain box and frequencies do not matter.
-        progress: told of the continuations.
+        progress: reports the continuations.
 
     Raises:
-        UnsupportedError: no mass, no stiffness to be felt, or too long a delay.
+        UnsupportedError: no mass, no stiffness to render, or too long a delay.
     """
     why = why_no_law(problem)
     if why:
@@ -76,7 +76,7 @@ def _stiffest(problem: Problem, progress: Progress) -> Step | None:
 
 
 def _told(step: Step) -> str:
-    """Say what a law is."""
+    """Return a description of a law."""
     law, cost = step.best.law, step.best.cost
     return (
         f"observer of {law.states} states with a dead zone of +-{1e6 * law.dead_zone_m:.4g} um, and feedback: "

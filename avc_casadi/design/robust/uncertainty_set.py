@@ -1,4 +1,4 @@
-"""The loops that a robust design is for: every hand, let go, and a device that is not quite as declared."""
+"""Uncertainty set of a robust design: every hand, released, and perturbed devices."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 
 Plants = tuple[FloatArray, FloatArray, FloatArray]
 
-# What a device may differ from its file by, where the file gives no range: mass, resonance, delay in samples.
+# Assumed model mismatch where no range is declared: mass, resonance, delay in samples.
 _MASS, _RESONANCE, _DELAY_SAMPLES = (0.9, 1.1), (0.9, 1.1), 0.25
-# So many loops at other devices are kept, those that are worst with the law that the search starts from.
+# Number of loops kept of other devices, the worst ones with the initial law.
 _KEPT = 28
-# The same of each kind of other hands, and at each share of the innovation of those at the nominal device.
+# The same for each kind of other hands, and at each sector gain for the nominal device.
 _KEPT_BESIDE, _KEPT_NOMINAL = 4, 2
 # Devices within the declared ranges, beside their corners.
 _DRAWS = 24
-# From what a hand feels as stiffness to the end of the band.
+# From the frequencies felt as stiffness to the end of the band.
 _SLOW_HZ, _FAST_HZ, _SLOW, _FAST = 0.2, 20.0, 40, 120
 
 
@@ -46,16 +46,16 @@ class Loops:
     """Plants in contact.
 
     Attributes:
-        nominal: the device as declared with every corner of the hands and one in the middle.
-        beside: the device as declared with hands on a stylus, and with fingertips.
-        varied: the hands with devices that are not quite as declared.
+        nominal: the nominal device with every corner of the hands and the middle one.
+        beside: the nominal device with stylus grips, and with fingertips.
+        varied: the hands with perturbed devices.
         ranged: the hands with devices within the declared ranges; None without ranges.
-        free: the device let go, at every corner that is declared and within.
-        frequency_hz: where the loop is looked at, shape (f,).
-        response: position that is measured over force, nominal, shape (hands, f), m/N.
+        free: the released device, at every declared corner and within.
+        frequency_hz: of evaluation, shape (f,).
+        response: measured position over force, nominal, shape (hands, f), m/N.
         sample_time_s: T.
-        metres_per_unit: how far the hand moves for a unit of the position.
-        lag_s: of a force after the position: the delay, and half a sample of the hold.
+        metres_per_unit: hand displacement for a unit of the position.
+        lag_s: from position to force: the delay, and half a sample of the hold.
     """
 
     nominal: Plants
@@ -71,7 +71,7 @@ class Loops:
 
     @classmethod
     def of(cls, device: Device, hands: Hands) -> Loops:
-        """Collect the loops of a device.
+        """Return the loops of a device.
 
         Args:
             device: as declared, with its ranges.
@@ -100,7 +100,7 @@ class Loops:
         return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit, lag)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
-        """Keep the loops that miss most of their decay with a law; with laws like it they are the same ones."""
+        """Return the critical loops, of most missing decay with a law; similar laws have the same ones."""
         t = self.sample_time_s
         beside = tuple(_worst(plants, law, rendering, {1.0: 0.0}, t, _KEPT_BESIDE) for plants in self.beside)
         varied = _worst(self.varied, law, rendering, VARIED_DECAY_PER_S, t, _KEPT)
@@ -111,7 +111,7 @@ class Loops:
         return replace(self, nominal=nominal, varied=varied, ranged=ranged, beside=beside)
 
     def and_of(self, others: Loops) -> Loops:
-        """Return these and those of others, which were kept of the same loops."""
+        """Return the union with other loops kept of the same set."""
         pairs = zip(self.beside, others.beside, strict=True)
         return replace(
             self,
@@ -123,7 +123,7 @@ class Loops:
 
 
 def _together(plants: Plants, others: Plants) -> Plants:
-    """Return plants and others, each once; what is measured is the same of all."""
+    """Return the union of plants, all with the same measured output."""
     matrix, push, measured = (np.concatenate([one, other]) for one, other in zip(plants, others, strict=True))
     _, first = np.unique(matrix.reshape(len(matrix), -1), axis=0, return_index=True)
     kept = np.sort(first)
@@ -143,7 +143,7 @@ def _worst(
 
 
 def _slowest(plants: Plants, law: StateFeedback, rendering: Rendering, t: float) -> Plants:
-    """Take the plants whose quick or slow poles decay most slowly, for some share of the innovation."""
+    """Return the plants whose fast or slow poles decay most slowly at some sector gain."""
     matrix, push, measured = plants
     every = poles(state_feedback_loop(plants, law, rendering, tuple(DECAY_PER_S)))
     kept = np.zeros(len(matrix), dtype=np.bool_)
@@ -153,9 +153,9 @@ def _slowest(plants: Plants, law: StateFeedback, rendering: Rendering, t: float)
 
 
 def assumed_devices(device: Device) -> list[Device]:
-    """Return what the device may be where the file does not say how well it is known; the device itself if it does.
+    """Return the device and its perturbed variants, for values without a declared range.
 
-    Who is at the end of what a device may be has fewer.
+    Variants beyond the admissible values of a device are left out.
     """
     known = device.range
     masses: tuple[float, ...] = (1.0,) if known.mass_kg is not None else _MASS
@@ -174,12 +174,12 @@ def assumed_devices(device: Device) -> list[Device]:
 
 
 def _declared(device: Device) -> list[Device]:
-    """Return devices all over the declared ranges, others within than a certificate looks at."""
+    """Return devices throughout the declared ranges; interior ones differ from those of a certificate."""
     return device_set(device, LINEAR_KEYS, draws=_DRAWS, seed=1)
 
 
 def _with_middle(hands: Hands) -> Hand:
-    """Return the corners of the hands, and one in the middle: geometric but for the stiffness."""
+    """Return the corners of the hands and the middle one: geometric mean, arithmetic for the stiffness."""
     corners = hand_corners(Hands(**{**vars(hands), "let_go": False}))
     (m0, m1), (b0, b1), (k0, k1) = hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m
     middle = ((m0 * m1) ** 0.5, (b0 * b1) ** 0.5, (k0 + k1) / 2)
@@ -187,7 +187,7 @@ def _with_middle(hands: Hands) -> Hand:
 
 
 def why_no_law(problem: Problem) -> str:
-    """Say why a device before a wall has no law; empty where it may have one."""
+    """Return why a device and wall have no law; empty where they may have one."""
     device = problem.device
     faults = []
     if not problem.environment.stiffness_n_per_m > 0:
@@ -200,6 +200,6 @@ def why_no_law(problem: Problem) -> str:
 
 
 def softened(problem: Problem, stiffness_n_per_m: float) -> tuple[Gains, Rendering]:
-    """Return the spring in series with which the wall has a stiffness at rest, and both as they are rendered."""
+    """Return the spring in series that gives the wall a static stiffness, and both as rendered."""
     gains = Gains(0.0, spring_before(problem, stiffness_n_per_m))
     return gains, frozen_rendering(problem, 0.0, gains.stiffness_n_per_m)

@@ -1,7 +1,7 @@
 """The stages of a schedule's solution: few frequencies before many, more of the scope, a finer table of the hands.
 
 `solved_from_guesses` solves the NLP, `refined` adds frequencies of the scope until every row meets it exactly, and
-`with_finer_tables` repeats both with tables of what lies about the solution.
+`with_finer_tables` repeats both with finer tables about the solution.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from avc_casadi.design.schedule.task import Task
 from avc_casadi.paper.rows import GainArrays
 
 _STAGES = 200
-"""Stages on which the guesses of a schedule of more than twice as many are compared."""
+"""Number of stages on which guesses are compared, where a schedule has more than twice as many."""
 _ROUNDS = 20
 _NEARLY = 1e-4
-"""Misses below this share of the scale are made good by asking for more; larger ones need their frequency first."""
+"""Violations below this share of the scale are removed by tightening; larger ones need their frequency added first."""
 _BEYOND = (0.15, 0.05)
-"""How far beyond the path each table goes, as shares of the box."""
+"""Margin of each table about the path, as shares of the box."""
 _POINTS = {2: (32, 32), 3: (16, 16, 14)}
 _SLOPE_ROUNDING = 1e-9
 _ENOUGH = 1e-3
-"""A gain below which the next table is not made."""
+"""Improvement below which no further table is made."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,8 @@ class Outcome:
         slots: frequencies that it bounded.
         gains: (b, k, b_p), (n,) each.
         missing: rows that no gains can satisfy.
-        costs: what the starts had cost before frequencies were added; empty after a warm start.
-        guess: what stands in where the NLP found nothing, or nothing cheaper; empty where it did.
+        costs: costs of the starts before frequencies were added; empty after a warm start.
+        guess: the fallback used where the NLP found nothing, or nothing cheaper; empty otherwise.
     """
 
     solution: Solution
@@ -57,7 +57,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Found:
-    """What the guesses led to.
+    """Results of the initial guesses.
 
     Attributes:
         solutions: of the NLP, the cheapest that converged first.
@@ -73,9 +73,9 @@ class Found:
 
 
 def solved_from_guesses(task: Task, missing: Missing, progress: Progress = SILENT) -> Found:
-    """Solve from each guess, and long schedules on some of their stages first.
+    """Solve from each guess; long schedules on a subset of their stages first.
 
-    Frequencies at which a guess has its worst Re Z_h are bounded from the beginning.
+    Frequencies at which a guess has its worst Re Z_h are bounded from the start.
     """
     n = len(task.frequency_hz)
     if n <= 2 * _STAGES:
@@ -130,7 +130,7 @@ def refined(
         solution: start; its multipliers are used.
         slots: frequencies to begin with; not changed.
         missing: rows to leave out, or None.
-        costs: to be handed on.
+        costs: passed on.
         solved: whether ``solution`` solves the problem with ``slots`` already.
 
     Returns:
@@ -163,7 +163,7 @@ def refined(
 
 
 def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: FloatArray, missed: BoolArray) -> FloatArray:
-    """Ask missed rows for more: by their miss where the NLP's tolerance or the table of the hands is to blame."""
+    """Tighten violated rows by their violation, where it is due to the NLP's tolerance or the table of the hands."""
     if task.hands is not None:
         table = task.hands(solution.states).full()[0]
         return np.where(missed, np.maximum(table, backoff) - 1.1 * worst.slack + task.tolerance, backoff)
@@ -172,7 +172,7 @@ def _tightened(task: Task, solution: Solution, worst: ScopeSlack, backoff: Float
 
 
 def with_finer_tables(task: Task, outcome: Outcome) -> Outcome:
-    """Solve again about an outcome, with a finer table, as long as that helps; the same for what is not for hands.
+    """Solve again about an outcome with a finer table, as long as that helps; unchanged for other scopes than hands.
 
     Args:
         task: the problem, with the table of the whole box.
@@ -192,7 +192,7 @@ def with_finer_tables(task: Task, outcome: Outcome) -> Outcome:
 
 
 def _about(task: Task, outcome: Outcome, beyond: float) -> Task:
-    """Bound the states by a box about a path, its ends on a grid: paths near each other share a table."""
+    """Return the states within a box about a path, its ends on a grid so that nearby paths share a table."""
     states = task.states.states(outcome.gains)
     kept = ~outcome.missing.rows
     step = beyond * (task.states.high - task.states.low)
@@ -218,7 +218,7 @@ def _better(near: Task, best: Outcome) -> Outcome | None:
 
 
 def as_guessed(task: Task, missing: Missing, found: Found, states: FloatArray, guess: str) -> Outcome | None:
-    """Take states (d, n) as they are, if every row meets scope and realism and the slopes keep their limit."""
+    """Return states (d, n) unchanged as an outcome, if all rows meet scope and realism and the slopes their limit."""
     data = task.data(found.slots, task.backoff(missing.rows, missing.tight))
     gains = task.states.gains(states)
     met = worst_slack(task.problem, task.frequency_hz, gains).met
@@ -231,7 +231,7 @@ def as_guessed(task: Task, missing: Missing, found: Found, states: FloatArray, g
 
 
 def constant_gains(task: Task, missing: Missing, found: Found) -> Outcome | None:
-    """Take the best constant gains that meet scope and realism at every row: of a lattice, then improved from there."""
+    """Return the best constant gains that meet scope and realism at every row: from a lattice, then improved."""
     data = task.data(found.slots, task.backoff(missing.rows, missing.tight))
     for each in constant_candidates(task, missing, data).T:
         states = np.repeat(each[:, None], len(task.frequency_hz), axis=1)

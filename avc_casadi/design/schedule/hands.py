@@ -1,4 +1,4 @@
-"""Scope `hands`: a table of the spectral radius as a smooth constraint, and where in the box every hand is stable."""
+"""Scope `hands`: a table of the spectral radius as a smooth constraint, and the admissible region of the box."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ TABLE_POINTS = {2: (64, 64), 3: (20, 20, 28)}
 """Nodes along each state; b_p, which the radius depends on most sharply, has more of them."""
 _DEGREE = 3
 _CLIP = 0.1
-"""Slack below which a table value says no more than "unstable": a spline would ring at the cliff behind it."""
+"""Slack at which table values are clipped as unstable: a spline would ring at the step behind it."""
 LARGEST = 1 - 2 * RADIUS_TOLERANCE
-"""Radius that a searched point may have: inside the judge's tolerance, so that rounding costs no row."""
+"""Largest radius of a searched point: within the certificate's tolerance, so that rounding costs no row."""
 _UNDEFINED = 10.0
 _POINTS = {2: (40, 40), 3: (15, 15, 9)}
 _FINE = {2: (240,), 3: (24, 24)}
-"""Nodes of each face of the box: an optimum often stands on one, and the admissible gains may be thin there."""
+"""Nodes of each face of the box: an optimum often lies on one, where the admissible region may be thin."""
 _CLIMBS, _CLIMB_STEPS, _CLIMB_POINTS = 6, 24, {2: 5, 3: 3}
 _SECANTS = 6
 _ADDED, _ALIKE = 3, 0.15
-"""Hands added at a time, and how far apart they stand, as a share of the ranges."""
+"""Hands added at a time, and their least distance as a share of the ranges."""
 
 
 def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
-    """1 - spectral radius of the frozen loop, the least over the hands' corners and the device's, (m,).
+    """Return 1 - spectral radius of the frozen loop, the least over the hands' corners and the device's, (m,).
 
     Args:
         problem: device, environment, hands and margin.
@@ -55,8 +55,8 @@ def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
 def hands_spline(problem: Problem, states: States, points: Mapping[int, tuple[int, ...]] = TABLE_POINTS) -> Any:
     """Return sigma -> slack as a CasADi function: a cubic spline through a table of exact values.
 
-    The schedule checks its rows exactly afterwards, with more hands than the corners, and asks for what was missing. A
-    table is kept for the next problem that differs in nothing it depends on, and with it the solvers built on it.
+    The schedule checks its rows exactly afterwards, with more hands than the corners, and tightens where needed. A
+    table is cached for problems that agree in all that it depends on, with the solvers built on it.
     """
     parts = problem.device, problem.environment, problem.hands, problem.stability.margin_ns_per_m
     key = "\n".join((*map(repr, parts), *(repr(part.tolist()) for part in (states.floors, states.low, states.high))))
@@ -65,7 +65,7 @@ def hands_spline(problem: Problem, states: States, points: Mapping[int, tuple[in
 
 @dataclass(frozen=True)
 class _Table:
-    """What a table is made from; key and points tell two of them apart."""
+    """Input of a table, identified by key and points."""
 
     key: str
     points: tuple[int, ...]
@@ -105,9 +105,9 @@ class HandsRadii:
     Attributes:
         problem: device, environment, hands and margin.
         states: map from states to gains.
-        found: hands from inside the ranges that broke earlier gains; None where there are none.
+        found: interior hands unstable with earlier gains; None where there are none.
         latest: how many of them were added last.
-        reserve: how far below 1 the radii stay, for hands between those that are known.
+        reserve: margin of the radii below 1, for hands between the known ones.
     """
 
     problem: Problem
@@ -117,11 +117,11 @@ class HandsRadii:
     reserve: float = 0.0
 
     held = 4
-    """How many hands a polish looks at beside those that decide."""
+    """Number of hands that a polish considers beside the critical ones."""
 
     @property
     def most(self) -> float:
-        """What no radius may exceed."""
+        """Upper bound of the radii."""
         return LARGEST - self.reserve
 
     @property
@@ -146,7 +146,7 @@ class HandsRadii:
 
     @cached_property
     def corners(self) -> IndexArray:
-        """Positions of the corners of the hands, which nearly always decide."""
+        """Positions of the corners of the hands, which are nearly always critical."""
         own = np.arange(len(hand_corners(self.problem.hands)))
         device = np.arange(len(deciding_corners(self.problem))) * len(self._hands)
         return np.asarray((device[:, None] + own).ravel())
@@ -157,7 +157,7 @@ class HandsRadii:
         return hands if self.found is None else joined(hands, self.found)
 
     def with_hands(self, hands: Hand, slack: FloatArray, reserve: float) -> HandsRadii:
-        """Add the worst of some hands, the one of least slack (m,) first, and others some way apart from it."""
+        """Return radii with the worst of several hands added: the one of least slack (m,), then distinct ones."""
         ranges = hand_ranges(self.problem.hands)
         width = np.ptp(ranges, axis=1)[:, None]
         share = np.array([np.atleast_1d(value) for value in vars(hands).values()]) / np.where(width > 0, width, 1.0)
@@ -172,7 +172,7 @@ class HandsRadii:
         )
 
     def kept_by_the_latest(self, points: FloatArray) -> FloatArray:
-        """States, of some (d, m), that hold the hands added last."""
+        """Return those of states (d, m) that are stable with the hands added last."""
         last = np.arange(len(self._hands) - self.latest, len(self._hands))
         device = np.arange(len(deciding_corners(self.problem))) * len(self._hands)
         some = None if self.reserve else np.asarray((device[:, None] + last).ravel())
@@ -180,7 +180,7 @@ class HandsRadii:
         return np.asarray(points[:, held])
 
     def at(self, points: FloatArray, some: IndexArray | None = None) -> FloatArray:
-        """Radii (m, h) at states (d, m): with all hands of every device, or with some of them."""
+        """Return radii (m, h) at states (d, m), with all hands on every device, or some of them."""
         b, k, contact = self.states.gains(points)
         margin, total = self.problem.stability.margin_ns_per_m, len(self._hands)
         wanted = np.arange(self.count) if some is None else some
@@ -194,7 +194,7 @@ class HandsRadii:
         return np.minimum(radii, _UNDEFINED)
 
     def largest(self, points: FloatArray) -> FloatArray:
-        """Largest radius (m,); where a corner of the hands is unstable already, that of the corners."""
+        """Return the largest radius (m,); where a corner of the hands is unstable already, that of the corners."""
         radius = np.asarray(self.at(points, self.corners).max(axis=1))
         rest = np.setdiff1d(np.arange(self.count), self.corners)
         inside = np.flatnonzero(radius <= LARGEST)
@@ -204,10 +204,10 @@ class HandsRadii:
 
 
 def admissible_states(radii: HandsRadii) -> FloatArray:
-    """States (d, m) that hold every hand, from all over the box and from near the border of the admissible ones.
+    """Return states (d, m) stable with every hand, throughout the box and near the border of the admissible region.
 
-    A lattice and a finer one on each face of the box; between a node that holds every hand and a neighbour that does
-    not, a point near the border; where no node does, or where one nearly does, a climb to the least radius about it.
+    A lattice and a finer one on each face of the box; between a stable node and an unstable neighbour
+    a point near the border; where no node is stable, or one nearly is, a descent to the least radius about it.
     """
     low, high = radii.states.low, radii.states.high
     inside = []
@@ -224,7 +224,7 @@ def admissible_states(radii: HandsRadii) -> FloatArray:
 
 
 def _lattices(low: FloatArray, high: FloatArray) -> list[list[FloatArray]]:
-    """Axes of a lattice over the box and of one on each face."""
+    """Return the axes of a lattice over the box and of one on each face."""
     d = len(low)
     width = high > low
     axes = [np.linspace(low[i], high[i], n if width[i] else 1) for i, n in enumerate(_POINTS[d])]
@@ -240,7 +240,7 @@ def _lattices(low: FloatArray, high: FloatArray) -> list[list[FloatArray]]:
 
 
 def _neighbours(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
-    """Positions in the flattened lattice of all pairs of neighbours along its axes."""
+    """Return positions in the flattened lattice of all pairs of neighbours along its axes."""
     at = np.arange(int(np.prod(shape))).reshape(shape)
     pairs = [
         (np.take(at, range(size - 1), axis).ravel(), np.take(at, range(1, size), axis).ravel())
@@ -250,7 +250,7 @@ def _neighbours(shape: tuple[int, ...]) -> tuple[IndexArray, IndexArray]:
 
 
 def _at_border(radii: HandsRadii, nodes: FloatArray, radius: FloatArray) -> FloatArray:
-    """Admissible states near the border, by false position between neighbours on either side of it."""
+    """Return admissible states near the border, by false position between neighbours on either side of it."""
     one, other = _neighbours(radius.shape)
     value = radius.ravel() - LARGEST
     crossed = (value[one] <= 0) != (value[other] <= 0)
@@ -270,7 +270,7 @@ def _at_border(radii: HandsRadii, nodes: FloatArray, radius: FloatArray) -> Floa
 
 
 def _climbed(radii: HandsRadii, nodes: FloatArray, radius: FloatArray) -> FloatArray:
-    """Admissible states about nodes that just miss it and that no neighbour betters."""
+    """Return admissible states about nodes that are nearly stable and local minima of the radius."""
     value, d = radius.ravel(), len(nodes)
     one, other = _neighbours(radius.shape)
     lowest = np.ones(value.size, dtype=bool)

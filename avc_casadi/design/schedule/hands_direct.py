@@ -1,7 +1,7 @@
-"""`direct` with scope hands: the gains that hold every hand are the same at all frequencies, and are searched once.
+"""`direct` with scope hands: the gains stable with every hand are the same at all frequencies, and are searched once.
 
-Each frequency takes the best of them, improves it from several starts, and is offered what the others found. Hands from
-inside the ranges that break what was found are added, and its frequencies searched again, until none does.
+Each frequency takes the best of them, improves it from several starts, and shares its result with the others. Interior
+hands that are unstable with a result are added and its frequencies searched again, until there are none.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ _TIE = 1e-3
 _EQUAL = 1e-7
 """Magnitude errors closer than this, relative to |Z_h_ds|, are equal: the smaller distance wins."""
 _APART = 1.5
-"""How far apart starts are, in spacings of the lattice."""
+"""Least distance of starts, in spacings of the lattice."""
 _SPACINGS = {2: 40, 3: 15}
 _ROWS_AT_ONCE = 64
 _UNREAL = 1e2
 _JUDGED = 60
-"""Points between a start and a refused end that are judged."""
+"""Number of points judged between a start and a rejected end."""
 _GAINED = 1e-7
 _CUTS, _RESERVE = 4, 1.2
-"""How often hands from inside the ranges are added, and what is kept in reserve at last, as a share of the miss."""
+"""Rounds in which interior hands are added, and the last reserve as a share of the violation."""
 
 
 def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, progress: Progress = SILENT) -> GainArrays:
-    """Minimise (11) at each frequency over the gains that hold every hand and are real, where that is required.
+    """Minimise (11) at each frequency over the gains stable with every hand, and realistic where required.
 
     Args:
         problem: the problem.
         states: map from states to gains.
         frequency_hz: the frequencies, (n,).
-        progress: told of the steps.
+        progress: reports the steps.
 
     Returns:
         (b, k, b_p), each (n,); not a number where none were found.
@@ -60,7 +60,7 @@ def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, pro
         again = np.flatnonzero(~worst.met)
         if not again.size or worst.hands is None:
             break
-        # Each cut leaves a quarter of the miss or so; the last ones make it good with a reserve.
+        # Each cut leaves about a quarter of the violation; the last ones remove it with a reserve.
         reserve = _RESERVE * float(-worst.slack.min()) if cut >= _CUTS - 2 else 0.0
         radii = radii.with_hands(worst.hands.pick(again), worst.slack[again], reserve)
         pool = radii.kept_by_the_latest(np.concatenate((pool, best[:, worst.met]), axis=1))
@@ -75,13 +75,13 @@ def hands_optima(problem: Problem, states: States, frequency_hz: FloatArray, pro
 
 
 def _search(radii: HandsRadii, goal: _Goal, pool: FloatArray, progress: Progress) -> tuple[FloatArray, FloatArray]:
-    """Best states of each frequency and their starts from a pool of admissible ones, (d, n) each."""
+    """Return the best states of each frequency and their starts from a pool of admissible ones, (d, n) each."""
     n, rows = len(goal.frequency_hz), np.arange(len(goal.frequency_hz))
     spacing = (radii.high - radii.low) / (_SPACINGS[len(pool)] - 1)
     spacing = np.where(spacing > 0, spacing, 1.0)
     progress.advance(1, 4, "best gains of each frequency")
     first, second, near = _starts(pool, goal, spacing, n)
-    # Where the goal's magnitude lies within reach many gains have it: those nearest in phase are looked for first.
+    # Where the goal's magnitude is attainable many gains have it: those nearest in phase are sought first.
     second[:, near] = polished(radii, second[:, near], near, replace(goal, tie=_TIE), spacing)
     found = polished(radii, np.concatenate((first, second), axis=1), np.tile(rows, 2), goal, spacing)
     best = goal.better(found[:, :n], found[:, n:], rows)
@@ -97,7 +97,7 @@ def _search(radii: HandsRadii, goal: _Goal, pool: FloatArray, progress: Progress
 
 @dataclass(frozen=True)
 class _Goal:
-    """Magnitude error, of |Z_h_ds|, with a share of the squared complex one; far above it where realism is missed.
+    """Magnitude error, of |Z_h_ds|, with a share of the squared complex one; far above it where realism is violated.
 
     Attributes:
         problem: the problem.
@@ -112,7 +112,7 @@ class _Goal:
     tie: float = 0.0
 
     def errors(self, points: FloatArray, stage: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Magnitude error with its sign, and complex error, both of |Z_h_ds|; (m, s) each.
+        """Return the signed magnitude error and the complex error, relative to |Z_h_ds|, (m, s) each.
 
         Args:
             points: states, (d, m, s), or (d, 1, s) for all stages.
@@ -129,12 +129,12 @@ class _Goal:
         return error, distance
 
     def value(self, points: FloatArray, stage: IndexArray) -> FloatArray:
-        """What is to be small, (m, s)."""
+        """Return the objective, (m, s)."""
         error, distance = self.errors(points, stage)
         return np.asarray(np.sqrt(error**2 + self.tie * distance**2) if self.tie else np.abs(error))
 
     def window(self, centre: FloatArray, half: FloatArray, stage: IndexArray) -> tuple[Evaluate, Evaluate]:
-        """Return the value, and the magnitude error with its sign, at points of windows."""
+        """Return the objective and the signed magnitude error at points of windows."""
 
         def value(at: FloatArray) -> FloatArray:
             return self.value(centre[:, :, None] + half[:, :, None] * at, stage)
@@ -145,7 +145,7 @@ class _Goal:
         return value, error
 
     def better(self, one: FloatArray, other: FloatArray, stage: IndexArray) -> FloatArray:
-        """For each stage the states of less magnitude error, or, where that is equal, of less distance, (d, m)."""
+        """Return for each stage the states of smaller magnitude error or, if equal, of smaller distance, (d, m)."""
         first, second = (self.errors(points[:, :, None], stage) for points in (one, other))
         gain = np.abs(first[0]) - np.abs(second[0])
         closer = (np.abs(gain) <= _EQUAL) & (second[1] < first[1])
@@ -153,7 +153,7 @@ class _Goal:
 
 
 def _starts(pool: FloatArray, goal: _Goal, spacing: FloatArray, n: int) -> tuple[FloatArray, FloatArray, IndexArray]:
-    """Two starts for each stage from the pool, (d, n) each, and the stages whose goal's magnitude is within reach.
+    """Return two starts for each stage from the pool, (d, n) each, and the stages of attainable goal magnitude.
 
     The best states, and the best at some distance from those; where some states stay below the goal's magnitude and
     others exceed it, those of least magnitude and complex error together.
@@ -174,7 +174,7 @@ def _starts(pool: FloatArray, goal: _Goal, spacing: FloatArray, n: int) -> tuple
 
 
 def _best_shared(best: FloatArray, goal: _Goal) -> FloatArray:
-    """For each stage the best of what all of them found, (d, n)."""
+    """Return for each stage the best of all stages' results, (d, n)."""
     n = best.shape[1]
     chosen = [
         goal.value(best[:, None], np.arange(first, min(first + _ROWS_AT_ONCE, n))).argmin(axis=1)
@@ -184,9 +184,9 @@ def _best_shared(best: FloatArray, goal: _Goal) -> FloatArray:
 
 
 def _on_faces(radii: HandsRadii, best: FloatArray, goal: _Goal) -> FloatArray:
-    """For each stage the states moved straight onto a face of the box, where that is admissible and better, (d, n).
+    """Return for each stage the states projected onto a face of the box, where admissible and better, (d, n).
 
-    Along a border that is all but flat the polish creeps and stops short of the face.
+    Along a nearly flat border the polish converges slowly and stops short of the face.
     """
     best, rows = best.copy(), np.arange(best.shape[1])
     least = goal.value(best[:, :, None], rows)[:, 0]
@@ -204,9 +204,9 @@ def _on_faces(radii: HandsRadii, best: FloatArray, goal: _Goal) -> FloatArray:
 def _judged(
     problem: Problem, states: States, frequency_hz: FloatArray, best: FloatArray, start: FloatArray, goal: _Goal
 ) -> tuple[FloatArray, BoolArray]:
-    """States (d, n) that the exact check of the scope and of realism passes, and whether there are any, (n,).
+    """Return states (d, n) that pass the exact check of scope and realism, and whether there are any, (n,).
 
-    Where it refuses what was found, the points on the way back to the start are judged.
+    Where a result is rejected, the points on the way back to the start are judged.
     """
     met = _met(problem, states, frequency_hz, best)
     for row in np.flatnonzero(~met):

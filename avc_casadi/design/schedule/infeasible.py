@@ -1,4 +1,4 @@
-"""Stages at which no gains of the box meet the scope and what realism requires: which, where, and by how much."""
+"""Infeasible stages: no gains of the box meet scope and realism; with the place and size of the violation."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _ROUNDS = 6
 _SMOOTHEST = 1e6
 """Slope penalty that makes the slopes as small as the scopes allow."""
 _JUDGED = 40
-"""Gains that are judged with every hand of the ranges, those first that hold the known ones best."""
+"""Number of gains judged with every hand of the ranges, by stability with the known ones."""
 _REAL_POINTS = {2: (40, 40), 3: (18, 18, 8)}
-"""Nodes of the first lattice; its halves along each state are searched on their own."""
+"""Nodes of the first lattice; its halves along each state are searched separately."""
 _ZOOM_POINTS = {2: (9, 9), 3: (7, 7, 5)}
 _STEPS = 60
 _WEIGHT = 1e4
@@ -32,7 +32,7 @@ _WEIGHT = 1e4
 _NARROWEST = 1e-10
 """Width of the window, as a share of the box, at which a search ends."""
 _FIRST = 1e6
-"""What a missed scope weighs where realism is compared among gains that meet it."""
+"""Weight of a violated scope where realism is compared."""
 
 Slack = tuple[FloatArray, FloatArray]
 Value = Callable[[FloatArray, FloatArray], FloatArray]
@@ -43,10 +43,10 @@ class Missing:
     """Stages without admissible gains.
 
     Attributes:
-        rows: which they are, (n,).
-        reasons: a sentence for each stage, empty where there is nothing to say.
-        tight: stages that gains meet, but none with the room that the NLP keeps: their scope has no interior, (n,).
-        states: of these gains, (d, n); elsewhere without meaning.
+        rows: mask of the infeasible stages, (n,).
+        reasons: a sentence for each stage, or empty.
+        tight: feasible stages without the slack that the NLP keeps: their scope has no interior, (n,).
+        states: of these gains, (d, n); elsewhere meaningless.
     """
 
     rows: BoolArray
@@ -56,19 +56,19 @@ class Missing:
 
     @classmethod
     def none(cls, task: Task) -> Missing:
-        """Every stage can be met."""
+        """Return the result with every stage feasible."""
         n = len(task.frequency_hz)
         nowhere = np.zeros(n, dtype=bool)
         return cls(nowhere, ("",) * n, nowhere, np.repeat(task.states.low[:, None], n, axis=1))
 
     def at(self, rows: NDArray[np.intp]) -> Missing:
-        """Take some of the stages."""
+        """Return a subset of the stages."""
         reasons = tuple(self.reasons[row] for row in rows)
         return Missing(self.rows[rows], reasons, self.tight[rows], self.states[:, rows])
 
 
 def missing_rows(task: Task) -> Missing:
-    """Find the stages at which no gains of the box meet the scope together with what realism requires."""
+    """Return the stages at which no gains of the box meet scope and required realism together."""
     missing = _without_scope(task)
     if task.problem.realism.require == "none" or missing.rows.all():
         return missing
@@ -80,11 +80,11 @@ def missing_rows(task: Task) -> Missing:
 
 
 def _without_scope(task: Task) -> Missing:
-    """Find the stages at which even the best gains of the box miss the scope, and those where none meet it with room.
+    """Return the stages whose scope no gains of the box meet, and those where none meet it with slack.
 
-    The best gains are those with the largest slack at the slots; while they violate the scope elsewhere and could still
-    do better, that frequency is added. A grid over the box is refined about its best point, so that the miss stated is
-    that of gains that exist; a stage with a tiny admissible region can be called missing although it is not.
+    The best gains are those with the largest slack at the slots; while they violate the scope elsewhere and may still
+    improve, that frequency is added. A grid over the box is refined about its best point, so that the stated violation
+    is that of actual gains; a stage with a tiny admissible region may be reported infeasible although it is not.
     """
     n = len(task.frequency_hz)
     needed = task.tolerance * (1.0 if task.hands is not None else task.scale_ns_per_m) * np.ones(n)
@@ -119,13 +119,13 @@ def _without_scope(task: Task) -> Missing:
 
 
 def _with_hands(task: Task, gains: FloatArray, missing: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Look all over the box before it is said that no gains hold every hand; states (d, n) and the missing stages."""
+    """Search the whole box before reporting that no gains are stable with every hand; states (d, n), missing stages."""
     radii = HandsRadii(task.problem, task.states)
     pool = admissible_states(radii)
     if not pool.shape[1]:
         return gains, np.ones_like(missing)
     safest = pool[:, np.argsort(radii.largest(pool), kind="stable")[:_JUDGED]]
-    # The worst hand may stand inside the ranges, where the radii above do not look.
+    # The worst hand may be interior, which the radii above do not cover.
     slack = worst_slack(task.problem, np.full(safest.shape[1], task.frequency_hz[0]), task.states.gains(safest)).slack
     safest = safest[:, [slack.argmax()]]
     return np.repeat(safest, len(missing), axis=1), np.zeros_like(missing)
@@ -148,7 +148,7 @@ def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: floa
 
 
 def steep_reason(task: Task, missing: Missing, message: str) -> str:
-    """Say why the NLP has no solution though every stage alone has one: the slope limit, or the solver's own word."""
+    """Return why the NLP has no solution though every stage has one: the slope limit, or the solver's message."""
     limit = task.problem.schedule.slope_limit
     if limit is None or len(task.frequency_hz) == 1:
         return (
@@ -170,7 +170,7 @@ def steep_reason(task: Task, missing: Missing, message: str) -> str:
 
 
 def _best_states(task: Task, slots: Slots, needed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """States (d, n) with the largest least slack over the slots, and that slack (n,)."""
+    """Return states (d, n) with the largest least slack over the slots, and that slack (n,)."""
     low, high = (np.repeat(end[:, None], len(task.frequency_hz), axis=1) for end in (task.states.low, task.states.high))
     best, slack = _best_of_grid(task, slots, low, high)
     width = high - low
@@ -185,10 +185,10 @@ def _best_states(task: Task, slots: Slots, needed: FloatArray) -> tuple[FloatArr
 
 
 def _best_of_grid(task: Task, slots: Slots, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The same on one grid between low and high, (d, n) each."""
+    """Return the same on one grid between low and high, (d, n) each."""
     nodes = low[:, None] + (high - low)[:, None] * _grid(_POINTS[len(low)])[:, :, None]
     if task.hands is not None:
-        # The scope does not depend on the frequency: one stage tells all.
+        # The scope does not depend on the frequency: one stage suffices.
         one = hands_slack(task.problem, task.states, nodes[:, :, 0])
         slack = np.repeat(one[:, None], nodes.shape[2], axis=1)
     else:
@@ -201,10 +201,10 @@ def _best_of_grid(task: Task, slots: Slots, low: FloatArray, high: FloatArray) -
 
 
 def unrealistic_rows(task: Task, rows: NDArray[np.intp]) -> dict[int, str]:
-    """Find the stages among ``rows`` that cannot meet scope and realism together, each with a sentence.
+    """Return the stages among ``rows`` that cannot meet scope and realism together, each with a sentence.
 
-    The gains with the largest smaller slack of the two are sought, then those that are most real among those that meet
-    the scope; a stage where neither search finds admissible gains is told with the second's. While the gains violate
+    The gains of largest minimum slack of the two are sought, then the most realistic ones within the scope; a stage
+    where neither search finds admissible gains is reported with the second's. While the gains violate
     the scope between the slots, that frequency is added.
     """
     found: dict[int, str] = {}
@@ -234,9 +234,9 @@ def unrealistic_rows(task: Task, rows: NDArray[np.intp]) -> dict[int, str]:
 
 
 def _nearest(task: Task, slots: Slots) -> tuple[FloatArray, FloatArray]:
-    """States (d, n) that are most real among those that meet the scope, and how much more than needed, (n,).
+    """Return the most realistic states (d, n) within the scope, and their slack of realism, (n,).
 
-    Along the scope's boundary a lattice comes to rest too early, so that an NLP without the requirement goes on.
+    Along the scope's boundary a lattice search stalls, so that an NLP without the requirement follows.
     """
     states, most = _searched(task, slots, _scope_first, enough=False)
     nowhere = np.zeros(len(most), dtype=bool)
@@ -269,7 +269,7 @@ def _scope_first(scope: FloatArray, real: FloatArray) -> FloatArray:
 
 
 def _slack(task: Task, slots: Slots) -> Callable[[FloatArray], Slack]:
-    """States (d, m, n) -> how much more than needed they are inside scope and realism, (m, n) each."""
+    """Return states (d, m, n) -> slack of scope and of realism, (m, n) each."""
     loops, margin = slots.loops(task.problem), task.problem.stability.margin_ns_per_m
 
     def slack(states: FloatArray) -> Slack:
@@ -285,15 +285,15 @@ def _slack(task: Task, slots: Slots) -> Callable[[FloatArray], Slack]:
 
 
 def _searched(task: Task, slots: Slots, value: Value, *, enough: bool) -> tuple[FloatArray, FloatArray]:
-    """States (d, n) of the largest value, and that value (n,).
+    """Return states (d, n) of the largest value, and that value (n,).
 
     Each half of a lattice along each state gives a start; a window about it moves, and is halved where it stays.
 
     Args:
         task: the stages.
         slots: frequencies of their scopes.
-        value: (slack of the scope, slack of realism) -> what is to be large.
-        enough: whether any value from 0 on will do.
+        value: (slack of the scope, slack of realism) -> value to be maximised.
+        enough: whether any value of 0 or more suffices.
     """
     slack, n = _slack(task, slots), len(task.frequency_hz)
     low, high = task.states.low[:, None, None], task.states.high[:, None, None]
@@ -323,7 +323,7 @@ def _searched(task: Task, slots: Slots, value: Value, *, enough: bool) -> tuple[
 
 
 def _grid(points: tuple[int, ...]) -> FloatArray:
-    """Nodes of the unit box, (d, m)."""
+    """Return the nodes of the unit box, (d, m)."""
     axes = np.meshgrid(*(np.linspace(0, 1, count) for count in points), indexing="ij")
     return np.array([axis.ravel() for axis in axes])
 

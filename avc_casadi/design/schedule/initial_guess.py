@@ -1,4 +1,4 @@
-"""Where the NLP starts: the path of a dynamic programme over a lattice, constant gains, the separate optima."""
+"""Initial guesses of the NLP: the path of a dynamic programme over a lattice, constant gains, the separate optima."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _POINTS = {2: (64, 64), 3: (22, 22, 10)}
 _SMOOTHING = 0.1
 """Width in ln(omega) over which the separate optima are averaged: they jump, and the NLP would follow each jump."""
 _MISSED = 1e6
-"""Cost of missing anything at all, where constant gains are ordered."""
+"""Cost of any violation, where constant gains are ordered."""
 _TRIED = 40
-"""Constant gains that are checked exactly, the cheapest first."""
+"""Number of constant gains checked exactly, the cheapest first."""
 
 StageCosts = Callable[[FloatArray], Callable[[int], FloatArray]]
-"""states (d, m) -> stage -> cost of each, (m,), with a penalty where it misses a constraint."""
+"""states (d, m) -> stage -> cost of each, (m,), with a penalty where it violates a constraint."""
 
 
 @dataclass(frozen=True)
 class LatticePath:
-    """What a lattice knows.
+    """Results of a lattice.
 
     Attributes:
         path: states along the cheapest path, (d, n).
-        constant: states of the cheapest constant gains, then of others that no neighbour betters; (d, 1 to 4).
+        constant: states of the cheapest constant gains, then of other local minima; (d, 1 to 4).
     """
 
     path: FloatArray
@@ -51,7 +51,7 @@ def lattice_path(
     slope_limit: float,
     points: tuple[int, ...] | None = None,
 ) -> LatticePath:
-    """Find the cheapest path through the lattice, exactly for the lattice.
+    """Return the cheapest path through the lattice, exact on the lattice.
 
     The slope penalty is a sum over the states, so that the minimum over the predecessor is taken one state at a time.
 
@@ -94,14 +94,14 @@ def lattice_path(
 def lattice_nodes(
     low: FloatArray, high: FloatArray, points: tuple[int, ...] | None = None
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Axes of the lattice between two corners of the box, and all its nodes, (d, m)."""
+    """Return the axes of the lattice between two corners of the box, and all its nodes, (d, m)."""
     counts = points or _POINTS[len(low)]
     axes = [np.linspace(a, b, count if b > a else 1) for a, b, count in zip(low, high, counts, strict=True)]
     return axes, np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
 
 
 def _local_minima(value: FloatArray) -> NDArray[np.intp]:
-    """Positions in the flattened array that no neighbour along an axis betters, the best first."""
+    """Return positions of local minima along the axes in the flattened array, the best first."""
     lowest = np.ones(value.shape, dtype=bool)
     for axis in range(value.ndim):
         along, kept = np.moveaxis(value, axis, 0), np.moveaxis(lowest, axis, 0)
@@ -112,7 +112,7 @@ def _local_minima(value: FloatArray) -> NDArray[np.intp]:
 
 
 def _share(log_frequency: FloatArray, position: int, span: float) -> float:
-    """Share of a stage in the mean over ln(omega), by trapezoids."""
+    """Return the share of a stage in the mean over ln(omega), by trapezoids."""
     if len(log_frequency) == 1:
         return 1.0
     ends = log_frequency[max(position - 1, 0)], log_frequency[min(position + 1, len(log_frequency) - 1)]
@@ -120,18 +120,18 @@ def _share(log_frequency: FloatArray, position: int, span: float) -> float:
 
 
 def _move(axis: FloatArray, penalty: float, reach: float) -> FloatArray:
-    """What a move between two places on an axis costs, (n, n): to the row from the column."""
+    """Return the cost of a move between two positions on an axis, (n, n): to the row from the column."""
     distance = np.abs(axis[:, None] - axis[None, :])
     spacing = axis[1] - axis[0] if len(axis) > 1 else 0.0
     return np.where(distance <= max(reach, 1.001 * spacing), penalty * distance**2, np.inf)
 
 
 def _cheapest(value: FloatArray, move: FloatArray, dimension: int) -> FloatArray:
-    """Minimise over where one state came from."""
+    """Minimise over the predecessors of one state."""
     lines = np.ascontiguousarray(np.moveaxis(value, dimension, 0)).reshape(len(move), -1)
     best, tried = np.full_like(lines, np.inf), np.empty_like(lines)
     for line, steps in zip(lines, move.T, strict=True):
-        # One place it may have come from at a time: all of it stays in the processor's cache.
+        # One predecessor at a time, so that the arrays stay in the processor's cache.
         np.add(line, steps[:, None], out=tried)
         np.minimum(best, tried, out=best)
     shape = np.moveaxis(value, dimension, 0).shape
@@ -139,13 +139,13 @@ def _cheapest(value: FloatArray, move: FloatArray, dimension: int) -> FloatArray
 
 
 def _trace(value: FloatArray, values: list[FloatArray], moves: list[FloatArray], axes: list[FloatArray]) -> FloatArray:
-    """Follow the cheapest end back to the first stage; states (d, stages).
+    """Trace the cheapest end back to the first stage; states (d, stages).
 
     Args:
         value: at the last stage.
-        values: what each state was minimised from, one state after another.
-        moves: what its moves cost.
-        axes: places of each state.
+        values: values that were minimised, one state after another.
+        moves: costs of its moves.
+        axes: positions of each state.
     """
     at = list(np.unravel_index(int(value.argmin()), value.shape))
     states = [[axis[i] for axis, i in zip(axes, at, strict=True)]]
@@ -163,7 +163,7 @@ def initial_guesses(task: Task, missing: Missing) -> list[FloatArray]:
 
     Args:
         task: the problem; where its gains may not vary with frequency, all guesses are constant.
-        missing: stages of which nothing is asked.
+        missing: stages without constraints.
     """
     data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows, missing.tight))
     lattice = lattice_path(
@@ -180,7 +180,7 @@ def initial_guesses(task: Task, missing: Missing) -> list[FloatArray]:
 
 
 def _smoothed_optima(task: Task) -> FloatArray:
-    """States (d, n) of the separate optima, averaged over neighbouring frequencies where anything joins them."""
+    """Return states (d, n) of the separate optima, averaged over neighbouring frequencies where these are coupled."""
     gains = exact_gains(task.problem, task.loop)
     known = np.isfinite(gains[0])
     x = task.log_frequency
@@ -191,7 +191,7 @@ def _smoothed_optima(task: Task) -> FloatArray:
     settings = task.problem.schedule
     if len(x) == 1 or (settings.slope_penalty == 0 and settings.slope_limit is None):
         return states
-    # Gaussian weights, but only over the rows that are near enough to matter.
+    # Gaussian weights, truncated to nearby rows.
     reach = np.searchsorted(x, x + 3 * _SMOOTHING) - np.searchsorted(x, x - 3 * _SMOOTHING)
     half = int(reach.max()) // 2 + 1
     total, weight = np.zeros_like(states), np.zeros(len(x))

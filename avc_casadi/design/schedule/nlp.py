@@ -1,6 +1,6 @@
 """The sparse NLP of a whole schedule: one stage as CasADi functions, the NLP with its derivatives, and its solvers.
 
-Derivatives that CasADi finds for the whole NLP cost ten times as much to evaluate as those assembled here from a stage.
+CasADi's derivatives of the whole NLP cost ten times as much to evaluate as those assembled here from one stage.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _COLD: dict[str, Any] = {
     "ipopt.constr_viol_tol": 1e-9,
     "ipopt.bound_relax_factor": 0.0,
     "ipopt.max_iter": 400,
-    # The starts are good: a larger barrier pushes them out of their valley, often into a worse one.
+    # The starts are good: a larger barrier pushes them out of their basin, often into a worse one.
     "ipopt.mu_init": 1e-6,
     "ipopt.bound_push": 1e-6,
     "ipopt.bound_frac": 1e-6,
@@ -84,7 +84,7 @@ class StageFunctions:
 
 @lru_cache(maxsize=16)
 def stage_functions(objective: str, states: int, slots: int, require: str = "none") -> StageFunctions:
-    """Build the functions of a stage.
+    """Return the functions of a stage.
 
     Args:
         objective: magnitude, complex, perceptual, or tied.
@@ -132,7 +132,7 @@ def _loop(values: list[Any]) -> Loop:
 
 
 def _error(objective: str, z: ComplexExpr, target: ComplexExpr, noticeable: Real) -> Real:
-    """Squared relative error of Z_h: of its magnitude, of itself, or of what of it can be noticed.
+    """Return the squared relative error of Z_h: of its magnitude, complex, or of its noticeable part.
 
     "tied" is the magnitude with a small share of the rest, which breaks the ties of (11).
     """
@@ -150,7 +150,7 @@ def _error(objective: str, z: ComplexExpr, target: ComplexExpr, noticeable: Real
 
 @dataclass(frozen=True)
 class Size:
-    """What decides the structure of the NLP.
+    """Structure of the NLP.
 
     Attributes:
         objective: magnitude, complex or perceptual.
@@ -159,7 +159,7 @@ class Size:
         stages: n.
         limited: whether the slopes are bounded.
         constant: whether all stages share one state.
-        require: what of realism is bounded in each stage: none, jnd or bounds.
+        require: realism bounded in each stage: none, jnd or bounds.
     """
 
     objective: str
@@ -173,7 +173,7 @@ class Size:
 
 @lru_cache(maxsize=16)
 def schedule_nlp(size: Size, extra: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Build the NLP and the options that hand its derivatives to a solver.
+    """Return the NLP and the options that pass its derivatives to a solver.
 
     Args:
         size: structure.
@@ -245,7 +245,7 @@ def schedule_nlp(size: Size, extra: Any) -> tuple[dict[str, Any], dict[str, Any]
 
 
 def _extra_derivatives(extra: Any, states: int) -> tuple[Any, Any]:
-    """Gradient (1, d) and upper triangle of the Hessian, by columns, of a function of one stage."""
+    """Return gradient (1, d) and upper triangle of the Hessian, by columns, of a function of one stage."""
     sigma = ca.MX.sym("sigma", states)
     hessian, gradient = ca.hessian(extra(sigma), sigma)
     triangle = [hessian[row, column] for column in range(states) for row in range(column + 1)]
@@ -256,7 +256,7 @@ def _extra_derivatives(extra: Any, states: int) -> tuple[Any, Any]:
 
 
 def _jacobian(size: Size, blocks: Any, step: Any) -> Any:
-    """Sparse Jacobian of the constraints: one dense block (r, d) a stage, then the slopes.
+    """Return the sparse Jacobian of the constraints: one dense block (r, d) a stage, then the slopes.
 
     Args:
         size: structure.
@@ -282,13 +282,13 @@ def _jacobian(size: Size, blocks: Any, step: Any) -> Any:
 
 
 def _hessian(d: int, n: int, diagonal: Any, coupling: Any) -> Any:
-    """Upper triangle of a block-tridiagonal matrix.
+    """Return the upper triangle of a block-tridiagonal matrix.
 
     Args:
         d: states.
         n: stages.
         diagonal: upper triangles of the blocks on the diagonal, by columns, (d (d + 1)/2, n).
-        coupling: what each slope adds to the diagonal of both its stages and takes away between them, (1, n - 1).
+        coupling: added by each slope to the diagonal of both its stages and subtracted between them, (1, n - 1).
     """
     upper = [(row, column) for column in range(d) for row in range(column + 1)]
     t, stage, between = len(upper), np.arange(n), np.arange(n - 1)
@@ -304,7 +304,7 @@ def _hessian(d: int, n: int, diagonal: Any, coupling: Any) -> Any:
 def _sparse(
     shape: tuple[int, int], rows: NDArray[np.intp], columns: NDArray[np.intp], source: NDArray[np.intp], values: Any
 ) -> Any:
-    """Sparse matrix whose entry (rows[i], columns[i]) is values[source[i]]."""
+    """Return the sparse matrix whose entry (rows[i], columns[i]) is values[source[i]]."""
     order = np.lexsort((rows, columns))
     sparsity = ca.Sparsity.triplet(*shape, rows[order].tolist(), columns[order].tolist())
     return ca.MX(sparsity, values[source[order].tolist()])
@@ -314,8 +314,8 @@ def _sparse(
 class Data:
     """Numbers of one schedule problem with n stages, d states and r bounded values in each stage.
 
-    The bounded values are Re Z_h at the m slots, each over its scale, then what realism requires, then the slack of the
-    hands if asked for.
+    The bounded values are Re Z_h at the m slots, each over its scale, then those of realism, then the slack of the
+    hands if required.
 
     Attributes:
         cost: parameters of the stage costs, (19, n).
@@ -328,7 +328,7 @@ class Data:
         low: lower ends of the states, (d, n).
         high: upper ends, (d, n).
         constant: whether all stages share one state; slopes then cost and limit nothing.
-        require: what of realism is required: none, jnd or bounds.
+        require: required realism: none, jnd or bounds.
     """
 
     cost: FloatArray
@@ -344,7 +344,7 @@ class Data:
     require: str = "none"
 
     def size(self, objective: str) -> Size:
-        """Return what decides the structure of the NLP."""
+        """Return the structure of the NLP."""
         limited = bool(np.isfinite(self.slope_limit)) and not self.constant
         slots = len(self.slots) // LOOP_ROWS
         return Size(objective, len(self.low), slots, len(self.weight), limited, self.constant, self.require)
@@ -352,14 +352,14 @@ class Data:
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solver returned.
+    """Result of the solver.
 
     Attributes:
         states: sigma, (d, n).
-        cost: value of the goal.
+        cost: value of the objective.
         success: whether the solver claims a local optimum.
-        message: its own word.
-        iterations: how many it took.
+        message: the solver's own.
+        iterations: their number.
         multipliers: of states and constraints, for the next start.
     """
 
@@ -387,7 +387,7 @@ def solve_program(
     """Solve from given states (d, n).
 
     Args:
-        data: the numbers.
+        data: numerical data.
         objective: magnitude, complex or perceptual.
         start: states, (d, n).
         warm: a solution of a problem of the same size whose multipliers are a good start, or None.
@@ -413,7 +413,7 @@ def solve_program(
     }
     if warm is not None:
         arguments |= {"lam_x0": warm.multipliers[0], "lam_g0": warm.multipliers[1]}
-    # CasADi warns of the evaluation that Ctrl-C cut short; what else it says the exact checks find out.
+    # CasADi warns of the evaluation interrupted by Ctrl-C; other faults show in the exact checks.
     with contextlib.redirect_stderr(io.StringIO()):
         result = solver(**arguments)
     stats = solver.stats()

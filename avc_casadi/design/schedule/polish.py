@@ -1,4 +1,4 @@
-"""From admissible gains to the best about them: in small windows what bounds them is nearly quadratic."""
+"""Local improvement of admissible gains by windows in which the constraints are nearly quadratic."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Evaluate = Callable[[FloatArray], FloatArray]
 
 
 class Bounds(Protocol):
-    """What admissible points keep: columns of values, each at most ``most``, within a box."""
+    """Constraints on admissible points: columns of values, each at most ``most``, within a box."""
 
     @property
     def low(self) -> FloatArray:
@@ -27,37 +27,37 @@ class Bounds(Protocol):
 
     @property
     def most(self) -> float:
-        """What no column may exceed."""
+        """Upper bound of the columns."""
 
     @property
     def smooth(self) -> IndexArray:
-        """Columns that a quadratic fits in a small window; they leave little to the others."""
+        """Columns that a quadratic fits in a small window; the others are rarely active."""
 
     @property
     def held(self) -> int:
-        """How many of these a window looks at beside those that decide at some point."""
+        """Number of these that a window considers beside the critical ones."""
 
     def at(self, points: FloatArray, some: IndexArray | None = None) -> FloatArray:
-        """Columns (m, h) at points (d, m): all of them, which decide exactly, or some of the smooth ones."""
+        """Return columns (m, h) at points (d, m): all of them, which is exact, or some of the smooth ones."""
 
 
 class Goal(Protocol):
-    """What is to be small."""
+    """Objective, to be minimised."""
 
     def value(self, points: FloatArray, stage: IndexArray) -> FloatArray:
-        """Value (m, s) at points (d, m, s), with the stage of each of the m."""
+        """Return the value (m, s) at points (d, m, s), with the stage of each of the m."""
 
     def window(self, centre: FloatArray, half: FloatArray, stage: IndexArray) -> tuple[Evaluate, Evaluate]:
-        """Return the value within windows of half widths (d, m), and an error whose zeros are the value's valleys."""
+        """Return the value within windows of half widths (d, m), and an error whose zeros minimise the value."""
 
 
 _SMALLEST = 1e-5
 """Width of a window, as a share of the first one's, at which a search ends."""
 _GAINED, _IDLE = 1e-8, 4
-"""A search ends, too, after so many windows that gained less."""
+"""Improvement and number of windows: after so many that improve less a search ends too."""
 _STEPS = 30
 _TRIALS = 2
-"""Points tried in a window; the second keeps what the first missed by as a reserve."""
+"""Points tried in a window; the second keeps the violation of the first as a reserve."""
 _RIM = 0.7
 """A window whose best point lies beyond this share of it grows again."""
 _LINES = {2: 15, 3: 5}
@@ -70,17 +70,17 @@ _OUTSIDE = 1e3
 
 
 def polished(bounds: Bounds, start: FloatArray, stage: IndexArray, goal: Goal, reach: FloatArray) -> FloatArray:
-    """Improve admissible points, each on its own.
+    """Improve admissible points, each separately.
 
-    In a window about each point the columns that may decide are fitted by quadratics through exact values; the goal is
-    minimised where these stay below their bound. The point found is judged exactly: it is taken if it is admissible and
-    better; what it misses by is kept as a reserve for a second one.
+    In a window about each point the potentially critical columns are fitted by quadratics through exact values; the
+    goal is minimised where these stay below their bound. The point found is judged exactly: it is taken if admissible
+    and better; its violation is kept as a reserve for a second one.
 
     Args:
-        bounds: what is admissible.
+        bounds: constraints.
         start: points, (d, m), admissible.
-        stage: of each start, handed to the goal, (m,).
-        goal: what is to be small.
+        stage: of each start, passed to the goal, (m,).
+        goal: objective.
         reach: half the width of the first windows along each axis, (d,).
 
     Returns:
@@ -134,7 +134,7 @@ def polished(bounds: Bounds, start: FloatArray, stage: IndexArray, goal: Goal, r
 
 
 def _deciding(own: FloatArray, held: int) -> IndexArray:
-    """Columns that are the largest at some point, and the next ones by how near they come to that anywhere."""
+    """Return the columns that are largest at some point, and the next ones by their distance to that."""
     order = np.argsort(-(own - own.max(axis=1, keepdims=True)).max(axis=0), kind="stable")
     top = np.unique(np.argsort(-own, axis=1)[:, :2])
     return np.union1d(top, order[:held])
@@ -148,14 +148,14 @@ def fitted_quadratic(value: Evaluate, d: int, m: int) -> Evaluate:
 
 
 def _stencil(d: int) -> FloatArray:
-    """Points of a window through which a quadratic is fitted, (d, s)."""
+    """Return the points of a window through which a quadratic is fitted, (d, s)."""
     axes = [sign * row for row in np.eye(d) for sign in (-1.0, 1.0)]
     corners = [np.array(corner) for corner in itertools.product((-0.8, 0.8), repeat=d)]
     return np.array([np.zeros(d), *axes, *corners]).T
 
 
 def _quadratics(at: FloatArray) -> FloatArray:
-    """Constant, linear and quadratic terms of points (d, m, s), shape (m, s, q)."""
+    """Return constant, linear and quadratic terms of points (d, m, s), shape (m, s, q)."""
     products = [at[i] * at[j] for i in range(len(at)) for j in range(i + 1)]
     return np.stack([np.ones_like(at[0]), *at, *products], axis=-1)
 
@@ -165,9 +165,9 @@ def _least_in_window(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the point (d, m) in [-1, 1] of least goal where no column's model exceeds its bound, and the largest.
 
-    Points are tried on lines along the slope of the error, also where the model of each column meets its bound and
-    where the error vanishes: the best ones often lie in a wedge that no grid would hit. The lines draw together about
-    the best point.
+    Points are tried on lines along the gradient of the error, also where the model of each column meets its bound and
+    where the error vanishes: the best ones often lie in a wedge that a grid misses. The lines contract about the best
+    point.
     """
     d, m = here.shape
     goal, error = inside
@@ -199,12 +199,12 @@ def _least_in_window(
 
 
 def _steps(spread: float, shape: tuple[int, ...]) -> FloatArray:
-    """Steps along lines without regard to any bound, (m, l, s)."""
+    """Return steps along lines regardless of the bounds, (m, l, s)."""
     return np.broadcast_to(spread * np.array([-1, -0.5, -0.2, -0.05, 0, 0.05, 0.2, 0.5, 1]), (*shape, 9))
 
 
 def _roots(ends: list[FloatArray], line: float) -> FloatArray:
-    """Where quadratics with values (m, l, h) at -line, 0 and line vanish, (m, l, 2 h); 0 where they do not."""
+    """Return the zeros of quadratics with values (m, l, h) at -line, 0 and line, (m, l, 2 h); 0 where none."""
     bend, slope = (ends[0] + ends[2] - 2 * ends[1]) / 2 / line**2, (ends[2] - ends[0]) / 2 / line
     with np.errstate(divide="ignore", invalid="ignore"):
         half = -0.5 * (slope + np.copysign(np.sqrt(slope**2 - 4 * bend * ends[1]), slope))
@@ -213,17 +213,17 @@ def _roots(ends: list[FloatArray], line: float) -> FloatArray:
 
 
 def _slope(error: Evaluate, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Direction in which the error falls within the window, (d, m), and what is normal to it, (d, d - 1, m)."""
+    """Return the descent direction of the error within the window, (d, m), and its normals, (d, d - 1, m)."""
     d, m = at.shape
     ends = np.stack([at + sign * _STEP * unit[:, None] for unit in np.eye(d) for sign in (-1.0, 1.0)], axis=2)
     value = error(ends).reshape(m, d, 2)
     fall = (value[:, :, 0] - value[:, :, 1]).T
-    # Down the size of the error, and not out of the window.
+    # Descent of the absolute error, without leaving the window.
     fall = np.where(error(at[:, :, None])[:, 0] < 0, -fall, fall)
     fall = np.where(((at >= 1) & (fall > 0)) | ((at <= -1) & (fall < 0)), 0.0, fall)
     size = np.sqrt((fall**2).sum(axis=0))
     fall = np.where(size > 0, fall / np.where(size > 0, size, 1.0), np.eye(d)[:, :1])
-    # Mirroring the first axis onto the direction takes the others onto its normals.
+    # The reflection of the first axis onto the direction maps the others onto its normals.
     mirror = fall + np.copysign(1.0, fall[0]) * np.eye(d)[:, :1]
     square = (mirror**2).sum(axis=0)
     normals = np.eye(d)[:, 1:, None] - 2 * mirror[:, None] * mirror[1:] / square

@@ -1,4 +1,4 @@
-"""What each stage must meet: Re Z_h over its scope, or every hand, and what `realism.require` asks of Z_h."""
+"""Constraints of each stage: Re Z_h over its scope or stability with every hand, and `realism.require`."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from avc_casadi.paper.realism import bound_magnitudes
 from avc_casadi.paper.rows import GainArrays
 
 _FREE = {"pointwise": 0, "band": 3, "all": 3, "hands": 0}
-"""Slots beside the ends of a scope whose deciding frequencies are not known."""
+"""Slots beside the ends of a scope whose critical frequencies are unknown."""
 _SPREAD = {"pointwise": 0, "band": 5, "all": 23, "hands": 0}
-"""How many there are for the lattice, which has a first look at the scope."""
+"""Number of slots for the lattice, which evaluates the scope coarsely."""
 _LOWEST_SHARE = 1e-4
-"""Lowest frequency, as a share of Nyquist, at which scope all is looked at first."""
+"""Lowest initial frequency of scope all, as a share of Nyquist."""
 LOOP_ROWS = 9
 """Parameters of a loop at a frequency."""
 _INSIDE = 1 - 1e-9
-"""Share of Nyquist at which a slot stands for Nyquist itself, where Im Z_d is infinite."""
+"""Share of Nyquist at which a slot represents Nyquist itself, where Im Z_d is infinite."""
 REALISM_ROWS = {"none": 0, "jnd": 1, "bounds": 2}
-"""How many values each requirement keeps from being negative."""
+"""Number of non-negative values of each requirement."""
 REALISM_BACKOFF = 1e-7
-"""How far inside its requirement each stage is asked to stay, relative: the NLP's tolerance then never leaves it."""
+"""Relative backoff from each stage's requirement, so that the NLP's tolerance never violates it."""
 
 
 def deciding_corners(problem: Problem) -> tuple[Problem, ...]:
-    """The problem at the corners of its device that decide: all for hands, the least damped one for Re Z_h."""
+    """Return the problem at the critical corners of its device: all for hands, the least damped one for Re Z_h."""
     if problem.stability.scope == "hands":
         return corner_problems(problem)
     # Re Z_h does not depend on the mass and grows with the damping; the hand's is credited.
@@ -41,7 +41,7 @@ def deciding_corners(problem: Problem) -> tuple[Problem, ...]:
 
 
 def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -> ScopeSlack:
-    """The exact slack of each row over its whole scope, at the worst corner of the device."""
+    """Return the exact slack of each row over its whole scope, at the worst corner of the device."""
     corners = deciding_corners(problem)
     deciding = deciding_frequencies_hz(problem, frequency_hz)
     if deciding is not None:
@@ -57,7 +57,7 @@ def worst_slack(problem: Problem, frequency_hz: FloatArray, gains: GainArrays) -
 
 
 def _of_each(found: list[Hand | None], corner: IndexArray) -> Hand | None:
-    """Take the hand of each row at its own corner of the device."""
+    """Return the hand of each row at its own corner of the device."""
     known = [vars(hands).values() for hands in found if hands is not None]
     if not known:
         return None
@@ -70,7 +70,7 @@ class Slots:
 
     Attributes:
         frequency_hz: the frequencies, (m, n), m for each stage.
-        fixed: how many of each stage stay, the first ones; the others give way to violating frequencies.
+        fixed: number of each stage that stay, the first ones; the others are replaced by violating frequencies.
     """
 
     frequency_hz: FloatArray
@@ -78,12 +78,12 @@ class Slots:
 
     @classmethod
     def of(cls, problem: Problem, frequency_hz: FloatArray, *, spread: bool = False) -> Slots:
-        """Take the frequencies that decide, where they are known, or else the ends of each scope and some between.
+        """Return the critical frequencies, where known, or else the ends of each scope and some between.
 
         Args:
             problem: the problem.
             frequency_hz: stages, (n,).
-            spread: take many between, for a first look.
+            spread: take many between, for a coarse evaluation.
         """
         deciding = deciding_frequencies_hz(problem, frequency_hz)
         if deciding is not None:
@@ -94,17 +94,17 @@ class Slots:
         return cls(_evaluable(problem, np.concatenate((low[None], high[None], between))), 2)
 
     def copy(self) -> Slots:
-        """Return slots that change on their own."""
+        """Return an independent copy."""
         return Slots(self.frequency_hz.copy(), self.fixed)
 
     def moved(self, problem: Problem, frequency_hz: FloatArray) -> Slots:
-        """Return slots for a changed problem of the same size: its own ends, and what was found before."""
+        """Return slots for a changed problem of the same size: its own ends, and the frequencies found before."""
         fresh = Slots.of(problem, frequency_hz)
         fresh.frequency_hz[self.fixed :] = _evaluable(problem, self.frequency_hz[self.fixed :])
         return fresh
 
     def add(self, problem: Problem, gains: GainArrays, worst: ScopeSlack, missed: BoolArray) -> None:
-        """Put the worst frequency of each stage ``missed`` (n,) in place of the one that binds these gains least."""
+        """Replace the least active frequency of each stage by its worst one, ``missed`` (n,)."""
         if len(self.frequency_hz) == self.fixed:
             return
         free = loop_at(deciding_corners(problem)[0], self.frequency_hz[self.fixed :]).perceived(*gains).real
@@ -112,17 +112,17 @@ class Slots:
         self.frequency_hz[slot[stages], stages] = _evaluable(problem, worst.frequency_hz[stages])
 
     def loops(self, problem: Problem) -> list[Loop]:
-        """The loop at each slot, with the device that decides."""
+        """Return the loop at each slot, with the critical device."""
         corner = deciding_corners(problem)[0]
         return [loop_at(corner, row) for row in self.frequency_hz]
 
     def parameters(self, problem: Problem) -> FloatArray:
-        """Parameters of the slots, (9 m, n)."""
+        """Return the parameters of the slots, (9 m, n)."""
         return np.concatenate([loop_parameters(loop) for loop in self.loops(problem)])
 
 
 def loop_parameters(loop: Loop, damping_credit_ns_per_m: float = 0.0) -> FloatArray:
-    """Parameters of a numeric loop, shape (9, ...); the credit is added to the damping of the device."""
+    """Return the parameters of a numeric loop, shape (9, ...); the credit is added to the damping of the device."""
     device = loop.device + damping_credit_ns_per_m
     columns = (loop.angle.sample_time_s, loop.angle.sin, loop.angle.cos, device.real, device.imag)
     rest = (loop.hold.real, loop.hold.imag, loop.environment.real, loop.environment.imag)
@@ -130,13 +130,13 @@ def loop_parameters(loop: Loop, damping_credit_ns_per_m: float = 0.0) -> FloatAr
 
 
 def _evaluable(problem: Problem, frequency_hz: FloatArray) -> FloatArray:
-    """Frequencies just inside 0 and Nyquist, where an impedance is infinite though its real part is not."""
+    """Return frequencies just inside 0 and Nyquist, where an impedance is infinite though its real part is not."""
     nyquist = 0.5 / problem.device.sample_time_s
     return np.asarray(np.clip(frequency_hz, 1e-7 * nyquist, _INSIDE * nyquist))
 
 
 def realism_values(require: str, z: Complex, target: Complex, jnd: Real, bounds: tuple[Real, Real]) -> list[Real]:
-    """Return what must not be negative, of symbols or arrays.
+    """Return the values that must be non-negative, of symbols or arrays.
 
     Args:
         require: none, jnd or bounds.
@@ -153,7 +153,7 @@ def realism_values(require: str, z: Complex, target: Complex, jnd: Real, bounds:
 
 
 def relative_bounds(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
-    """Least and largest |Z_h|^2 that the problem's bounds allow, over |Z_h_ds|^2, (n,); 0 where nobody asks."""
+    """Return least and largest |Z_h|^2 of the problem's bounds, over |Z_h_ds|^2, (n,); 0 where not required."""
     if problem.realism.require != "bounds":
         return np.zeros(1), np.zeros(1)
     low, high = bound_magnitudes(problem, loop)
@@ -162,7 +162,7 @@ def relative_bounds(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArra
 
 
 def realism_slack(problem: Problem, loop: Loop, gains: GainArrays) -> FloatArray:
-    """How far gains, each (..., n), are inside what is required at the n frequencies, relative; infinite for none."""
+    """Return the relative slack of gains, each (..., n), in the required realism at n frequencies; infinite if none."""
     realism = problem.realism
     if realism.require == "none":
         return np.full(gains[0].shape, np.inf)

@@ -1,9 +1,9 @@
 """`direct` beyond the pointwise reading of (12): over a band, over all frequencies, or with every hand of a set.
 
 Where the optimum of the pointwise problem meets the wider scope, it is the optimum there too. The other frequencies are
-solved in blocks with nothing that joins them, from the best point of a lattice and from the pointwise optimum;
-frequencies that violate the scope are added until none is left. At first the goal carries a small share of the complex
-error, which breaks the ties of (11); then it is (11) alone, from there.
+solved in uncoupled blocks, from the best point of a lattice and from the pointwise optimum; frequencies that violate
+the scope are added until none is left. At first the goal includes a small share of the complex error, which breaks the
+ties of (11); then it is (11) alone, from there.
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ _WEIGHT = 1e4
 """Weight of each frequency's goal: errors of 1e-6 then still count against the solver's tolerance."""
 _POINTS = {2: (32, 32), 3: (16, 16, 8)}
 _JUDGED = 800
-"""Gains of a lattice that are judged exactly at a frequency without interior, those of least error."""
+"""Number of lattice gains, by least error, judged exactly at a frequency without interior."""
 _SWEEPS = 3
-"""How often gains are tried at other frequencies than their own."""
+"""Rounds in which gains are tried at other frequencies than their own."""
 _SAME = 1e-6
-"""Solutions whose states differ by less than this are one."""
+"""Solutions whose states differ by less than this are identical."""
 _BLOCK = 16
 """Frequencies solved at once: the slowest of them sets the number of iterations of all."""
 
 
 @dataclass(frozen=True)
 class ScopedGains:
-    """What a scope leaves of `direct`.
+    """Result of `direct` in a scope.
 
     Attributes:
         gains: (b, k, b_p), each (n,); not a number where there are none.
         failed: rows that have admissible gains, but for which the solver found none, (n,).
         reasons: a sentence for each row without gains, else empty.
         separate: rows whose optimum is that of the pointwise problem, (n,), and so the global one.
-        tight: rows whose scope gains meet, but none with anything to spare, (n,).
+        tight: feasible rows whose scope leaves no slack, (n,).
     """
 
     gains: GainArrays
@@ -72,13 +72,13 @@ class ScopedGains:
 def solve_direct_in_scope(
     problem: Problem, *, solver: str | None = None, tolerance: float | None = None, progress: Progress = SILENT
 ) -> GainSchedule:
-    """Solve `direct`: each frequency on its own, or with the wider scope and the realism that the problem asks for.
+    """Solve `direct`: each frequency on its own, or with the wider scope and the realism of the problem.
 
     Args:
         problem: the problem.
         solver: as in `solve_direct`; beyond the pointwise scope the default alone.
         tolerance: of the CasADi backends; pointwise alone.
-        progress: told of the frequencies.
+        progress: reports the frequencies.
 
     Raises:
         InputError: unknown solver.
@@ -94,8 +94,8 @@ def solve_scoped(problem: Problem, *, solver: str | None = None, progress: Progr
 
     Args:
         problem: the problem.
-        solver: None or the default of `solve_direct`, and IPOPT for the frequencies that it leaves.
-        progress: told of the frequencies.
+        solver: None or the default of `solve_direct`, and IPOPT for the frequencies that it does not solve.
+        progress: reports the frequencies.
 
     Raises:
         UnsupportedError: another solver.
@@ -176,7 +176,7 @@ def scoped_gains(problem: Problem, loop: Loop, progress: Progress = SILENT) -> S
 def _with_hands(
     problem: Problem, frequency_hz: FloatArray, progress: Progress
 ) -> tuple[GainArrays, BoolArray, list[str]]:
-    """The same with every hand: gains (n,), the rows that have none, and why."""
+    """Return the same with every hand: gains (n,), the rows without, and why."""
     best = hands_optima(problem, States.of(problem, loop_at(problem, frequency_hz)), frequency_hz, progress)
     none = np.flatnonzero(np.isnan(best[0]))
     rows, reasons = np.zeros(len(frequency_hz), dtype=bool), [""] * len(frequency_hz)
@@ -189,7 +189,7 @@ def _with_hands(
 
 
 def _alone(problem: Problem) -> Problem:
-    """Return the problem with nothing that joins its frequencies, and without the credit that `schedule` gives."""
+    """Return the problem with uncoupled frequencies and without the credit that `schedule` gives."""
     return problem.changed(
         schedule={
             "slope_penalty": 0.0,
@@ -202,7 +202,7 @@ def _alone(problem: Problem) -> Problem:
 
 
 def _in_parts(task: Task, missing: Missing, relaxed: GainArrays, parts: int, progress: Progress = SILENT) -> GainArrays:
-    """Solve some frequencies after the other."""
+    """Solve frequencies in blocks, one after the other."""
     b, k, p = relaxed
     found = []
     for rows in np.array_split(np.arange(len(task.frequency_hz)), parts):
@@ -213,7 +213,7 @@ def _in_parts(task: Task, missing: Missing, relaxed: GainArrays, parts: int, pro
 
 
 def _solved(task: Task, missing: Missing, relaxed: GainArrays) -> GainArrays:
-    """Solve all frequencies at once; where that fails, in halves, so that one of them cannot spoil the others."""
+    """Solve all frequencies at once; where that fails, in halves, so that one failure does not affect the others."""
     best = _best_outcome(task, missing, relaxed)
     if np.isfinite(best[0]).any() or missing.rows.all() or len(task.frequency_hz) == 1:
         return best
@@ -221,7 +221,7 @@ def _solved(task: Task, missing: Missing, relaxed: GainArrays) -> GainArrays:
 
 
 def _best_outcome(task: Task, missing: Missing, relaxed: GainArrays) -> GainArrays:
-    """Gains (n,) from the lattice and from the relaxed optimum, the better of each frequency."""
+    """Return gains (n,) from the lattice and from the relaxed optimum, the better at each frequency."""
     lattice = _lattice_optima(task, missing)
     known = np.isfinite(relaxed[0])
     b, k, p = (np.where(known, gain, 0.0) for gain in relaxed)
@@ -229,7 +229,7 @@ def _best_outcome(task: Task, missing: Missing, relaxed: GainArrays) -> GainArra
 
 
 def _from_others(task: Task, missing: Missing, best: GainArrays) -> GainArrays:
-    """Where gains found for another frequency are better and meet the scope, take them and start from them."""
+    """Restart from gains of another frequency where these are better and meet the scope."""
     at_all, radius = loop_at(task.problem, task.frequency_hz[:, None]), np.abs(task.loop.target)
     for _ in range(_SWEEPS):
         error = np.abs(np.abs(at_all.perceived(*(gain[None] for gain in best))) / radius[:, None] - 1)
@@ -253,9 +253,9 @@ def _from_others(task: Task, missing: Missing, best: GainArrays) -> GainArrays:
 
 
 def _best_without_room(task: Task, missing: Missing, best: GainArrays) -> GainArrays:
-    """Where a scope has no interior, which no solver enters, the best gains of a lattice, unless better ones are known.
+    """Return the best gains of a lattice where a scope has no interior for a solver, unless better ones are known.
 
-    The lattice is judged exactly, the gains of least error first, and after it those that are known to meet the scope.
+    The lattice is judged exactly, the gains of least error first, then those known to meet the scope.
     """
     rows = np.flatnonzero(missing.tight)
     if not rows.size:
@@ -282,13 +282,13 @@ def _best_without_room(task: Task, missing: Missing, best: GainArrays) -> GainAr
 
 
 def _magnitude_error(task: Task, gains: tuple[FloatArray, ...]) -> FloatArray:
-    """Magnitude errors of gains (m,) at the only frequency of a task, (m,)."""
+    """Return the magnitude errors of gains (m,) at the only frequency of a task, (m,)."""
     radius = np.abs(task.loop.target)
     return np.asarray(np.abs(np.abs(task.loop.perceived(*gains)) / radius - 1))
 
 
 def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> GainArrays:
-    """Gains (n,) of the best start of each frequency, in the order of `direct`; not a number where none was solved."""
+    """Return gains (n,) of the best start at each frequency, in the order of `direct`; not a number if unsolved."""
     slots = Slots.of(task.problem, task.frequency_hz)
     best = tuple(np.full(len(task.frequency_hz), np.nan) for _ in range(3))
     error, distance = (np.full(len(task.frequency_hz), np.inf) for _ in range(2))
@@ -317,7 +317,7 @@ def _from_starts(task: Task, missing: Missing, starts: list[FloatArray]) -> Gain
 def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing: Missing) -> Iterator[Outcome]:
     """Refine a solution: lightly weighted, fully, and with (11) alone, each from the one before.
 
-    Twice with (11) alone: where a frequency was missed, more was asked for than is needed once it is known.
+    Twice with (11) alone: the tightening for a missed frequency is more than is needed once it is added.
     """
     alone = replace(task, objective="magnitude")
     outcome = refined(light, solution, slots, missing, solved=True)
@@ -336,7 +336,7 @@ def _outcomes(light: Task, task: Task, solution: Solution, slots: Slots, missing
 
 
 def _lattice_optima(task: Task, missing: Missing) -> FloatArray:
-    """The cheapest states (d, n) of a lattice, each frequency on its own."""
+    """Return the cheapest states (d, n) of a lattice, each frequency separately."""
     data = task.data(Slots.of(task.problem, task.frequency_hz, spread=True), task.backoff(missing.rows, missing.tight))
     nodes = lattice_nodes(task.states.low, task.states.high, _POINTS[len(data.low)])[1]
     cost = task.lattice_costs(data)(nodes)

@@ -32,12 +32,12 @@ from avc_casadi.paper.rows import row_status
 
 
 class ScheduleSolver:
-    """Solves schedules; a second call with a changed environment, device or goal starts from the first one's solution.
+    """Solver of schedules, with a warm start from the previous call after a change of environment, device or goal.
 
     The NLP is built once for each size and objective and shared by all solvers of the process.
 
     Args:
-        constant: look for the best gains that do not vary with frequency.
+        constant: find the best gains that do not vary with frequency.
     """
 
     def __init__(self, *, constant: bool = False) -> None:
@@ -49,12 +49,12 @@ class ScheduleSolver:
 
         Args:
             problem: the problem.
-            progress: told of the starts.
+            progress: reports the starts.
 
         Returns:
-            The schedule; its notes say how good it is known to be. A row whose scope no gains of the box can meet is
-            infeasible and says by how much; where no schedule meets the slope limit, all rows have failed and say
-            which limit would do.
+            The schedule; its notes state what is known of its optimality. A row whose scope no gains of the box can
+            meet is infeasible and states by how much; where no schedule meets the slope limit, all rows have failed
+            and state which limit would suffice.
 
         Raises:
             KeyboardInterrupt: Ctrl-C.
@@ -79,19 +79,19 @@ def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progre
 
     Args:
         problem: the problem.
-        constant: look for the best gains that do not vary with frequency: same goal, scope and box.
-        progress: told of the starts.
+        constant: find the best gains that do not vary with frequency: same goal, scope and box.
+        progress: reports the starts.
     """
     return ScheduleSolver(constant=constant).solve(problem, progress)
 
 
 def _may_be_warm(outcome: Outcome) -> bool:
-    """Whether an outcome has multipliers to start the next problem from."""
+    """Return whether an outcome has multipliers for a warm start."""
     return outcome.solution.success and not outcome.missing.rows.any() and not outcome.guess
 
 
 def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
-    """What must be equal for the solution of one problem to be a start for another."""
+    """Return the properties that two problems share if the solution of one can start the other."""
     limited = problem.schedule.slope_limit is not None
     slots = Slots.of(problem, task.frequency_hz)
     sizes = len(task.states.floors), *slots.frequency_hz.shape
@@ -108,7 +108,7 @@ def _from_before(task: Task, before: Outcome) -> Outcome | None:
 def _from_scratch(task: Task, progress: Progress) -> Outcome:
     """Solve from several guesses and refine the cheapest solution, or else the next.
 
-    The lattice's path stands in for a dearer solution, constant gains for none.
+    The lattice's path replaces a solution of higher cost; constant gains are the fallback without one.
     """
     missing = missing_rows(task)
     found = solved_from_guesses(task, missing, progress)
@@ -147,7 +147,7 @@ def _schedule(task: Task, outcome: Outcome) -> GainSchedule:
 
 
 def _quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
-    """Say what is known of optimality, slopes and floors."""
+    """Return notes on optimality, slopes and floors."""
     solution, costs = outcome.solution, outcome.costs
     if not solution.success:
         return (f"ipopt stopped with {solution.message}: no schedule",)

@@ -15,7 +15,7 @@ from avc_casadi.paper.rows import GainArrays
 _FLOOR_SHARE = 1e-4
 """Floors of b and k as a share of the smallest gain that weighs as much as the environment."""
 _AT_END = 1e-5
-"""States nearer than this to an end of the box stand on it: an interior point method only comes near."""
+"""States nearer than this to an end of the box are set to it: an interior point method only approaches it."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class States:
 
     @classmethod
     def of(cls, problem: Problem, loop: Loop) -> States:
-        """Choose the floors for a problem at the frequencies of ``loop``."""
+        """Return the map with floors for a problem at the frequencies of ``loop``."""
         weight = np.abs(loop.environment)
         weight = np.where(weight > 0, weight, max(problem.device.damping_ns_per_m, 1.0))
         b = _FLOOR_SHARE * float(weight.min())
@@ -60,13 +60,13 @@ class States:
         return np.asarray(np.log(self.most + self.floors))
 
     def within(self, low: FloatArray, high: FloatArray) -> States:
-        """Return those of a part of the box, which ends at states of shape (d,) or where the box does."""
+        """Return the states of a part of the box, between states of shape (d,) clipped to the box."""
         least = np.where(low > self.low, np.exp(low) - self.floors, self.least)
         most = np.where(high < self.high, np.exp(high) - self.floors, self.most)
         return replace(self, least=np.clip(least, self.least, self.most), most=np.clip(most, self.least, self.most))
 
     def gains(self, states: FloatArray) -> GainArrays:
-        """(b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""
+        """Return (b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""
 
         def spread(values: FloatArray) -> FloatArray:
             return values.reshape(-1, *([1] * (states.ndim - 1)))
@@ -78,7 +78,7 @@ class States:
         return gains[0], gains[1], contact
 
     def states(self, gains: GainArrays) -> FloatArray:
-        """States of (b, k, b_p), shape (d, ...), clipped to the box."""
+        """Return the states of (b, k, b_p), shape (d, ...), clipped to the box."""
         kept = np.array(gains[: len(self.floors)])
         shape = (-1, *([1] * (kept.ndim - 1)))
         states = np.log(kept + self.floors.reshape(shape))

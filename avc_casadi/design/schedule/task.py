@@ -17,16 +17,16 @@ from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import Loop, loop_at
 
 _BACKOFF = 1e-7
-"""How far inside the margin the NLP is asked to stay, in the scale of Re Z: its tolerance then never leaves it."""
+"""Backoff of the NLP from the margin, in the scale of Re Z, so that its tolerance never violates it."""
 _HANDS_BACKOFF = 1e-6
 """The same for 1 - spectral radius."""
 _MISS = 1e3
-"""Cost of missing a constraint by its scale in the lattice: far above any error."""
+"""Cost in the lattice of violating a constraint by its scale: far above any error."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What every step of the solution reads.
+    """Common input of all steps of the solution.
 
     Attributes:
         problem: the problem.
@@ -35,8 +35,8 @@ class Task:
         states: map between gains and states.
         scale_ns_per_m: scale of the constraints on Re Z_h at each stage, (n,).
         hands: sigma -> 1 - spectral radius, for scope hands; else None.
-        objective: what counts as error: the problem's, or tied, the magnitude with a small share of the rest.
-        weight: of the whole goal; a large one makes the solver's tolerance finer.
+        objective: error that is minimised: the problem's, or tied, the magnitude with a small share of the rest.
+        weight: of the whole goal; a large one tightens the solver's tolerance.
         constant: whether the gains may not vary with frequency.
     """
 
@@ -59,12 +59,12 @@ class Task:
         objective: str | None = None,
         constant: bool = False,
     ) -> Task:
-        """Evaluate everything that does not depend on the gains.
+        """Return the task, with everything evaluated that does not depend on the gains.
 
         Args:
             problem: the problem.
             frequency_hz: stages, (n,), increasing; None are the problem's frequencies.
-            objective: what counts as error; None is the problem's.
+            objective: error that is minimised; None is the problem's.
             constant: whether the gains may not vary with frequency.
         """
         frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
@@ -75,34 +75,34 @@ class Task:
         return cls(problem, frequency, loop, states, _scale(problem, loop), hands, objective, constant=constant)
 
     def at(self, frequency_hz: FloatArray) -> Task:
-        """Return the same problem with other stages, (m,), but these states and hands."""
+        """Return the same problem with other stages, (m,), and the same states and hands."""
         loop = loop_at(self.problem, frequency_hz)
         return replace(self, frequency_hz=frequency_hz, loop=loop, scale_ns_per_m=_scale(self.problem, loop))
 
     @property
     def log_frequency(self) -> FloatArray:
-        """ln(omega) but for a constant, (n,)."""
+        """ln(omega) up to a constant, (n,)."""
         return np.asarray(np.log(self.frequency_hz))
 
     @property
     def tolerance(self) -> float:
-        """How far inside its scope each stage is asked to stay, in the unit of `backoff`."""
+        """Backoff of each stage from its scope, in the unit of `backoff`."""
         return _BACKOFF if self.hands is None else _HANDS_BACKOFF
 
     def backoff(self, dropped: BoolArray, tight: BoolArray) -> FloatArray:
-        """How far inside its scope and inside what is real each stage is asked to stay, (2, n).
+        """Return the backoff of each stage from its scope and from its realism, (2, n).
 
         The first in the scale of Re Z, or in spectral radius for scope hands; the second in that of `realism_slack`.
 
         Args:
-            dropped: stages of which nothing is asked, (n,): -inf for both.
-            tight: stages whose scope has no interior, (n,): not inside it at all.
+            dropped: stages without constraints, (n,): -inf for both.
+            tight: stages whose scope has no interior, (n,): no backoff from it.
         """
         inside = np.array([np.where(tight, 0.0, self.tolerance), np.full(len(tight), REALISM_BACKOFF)])
         return np.where(dropped, -np.inf, inside)
 
     def data(self, slots: Slots, backoff: FloatArray) -> Data:
-        """Numbers for the NLP; ``backoff`` (2, n) as in `backoff`."""
+        """Return the data of the NLP; ``backoff`` (2, n) as in `backoff`."""
         settings = self.problem.schedule
         if self.hands is None:
             least = self.problem.stability.margin_ns_per_m / self.scale_ns_per_m + backoff[0]
@@ -127,7 +127,7 @@ class Task:
         )
 
     def _weight(self) -> FloatArray:
-        """Trapezoids over ln(omega), a tenth of it outside the frequencies of interaction; they sum to 1."""
+        """Return trapezoidal weights over ln(omega), a tenth outside the interaction frequencies; they sum to 1."""
         x = self.log_frequency
         weight = np.ones(1) if len(x) == 1 else np.convolve(np.diff(x), [0.5, 0.5])
         interaction = self.problem.schedule.interaction_hz
@@ -150,16 +150,16 @@ class Task:
         return np.concatenate((loop_parameters(self.loop), np.array(rows, dtype=np.float64)))
 
     def lattice_costs(self, data: Data, first_miss: float = 0.0) -> Callable[[FloatArray], Callable[[int], FloatArray]]:
-        """Return states (d, m) -> stage -> cost of each, (m,), with a penalty for missed constraints.
+        """Return states (d, m) -> stage -> cost of each, (m,), with a penalty for violated constraints.
 
         Args:
-            data: those of many slots (`Slots.of` with ``spread``), so that little of the scope is overlooked.
-            first_miss: cost of missing anything at all.
+            data: those of many slots (`Slots.of` with ``spread``), so that little of the scope is missed.
+            first_miss: cost of any violation.
         """
         size = data.size(self.objective)
         functions = stage_functions(size.objective, size.states, 0, size.require)
         margins = stage_functions(size.objective, size.states, size.slots, "none").margins
-        # These scopes are the same at all stages, but for the scale of Re Z_h.
+        # These scopes are the same at all stages, except for the scale of Re Z_h.
         common = self.problem.stability.scope in {"all", "hands"}
 
         def at(nodes: FloatArray) -> Callable[[int], FloatArray]:
@@ -192,7 +192,7 @@ class Task:
         return at
 
     def cost_of(self, data: Data, path: FloatArray) -> float:
-        """Return what the NLP's goal is at states (d, n)."""
+        """Return the NLP's objective at states (d, n)."""
         cost = stage_functions(self.objective, len(path), 0, self.problem.realism.require).cost
         goal = float(cost(path, data.cost).full()[0] @ data.weight)
         if self.constant or path.shape[1] == 1:
@@ -202,6 +202,6 @@ class Task:
 
 
 def _scale(problem: Problem, loop: Loop) -> FloatArray:
-    """Scale of Re Z_h at each stage, N.s/m: what its parts are made of."""
+    """Return the scale of Re Z_h at each stage, N.s/m: the size of its terms."""
     target = np.asarray(loop.target)
     return np.asarray(problem.device.damping_ns_per_m + np.abs(target.real) + 1e-3 * np.abs(target))
