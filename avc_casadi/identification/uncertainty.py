@@ -84,6 +84,7 @@ def compared(simple: Fit, rich: Fit, term: str) -> Trial:
     gain = one - other
     size = float(np.sum(one))
     # Where a simple model fails in a few blocks, their gains differ by orders of magnitude: then the logarithm decides.
+    # Where the device stands still both errors may be 0.
     least = 1e-12 * size / one.size or 1e-300
     sure = max(_sure(gain), _sure(np.log((one + least) / (other + least))))
     change = -float(np.sum(gain)) / (size or 1.0)
