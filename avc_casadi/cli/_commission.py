@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Say what to do, look, tell; 1 where something is wired wrongly."""
+    """Instruct, measure, report; 1 where the wiring is wrong."""
     from avc_casadi._util.json_values import plain
     from avc_casadi.present.pages.bench import commission_page
     from avc_hardware import EMULATOR, Wiring, commission
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return Answer(document, "", code=1, complaint=f"avc: {found.port}: {found.sentence}")
     motion = "" if device.units.linear else " --motion rotary"
     option = "--force-n" if device.units.linear else "--torque-nm"
-    # Beside detents a table is not pushed.
+    # With detents no table is pushed.
     deploy = "avc push" if problem is None or problem.detent is None else "avc firmware --built-in"
     onwards = [deploy, f"touch the wall, then raise the limit: avc device {option} F{motion}"]
     return Answer(document, commission_page(document, device.units, console.page, onwards))
