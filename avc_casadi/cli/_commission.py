@@ -1,9 +1,9 @@
 """Commission a device: its wiring checked, its wall placed, its force limited at first.
 
-A person pushes the device into the wall by hand, draws it back to where the wall's face shall be and lets go; then a
-small stated pulse must move it the way of the force. A reversed or stuck encoder, a reversed or dead motor is named
-and latched on the device, which then takes no coupling. After that the force is limited until
-`avc device --force-n` raises it.
+The operator pushes the device into the wall, draws it back to where the wall's face shall be and releases it; then a
+small stated pulse must move it the way of the force. A reversed or stuck encoder, a reversed or dead motor is named and
+latched on the device, which then takes no coupling. After that the force is limited until `avc device --force-n` raises
+it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Write a problem file from what you know of a device, its wall and what holds it: asked for, or by options."""
+"""Write a problem file from what you know of a device, its wall and what holds it, by questions or options."""
 
 from __future__ import annotations
 

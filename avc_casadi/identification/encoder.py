@@ -121,7 +121,7 @@ def _repeat(position_m: FloatArray, step_m: float) -> int:
 # A reversal goes back by more than these shares of the encoder's step, or of the noise; it begins by more than those.
 _BACK_STEPS, _BACK_NOISE = 1.5, 6.0
 _OFF_STEPS, _OFF_NOISE = 0.5, 3.0
-# The backlash is crossed as this power of time: the mass starts slowly.
+# The crossing of the backlash goes as this power of time: the mass starts slowly.
 SLOWLY, EVENLY = 2.0, 1.0
 # The encoder follows within the sample in which it is first seen to.
 _WITHIN = 0.5

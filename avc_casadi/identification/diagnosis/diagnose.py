@@ -85,7 +85,7 @@ def diagnose(
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
     limit_n = declared.device.max_force_n
     if limit_n is not None and exceeded(grid, limit_n):
-        # It is not reached in this log.
+        # The declared limit does not apply to this log.
         declared = replace(declared, device=device_as(declared.device, {"max_force_n": None}))
         most = number(float(np.abs(grid.force_n).max()), 3)
         said = f"the log commands up to {most} N, and max_force_n declares {number(limit_n, 3)} N"

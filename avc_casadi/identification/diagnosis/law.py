@@ -165,8 +165,8 @@ _LEFT, _STEPS = 4.0, 1.5
 _LEVELS = 20
 # Smaller values, as a share of the largest force, are rounding.
 _DIGITS = 1e-6
-# Fewer ticks, or a smaller share of the informative ones, are left as they are; above the second share the loop does
-# not miss ticks but runs otherwise.
+# Fewer ticks, or a smaller share of the informative ones, are left as they are, as is a share above the last one, which
+# is no loop that misses ticks.
 _FEWEST_REPEATED, _SELDOM, _MOST = 10, 0.02, 0.9
 
 

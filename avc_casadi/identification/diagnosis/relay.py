@@ -156,8 +156,8 @@ _FEWEST_JUMP = 25
 _MOST_LAG_JUMP = 3
 # Residual of spring, damper and jump in contact, as a share of the force.
 _LEFT_JUMP = 0.05
-# The force of a spring changes by its stiffness times the encoder step: over so few steps, or up to so many of them, a
-# force at contact is no jump but a step.
+# The force of a spring changes by its stiffness times the encoder step: over so few steps of position, or up to so many
+# steps of force, a force at contact is no jump but quantisation.
 _FEW_STEPS, _OWN_STEPS = 3.5, 2.5
 # Share of the jump in the force amplitude, and contacts per cycle.
 _SHARE_JUMP = 0.4

@@ -88,8 +88,8 @@ def build_firmware(
     """Build the firmware of a board for a device: gains are pushed later; or with a coupling built in.
 
     Args:
-        of: a device or a problem, for sample time, encoder and force limit (where it says nothing 2 um and 50 N); or
-            a coupling, for its estimator, hold, slew, passive change and guard limit too.
+        of: a device or a problem, for sample time, encoder and force limit (by default 2 um and 50 N); or a coupling,
+            for its estimator, hold, slew, passive change and guard limit too.
         board: a key of `BOARDS`, or the folder of a board of your own with its ``board.toml`` (hardware/PORTING.md).
         out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
         baud: rate of the serial line, bits a second; None is 115200.

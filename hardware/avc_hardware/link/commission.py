@@ -50,7 +50,7 @@ _WAY_M, LEAST_COUNTS = 1e-3, 5
 # A pulse is planned for so many times these counts; one below that at any duration is too weak.
 _PLANNED, _ACCEPTED = 4, 2
 _SHORTEST_S, _LONGEST_S = 0.02, 1.0
-# Only the excess over dry friction moves the device: a fifth of it, with a margin for a little more friction.
+# Only the excess over dry friction moves the device: a fifth of the force, with a margin for a little more friction.
 _OVER_FRICTION = 1.25
 _TIMES, _HALVINGS = 1000, 50
 
