@@ -1,1 +1,1 @@
-"""What no library does: array types, finite JSON, Ctrl-C, progress, checkpoints, processes, tables, units."""
+"""Utilities: array types, finite JSON, Ctrl-C, progress, checkpoints, processes, tables, units."""

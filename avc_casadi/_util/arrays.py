@@ -1,4 +1,4 @@
-"""Types of the arrays that results are made of."""
+"""Array types of results."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two results hold the same values; dataclasses by their fields that compare, arrays with equal shapes."""
+    """Return whether two results hold equal values; dataclasses by compared fields, arrays with equal shapes."""
     if one is other:
         return True
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
@@ -28,7 +28,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def _same_arrays(one: np.ndarray[Any, Any], other: np.ndarray[Any, Any]) -> bool:
-    # Only numbers can be not a number.
+    # Only numbers can be NaN.
     return np.array_equal(one, other, equal_nan=all(array.dtype.kind in "fc" for array in (one, other)))
 
 

@@ -1,4 +1,4 @@
-"""One long piece of work beside the program, in a process that can be asked how far it is and ended at any time."""
+"""A long computation in a process of its own, with progress and cancellation."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _ENDED = "it ended without a result; there may be too little memory"
 
 @dataclass
 class Background:
-    """A function of a module at work in a process of its own.
+    """A function of a module that runs in a process of its own.
 
     Attributes:
         said: the last (done, total, what) of its progress.
-        result: what it returned; None until then.
-        error: why there is no result; empty where there is one, or none yet.
-        seconds: since it began, or until it ended.
+        result: its return value; None until then.
+        error: reason without a result; empty where there is one, or none yet.
+        seconds: elapsed time, or total.
     """
 
     said: tuple[int, int, str] = (0, 0, "")
@@ -41,7 +41,7 @@ class Background:
 
     @classmethod
     def of(cls, work: Callable[[Any, Progress], Any], task: Any) -> Background:
-        """Begin ``work(task, progress)``."""
+        """Start ``work(task, progress)``."""
         context = get_context("spawn")  # CasADi's threads do not survive a fork
         here, there = context.Pipe(duplex=False)
         found = cls()
@@ -54,16 +54,16 @@ class Background:
 
     @property
     def over(self) -> bool:
-        """Whether it has ended, for whatever reason."""
+        """Whether it has ended, for any reason."""
         return self._over.is_set()
 
     @property
     def seconds(self) -> float:
-        """Time since it began, or that it took."""
+        """Elapsed time, or total, s."""
         return (time.monotonic() if self._ended_s is None else self._ended_s) - self._started_s
 
     def cancel(self) -> None:
-        """End it now, without a result."""
+        """Terminate it, without a result."""
         if not self.over:
             self.error = "cancelled"
             self._process.terminate()
@@ -88,7 +88,7 @@ class Background:
 
 @dataclass
 class _Told:
-    """Progress that goes through a pipe, a few times a second."""
+    """Progress through a pipe, a few times a second."""
 
     connection: Connection
     last_s: float = 0.0

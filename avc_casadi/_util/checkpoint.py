@@ -1,4 +1,4 @@
-"""Studies in chunks: the same function of many tasks, on one core, some, or a cluster; what is done is kept."""
+"""Studies in chunks: one function of many tasks, on one core, several, or a cluster; finished chunks are kept."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class KeptChunks:
     """The chunks of a study in a folder.
 
     Attributes:
-        folder: where they are.
-        about: what the results depend on, JSON values.
-        chunks: how many there are.
+        folder: of the chunks.
+        about: inputs of the results, JSON values.
+        chunks: their number.
     """
 
     folder: Path
@@ -38,7 +38,7 @@ class KeptChunks:
     chunks: int
 
     def begin(self) -> None:
-        """Say in the folder what it holds, unless somebody has.
+        """Write the description of the study to the folder, unless it exists.
 
         Raises:
             InputError: it holds another study, or cannot be written.
@@ -68,12 +68,12 @@ class KeptChunks:
             raise InputError.of(f"{message}that one", key="resume")
 
     def found(self) -> dict[int, Any]:
-        """Return the results that stand there, by chunk from 0."""
+        """Return the stored results, by chunk from 0."""
         read = ((index, self._result(index)) for index in range(self.chunks))
         return {index: result[0] for index, result in read if result}
 
     def keep(self, index: int, result: Any) -> None:
-        """Write what a chunk gave.
+        """Write the result of a chunk.
 
         Raises:
             InputError: it cannot be written.
@@ -92,7 +92,7 @@ class KeptChunks:
         return {"study": _digest(self._told), "chunk": index + 1, "sha256": _digest(result)}
 
     def _result(self, index: int) -> tuple[Any] | None:
-        """Return the result of a chunk, in a tuple; None where there is none of this study."""
+        """Return the result of a chunk, in a tuple; None where this study has none."""
         held = _read(self._path(index))
         if not (isinstance(held, dict) and "result" in held):
             return None
@@ -100,7 +100,7 @@ class KeptChunks:
         return (held["result"],) if whole else None
 
     def _write(self, path: Path, value: Any, *, new: bool = False) -> None:
-        """Write a file that is there whole or not at all; a new one only where nobody else has."""
+        """Write a file atomically; a new one only where no other process has."""
         try:
             write_file(path, json_text(value), new=new)
         except OSError as error:
@@ -117,7 +117,7 @@ def _digest(value: Any) -> str:
 
 
 def _apart(held: Any, about: dict[str, Any]) -> str:
-    """Say in what two studies differ."""
+    """Describe how two studies differ."""
     if not (isinstance(held, dict) and isinstance(held.get("about"), dict)):
         return "it says nothing of its study"
     its, here = (
@@ -128,11 +128,11 @@ def _apart(held: Any, about: dict[str, Any]) -> str:
 
 
 def _read(path: Path) -> Any:
-    """Return what a file holds; None where it is not there, is cut off, or holds numbers that JSON has not."""
+    """Return the content of a file; None where it is absent, cut off, or holds numbers that JSON has not."""
     try:
         found = json.loads(read_text(path, _MOST_BYTES))
         json.dumps(found, allow_nan=False)
-    except (ValueError, RecursionError):  # also what cannot be read
+    except (ValueError, RecursionError):  # also unreadable files
         return None
     return found
 
@@ -143,7 +143,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Part:
-    """One of several jobs that share the chunks of a study: dealt out in turn.
+    """One of several jobs that share the chunks of a study, dealt out in turn.
 
     Attributes:
         number: 1 to `of`.
@@ -174,15 +174,15 @@ class Part:
 class Chunked(Generic[T, R]):
     """A study in chunks.
 
-    The result depends on the tasks alone: not on who works them out, in which order, in how many goes.
+    The result depends on the tasks alone: not on the executor, the order, or the number of runs.
 
     Attributes:
-        about: what the results depend on, JSON values; a folder keeps the chunks of one study.
-        work: function of a module; returns JSON values where a folder is to keep them.
-        tasks: what it is called with, one for each chunk.
-        finish: what makes the result of those of all chunks, in their order.
-        sizes: how many things each chunk is of, for progress; empty where each is one.
-        things: what they are.
+        about: inputs of the results, JSON values; a folder keeps the chunks of one study.
+        work: function of a module; returns JSON values for a folder.
+        tasks: its arguments, one for each chunk.
+        finish: combines the results of all chunks, in their order.
+        sizes: number of items of each chunk, for progress; empty where each is one.
+        things: name of the items.
     """
 
     about: Mapping[str, Any]
@@ -200,18 +200,18 @@ class Chunked(Generic[T, R]):
         folder: str | Path | None = None,
         progress: Progress = SILENT,
     ) -> R:
-        """Work out what is missing, and return the result.
+        """Compute the missing chunks, and return the result.
 
         Args:
-            executor: who works the chunks out, of `concurrent.futures` or with its interface; it is not shut down.
-            workers: without an executor: processes; 1 stays in this one. More than one start this program anew, so
-                that a script needs its guard ``if __name__ == "__main__"``.
-            folder: keeps each chunk as soon as it is done, and gives those that it holds of an earlier run.
-            progress: told of what is done.
+            executor: of `concurrent.futures` or with its interface; it is not shut down.
+            workers: processes without an executor; 1 stays in this one. More than one start this program anew, so that
+                a script needs its guard ``if __name__ == "__main__"``.
+            folder: stores each chunk as soon as it is done, and provides those of an earlier run.
+            progress: of the chunks.
 
         Raises:
             InputError: the folder holds another study or cannot be written, or there are no workers.
-            WorkerLostError: a worker died, and the executor gives its chunk to no other.
+            WorkerLostError: a worker died, and the executor does not repeat its chunk.
         """
         return self.finish(list(self._all(executor, workers, folder, None, progress).values()))
 
@@ -224,20 +224,20 @@ class Chunked(Generic[T, R]):
         workers: int = 1,
         progress: Progress = SILENT,
     ) -> int:
-        """Work out the chunks of one job among several, which share a folder; returns how many there stand of all.
+        """Compute the chunks of one job among several, which share a folder; return the number of stored ones of all.
 
         Args:
             part: which job.
-            folder: keeps the chunks.
+            folder: stores the chunks.
             executor: as in `run`.
             workers: as in `run`.
-            progress: told of what is done.
+            progress: of the chunks.
         """
         self._all(executor, workers, folder, part, progress)
         return len(self.tasks) - len(self.missing(folder))
 
     def merged(self, folder: str | Path) -> R:
-        """Return the result of the chunks that a folder holds; work nothing out, and write nothing.
+        """Return the result of the stored chunks; compute and write nothing.
 
         Raises:
             InputError: chunks are missing, or the folder holds another study or none.
@@ -255,7 +255,7 @@ class Chunked(Generic[T, R]):
         return self.finish([kept[index] for index in range(len(self.tasks))])
 
     def missing(self, folder: str | Path) -> list[int]:
-        """Return which chunks a folder does not hold, from 0."""
+        """Return the chunks that a folder does not hold, from 0."""
         kept = self._kept(folder).found()
         return [index for index in range(len(self.tasks)) if index not in kept]
 

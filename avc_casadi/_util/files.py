@@ -1,4 +1,4 @@
-"""One way to read, a regular file of a stated size, and one to write: what is written is there whole or not at all."""
+"""Reading of regular files of bounded size, and atomic writing."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from avc_casadi._util.interrupt import uninterrupted
 if sys.platform != "win32":
     import fcntl
 
-# What a run in progress writes to; it holds a lock on it, which ends with its process, however that ends.
+# Folder of a run in progress, which holds a lock on it that ends with its process, however that ends.
 _UNFINISHED = re.compile(r"\.avc-[0-9a-f]{32}")
-# A folder of more is no folder of results: it is not exchanged, its files are replaced one by one.
+# A folder with more files is no folder of results: it is not exchanged, its files are replaced one by one.
 _MOST_ENTRIES = 1000
 _AT_FDCWD, _RENAME_EXCHANGE = -100, 2
 
 
 @contextmanager
 def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[BinaryIO]:
-    """Open what a user named: a regular file, no larger than is read of its kind; a pipe or a device is not touched.
+    """Open a regular file given by a user, of bounded size; a pipe or a device is not opened.
 
     Args:
-        path: as the user named it.
-        most_bytes: what it may have.
-        next_step: what to do where it cannot be read.
+        path: as given by the user.
+        most_bytes: maximum size.
+        next_step: advice where it cannot be read.
 
     Raises:
         InputError: it is something else, or cannot be read.
@@ -44,7 +44,7 @@ def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[B
     try:
         try:
             info = Path(path).stat()
-        except ValueError as error:  # with a NUL, or half a character
+        except ValueError as error:  # with a NUL, or a lone surrogate
             raise InputError.of(f"is no path: {error}{then}", file=told) from error
         if not stat.S_ISREG(info.st_mode):
             kind = "a directory" if stat.S_ISDIR(info.st_mode) else "no regular file"
@@ -60,10 +60,10 @@ def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[B
 
 
 def read_bytes(path: str | Path, most_bytes: int, next_step: str = "") -> bytes:
-    """Return what a file holds.
+    """Return the bytes of a file.
 
     Raises:
-        InputError: as `opened`; a file may also turn out to be larger than it says.
+        InputError: as `opened`; a file may also turn out larger than its stated size.
     """
     with opened(path, most_bytes, next_step) as file:
         content = file.read(most_bytes + 1)
@@ -73,10 +73,10 @@ def read_bytes(path: str | Path, most_bytes: int, next_step: str = "") -> bytes:
 
 
 def read_text(path: str | Path, most_bytes: int, next_step: str = "") -> str:
-    """Return the text of a file in UTF-8, without the mark that some editors begin with.
+    """Return the text of a file in UTF-8, without a byte order mark.
 
     Raises:
-        InputError: as `read_bytes`, or it is no text.
+        InputError: as `read_bytes`, or it is not text.
     """
     content = read_bytes(path, most_bytes, next_step)
     try:
@@ -92,26 +92,26 @@ def _too_large(size: int, most_bytes: int) -> str:
 
 
 def _printable(path: str | Path) -> str:
-    """Return a path as it is told; one with a NUL or half a character, which no file can have, is written out."""
+    """Return a path for messages; one with a NUL or a lone surrogate, which no file can have, is escaped."""
     text = str(path)
     return repr(text) if "\0" in text or any("\ud800" <= mark <= "\udfff" for mark in text) else text
 
 
 def _at_once(path: str, flags: int) -> int:
-    """Open without waiting, should it have become a pipe meanwhile."""
+    """Open without blocking, in case it has become a pipe meanwhile."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def write_file(path: str | Path, content: str | bytes, *, new: bool = False) -> None:
-    """Write a file that is there whole or not at all, whatever ends the process: beside it, synchronised, renamed.
+    """Write a file atomically, whatever ends the process: to a temporary one, synchronised, renamed.
 
     Args:
-        path: the file; where it is a link, what it leads to.
+        path: the file; the target of a link.
         content: text is written as UTF-8.
-        new: whether one that is there stays as it is.
+        new: whether an existing file is kept.
 
     Raises:
-        OSError: it cannot be written; what stood there is as it was.
+        OSError: it cannot be written; the old content is kept.
     """
     place = Path(os.path.realpath(path))
     data = content.encode() if isinstance(content, str) else content
@@ -139,7 +139,7 @@ def write_file(path: str | Path, content: str | bytes, *, new: bool = False) -> 
 
 
 def _link(part: Path, place: Path) -> None:
-    """Give a file its name, unless another has it."""
+    """Link a file to its name, unless it is taken."""
     try:
         os.link(part, place)
     except FileExistsError:
@@ -151,17 +151,17 @@ def _link(part: Path, place: Path) -> None:
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """Gather results in a folder that is yielded; at the end it takes the place of the one asked for, at once.
+    """Collect results in a folder that is yielded; at the end it replaces the requested one atomically.
 
-    What else stands in that one stays. Files are replaced one by one where the folder is the one that the process
-    stands in or above it, a mount, or no folder of results by the number of its files. Whatever ends the process
-    before leaves what was there, and an unfinished folder that the next run clears.
+    Other files of that one are kept. Files are replaced one by one where the folder is the working directory or above
+    it, a mount, or no folder of results by the number of its files. Whatever ends the process before leaves the old
+    content, and an unfinished folder that the next run clears.
 
     Args:
-        path: the folder asked for.
+        path: the requested folder.
 
     Raises:
-        OSError: it cannot be made or written to, which is found at once, or not be exchanged.
+        OSError: it cannot be made or written to, which is found at once, or cannot be exchanged.
     """
     place = Path(os.path.realpath(path))
     missing = [folder for folder in (place, *place.parents) if not folder.exists()]
@@ -186,14 +186,14 @@ def whole_folder(path: Path) -> Iterator[Path]:
             if descriptor >= 0:
                 os.close(descriptor)
     finally:
-        with suppress(OSError):  # not empty: something came of it
+        with suppress(OSError):  # not empty: it has results
             for folder in missing:
                 if folder.exists():
                     folder.rmdir()
 
 
 def clear_unfinished(folder: Path) -> None:
-    """Remove what runs that were killed have left in a folder; what one in progress writes to stays."""
+    """Remove unfinished folders of killed runs; that of a run in progress stays."""
     with suppress(OSError):
         for entry in [one for one in os.scandir(folder) if _UNFINISHED.fullmatch(one.name)]:
             with suppress(OSError):
@@ -206,11 +206,11 @@ def clear_unfinished(folder: Path) -> None:
 
 
 def _held(folder: Path, make: Callable[[Path], int]) -> tuple[Path, int]:
-    """Make something unfinished in a folder; returns it with the descriptor whose lock tells that it is in use."""
+    """Create a temporary file or folder; return it with the descriptor whose lock marks it as in use."""
     while True:
         path = folder / f".avc-{uuid4().hex}"
         descriptor = make(path)
-        if descriptor < 0 or (_lock(descriptor) and path.exists()):  # not taken for left over meanwhile
+        if descriptor < 0 or (_lock(descriptor) and path.exists()):  # not removed meanwhile as left over
             return path, descriptor
         os.close(descriptor)
 
@@ -221,7 +221,7 @@ def _made(folder: Path) -> int:
 
 
 def _lock(descriptor: int) -> bool:
-    """Take the lock of a file; without such locks nothing is known to be left over."""
+    """Lock a file; without such locks nothing counts as left over."""
     if sys.platform == "win32":
         return False
     try:
@@ -239,7 +239,7 @@ def _exchangeable(place: Path) -> bool:
 
 
 def _exchange(gathered: Path, place: Path) -> None:
-    """Put a folder in the place of another, whose other files it takes along."""
+    """Exchange a folder for another, whose other files it takes along."""
     if not place.exists():
         gathered.rename(place)
     else:
@@ -254,7 +254,7 @@ def _exchange(gathered: Path, place: Path) -> None:
             dirs_exist_ok=True,
         )
         if not _exchanged_at_once(gathered, place):
-            before = place.with_name(f"{place.name}.before-{uuid4().hex[:8]}")  # told by its name, should this end here
+            before = place.with_name(f"{place.name}.before-{uuid4().hex[:8]}")  # named, should this end here
             place.rename(before)
             gathered.rename(place)
             shutil.rmtree(before, ignore_errors=True)
@@ -270,7 +270,7 @@ def _linked(source: str, copy: str) -> str:
 
 
 def _exchanged_at_once(one: Path, other: Path) -> bool:
-    """Exchange two folders in one step of the file system, where it has that."""
+    """Exchange two folders in one system call, where available."""
     exchange = getattr(ctypes.CDLL(None), "renameat2", None) if sys.platform == "linux" else None
     names = [os.fsencode(path) for path in (one, other)]
     return exchange is not None and exchange(_AT_FDCWD, names[0], _AT_FDCWD, names[1], _RENAME_EXCHANGE) == 0

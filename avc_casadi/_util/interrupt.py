@@ -1,7 +1,7 @@
-"""Ctrl-C: held back where an exception would be lost, passed over where an answer is written, seen in any disguise.
+"""Ctrl-C: deferred where an exception would be lost, ignored while a result is written, recognised in any form.
 
-CasADi drops an exception that Ctrl-C raises while it reads an argument or builds an expression, or makes another of it;
-numpy makes others of them too.
+CasADi drops an exception raised by Ctrl-C while it reads an argument or builds an expression, or converts it to
+another; numpy converts it too.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self
 
-# What IPOPT returns where Ctrl-C, or another exception, came while CasADi ran it.
+# IPOPT's status where Ctrl-C, or another exception, came while CasADi ran it.
 _THROWN = "NonIpopt_Exception_Thrown"
-# How long an interrupt that fell into CasADi has to come out of it.
+# Time for an interrupt inside CasADi to come out of it.
 _RAISED_AGAIN_S = 0.05
 
 
 class HeldInterrupt:
-    """Hold Ctrl-C back in a block of short calls to foreign code; at the block's end it takes its course.
+    """Defer Ctrl-C in a block of short calls to foreign code to the block's end.
 
     An exception raised inside C code or in a callback from it may be lost, and the interrupt too.
 
@@ -52,7 +52,7 @@ class HeldInterrupt:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Pass over Ctrl-C while something short is done that must not be left half done."""
+    """Ignore Ctrl-C during a short operation that must not be left half done."""
     if not _in_main_thread():
         yield
         return
@@ -65,7 +65,7 @@ def uninterrupted() -> Iterator[None]:
 
 @contextmanager
 def starting_processes() -> Iterator[None]:
-    """Let Ctrl-C wait while processes start, which then never see it, not even while they import."""
+    """Defer Ctrl-C while processes start, which then never see it, not even while they import."""
     if sys.platform == "win32":
         yield
         return
@@ -78,7 +78,7 @@ def starting_processes() -> Iterator[None]:
 
 @contextmanager
 def undisguised_interrupts() -> Iterator[None]:
-    """Let Ctrl-C out of a block as itself, whatever a call to foreign code in it has made of it, nothing included."""
+    """Raise Ctrl-C out of a block as itself, whatever foreign code in it has converted it to, nothing included."""
     with _Insistent() as interrupt:
         try:
             yield
@@ -90,10 +90,10 @@ def undisguised_interrupts() -> Iterator[None]:
 
 
 class _Insistent:
-    """Raises an interrupt that fell into CasADi again until the block ends, unless it is being handled.
+    """Raises an interrupt inside CasADi again until the block ends, unless it is being handled.
 
     Attributes:
-        fell_into: the foreign code that an interrupt fell into, or empty.
+        fell_into: the interrupted foreign code, or empty.
     """
 
     def __init__(self) -> None:
@@ -150,13 +150,13 @@ def _foreign(frame: FrameType | None) -> str:
 
 
 def reraise_interrupt(outcome: BaseException | str) -> None:
-    """Raise Ctrl-C again where CasADi has made something else of it.
+    """Raise Ctrl-C again where CasADi has converted it.
 
     Args:
-        outcome: an error, which tells of it in words or as what it came from; or the return status of a solver.
+        outcome: an error, which names it or is caused by it; or the return status of a solver.
 
     Raises:
-        KeyboardInterrupt: that is what it was.
+        KeyboardInterrupt: it was Ctrl-C.
     """
     if isinstance(outcome, str):
         if outcome == _THROWN:

@@ -1,4 +1,4 @@
-"""Results as JSON values: finite numbers, lists and texts; what is not finite is null."""
+"""Results as JSON values: finite numbers, lists and texts; others are null."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def plain(value: Any) -> Any:
 
 
 def json_text(document: Any) -> str:
-    """Return the text of a JSON file or answer, in the words that are spoken."""
+    """Return the text of a JSON file or answer, in the current units."""
     if isinstance(document, dict):
         document = spoken().document(document)
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
 def packed(array: NDArray[Any]) -> dict[str, Any]:
-    """Return an array as JSON values that keep every bit of it, not a number and infinite ones too."""
+    """Return an array as JSON values that keep every bit of it, NaN and infinity included."""
     array = np.ascontiguousarray(array)
     return {
         "dtype": array.dtype.newbyteorder("<").str,
@@ -50,6 +50,6 @@ def packed(array: NDArray[Any]) -> dict[str, Any]:
 
 
 def unpacked(value: Mapping[str, Any]) -> NDArray[Any]:
-    """Return the array that `packed` made JSON values of."""
+    """Return the array of JSON values by `packed`."""
     read = np.frombuffer(base64.b64decode(value["base64"]), np.dtype(value["dtype"])).reshape(value["shape"])
     return read.astype(read.dtype.newbyteorder("="))

@@ -1,4 +1,4 @@
-"""This process and others that help it with what they are given; alone it does everything itself."""
+"""Parallel work in processes of their own, or in this one alone."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _AT_MOST: list[int] = []
 
 
 def processors() -> int:
-    """Return how many processors this process may use, 1 or more: a worker beside others has its share of them."""
+    """Return the number of processors for this process, at least 1: a worker beside others has its share of them."""
     there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min([there, *_AT_MOST])
 
 
 def use_at_most(count: int) -> None:
-    """Leave the other processors to others."""
+    """Limit the number of processors that this process uses."""
     _AT_MOST[:] = [count]
 
 
 R = TypeVar("R")
-# A task that takes so many processes with it would take the next one too.
+# A task that kills so many processes would kill the next one too.
 _TRIES = 3
 
 
@@ -43,7 +43,7 @@ class Processes(Executor):
 
     Args:
         workers: number of processes.
-        beside: number of processes that work beside them: each has its share of the processors.
+        beside: number of other processes: each has its share of the processors.
     """
 
     def __init__(self, workers: int, beside: int = 0) -> None:
@@ -63,14 +63,14 @@ class Processes(Executor):
         self._ending = False
 
     def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """Let a process do it, as soon as one has nothing else to do.
+        """Submit a task to the next idle process.
 
-        The future raises `WorkerLostError` where each of three processes died of it.
+        The future raises `WorkerLostError` where three processes died of it.
         """
         return self._threads.submit(self._done, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Take no more tasks, and end the processes when those begun are done."""
+        """Accept no more tasks, and end the processes after those begun."""
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
         with self._lock:
             self._ending = True
@@ -79,7 +79,7 @@ class Processes(Executor):
             worker.pool.shutdown(wait=wait)
 
     def end(self) -> None:
-        """End the processes now, whatever they do."""
+        """Terminate the processes."""
         with self._lock:
             self._ending = True
             workers = list(self._workers)
@@ -142,10 +142,10 @@ class _Worker:
 
 
 def require_workers(workers: object) -> None:
-    """Refuse what is no number of processes.
+    """Refuse an invalid number of processes.
 
     Raises:
-        InputError: no whole number of 1 or more.
+        InputError: not a whole number of 1 or more.
     """
     if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
         raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
@@ -157,7 +157,7 @@ def _begin(share: int) -> None:
 
 
 def follow_parent() -> None:
-    """Leave Ctrl-C to the parent, and end when it has gone."""
+    """Leave Ctrl-C to the parent, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_after_parent, daemon=True).start()
 
@@ -173,10 +173,10 @@ T = TypeVar("T")
 
 
 def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R]]:
-    """Yield what each task gives, in their order; a thread does it while the next is made and the last one's is used.
+    """Yield the result of each task in order; a thread computes the next while the last one's is used.
 
     Args:
-        tasks: names with work that leaves Python to others for most of its time, and is short: Ctrl-C waits for it.
+        tasks: names with work that mostly releases the GIL, and is short: Ctrl-C waits for it.
     """
     with ThreadPoolExecutor(1) as pool:
         before: tuple[T, Future[R]] | None = None
@@ -190,16 +190,16 @@ def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R
 
 
 class Crew:
-    """Tasks that this process and its helpers share; what they give does not depend on who did them.
+    """Tasks shared by this process and its helpers; results do not depend on which did them.
 
-    The context ends the helpers, whatever they still do.
+    The context terminates the helpers.
 
     Args:
-        workers: processes at most, this one among them, and no more than there are processors; each helper is a fresh
-            interpreter, as for `Processes`.
+        workers: maximum number of processes, this one included, and no more than there are processors; each helper is a
+            fresh interpreter, as for `Processes`.
 
     Raises:
-        InputError: no whole number of 1 or more.
+        InputError: not a whole number of 1 or more.
     """
 
     def __init__(self, workers: int) -> None:
@@ -217,17 +217,17 @@ class Crew:
             self._helpers.end()
 
     def begin(self, task: Callable[[], R]) -> Callable[[], R]:
-        """Let a helper begin a task, a function of a module with its arguments; what is given waits for the result.
+        """Start a task, a function of a module with its arguments, on a helper; return a function that awaits it.
 
-        It is done here where no helper has begun with it by then.
+        It runs here where no helper has begun with it by then.
         """
         return cache(task) if self._helpers is None else _Begun(task, self._helpers.submit(task)).result
 
     def each(self, tasks: Sequence[Callable[[], R]]) -> Iterator[R]:
-        """Yield what each task gives, in their order.
+        """Yield the result of each task in order.
 
-        The first one is done here. While another is awaited, this process does one that no helper has begun; left
-        early, it drops those that nobody has begun.
+        The first one runs here. While waiting for another, this process runs one that no helper has begun; closed
+        early, it drops those not begun.
         """
         if self._helpers is None:
             yield from (task() for task in tasks)
@@ -251,7 +251,7 @@ ALONE = Crew(1)
 
 
 class _Begun(Generic[R]):
-    """A task that a helper has or will have begun, unless it is done here."""
+    """A task that a helper has begun or will begin, unless it runs here."""
 
     def __init__(self, task: Callable[[], R], future: Future[R]) -> None:
         self._task, self._future = task, future
@@ -262,7 +262,7 @@ class _Begun(Generic[R]):
         return bool(self._found) or self._future.done()
 
     def here(self) -> None:
-        """Do it here, if nobody has begun with it."""
+        """Run it here, if no helper has begun."""
         if not self._found and self._future.cancel():
             self._found.append(self._task())
 

@@ -1,4 +1,4 @@
-"""Results that print as the command does: the page of the terminal, loaded when somebody prints."""
+"""Results that print as the command does: the page of the terminal, loaded at the first print."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.text import Tabular
 
 PAGES = "avc_casadi.present.results"
-"""Who renders a result, asked when it is printed: results stand below what shows them."""
+"""The renderer of results, imported when printing: results stand below their presentation."""
 
 
 class Printed(Comparable):
@@ -24,7 +24,7 @@ class Printed(Comparable):
 
 
 class PrintedColumns(Tabular):
-    """Base of columns that may know what they were asked of: ``print`` shows the rows of the command, else a line."""
+    """Base of columns that may know their problem: ``print`` shows the rows of the command, else a line."""
 
     stated: Any
 

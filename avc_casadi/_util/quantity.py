@@ -1,10 +1,10 @@
-"""A quantity with its unit as people write it: three digits and an SI prefix."""
+"""Formatting of a quantity with its unit: three digits and an SI prefix."""
 
 from __future__ import annotations
 
 import math
 
-# Less than that in SI units is told as such.
+# Smaller values in SI units are printed without a prefix.
 _LEAST = 1e-12
 _PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
@@ -13,8 +13,8 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
     """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none.
 
     Args:
-        value: in the unit, which may have a prefix of its own only where it is the kilogram.
-        unit: such as ``N/m``; a mass is told in grams.
+        value: in the unit, which may have a prefix only as the kilogram.
+        unit: such as ``N/m``; a mass is printed in grams.
         digits: significant ones.
     """
     if value is None or math.isnan(value):

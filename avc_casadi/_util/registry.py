@@ -1,4 +1,4 @@
-"""A registry: things of one sort by name, each declared in a file of its own in one folder, which is scanned."""
+"""A registry: objects of one kind by name, each declared in a file of its own in one folder, which is scanned."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Thing = TypeVar("Thing")
 
 
 class Registry(Mapping[str, Thing], Generic[Thing]):
-    """Things of one sort by name, in the order of their ranks.
+    """Objects of one kind by name, in the order of their ranks.
 
-    At the first question every module of the folder is imported; each adds what it declares. A folder that is put on
-    the package's ``__path__`` before that is scanned too.
+    At the first look-up every module of the folder is imported; each adds what it declares. A folder that is put on the
+    package's ``__path__`` before that is scanned too.
 
     Args:
-        what: the sort, for messages, for example ``method``.
+        what: the kind, for messages, for example ``method``.
         folder: the package whose modules declare them.
     """
 
@@ -33,12 +33,12 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._lock = RLock()
 
     def add(self, name: str, thing: Thing, rank: float) -> None:
-        """Declare one thing.
+        """Declare one object.
 
         Args:
-            name: its name, where a user chooses.
-            thing: what it is.
-            rank: its place in every list; between those of two others stands whatever lies between them.
+            name: as users choose it.
+            thing: the object.
+            rank: its place in every list.
 
         Raises:
             ValueError: the name or the rank is taken.
@@ -49,10 +49,10 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._things[name] = rank, thing
 
     def named(self, name: str, key: str | None = None) -> Thing:
-        """Return the thing of a name.
+        """Return the object of a name.
 
         Raises:
-            InputError: there is none of that name; says which is near and lists all. Its key is ``key``, or the sort.
+            InputError: no such name; lists the nearest and all. Its key is ``key``, or the kind.
         """
         if name in self:
             return self[name]

@@ -43,7 +43,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def counts_text(found: Mapping[str, int]) -> str:
-    """Return counts as "187 solved, 13 infeasible", leaving out what does not occur."""
+    """Return counts as "187 solved, 13 infeasible", without zeros."""
     return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"
 
 
@@ -65,10 +65,10 @@ class Table:
 
     Attributes:
         header: one cell a column: its name, and its unit on a line of its own.
-        rows: cells: numbers, whole numbers, texts, yes or no, or None where there is nothing.
+        rows: cells: numbers, whole numbers, texts, booleans, or None where empty.
         left: columns of text, aligned to the left; all others to the right.
-        title: what the table shows.
-        notes: sentences that stand beside it.
+        title: of the table.
+        notes: sentences below the table.
         digits: significant digits of its numbers.
     """
 
@@ -133,7 +133,7 @@ def _shown(cell: Cell, digits: int) -> str:
 
 
 def _classes(kind: str, cell: str) -> str:
-    """Return the class of a cell: that of its column, and the verdict that it tells."""
+    """Return the class of a cell: that of its column, and its verdict."""
     found = " ".join(filter(None, (kind, _VERDICTS.get(cell, ""))))
     return f' class="{found}"' if found else ""
 
@@ -181,11 +181,11 @@ class Tabular(Comparable, ABC):
 
     @abstractmethod
     def to_dict(self) -> Columns:
-        """Return the columns by name with unit, each of shape (rows,); they stand against the first."""
+        """Return the columns by name with unit, each of shape (rows,); the first is the index."""
 
     @abstractmethod
     def _summary(self) -> str:
-        """Return what a line can say."""
+        """Return a one-line summary."""
 
     def to_pandas(self) -> Any:
         """Return a pandas.DataFrame of the columns, indexed by the first; ``.to_xarray()`` makes an xarray.Dataset.

@@ -1,8 +1,8 @@
-"""The words of a device that turns: every key, unit and noun of a linear device has one for it.
+"""Units and nouns of a rotary device: one for every key, unit and noun of a linear device.
 
-The equations are the same in SI units, so that everything below the edges of the package knows one set of names, those
-of a linear device; a value of a device that turns stands in them unchanged (kg.m2 in ``mass_kg``). Each unit has the
-same prefixes in both, so that a text is put into the other words without a look at its numbers: 3 mm is 3 mrad there.
+The equations are the same in SI units, so that the inside of the package knows one set of names, those of a linear
+device; a rotary value stands in them unchanged (kg.m2 in ``mass_kg``). Each unit has the same prefixes in both, so that
+a text is converted without a look at its numbers: 3 mm is 3 mrad there.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _ENDINGS = {
     "_m": "_rad",
 }
 _NOUNS = {"mass": "inertia", "masses": "inertias", "force": "torque", "forces": "torques"}
-# A word in the middle of a key that is a unit.
+# A unit in the middle of a key.
 _WORDS = {"metres_per_count": "radians_per_count"}
-# Lengths of a device that turns as well.
+# Lengths of a rotary device as well.
 _LENGTHS = ("handle_radius_m", "capstan_radius_m")
-# Keys whose value is a user's own word, or a file.
+# Keys whose value is a user's own text, or a file.
 _OWN_WORDS = {
     "title",
     "source",
@@ -55,7 +55,7 @@ _OWN_WORDS = {
     "files",
 }
 
-# Unit, and what it is for a device that turns; N.s/m before N, kN before N.
+# Unit, and its rotary counterpart; N.s/m before N, kN before N.
 _UNITS = {
     "N.s/m": "N.m.s/rad",
     "N·s/m": "N·m·s/rad",
@@ -79,7 +79,7 @@ _UNITS = {
     "\N{MICRO SIGN}m": "\N{MICRO SIGN}rad",
     "m": "rad",
 }
-# A letter alone is a unit after a number, and where a heading or bracket holds it.
+# A letter alone is a unit after a number, and in a heading or bracket.
 _LETTER = (
     r"(?:(?:(?<=\d )|(?<=\d\] )|(?<=\bin )|(?<=orce ))(?:N|g|m)(?![\w/=·]| =|\.\w)"
     r"|(?:(?<=[(\n])|(?<=, ))(?:N|g|m)(?=\)|,|;|\n|$| [a-z]{2,} of\b))"
@@ -104,23 +104,23 @@ class Units:
 
     Attributes:
         motion: linear or rotary.
-        own: words of the user, which stay as they are in every text.
+        own: texts of the user, which stay unchanged.
     """
 
     motion: MotionKind
     own: tuple[str, ...] = field(default=(), compare=False)
 
     def beside(self, *own: str) -> Units:
-        """Return the same words beside those of the user, such as the title of a problem."""
+        """Return the same units, with texts of the user, such as the title of a problem, unchanged."""
         return self if self.linear else replace(self, own=(*self.own, *filter(None, own)))
 
     @property
     def linear(self) -> bool:
-        """Whether everything is named as it is inside."""
+        """Whether names are the internal ones."""
         return self.motion == "linear"
 
     def key(self, key: str) -> str:
-        """Return what a key of a linear device is called, dotted or not: ``mass_kg`` as ``inertia_kgm2``."""
+        """Return the key of this motion for a linear one, dotted or not: ``mass_kg`` as ``inertia_kgm2``."""
         if self.linear or key in _LENGTHS:
             return key
         if "." in key:
@@ -134,7 +134,7 @@ class Units:
         return parts
 
     def inner(self, key: str) -> str:
-        """Return what a key is called inside: the inverse of `key`."""
+        """Return the internal key: the inverse of `key`."""
         if self.linear:
             return key
         if key in _WORDS.values():
@@ -146,11 +146,11 @@ class Units:
         return parts
 
     def unit(self, unit: str) -> str:
-        """Return what stands for a unit of a linear device: ``N/m`` as ``N.m/rad``."""
+        """Return the unit of this motion for a linear one: ``N/m`` as ``N.m/rad``."""
         return unit if self.linear else _UNITS.get(unit, unit)
 
     def text(self, text: str) -> str:
-        """Return a text for people, in the words of a linear device, with keys, units and nouns of this motion."""
+        """Return a text with linear keys, units and nouns in those of this motion."""
         if self.linear or not text:
             return text
         if not self.own:
@@ -160,7 +160,7 @@ class Units:
         return "".join(part if place % 2 else replace(self, own=()).text(part) for place, part in enumerate(parts))
 
     def page(self, html: str) -> str:
-        """Return an HTML page with its texts so; pictures, scripts and styles in it stay as they are."""
+        """Return an HTML page with converted texts; pictures, scripts and styles in it stay unchanged."""
         if self.linear:
             return html
         return "".join(part if kept else self.text(part) for part, kept in _parts(html))
@@ -175,7 +175,7 @@ class Units:
         return told
 
     def document(self, document: Mapping[str, Any]) -> dict[str, Any]:
-        """Return JSON values with the names of this motion; one of a device that turns says so, and its units."""
+        """Return JSON values with the names of this motion; a rotary document declares its motion and units."""
         if self.linear:
             return dict(document)
         head = {"motion": self.motion, "units": UNIT_BLOCK}
@@ -195,7 +195,7 @@ class Units:
         return self.text(value) if isinstance(value, str) else value
 
     def keyed(self, value: Any) -> Any:
-        """Return tables with the keys of this motion; their values stay as they are."""
+        """Return tables with the keys of this motion; their values stay unchanged."""
         if self.linear:
             return value
         if isinstance(value, Mapping):
@@ -203,7 +203,7 @@ class Units:
         return type(value)(map(self.keyed, value)) if isinstance(value, list | tuple) else value
 
     def read(self, value: Any) -> Any:
-        """Return JSON values with the keys that are used inside; texts stay as they are."""
+        """Return JSON values with the internal keys; texts stay unchanged."""
         if self.linear:
             return value
         if isinstance(value, Mapping):
@@ -214,7 +214,7 @@ class Units:
         return _TOKEN.sub(self._token, text)
 
     def _line(self, line: str) -> str:
-        """Put a line into words; values that stand below each other behind their names stay there."""
+        """Convert a line; values in columns behind their names keep their place."""
         found = _BEHIND.fullmatch(line)
         if found is None:
             return self._tokens(line)
@@ -268,29 +268,29 @@ UNIT_BLOCK = {
     "frequency": "Hz",
     "energy": "J",
 }
-"""Units of a device that turns, as a document tells them."""
+"""Units of a rotary device, as in documents."""
 
 _SPOKEN: ContextVar[Units] = ContextVar("units", default=LINEAR)
 
 
 def units_for(motion: MotionKind) -> Units:
-    """Return the words of a kind of motion."""
+    """Return the units of a kind of motion."""
     return LINEAR if motion == "linear" else ROTARY
 
 
 def spoken() -> Units:
-    """Return the words in which the command at work answers; those of a linear device where none said otherwise."""
+    """Return the current units of output; linear by default."""
     return _SPOKEN.get()
 
 
 def speak(units: Units) -> None:
-    """Let the command at work, or what else runs in this context, answer in other words from here on."""
+    """Set the units of output of this context from here on."""
     _SPOKEN.set(units)
 
 
 @contextmanager
 def told_in(units: Units) -> Iterator[None]:
-    """Put the errors that are raised inside into these words."""
+    """Convert errors raised inside to these units."""
     try:
         yield
     except InputError as error:
@@ -307,7 +307,7 @@ def told_in(units: Units) -> Iterator[None]:
 
 @contextmanager
 def speaking(units: Units) -> Iterator[None]:
-    """Answer in these words inside."""
+    """Use these units of output inside."""
     token = _SPOKEN.set(units)
     try:
         yield

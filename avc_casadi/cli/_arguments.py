@@ -1,4 +1,4 @@
-"""Arguments that several verbs share."""
+"""Arguments shared by several commands."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def positive_int(text: str) -> int:
 
 
 class _Worded(argparse.Action):
-    """Keep a value and the option by which it came: one motion's or the other's."""
+    """Record a value and the option it came by: of linear or of rotary motion."""
 
     def __call__(
         self,
@@ -72,28 +72,28 @@ def add_worded(
     text: str,
     read: Callable[[str], Any] = positive,
 ) -> None:
-    """Declare an option that devices that turn have in their own unit.
+    """Declare an option that has a rotary counterpart in its own unit.
 
     Args:
-        parser: of the verb, or a group of it.
-        linear: the option, which names the value too.
-        rotary: the same for a device that turns.
+        parser: of the command, or a group of it.
+        linear: the option, which also names the value.
+        rotary: its rotary counterpart.
         metavar: of the value.
         text: help.
-        read: from what is typed to the value.
+        read: parser of the typed text.
     """
     parser.add_argument(linear, rotary, action=_Worded, type=read, metavar=metavar, help=text)
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:
-    """Declare --motion, for verbs to which only the device is known that answers."""
+    """Declare --motion, for commands that only know a connected device."""
     parser.add_argument(
         "--motion", choices=("linear", "rotary"), default="linear", help="of the device: rotary has rad and N.m"
     )
 
 
 def named(option: argparse.Action) -> tuple[str, str]:
-    """Return the name by which a fault tells of an option: of a linear device, and of one that turns."""
+    """Return the option's name in faults: of a linear device, and of a rotary one."""
     strings = option.option_strings
     return (strings[0], strings[-1]) if isinstance(option, _Worded) else (strings[-1], strings[-1])
 
@@ -102,7 +102,7 @@ def check_worded(args: argparse.Namespace, units: Units) -> None:
     """Refuse options of the other kind of motion.
 
     Raises:
-        InputError: with the option that is meant, of each.
+        InputError: names the right option for each.
     """
     from avc_casadi import Fault, InputError
 
@@ -117,7 +117,7 @@ def check_worded(args: argparse.Namespace, units: Units) -> None:
 
 
 def add_log_layout(parser: argparse.ArgumentParser) -> None:
-    """Declare what a user may say of the columns of a log."""
+    """Declare the options on the columns of a log."""
     parser.add_argument(
         "--columns",
         action="append",
@@ -137,10 +137,10 @@ def add_log_layout(parser: argparse.ArgumentParser) -> None:
 
 
 def log_layout(args: argparse.Namespace) -> Layout:
-    """Return what was said of the columns.
+    """Return the columns and units given by the options.
 
     Raises:
-        InputError: with every pair that is none.
+        InputError: with every invalid pair.
     """
     from avc_casadi import InputError
     from avc_casadi.identification.units import Layout, pairs_of

@@ -1,4 +1,4 @@
-"""Tell the effective mass of a device of several axes at its tip, and design its gains.
+"""Report the effective mass of a device of several axes at its tip, and design its gains.
 
 An arm is a file or a name of the catalogue (avc list). Along a normal n its effective mass lies between
 1/(n' L^-1 n), the tangent free, and n' L n, the tangent held, L the operational-space inertia; --out writes both ends
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Weigh, write and show."""
+    """Compute, write and show."""
     out = None if args.out is None else output_file(args.out, "--out", (".toml",))
     drawing = None if args.map is None else output_file(args.map, "--map", (".png", ".svg", ".pdf"))
     at, normal = _numbers(args.at, "--at"), _numbers(args.normal, "--normal")

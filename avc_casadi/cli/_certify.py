@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _provable() -> str:
-    """Say what proofs there are, a level a paragraph."""
+    """Describe the available proofs, a level a paragraph."""
     from textwrap import indent
 
     from avc_casadi.claims.registry import CLAIMS

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     frequency = problem.frequencies_hz()
     device, measured = problem.device, problem.boundaries.measured
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)]
-    # What says that a wall is hopeless knows of no other end.
+    # The precondition of a wall does not cover another end.
     walled = problem.simulation is None and problem.follower is None
     why_none = hopeless(problem) if walled else ""
     if why_none:

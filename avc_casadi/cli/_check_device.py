@@ -11,7 +11,7 @@ from avc_casadi.cli._subject import load_device
 
 
 def is_device(source: str) -> bool:
-    """Whether a name or a file is that of a device rather than a problem."""
+    """Return whether a name or a file is that of a device rather than a problem."""
     from avc_casadi.files.catalogue import catalogue_names, device_names
     from avc_casadi.files.device_file import DeviceFile
     from avc_casadi.files.toml_text import tables_of, text_of
@@ -22,7 +22,7 @@ def is_device(source: str) -> bool:
         return source in device_names() and source not in catalogue_names()
     try:
         tables = tables_of(text_of(Path(source)), source)
-    except InputError:  # told where it is loaded as a problem
+    except InputError:  # reported where it is loaded as a problem
         return False
     return isinstance(tables.get("device"), dict) and set(tables) <= set(DeviceFile.model_fields)
 
@@ -51,7 +51,7 @@ def check_device(source: str, console: Console) -> Answer:
 
 
 def _reference(source: str, name: str) -> str:
-    """Return what a problem file beside it calls the device."""
+    """Return the reference to the device in a problem file beside it."""
     from avc_casadi.files.catalogue import device_names
 
     known = device_names().get(name)

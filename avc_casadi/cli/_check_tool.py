@@ -9,7 +9,7 @@ from avc_casadi.cli._to_simulation import problem_and_gains
 
 
 def check_tool(args: argparse.Namespace, console: Console) -> Answer:
-    """Show tool, engine and exchange, and what is unusual of them."""
+    """Show tool, engine and exchange, and implausible values."""
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
     from avc_casadi.present.pages.tool_claims import check_page

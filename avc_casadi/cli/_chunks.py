@@ -1,4 +1,4 @@
-"""Studies in chunks: the arguments that their verbs share, and what happens with them."""
+"""Studies in chunks: the common arguments of their commands, and their evaluation."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def add_chunks(parser: argparse.ArgumentParser) -> None:
 
 
 def done(study: Chunked[Any, R], args: argparse.Namespace, console: Console) -> R | Answer:
-    """Return the result of a study; or what to answer where only a share of it was asked for.
+    """Return the result of a study; or the answer where only a part of it was requested.
 
     Raises:
-        InputError: options that do not go together, a folder of another study, or chunks that are missing.
+        InputError: incompatible options, a folder of another study, or missing chunks.
     """
     if args.resume is None and (args.chunk is not None or args.merge):
         key = "--merge" if args.merge else "--chunk"

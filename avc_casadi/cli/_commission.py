@@ -1,9 +1,9 @@
 """Commission a device: its wiring checked, its wall placed, its force limited at first.
 
-A person pushes the device into the wall by hand, draws it back to where the wall's face shall be and lets go; then a
-small stated pulse must move it the way of the force. A reversed or stuck encoder, a reversed or dead motor is named
-and latched on the device, which then takes no coupling. After that the force is limited until
-`avc device --force-n` raises it.
+The operator pushes the device into the wall, draws it back to where the wall's face shall be and releases it; then a
+small stated pulse must move it the way of the force. A reversed or stuck encoder, a reversed or dead motor is named and
+latched on the device, which then takes no coupling. After that the force is limited until `avc device --force-n` raises
+it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Say what to do, look, tell; 1 where something is wired wrongly."""
+    """Instruct, measure, report; 1 where the wiring is wrong."""
     from avc_casadi._util.json_values import plain
     from avc_casadi.present.pages.bench import commission_page
     from avc_hardware import EMULATOR, Wiring, commission
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return Answer(document, "", code=1, complaint=f"avc: {found.port}: {found.sentence}")
     motion = "" if device.units.linear else " --motion rotary"
     option = "--force-n" if device.units.linear else "--torque-nm"
-    # Beside detents a table is not pushed.
+    # With detents no table is pushed.
     deploy = "avc push" if problem is None or problem.detent is None else "avc firmware --built-in"
     onwards = [deploy, f"touch the wall, then raise the limit: avc device {option} F{motion}"]
     return Answer(document, commission_page(document, device.units, console.page, onwards))

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def gain_pair(text: str) -> tuple[float, float]:
-    """Read "K,B"."""
+    """Parse "K,B"."""
     try:
         k, b = (float(part) for part in text.split(","))
     except ValueError:
@@ -73,7 +73,7 @@ def compared(problem: avc.Problem, mine: tuple[float, float] | None, console: Co
 
 
 def infeasible(document: dict[str, Any]) -> str:
-    """Say where the optimiser has no gains; empty where it always has."""
+    """Describe where the optimiser has no gains; empty where it always has."""
     rows = [row for row, verdict in enumerate(document["verdict"]) if verdict == "infeasible"]
     if not rows:
         return ""

@@ -1,4 +1,4 @@
-"""Where a command's answer, its complaints and its progress go: the one place that writes to the terminal."""
+"""Output of a command: its answer, its messages and its progress; the one place that writes to the terminal."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from avc_casadi.present.terminal import Page
 
 # A line of progress is written at most five times a second.
 _BETWEEN_S = 0.2
-# A rate is told when it has been seen for so long.
+# A rate is shown after so long.
 _RATE_AFTER_S = 1.0
 
 INTERRUPTED = EXIT_CODE
-"""Exit code of what Ctrl-C ended."""
+"""Exit code after Ctrl-C."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a verb found.
+    """Result of a command.
 
     Attributes:
         document: the JSON document, made of JSON values.
-        text: the same for people, at a glance, in the words of the device's motion; empty after a live display.
+        text: its summary, in the units of the device's motion; empty after a live display.
         code: exit code: 0 done, 1 the answer is no.
-        complaint: why the code is not 0, for standard error.
-        more: what stands below the text with ``-v``, in the words of a linear device.
+        complaint: reason of a code other than 0, for standard error.
+        more: details below the text with ``-v``, in the units of a linear device.
     """
 
     document: dict[str, Any]
@@ -43,13 +43,13 @@ class Answer:
 
 @dataclass
 class _Piece:
-    """Work of so many parts.
+    """A step of several parts.
 
     Attributes:
         total: parts.
-        first: parts that were done when it was first told of.
+        first: parts that were done at its first report.
         done: parts that are done.
-        began: when it was first told of, s.
+        began: time of its first report, s.
     """
 
     total: int = -1
@@ -58,7 +58,7 @@ class _Piece:
     began: float = 0.0
 
     def pace(self, now: float) -> str:
-        """Say the rate and what is left; nothing as long as that is a guess."""
+        """Return the rate and the remaining time; empty while that is a guess."""
         seconds, made = now - self.began, self.done - self.first
         if seconds < _RATE_AFTER_S or made <= 0:
             return ""
@@ -95,7 +95,7 @@ class Console:
             _lead_to_standard_error(1)
 
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
-        """Print the answer, all that is known of it where it is to be verbose; Ctrl-C does not cut it short.
+        """Print the answer, with its details if verbose; Ctrl-C does not cut it short.
 
         Raises:
             OSError: standard output cannot be written to.
@@ -133,7 +133,7 @@ class Console:
                 self.complain(text)
 
     def interrupted(self) -> None:
-        """Print that Ctrl-C ended it, where nothing has been answered yet."""
+        """Report the interruption by Ctrl-C, where nothing has been answered yet."""
         if self._answered:
             return
         self._answered = True
@@ -150,7 +150,7 @@ class Console:
                 sys.stderr.flush()
 
     def notice(self, line: str) -> None:
-        """Print to standard error in the midst of work, above the line of the present step."""
+        """Print to standard error during a step, above its line."""
         if self._step is None:
             self.complain(line)
             return
@@ -159,7 +159,7 @@ class Console:
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        """Show on a terminal what is being done and how long it took; silent elsewhere."""
+        """Show a step and its duration on a terminal; silent elsewhere."""
         if sys.stderr is None or not sys.stderr.isatty():
             yield
             return
@@ -175,7 +175,7 @@ class Console:
             self._step = None
 
     def advance(self, done: int, total: int, what: str = "") -> None:
-        """Show in the line of the present step how far it has come, how fast, and how long the rest takes."""
+        """Show the progress of the present step, its rate and its remaining time."""
         if self._step is None:
             return
         now = time.perf_counter()
@@ -205,7 +205,7 @@ class Console:
 
 
 def _worded(text: str) -> str:
-    """Return a text in the words that are spoken; before a problem is loaded there is but one kind of them."""
+    """Return a text in the current units; linear before a problem is loaded."""
     loaded = sys.modules.get("avc_casadi._util.units")
     return text if loaded is None else str(loaded.spoken().text(text))
 

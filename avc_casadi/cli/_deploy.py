@@ -1,4 +1,4 @@
-"""What the verbs that deploy share: the device of --port, the push, and what is said of it."""
+"""Shared parts of the commands that deploy: the device of --port, the push, and its report."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ if TYPE_CHECKING:
 
 
 def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
-    """Push to the emulated device and try it there; a push that cannot be made is no reason to lose the rest.
+    """Push to the emulated device and try it there; a failed push does not discard the other results.
 
     Returns:
-        The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or
+        The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or ``{"skipped": why}``,
+        or ``{"refused": why}``, with ``"deployable": False`` where that is the reason.
         ``{"skipped": why}``, or ``{"refused": why}``, with ``"deployable": False`` where that is why.
     """
     from avc_casadi.claims.deployable import require_deployable
@@ -36,7 +37,7 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
 
 
 def tried_or_say(coupling: Coupling) -> dict[str, Any]:
-    """Try a pushed coupling with a hand on the emulated device; a bench that cannot is no reason to lose the push.
+    """Try a pushed coupling with a hand on the emulated device; an unsupported trial does not discard the push.
 
     Returns:
         The figures of the trial; or ``{"skipped": why}``.

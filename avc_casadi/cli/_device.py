@@ -50,10 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Do what was asked for.
+    """Carry out the options.
 
     Raises:
-        InputError: options of something else.
+        InputError: options that do not belong together.
     """
     chosen = "clear" if args.clear else "store" if args.store else "limits"
     for what, options in (("limits", _OF_LIMITS), ("store", _OF_STORE)):
@@ -109,7 +109,7 @@ def _stored(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _cleared(args: argparse.Namespace, console: Console) -> Answer:
-    """Clear; 1 if a fault is still there."""
+    """Clear the faults; 1 if one remains."""
     from avc_casadi.present.pages.bench import faults_page
     from avc_hardware import clear_faults
 

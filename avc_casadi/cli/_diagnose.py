@@ -1,9 +1,8 @@
 """Diagnose a log of a loop that buzzes: the nearest single cause, the evidence, the remedy.
 
 Reads the logs that `avc identify` reads. Names one of: delay, too much damping, encoder limit cycle, resonance,
-stiffness over the limit, hand let go, dropped ticks, halved rate, a force switched by a sign, two rates in one loop;
-or says that nothing is wrong, or that it cannot
-tell, between which two, and the log that would decide.
+stiffness over the limit, hand let go, dropped ticks, halved rate, a force switched by a sign, two rates in one loop; or
+says that nothing is wrong, or that it cannot tell, between which two, and the log that would decide.
 """
 
 from __future__ import annotations

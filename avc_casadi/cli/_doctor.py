@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Look at everything; 1 if the default solver does not solve."""
+    """Check everything; 1 if the default solver does not solve."""
     from avc_casadi.cli._solver_trial import try_solvers
     from avc_casadi.present.pages.installation import installation_lines, installation_page, port_rows
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_hardware import ExcitationLog
 
-# Travel in steps of the encoder that `avc identify` asks for at least.
+# Least travel for `avc identify`, encoder steps.
 _FEWEST_STEPS = 12.0
 _SIGNALS = ("multisine", "chirp", "sweep", "release")
 
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Plan, say so, play, write; 1 if the device stopped before the end."""
+    """Plan, report, play, write; 1 if the device stopped before the end."""
     out = output_file(args.out, "--out", (".csv",)) if args.out else None
     device = _device(args.device)
     check_worded(args, device.units)
@@ -167,7 +167,7 @@ def _plan(made: Excitation) -> dict[str, Any]:
 
 
 def _too_little(log: Mapping[str, Any], device: Device) -> str:
-    """Say why a log that was played to its end tells nothing of the device."""
+    """Describe why a log that was played to its end does not identify the device."""
     steps = log["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
     if steps >= _FEWEST_STEPS:
         return ""

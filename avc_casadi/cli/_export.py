@@ -19,9 +19,9 @@ from avc_casadi.cli._subject import (
     unsafe_note,
 )
 
-# As `avc_hardware.export_c` knows them.
+# Precisions of `avc_hardware.export_c`.
 PACKAGES = ("arduino", "platformio", "cmake", "esp-idf", "zephyr", "chai3d", "openhaptics", "haply")
-# As `avc_casadi.present.pages.engines` knows them.
+# Names of `avc_casadi.present.pages.engines`.
 ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 
 
@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Write both files, or tell the parameters."""
+    """Write both files, or print the parameters."""
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.files.other_end_coupling_file import is_teleoperator_coupling, is_tool_coupling
     from avc_casadi.present.pages.bench import export_page
@@ -151,7 +151,7 @@ def _written(to: str, files: dict[str, str]) -> list[str]:
 
 
 def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
-    """Write both ends of a coupling to a [simulation], or tell its numbers in the words of an engine."""
+    """Write both ends of a coupling to a [simulation], or print its parameters for an engine."""
     from avc_casadi.claims.stability.tool_loop import ToolLoops
     from avc_casadi.cli._to_simulation import read_tool
     from avc_casadi.present.pages import tool_parameters as told

@@ -1,4 +1,4 @@
-"""Files that a command writes: faults are found before the long work, and told as faults of the argument."""
+"""Output files of a command: faults are found before the long work, and reported as faults of the argument."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 
 from avc_casadi import AvcError, InputError
 
-# A folder called so is one that was meant to be a file.
+# A folder with such a name was meant to be a file.
 _FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
 
 
@@ -18,7 +18,7 @@ _given: ContextVar[tuple[tuple[str, str], ...]] = ContextVar("given", default=()
 
 
 def remember_given(args: Mapping[str, object]) -> None:
-    """Remember the words of a command, by option: what it reads it is not to write over.
+    """Record the arguments of a command, by option: its inputs are not overwritten.
 
     Args:
         args: of the parser.
@@ -33,7 +33,7 @@ def remember_given(args: Mapping[str, object]) -> None:
 
 
 def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
-    """Check where a file is to be written.
+    """Check the path of an output file.
 
     Args:
         text: the argument.
@@ -41,7 +41,7 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
         endings: allowed file endings, with the dot.
 
     Raises:
-        InputError: wrong ending, a folder, no such folder, no permission, or a file that the command was given.
+        InputError: wrong ending, a folder, no such folder, no permission, or an input file of the command.
     """
     from avc_casadi._util.files import clear_unfinished
 
@@ -63,22 +63,22 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
 def _same(path: Path, word: str) -> bool:
     try:
         return path.samefile(word)
-    except OSError:  # the word is the name of no file
+    except OSError:  # the argument is no file name
         return False
 
 
 @contextmanager
 def output_folder(text: str, key: str) -> Iterator[Path]:
-    """Gather results in a folder that is yielded; at the end all of them move into the one asked for, or none.
+    """Collect results in a folder that is yielded; at the end all of them move into the requested one, or none.
 
-    That it cannot be written to is found before the long work. What was made goes again where nothing comes of it.
+    An unwritable folder is found before the long work. Without a result it is removed again.
 
     Args:
         text: the argument.
         key: its option, for the message.
 
     Raises:
-        InputError: it is called like a file, or cannot be made or written to.
+        InputError: its name is that of a file, or it cannot be made or written to.
     """
     if not text or "\0" in text:
         raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
@@ -98,7 +98,7 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str, key: str) -> None:
-    """Write a file whole.
+    """Write a file atomically.
 
     Raises:
         InputError: the file cannot be written.

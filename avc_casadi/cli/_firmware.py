@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Build the image and tell the commands that flash it."""
+    """Build the image and print the commands that flash it."""
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.units import spoken
     from avc_casadi.present.pages.bench import firmware_page
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _notes(subject: Coupling | Problem | Device, limits: BoardLimits) -> list[str]:
-    """Say what the image has that the file does not say, and what of the file it has not."""
+    """Describe defaults of the image that the file does not give, and keys of the file that it ignores."""
     problem = getattr(subject, "problem", subject)
     device = getattr(problem, "device", problem)
     notes = []

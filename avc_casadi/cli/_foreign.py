@@ -1,4 +1,4 @@
-"""A coupling or gain file beside a problem: refused where it means another loop, noted where another problem."""
+"""A coupling or gain file with another problem: refused where the loop differs, noted where the problem differs."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule, list[str]]:
-    """Read a file beside a problem, and say in notes what it was designed for other than this problem.
+    """Read a file for a problem, with notes on how its own problem differs.
 
-    A coupling file is checked as everywhere and put on this problem with its table and all that runs beside it; a table
-    of gains alone stays one.
+    A coupling file is checked as everywhere and put on this problem with its table and runtime; a table of gains alone
+    stays one.
 
     Raises:
         InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.

@@ -1,7 +1,7 @@
 """Identify a device from logs of time, position and commanded force.
 
 The device file that is written holds measured values, each with its source and, in [device.range], its 95 % interval;
-it is used at once: device = "device.toml" in a problem file. What the logs cannot tell is named, with the log that
+it is used at once: device = "device.toml" in a problem file. What the logs do not identify is named, with the log that
 would.
 """
 

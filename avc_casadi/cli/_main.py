@@ -1,4 +1,4 @@
-"""Reading the command line, running a verb, and turning every outcome into an exit code."""
+"""Parsing of the command line, dispatch, and exit codes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ start with: avc run figure5
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises instead of leaving, so that a wrong argument obeys --json too and a closed pipe is not passed over."""
+    """Parser that raises instead of exiting, so that a wrong argument obeys --json too and a closed pipe is noticed."""
 
     def error(self, message: str) -> NoReturn:
         found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
@@ -67,7 +67,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of all verbs; imports nothing slow."""
+    """Return the parser of all commands; imports nothing slow."""
     parser = _Parser(
         prog="avc",
         usage="avc [-h] [--version] VERB ...",
@@ -91,11 +91,11 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return what was typed; a study has arguments of its own.
+    """Return the parsed arguments; a study has arguments of its own.
 
     Raises:
-        InputError: a wrong argument, or a study that is not there.
-        UnsupportedError: this installation holds no studies.
+        InputError: a wrong argument, or no such study.
+        UnsupportedError: this installation has no studies.
     """
     args = build_parser().parse_args(arguments)
     if getattr(args, "study", None) is None:
@@ -119,16 +119,16 @@ def _described(module: ModuleType) -> dict[str, Any]:
 
 
 def _take(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    """Declare the arguments of a verb, and what runs it."""
+    """Declare the arguments of a command, and its function."""
     module.add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-    # A positional argument has no option to be named by.
+    # A positional argument has no option as its name.
     options = {action.dest: named(action) for action in parser._actions if action.option_strings}  # noqa: SLF001
     parser.set_defaults(run=module.run, options=options)
 
 
 def _of_today(arguments: list[str]) -> list[str]:
-    """Return arguments with the verb's present name; an old one is told on standard error."""
+    """Return arguments with the command's present name; an old one is noted on standard error."""
     verb, *rest = arguments or [""]
     if verb not in OLD_VERBS:
         return arguments
@@ -156,7 +156,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             console = Console(as_json=as_json)
             return _refused(console, error)
         console = Console(as_json=as_json)
-        # What a verb says of the motion of its device holds for this call alone.
+        # The units of a device apply to this call alone.
         return contextvars.copy_context().run(_answered, args, console)
     except KeyboardInterrupt:
         (console or Console(as_json=as_json)).interrupted()
@@ -171,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _answered(args: argparse.Namespace, console: Console) -> int:
-    """Run the verb; whatever happens in it ends in a document or a message, and an exit code."""
+    """Run the command; every outcome is a document or a message, and an exit code."""
     try:
         answer = _run(args, console)
     except BrokenPipeError:
@@ -189,7 +189,7 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 
 def _run(args: argparse.Namespace, console: Console) -> Answer:
-    """Run the verb; CasADi makes errors of its own out of Ctrl-C."""
+    """Run the command; CasADi converts Ctrl-C to errors of its own."""
     from avc_casadi._util.interrupt import undisguised_interrupts
     from avc_casadi.cli._files import remember_given
 
@@ -214,9 +214,9 @@ def _refused(console: Console, error: AvcError | OSError) -> int:
 
 
 def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> InputError:
-    """Name the option, as it is typed for a device of this motion, where an argument of a call is at fault.
+    """Name the option, as typed for this motion, where an argument of a call is at fault.
 
-    A key of a file stays as it stands there.
+    A key of a file is unchanged.
     """
     from avc_casadi._util.units import spoken
 
@@ -232,7 +232,7 @@ def _document(message: str, key: str = "") -> dict[str, Any]:
 
 
 def _drop_standard_output() -> None:
-    """Lead descriptor 1 nowhere, or Python complains when it flushes at exit."""
+    """Redirect descriptor 1 to null, or Python reports an error when it flushes at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _SECONDS_WITH_JSON = 5.0
 _HEARTBEAT_S = 0.5
-# A line of text is readable so often.
+# Rate of readable lines of text.
 _LINES_HZ = 5.0
 
 
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _sample_document(sample: TelemetrySample, words: str) -> Any:
-    """Return a record with its faults in words as JSON values."""
+    """Return a record as JSON values, its faults in words."""
     from avc_casadi._util.json_values import plain
 
     return plain(vars(sample) | {"fault_words": words.split(", ") if words else []})
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         try:
             for sample in watched:
                 words = DeviceFault(sample.faults).word
-                with HeldInterrupt():  # a record is counted, logged and kept, or none of it
+                with HeldInterrupt():  # all three or none
                     document["records"] += 1
                     document["lost"] += sample.lost
                     if log is not None:

@@ -1,4 +1,4 @@
-"""Write a problem file from what you know of a device, its wall and what holds it: asked for, or by options."""
+"""Write a problem file from what you know of a device, its wall and what holds it, by questions or options."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _option(key: str, new: NewProblem) -> str:
 
 
 def _alien(new: NewProblem) -> list[Fault]:
-    """Return a fault of each option of another kind of device or of other hands."""
+    """Return a fault of each option for another kind of device or other hands."""
     asked = {one.key for one in new.questions()}
     of_hands = "goes with --held foot or --held other; leave it out"
     whys = {RADIUS.key: "is that of the device of --like; leave it out", **{one.key: of_hands for one in HAND_RANGES}}
@@ -105,7 +105,7 @@ class _Asking:
         self._ended = False
 
     def asked(self, path: Path) -> NewProblem:
-        """Ask for everything."""
+        """Ask all questions."""
         self._console.complain(
             "Enter takes what stands in brackets; values with their unit, in any that fits; 'unknown' leaves one out."
         )
@@ -140,7 +140,7 @@ class _Asking:
             return new
 
     def _answered(self, new: NewProblem, question: Question) -> NewProblem:
-        """Ask until the answer holds; what is unlikely is taken when it is typed a second time."""
+        """Ask until the answer is valid; a doubtful one is accepted when typed twice."""
         default, doubted = new.default(question), ""
         while True:
             unit = new.units.text(f"{question.asks} (for example {new.example(question)})")
@@ -158,7 +158,7 @@ class _Asking:
                 doubted = typed
 
     def _line(self, question: str, default: str) -> str:
-        """Ask one question; what stands in brackets where Enter, or the end of the input, answers."""
+        """Ask one question; Enter, or the end of the input, gives the answer in brackets."""
         if self._ended:
             return default
         sys.stderr.write(f"{question}{f' [{default}]' if default else ''}: ")

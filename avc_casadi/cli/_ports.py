@@ -9,7 +9,7 @@ from avc_casadi.cli._console import Answer, Console
 
 
 def found_ports(args: argparse.Namespace, console: Console) -> list[dict[str, Any]]:
-    """List the ports, with --ask with the device behind each; it is None where none was asked or none answers."""
+    """List the ports, with --ask with the device behind each; it is None where none was queried or none answers."""
     from avc_hardware import list_ports
 
     ports: list[dict[str, Any]] = [vars(port) for port in list_ports()]
@@ -20,7 +20,7 @@ def found_ports(args: argparse.Namespace, console: Console) -> list[dict[str, An
 
 
 def ports_answer(args: argparse.Namespace, console: Console) -> Answer:
-    """Answer with the ports alone."""
+    """Return the ports alone."""
     from avc_casadi.present.pages.installation import port_rows
 
     ports = found_ports(args, console)
@@ -31,7 +31,7 @@ def ports_answer(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _asked(port: str, baud: int) -> dict[str, Any] | None:
-    """Say hello; None where no avc device answers."""
+    """Send HELLO; None where no avc device answers."""
     import avc_casadi as avc
     from avc_hardware import Connection, open_link
 

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 on_silence=console.notice,
                 unsafe=args.unsafe,
                 device_id=args.device_id,
-                # The emulated device lets go by itself.
+                # The emulated device is released by itself.
                 on_wait=lambda: None if args.port == EMULATOR else console.say(IN_CONTACT),
             ).document()
         )

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _before_wall(
     args: argparse.Namespace, console: Console, problem: avc.Problem, hands: int, out: Path | None
 ) -> Answer:
-    """Recommend a coupling to a wall, or tell the stiffest one, write and show it; 1 if none can be deployed."""
+    """Recommend a coupling to a wall, or find the stiffest one, write and show it; 1 if none can be deployed."""
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
@@ -170,7 +170,7 @@ def _to_follower(
 
 
 def recommend_document(found: Recommendation) -> dict[str, Any]:
-    """Return the `recommend` document, which says what its complex error is taken from."""
+    """Return the `recommend` document, with the reference of its impedance error."""
     document = found.document()
     if "complex_error" in document["felt"]:
         document["felt"]["complex_error_from"] = _PHYSICAL_WALL

@@ -66,7 +66,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _worked_through(
     problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path
 ) -> Answer:
-    """Do all of it, with files in one folder, told as files of another."""
+    """Do all of it, writing to one folder and reporting another."""
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import Processes
     from avc_casadi.design.comparison.comparison import with_delivered
@@ -123,7 +123,7 @@ def _worked_through(
 
 
 def _refused(name: str, deployment: dict[str, Any], coupling: Coupling | None, push: dict[str, Any]) -> str:
-    """Say why nothing runs on the device; empty where it does."""
+    """Return why nothing runs on the device; empty where it does."""
     if not deployment["deployable"] and not push.get("unsafe"):
         what = "no coupling is deployable" if coupling is None else "not deployable, push refused"
         return f"avc: {name}: {what}"
@@ -131,7 +131,7 @@ def _refused(name: str, deployment: dict[str, Any], coupling: Coupling | None, p
 
 
 def _tables(gains: avc.GainSchedule, certificate: dict[str, Any], compare: dict[str, Any]) -> dict[str, str]:
-    """Return the files of the gains by frequency."""
+    """Return the texts of the gain files by frequency."""
     from avc_casadi._util.json_values import json_text
     from avc_casadi.files.gain_file import gain_csv, gain_document
 
@@ -152,7 +152,7 @@ def _recommended(problem: avc.Problem, console: Console) -> dict[str, Any]:
 
 
 def _by_method(problem: avc.Problem, method: str, console: Console) -> dict[str, Any]:
-    """Return what is known of the coupling of a method, in the keys of the `recommend` document."""
+    """Return the results of a method's coupling, in the keys of the `recommend` document."""
     from avc_casadi.recommendation.recommend import judged_as_recommended
 
     gains = avc.solve(problem, method, progress=console)
@@ -161,7 +161,7 @@ def _by_method(problem: avc.Problem, method: str, console: Console) -> dict[str,
 
 
 def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
-    """Return each figure as PNG, and for the page, in the words of the device."""
+    """Return each figure as PNG, and for the page, in the units of the device."""
     from avc_casadi._util.units import speaking
     from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison
     from avc_casadi.present.figures.perceived import draw_perceived

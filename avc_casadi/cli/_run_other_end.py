@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 def run_to_other_end(
     problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path
 ) -> Answer:
-    """Do all of it, with files in one folder, told as files of another.
+    """Do all of it, writing to one folder and reporting another.
 
     Args:
         problem: with [simulation] or [follower].
         args: of `avc run`.
-        console: told of the steps.
-        folder: that is written to.
-        shown: as it is told.
+        console: shows the steps.
+        folder: written to.
+        shown: folder in messages.
 
     Raises:
         InputError: an option that asks for a wall.
@@ -74,7 +74,7 @@ def run_to_other_end(
 
 
 def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> dict[str, tuple[bytes, Picture]]:
-    """Return each figure as PNG, and for the page: what is rendered, and of a simulation where couplings are stable."""
+    """Return each figure as PNG, and for the page: the rendering, and for a simulation the stable couplings."""
     from dataclasses import replace
 
     from avc_casadi._util.quantity import quantity

@@ -1,4 +1,4 @@
-"""A scene without each of its effects in turn: which ones it needs."""
+"""Screening of a scene: it is run without each effect in turn, to find those that it needs."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def screened(
 
     Args:
         problem: with the scene.
-        gains: what its loop runs with; None is no coupling.
-        notes: to be told of the gains.
-        tolerance: largest relative change of position, force and stiffness that does not count.
-        console: is told how far it is.
+        gains: of its loop; None is no coupling.
+        notes: on the gains.
+        tolerance: largest negligible relative change of position, force and stiffness.
+        console: shows the progress.
         shown: the problem or coupling as the user names it.
     """
     from avc_casadi.model.gains import NO_COUPLING

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _TOLERANCE = 0.01
 _OF_RUNS = ("against", "explain", "seed", "trace", "plot")
-# A figure holds four runs that can be told apart.
+# A figure holds four distinguishable runs.
 _MOST_OTHERS = 3
 
 
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _subject(
     args: argparse.Namespace, console: Console
 ) -> tuple[avc.Problem, Coupling | GainSchedule | None, list[str]]:
-    """Return the problem, what its scene runs with, and notes; None for a scene without coupling."""
+    """Return the problem, the gains of its scene, and notes; None for a scene without coupling."""
     if not is_coupling(args.problem):
         problem = load_problem(args.problem)
         return problem, *gains_of(args.gains, problem, console)
@@ -145,7 +145,7 @@ def _gains_by(name: str, problem: avc.Problem) -> Gains | GainSchedule:
 def gains_of(
     file: str | None, problem: avc.Problem, console: Console
 ) -> tuple[Coupling | GainSchedule | None, list[str]]:
-    """Return what a file holds, or the gains of the scene's coupling, and notes; None for a scene without any."""
+    """Return the content of a file, or the gains of the scene's coupling, and notes; None for a scene without any."""
     from avc_casadi.design.scene_coupling import scene_gains, scene_notes
 
     if file is not None:

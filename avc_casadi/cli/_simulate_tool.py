@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
-    """Simulate the scene with engine and tool; without gains a coupling is designed first; 1 if it does not rest."""
+    """Simulate the scene with engine and tool; without gains a coupling is designed first; 1 if it does not settle."""
     from avc_casadi.present.pages.tool_claims import simulated_page
 
     refuse(args, ("against", "explain", "screen", "tolerance"))
@@ -50,11 +50,11 @@ def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def with_gains(problem: avc.Problem, gains: ToolGains) -> avc.Problem:
-    """Return the problem with a scene in which the engine is joined to the device by these gains.
+    """Return the problem with a scene in which these gains couple engine and device.
 
     Args:
         problem: with [simulation]; a scene without a list of effects takes all that is declared.
-        gains: in place of those that the scene leaves out.
+        gains: for those that the scene leaves out.
     """
     from avc_casadi.model.declared import scene_effects
     from avc_casadi.model.effects import SimulationEffect

@@ -79,7 +79,7 @@ def _file_text(document: dict[str, Any], coupling: Coupling | None) -> str:
 
 
 def solve_document(problem: avc.Problem, gains: GainSchedule, console: Console) -> dict[str, Any]:
-    """Return the `solve` document with certificate, realism and the limit that stands beside every result."""
+    """Return the `solve` document with certificate, realism and the limit shown with every result."""
     from avc_casadi.files.gain_file import gain_document
     from avc_casadi.paper.realism import judge_realism
 
@@ -97,7 +97,7 @@ def paper_errors() -> list[dict[str, str]]:
 
 
 def without_gains(document: dict[str, Any]) -> str:
-    """Say which rows have no gains and why; empty where all have."""
+    """Describe the rows without gains, with reasons; empty where all have."""
     states, reasons, frequency = document["status"], document["reason"], document["frequency_hz"]
     rows = [row for row, b in enumerate(document["damping_ns_per_m"]) if b is None]
     if not rows:

@@ -1,4 +1,4 @@
-"""Which CasADi solvers really solve: each on a small problem, in a process that may crash."""
+"""Trial of the CasADi solvers: each on a small problem, in a process that may crash."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def try_solvers() -> list[dict[str, Any]]:
 
 
 def installed_solvers() -> list[tuple[str, str]]:
-    """Return (kind, name) of every NLP and QP plugin that this CasADi was built with."""
+    """Return (kind, name) of every NLP and QP plugin of this CasADi."""
     import casadi as ca
 
     plugins = [entry.split("::") for entry in ca.CasadiMeta.plugins().split(";")]
@@ -59,7 +59,7 @@ def installed_solvers() -> list[tuple[str, str]]:
 
 
 def _run(waiting: list[tuple[str, str]]) -> list[dict[str, Any]]:
-    """Try solvers until all are done or one takes the process down; that one is the last of the answer."""
+    """Try solvers until all are done or one crashes the process; that one is the last of the answer."""
     command = [sys.executable, "-c", _TRIAL, json.dumps(waiting)]
     try:
         # Some plugins leave files where they run.

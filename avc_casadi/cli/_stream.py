@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Push the table as the safety net, then stream; 1 if the device does not end on this coupling's table."""
+    """Push the table as the fallback, then stream; 1 if the device does not end on this coupling's table."""
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.quantity import quantity
     from avc_casadi.claims.deployable import require_deployable
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _interrupted(coupling: Coupling, args: argparse.Namespace, sent: int) -> Answer:
-    """Say what the device does now that no more gains come."""
+    """Describe the device's behaviour after the stream was interrupted."""
     from avc_hardware import HOLD_PERIODS
 
     document = avc.fault_document(avc.InputError.of("interrupted")) | {

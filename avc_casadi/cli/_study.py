@@ -40,8 +40,8 @@ def command(name: str) -> ModuleType:
     """Return the command of a study: a module like that of a verb.
 
     Raises:
-        InputError: no study of this name.
-        UnsupportedError: this installation holds no studies.
+        InputError: no such study.
+        UnsupportedError: this installation has no studies.
     """
     found = _commands()
     if name not in found:

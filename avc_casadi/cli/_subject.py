@@ -1,4 +1,4 @@
-"""What a verb is asked about: a problem, or a coupling file with the problem in it."""
+"""Input of a command: a problem, or a coupling file with the problem in it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TOOL_VERBS = "avc recommend, certify, zwidth, simulate, run, check and export kn
 
 
 def load_problem(source: str) -> avc.Problem:
-    """Load a problem; from here on the command answers in the words of its device."""
+    """Load a problem, and set the units of output to those of its device."""
     from avc_casadi._util.units import speak
 
     problem = avc.load_problem(source)
@@ -29,7 +29,7 @@ def load_problem(source: str) -> avc.Problem:
 
 
 def load_device(source: str) -> DeviceFile:
-    """Load a device file; from here on the command answers in its words."""
+    """Load a device file, and set the units of output to its own."""
     from avc_casadi._util.units import speak
 
     file = avc.load_device(source)
@@ -40,7 +40,7 @@ def load_device(source: str) -> DeviceFile:
 
 
 def load_known(source: str) -> DeviceFile:
-    """Load a device file, or the device of a problem; from here on the command answers in its words."""
+    """Load a device file, or the device of a problem, and set the units of output to its own."""
     from avc_casadi.files.device_file import DeviceFile
 
     if not _has_wall(source):
@@ -57,17 +57,17 @@ def _has_wall(source: str) -> bool:
         return source in catalogue_names() and source not in device_names()
     try:
         return "environment" in tables_of(text_of(Path(source)), source)
-    except avc.InputError:  # told where it is loaded
+    except avc.InputError:  # reported where it is loaded
         return False
 
 
 def is_coupling(text: str) -> bool:
-    """Tell a coupling or gain file from a problem by its ending."""
+    """Return whether an argument is a coupling or gain file, by its ending."""
     return Path(text).suffix.lower() in _FILES
 
 
 def add_problem_of_gains(parser: argparse.ArgumentParser) -> None:
-    """Declare --problem, for gain files that do not carry theirs."""
+    """Declare --problem, for gain files without one."""
     parser.add_argument(
         "--problem", metavar="P", help="problem of a gain file that does not carry its own (.csv, or of release 0.1.0)"
     )
@@ -81,16 +81,16 @@ def add_unsafe(parser: argparse.ArgumentParser) -> None:
 
 
 def read_subject(verb: str, file: str, problem: str | None = None, *, beside: str = "--problem P") -> Coupling:
-    """Read a coupling file, or a gain file beside the problem that --problem names.
+    """Read a coupling file, or a gain file for the problem of --problem.
 
     Args:
-        verb: that takes it, for messages.
+        verb: command, for messages.
         file: the argument.
         problem: of a gain file; None where none was given.
-        beside: how the verb takes the problem of a gain file.
+        beside: option for the problem of a gain file.
 
     Raises:
-        InputError: with every fault; a problem in place of a coupling is answered with the command that makes one.
+        InputError: with every fault; for a problem in place of a coupling, with the command that makes one.
     """
     from avc_casadi._util.units import speak
     from avc_casadi.coupling import Coupling
@@ -120,7 +120,7 @@ def _is_problem(text: str) -> bool:
 
 @contextmanager
 def faults_of(file: str, args: argparse.Namespace) -> Iterator[None]:
-    """Lay faults that belong to no file and no option to the coupling file that a verb was given."""
+    """Attribute faults without a file or an option to the command's coupling file."""
     try:
         yield
     except avc.InputError as error:
@@ -131,5 +131,5 @@ def faults_of(file: str, args: argparse.Namespace) -> Iterator[None]:
 
 
 def unsafe_note(verdict: avc.Deployable) -> str:
-    """Say that a coupling went on although it is not deployable; empty where it is."""
+    """Return a note that a coupling was used although it is not deployable; empty where it is."""
     return "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"

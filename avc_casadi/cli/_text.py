@@ -1,4 +1,4 @@
-"""Numbers and tables as text for people, by the printer of the library, loaded when there is something to print."""
+"""Numbers and tables as printed text, by the library's printer, loaded on demand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def passive_limit(limit_n_per_m: float | None) -> str:
-    """Return what is known of passive renderings at DC as a clause; None where no limit is known."""
+    """Return the limit of passive renderings at DC as a clause; None where none is known."""
     if limit_n_per_m is None or math.isnan(limit_n_per_m):
         return (
             "a limit of passive rendering is known for rigid devices with an ideal amplifier and whole samples of "

@@ -1,4 +1,4 @@
-"""What verbs are asked about where a simulation is at the other end: a problem with [simulation], or its coupling."""
+"""Input of a command with a simulation at the other end: a problem with [simulation], or its coupling."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
 
 def couples_to_simulation(source: str) -> bool:
-    """Whether a file or a name is a coupling to a simulation, or a problem with one; what cannot be read is neither.
+    """Return whether a source is a coupling to a simulation, or a problem with one; False if unreadable.
 
     Args:
-        source: as the user typed it.
+        source: as typed.
     """
     if is_coupling(source):
         from avc_casadi.files.other_end_coupling_file import is_tool_coupling
@@ -26,12 +26,12 @@ def couples_to_simulation(source: str) -> bool:
         return is_tool_coupling(source)
     try:
         return avc.load_problem(source).simulation is not None
-    except avc.AvcError:  # told where it is loaded
+    except avc.AvcError:  # reported where it is loaded
         return False
 
 
 def read_tool(file: str) -> ToolCoupling:
-    """Read a coupling to a simulation; from here on the command answers in the words of its device."""
+    """Read a coupling to a simulation, and set the units of output to those of its device."""
     from avc_casadi._util.units import speak
     from avc_casadi.files.other_end_coupling_file import read_tool_coupling
 
@@ -43,15 +43,15 @@ def read_tool(file: str) -> ToolCoupling:
 def problem_and_gains(
     source: str, gains: str | None, console: Console | None = None
 ) -> tuple[avc.Problem, ToolGains | None]:
-    """Return what a verb is asked about, and the gains; None where a problem came alone and none are designed.
+    """Return the problem, and the gains; None where a problem came alone and none are designed.
 
     Args:
         source: problem, or coupling to a simulation.
-        gains: file of the gains, beside a problem.
-        console: told of a design; without one none is made.
+        gains: file of the gains, for a problem.
+        console: shows a design; without one none is made.
 
     Raises:
-        InputError: gains beside a coupling, of another kind, or none can be designed.
+        InputError: gains with a coupling, of another kind, or none can be designed.
     """
     from avc_casadi.files.other_end_coupling_file import is_tool_coupling
 
@@ -70,7 +70,7 @@ def problem_and_gains(
 
 
 def _designed(problem: avc.Problem, source: str, console: Console) -> ToolGains:
-    """Return a coupling that is linearly stable, with a margin; no hand has tried it."""
+    """Return a linearly stable coupling, with a margin; not tried with simulated hands."""
     from avc_casadi.design.virtual_tool import designed
 
     with console.step("coupling"):
@@ -82,10 +82,10 @@ def _designed(problem: avc.Problem, source: str, console: Console) -> ToolGains:
 
 
 def refuse(args: argparse.Namespace, options: tuple[str, ...]) -> None:
-    """Refuse options that ask for a wall.
+    """Refuse options that need a wall.
 
     Raises:
-        InputError: with the first that was given.
+        InputError: names the first one.
     """
     given = [one for one in options if getattr(args, one) not in (None, False, 0)]
     if given:

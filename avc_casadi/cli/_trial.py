@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
-    """Try everybody and count."""
+    """Try all hands and count."""
     from avc_casadi.present.pages.trial import trial_page
     from avc_casadi.simulation.population.settled import hands_at_rest
 

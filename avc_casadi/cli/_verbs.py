@@ -1,6 +1,6 @@
-"""The verbs of `avc` in the order of `avc --help`: each is the module ``_<name>`` beside this file.
+"""The commands of `avc` in the order of `avc --help`: each is the module ``_<name>`` beside this file.
 
-A verb module has a docstring (its first line is the help), ``add_arguments(parser)`` and ``run(args, console)``.
+A command module has a docstring (its first line is the help), ``add_arguments(parser)`` and ``run(args, console)``.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     "look": ("list", "check", "explore", "arm", "doctor"),
     "study": ("study",),
 }
-"""The verbs, by the question that they answer."""
+"""The commands, by the question that they answer."""
 
 VERBS: tuple[str, ...] = tuple(verb for verbs in QUESTIONS.values() for verb in verbs)
-"""All of them."""
+"""All commands."""
 
 OLD_VERBS: dict[str, tuple[str, ...]] = {
     "accuracy": ("study", "accuracy"),
@@ -28,4 +28,4 @@ OLD_VERBS: dict[str, tuple[str, ...]] = {
     "store": ("device", "--store"),
     "clear": ("device", "--clear"),
 }
-"""Verbs of release 0.2, each with what it is called since 0.3; the old names go with 0.4."""
+"""Commands of release 0.2, each with its name since 0.3; the old names go with 0.4."""

@@ -1,4 +1,4 @@
-"""Versions of what takes part in a result."""
+"""Versions of the packages behind a result."""
 
 from __future__ import annotations
 

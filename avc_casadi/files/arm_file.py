@@ -1,4 +1,4 @@
-"""An arm file: mechanism and workspace of a device with several axes, its electronics as a device file has them."""
+"""An arm file: mechanism and workspace of a device with several axes, its electronics as in a device file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from avc_casadi.model.quantity import Length, Mass, Quantity, Table, Text, order
 from avc_casadi.model.rules import DEVICE_RULES, Finding, Values, broken_rules, dotted
 
 MECHANISMS = ("phantom", "five_bar", "gantry", "model")
-"""Tables of an arm file of which it has exactly one."""
+"""Mechanism tables of an arm file, which has exactly one."""
 
 
 def _numbers(value: Any, count: tuple[int, ...]) -> tuple[Any, ...]:
@@ -96,7 +96,7 @@ class FiveBarLinks(Table):
         proximal_inertia_kgm2: about the centre of mass.
         distal_inertia_kgm2: about the centre of mass.
         motor_inertia_kgm2: rotor and hub, about the motor axis.
-        tip_mass_kg: what the hand holds.
+        tip_mass_kg: of the handle.
     """
 
     base_distance_m: Length
@@ -117,7 +117,7 @@ class GantryStages(Table):
 
     Attributes:
         stage_mass_kg: of each stage alone.
-        drive_mass_kg: motor and transmission as felt along each axis.
+        drive_mass_kg: motor and transmission, reflected to each axis.
     """
 
     stage_mass_kg: Masses
@@ -125,7 +125,7 @@ class GantryStages(Table):
 
 
 class ModelFile(Table):
-    """A model of somebody else's: URDF or MJCF.
+    """An external model: URDF or MJCF.
 
     Attributes:
         file: ``.urdf``, or ``.xml`` for MJCF; relative to the arm file.
@@ -149,7 +149,7 @@ class Workspace(Table):
 
 
 class TipDevice(Device):
-    """The device at the tip in any direction; its mass is that of the pose and the direction."""
+    """The device at the tip; its mass depends on pose and direction."""
 
     mass_kg: Mass = 1.0
 
@@ -160,11 +160,11 @@ class ArmFile(Table):
     Attributes:
         name: catalogue name or file stem.
         title: one line.
-        source: where the numbers come from; says which are assumed.
-        device: what it has in every direction, as felt at the tip; its mass does not count.
-        home: joint values at which the workspace has its middle, rad or m.
-        workspace: where it is used.
-        hands: who holds it.
+        source: of the numbers; states which are assumed.
+        device: properties at the tip, equal in every direction; its mass does not count.
+        home: joint values at the centre of the workspace, rad or m.
+        workspace: of the tip.
+        hands: that hold it.
     """
 
     name: Text = ""
@@ -213,7 +213,7 @@ def load_arm(source: str | Path) -> ArmFile:
 
 
 def _whole(tables: Mapping[str, Any], folder: Path) -> Mapping[str, Any] | Finding:
-    """Put the device in the place of a reference to it, without its mass; a model's path becomes a whole one."""
+    """Replace a reference by the device, without its mass; make a model's path absolute."""
     own = tables.get("device")
     for keys in (("mass_kg",), ("range", "mass_kg")):
         node: Any = own

@@ -20,10 +20,10 @@ class CatalogueEntry:
     """One problem of the catalogue.
 
     Attributes:
-        name: what `load_problem` and the command line take, for example ``hard/rigid``.
+        name: for `load_problem` and the command line, for example ``hard/rigid``.
         title: one line.
-        source: where the numbers come from.
-        path: the file, to be copied from.
+        source: of the numbers.
+        path: the file, for copying.
     """
 
     name: str
@@ -35,7 +35,7 @@ class CatalogueEntry:
 def catalogue_names() -> dict[str, Path]:
     """Return the path of every problem by name: plain problems first, then those of folders.
 
-    Devices and arms are none.
+    Devices and arms are not among them.
     """
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
@@ -54,12 +54,12 @@ def arm_names() -> dict[str, Path]:
 
 
 def named_file(source: str | Path, kind: str, folder: Path | None = None) -> Path | str:
-    """Return the file of a device or an arm, or what is wrong with its name.
+    """Return the file of a device or an arm, or the fault of its name.
 
     Args:
         source: a path, which ends in ``.toml``, or a name of the catalogue.
         kind: device or arm.
-        folder: what a relative path is relative to; None is the working directory.
+        folder: base of a relative path; None is the working directory.
     """
     if isinstance(source, Path) or source.endswith(".toml"):
         return Path(folder or "", source)

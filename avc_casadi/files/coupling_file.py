@@ -1,4 +1,4 @@
-"""The file of a coupling: the `solve` document with problem, table, what runs beside it, certificate and trial."""
+"""The file of a coupling: the `solve` document with problem, table, runtime, certificate and trial."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     from avc_casadi.model.schedule import GainSchedule
 
 _TABLE = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-# What a key of a scene's effect is called here.
+# Names in this file of the keys of a scene's effect.
 _RUNTIME_KEYS = {"mass_kg": "observer_mass_kg", "method": "estimator"}
 GAINS_ALONE = (
     "is a table of gains alone; it lacks the problem (wall, hands, device, force limit), what runs beside the gains "
     "and the certificate. Give the problem that it was made for beside it"
 )
-"""What is missing in a gain file that no problem stands beside."""
+"""What a gain file without a problem lacks."""
 _TO_SIMULATION = (
     "couples a device to a [simulation]: it has no wall and no gain table, and its tool moves in an engine; "
     "avc export, avc certify and avc simulate take it"
@@ -53,7 +53,7 @@ _WRITTEN = (
 )
 COUPLING_KEYS = tuple(_WRITTEN.split())
 """Keys of a coupling file: those of `solve`, and its own."""
-# What `avc solve` writes beside them, and what says that a file is of a device that turns.
+# Further keys by `avc solve`, and those that mark a rotary device.
 _BESIDE = ("state_feedback", "deployable", "realism", "passive_limit_n_per_m", "motion", "units")
 _LACKS = (
     "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
@@ -95,7 +95,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     """Write a coupling file.
 
     Raises:
-        InputError: it is no coupling.
+        InputError: it is not a coupling.
 
     Example:
         >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
@@ -106,7 +106,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
 
 
 def read_file(path: str | Path) -> Coupling | GainSchedule:
-    """Read what a file holds: a coupling, checked whole; or a table of gains alone, CSV or of release 0.1.0.
+    """Read a file: a coupling, checked whole; or a table of gains alone, CSV or of release 0.1.0.
 
     Args:
         path: .json or .csv.
@@ -134,14 +134,14 @@ def _read(document: Mapping[str, Any], path: Path) -> Coupling | GainSchedule:
 
 
 def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:
-    """Read a coupling file; or a gain file of release 0.1.0 or a CSV, beside the problem that it was made for.
+    """Read a coupling file; or a gain file of release 0.1.0 or a CSV, with the problem that it was made for.
 
     Args:
         path: .json or .csv.
-        problem: for files that do not carry theirs; a file that does must carry the same.
+        problem: for files that do not include it; a file that does must include the same.
 
     Raises:
-        InputError: with every fault of the file; or it knows no problem and none is given; or it was made for another
+        InputError: with every fault of the file; or it has no problem and none is given; or it was made for another
             sample time.
 
     Example:
@@ -165,7 +165,7 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
 
 
 def coupling_beside(problem: Problem, schedule: GainSchedule, file: str) -> Coupling:
-    """Make the coupling of a table of gains alone, beside the problem that it was made for; it says what it lacks.
+    """Make a coupling of a table of gains alone and its problem; it states what it lacks.
 
     Raises:
         InputError: the table was made for another sample time, or no row has gains.
@@ -175,7 +175,7 @@ def coupling_beside(problem: Problem, schedule: GainSchedule, file: str) -> Coup
 
 
 def same_problem(one: Problem, other: Problem) -> bool:
-    """Whether two problems mean the same: all but their names and titles."""
+    """Return whether two problems are equal but for their names and titles."""
     words = {"name", "title", "source"}
     return one.model_dump(exclude=words) == other.model_dump(exclude=words)
 
@@ -221,7 +221,7 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
 
 
 def _check_whole(found: Coupling, document: Mapping[str, Any], path: Path) -> None:
-    """Refuse a file of which a part was changed: what is certified must be what runs."""
+    """Refuse a file that was changed in part: what is certified must be what runs."""
     again = "make it again: avc recommend P --out FILE, or avc solve P --out FILE"
     faults = []
     if document.get("id") != found.id:
@@ -303,7 +303,7 @@ def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
         runtime.effects(constant=False)
     except InputError as error:
         raise InputError([Fault(str(path), None, f"runtime.{one.key}", one.message) for one in error.faults]) from None
-    except ValidationError as error:  # beyond what a scene takes
+    except ValidationError as error:  # outside the range of a scene
         faults = [
             Fault(str(path), None, f"runtime.{_RUNTIME_KEYS.get(key, key)}", one["msg"])
             for one in error.errors(include_url=False)

@@ -1,4 +1,4 @@
-"""A device file: a device that problems refer to, each value with its source, and what is not known of it."""
+"""A device file: a device that problems refer to, each value with its source, and its gaps."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
-# These say how another key is meant and are no quantities.
+# Keys that qualify another key and are no quantities.
 _NO_QUANTITY = {"motion", "handle_radius_m", "amplifier_order", "encoder_at", "held", "range"}
 _QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTITY)
-# A lag has none, and most files give a lag.
+# Not a gap where absent: a lag has none, and most files give a lag.
 _NEED_NOT_BE_SAID = {"amplifier_damping_ratio"}
 
 
 class Source(Table):
-    """Where a value and its range come from, and how good they are."""
+    """Source and grade of a value and its range."""
 
     source: Text
     grade: Grade
@@ -58,7 +58,7 @@ class Sources(Table):
 
 
 class SdkExample(Table):
-    """Limits that an SDK ships with the device as an example; no datasheet, and no part of the device."""
+    """Example limits shipped with an SDK; neither of a datasheet nor part of the device."""
 
     source: Text
     max_stiffness_n_per_m: Stiffness | None = None
@@ -78,10 +78,10 @@ class DeviceFile(Table):
     Attributes:
         name: catalogue name or file stem.
         title: one line.
-        device: the device; what is not known of it stands at a cautious value.
-        gaps: keys of what is not known.
-        sources: of every value stated; or of none, in a file of one's own guesses.
-        sdk_example: limits that an SDK ships.
+        device: the device; unknown properties have cautious values.
+        gaps: keys of unknown properties.
+        sources: of every value; or of none, in a file of one's own estimates.
+        sdk_example: limits shipped with an SDK.
     """
 
     name: Text = ""
@@ -127,7 +127,7 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
 
     Args:
         text: TOML.
-        file: what the faults call the file.
+        file: name in faults.
         name: name of the device.
 
     Raises:
@@ -147,7 +147,7 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
 
 
 def _worded(tables: Mapping[str, Any]) -> Worded:
-    """Return the tables in the keys that all files share."""
+    """Return the tables in the common keys."""
     findings: list[Finding] = []
     own, units = device_words(tables.get("device"), {}, findings)
     device, _ = felt_at_handle(own, units, findings)
@@ -172,7 +172,7 @@ def _texts(tables: Mapping[str, Any]) -> bool:
 
 
 def _of_counts(key: str) -> str:
-    """Return the key that a number of counts stands for."""
+    """Return the key that a number of counts replaces."""
     return "encoder_resolution_rad" if key == COUNTS else key
 
 
@@ -182,7 +182,7 @@ def device_catalogue() -> tuple[DeviceFile, ...]:
 
 
 def _sourced(values: Values) -> Iterator[Finding]:
-    """Every value has a source, every gap is named, what stands in a gap is assumed; or no source is given at all."""
+    """Require a source of every value, every gap named and its value graded assumed; or no sources at all."""
     if not values.given("sources") and not values.given("gaps"):
         return
     gaps = values["gaps"]
@@ -206,17 +206,17 @@ _RULES = (*DEVICE_RULES, _sourced)
 
 
 def with_device(tables: Mapping[str, Any], folder: Path | None) -> Worded | Finding:
-    """Put the device in the place of a reference to it, ``device = "name"`` or ``[device]`` with ``from = "name"``.
+    """Replace a reference by the device, ``device = "name"`` or ``[device]`` with ``from = "name"``.
 
-    Keys beside `from` override those of the device and its ranges of them. All tables then have the keys that every
-    file shares, whatever the motion of the device.
+    Keys beside `from` override those of the device and its ranges of them. All tables then have the common keys,
+    whatever the motion of the device.
 
     Args:
         tables: parsed tables of a problem file.
         folder: of the problem file.
 
     Returns:
-        The tables with the whole device, or what is wrong with the reference.
+        The tables with the whole device, or the fault of the reference.
 
     Raises:
         InputError: with every fault of the device file.
@@ -242,7 +242,7 @@ def with_device(tables: Mapping[str, Any], folder: Path | None) -> Worded | Find
 
 
 def _referred(table: str | Mapping[str, Any], folder: Path | None) -> dict[str, Any] | Finding:
-    """Return the device that a table refers to, or what is wrong with the reference."""
+    """Return the device that a table refers to, or the fault of the reference."""
     key: KeyPath = ("device",) if isinstance(table, str) else ("device", "from")
     named = table if isinstance(table, str) else table["from"]
     if not isinstance(named, str):
@@ -256,7 +256,7 @@ def _referred(table: str | Mapping[str, Any], folder: Path | None) -> dict[str, 
 
 
 def _overridden(base: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay keys over a table; a value that is given anew is no longer in doubt as the old one was."""
+    """Override keys of a table; an overridden value loses its old range."""
     ranges = base.get("range", {})
     whole = {key: value for key, value in base.items() if key != "range"}
     for key, value in own.items():

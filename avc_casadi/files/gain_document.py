@@ -1,4 +1,4 @@
-"""A gain document checked as a whole: a schedule, or every fault at once."""
+"""Validation of a whole gain document: a schedule, or every fault at once."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 
 def state_feedback_of(found: object, path: Path, key: str) -> StateFeedback | None:
-    """Read them from JSON values, by the rules of the scene's effect.
+    """Read state feedback from JSON values, by the rules of the scene's effect.
 
     Args:
         found: the values; None where there are none.
-        path: file that they are from.
-        key: where they stand in it.
+        path: source file.
+        key: of the table in it.
 
     Raises:
         InputError: with every fault.
@@ -58,7 +58,7 @@ GAINS = ("damping_ns_per_m", "stiffness_n_per_m")
 CONTACT = "contact_damping_ns_per_m"
 _MODELS = ("paper", "sampled-data")
 _STRUCTURES = ("series", "damped")
-# Beyond these no device means anything and single precision ends.
+# Larger values are implausible and exceed single precision.
 _LARGEST = {
     "frequency_hz": (FREQUENCIES_HZ[1], "Hz"),
     "damping_ns_per_m": (LARGEST_DAMPING_NS_PER_M, "N.s/m"),
@@ -70,13 +70,13 @@ _SIGNED = "a list of finite numbers, null where there is none"
 
 
 class GainCheck:
-    """Reads the keys of one document and collects what is wrong with them.
+    """Reader of the keys of one document that collects its faults.
 
     Args:
         document: values by key.
-        path: file, for messages.
-        lines: line of each row in a file of rows; None where rows have no line.
-        faults: what was found before.
+        path: source file, for messages.
+        lines: line of each row in a file of rows; None without lines.
+        faults: found before.
     """
 
     def __init__(
@@ -210,7 +210,7 @@ class GainCheck:
         return frequency
 
     def _column(self, key: str, *, needed: bool = True, signed: bool = False) -> FloatArray:
-        """Return one value a row; not a number for null, for an optional column that is absent, and after a fault."""
+        """Return one value per row; NaN for null, for an absent optional column, and after a fault."""
         nothing = np.full(self.rows, np.nan)
         allowed = _SIGNED if signed else _LIST
         values = self.document.get(key)
@@ -239,7 +239,7 @@ class GainCheck:
         return column
 
     def _present(self, b: FloatArray, k: FloatArray) -> BoolArray:
-        """Whether each row has gains; half a pair is a fault, unless its key was faulted as a whole."""
+        """Return whether each row has gains; half a pair is a fault, unless its key was faulted as a whole."""
         present = np.isfinite(b) & np.isfinite(k)
         if all(isinstance(self.document.get(key), list) for key in GAINS) and not any(
             fault.key in GAINS for fault in self.faults
@@ -261,13 +261,13 @@ class GainCheck:
             )
 
     def _requested_contact(self, requested: FloatArray, contact: FloatArray, structure: str) -> FloatArray:
-        """What was asked for; where the file does not say, the gains' own, and none in the series structure."""
+        """Return the requested contact damping; by default the gains' own, and none in the series structure."""
         if self.document.get(f"requested_{CONTACT}") is not None:
             return requested
         return np.where(np.isnan(contact), 0.0, contact) if structure == "series" else contact
 
     def _status(self, present: BoolArray) -> tuple[Status, ...]:
-        """The status of each row must say whether it has gains, as the gains do."""
+        """Require the status of each row to agree with its gains."""
         implied = tuple(Status.SOLVED if has else Status.INFEASIBLE for has in present)
         values = self.document.get("status")
         if values is None:
@@ -309,7 +309,7 @@ class GainCheck:
         return tuple(values)
 
     def _flags(self, key: str) -> BoolArray:
-        """Return one truth value a row; false where the key is absent."""
+        """Return one boolean per row; false where the key is absent."""
         values = self.document.get(key)
         if values is None:
             return np.zeros(self.rows, dtype=bool)
@@ -331,7 +331,7 @@ class GainCheck:
 
 
 def _number(value: Any) -> float | None:
-    """Return a JSON number as float; infinite where it is too large for one, None where it is no number."""
+    """Return a JSON number as float; infinite where it is too large, None where it is not a number."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:

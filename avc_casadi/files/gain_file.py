@@ -80,7 +80,7 @@ def read_document(path: Path) -> dict[str, Any]:
     """Read the document of a JSON gain or coupling file; its values are not checked yet.
 
     Raises:
-        InputError: no such file, no JSON table, or a key that stands twice in a table.
+        InputError: no such file, no JSON table, or a duplicate key in a table.
     """
     repeated: list[str] = []
 
@@ -106,7 +106,7 @@ def read_document(path: Path) -> dict[str, Any]:
 
 
 def units_of_document(document: Mapping[str, Any]) -> Units:
-    """Return the words of a document that was read, as it says them itself."""
+    """Return the units of a document that was read, as it declares them."""
     return ROTARY if document.get("motion") == ROTARY.motion else LINEAR
 
 
@@ -123,7 +123,7 @@ def _is_deep(document: Any) -> bool:
 
 
 def unsound_tables(document: Mapping[str, Any], file: str, keys: Sequence[str]) -> list[Fault]:
-    """Return which of the tables that are handed on as they are hold what is no JSON value."""
+    """Return which of the tables that are passed through unchanged hold no JSON values."""
     faults = []
     for key in keys:
         found = document.get(key)

@@ -1,4 +1,4 @@
-"""Line numbers of the keys of a TOML text, which the parser of the standard library does not tell."""
+"""Line numbers of the keys of a TOML text, which the parser of the standard library does not give."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from avc_casadi.model.rules import Path
 
-# Strings and comments first, so that brackets and line feeds inside them count for nothing. Possessive
-# quantifiers keep the time linear.
+# Strings and comments first, so that brackets and line feeds inside them are skipped. Possessive quantifiers keep the
+# time linear.
 _TOKEN = re.compile(
     r'''"""(?:[^"\\]|\\.|"{1,2}(?!"))*+"{3,5}'''
     r"""|'''(?:[^']|'{1,2}(?!'))*+'{3,5}"""
@@ -73,7 +73,7 @@ class KeyLines:
             self._record((*path, key), item, line)
 
     def __getitem__(self, path: Path) -> int | None:
-        """Return the line of a key, or of the table in which it is missing; None where there is neither."""
+        """Return the line of a key, or of the table that lacks it; None where there is neither."""
         for length in range(len(path), 0, -1):
             if path[:length] in self._lines:
                 return self._lines[path[:length]]

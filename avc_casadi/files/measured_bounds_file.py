@@ -1,4 +1,4 @@
-"""The bounds of a problem file as references to measured frequency responses, which are read in their place."""
+"""Bounds of a problem file that refer to measured frequency responses, which are read here."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NAMES = {
 }
 _MOST = 200
 _SOME = {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 1.0}
-# A phase beyond this is one in degrees.
+# A larger phase must be in degrees.
 _LARGEST_RAD = 10.0
 _UNIT = re.compile(r"\s*[\[(]\s*n[ .*]?s[ ]?/[ ]?m\s*[\])]")
 _FORMS = (("real", "imag"), ("magnitude", "phase_deg"), ("magnitude", "phase_rad"))
@@ -37,10 +37,10 @@ _HEADER = (
 
 
 def with_measured_bounds(tables: Mapping[str, Any], folder: Path | None) -> Mapping[str, Any]:
-    """Read ``[boundaries] measured = {upper = "file.csv", lower = "file.csv"}``; other tables stay as they are.
+    """Read ``[boundaries] measured = {upper = "file.csv", lower = "file.csv"}``; other tables are unchanged.
 
-    Where upper and lower are left out beside it, they are the springs and dampers that are nearest: what needs one,
-    such as a tuning, takes these.
+    Without upper and lower beside it, these are the best-fitting springs and dampers, for methods that need one, such
+    as a tuning.
 
     Args:
         tables: parsed tables of a problem file.
@@ -68,7 +68,7 @@ def with_measured_bounds(tables: Mapping[str, Any], folder: Path | None) -> Mapp
     for side in ("upper", "lower"):
         found = checked(MeasuredImpedance, read[side], "", ()) if isinstance(read.get(side), Mapping) else None
         if side not in table:
-            # What is wrong with the responses is told where they are checked, and once.
+            # Faults of the responses are reported once, where they are checked.
             whole[side] = found.spring_and_damper() if isinstance(found, MeasuredImpedance) else _SOME
     return {**tables, "boundaries": whole}
 
@@ -78,7 +78,7 @@ def response_of(text: str, file: str) -> dict[str, list[float]]:
 
     Args:
         text: CSV with a header, comments after ``#``; separated by commas, semicolons or tabs.
-        file: what the faults call it.
+        file: name in faults.
 
     Raises:
         InputError: with every fault, each with its line.

@@ -1,4 +1,4 @@
-"""A problem file from what somebody knows of a device: answers as typed, read, judged and written as TOML."""
+"""A problem file from knowledge of a device: answers as typed, read, judged and written as TOML."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 UNKNOWN = "unknown"
-"""Answer of who does not know."""
+"""Answer for an unknown value."""
 _COMMENT_AT = 31
 _RANGE = re.compile(r"(.+?)(?:\bto\b|\.\.)(.+)")
 
 
 @dataclass(frozen=True)
 class NewProblem:
-    """A problem file that is about to be written.
+    """A draft of a problem file.
 
     Attributes:
         path: of the file.
-        like: device of the catalogue, or device file, that it begins from; empty for none.
-        motion: of a device that begins from none.
+        like: device of the catalogue, or device file, to start from; empty for none.
+        motion: of a device without one to start from.
         held: one of `HOLDS`.
-        answers: as typed, by the key of their question; what is not among them has not been answered.
+        answers: as typed, by the key of their question; others are unanswered.
     """
 
     path: Path
@@ -52,10 +52,10 @@ class NewProblem:
 
     @cached_property
     def base(self) -> DeviceFile | None:
-        """The device that it begins from.
+        """The device to start from.
 
         Raises:
-            InputError: there is none such.
+            InputError: there is none.
         """
         return load_device(self.like) if self.like else None
 
@@ -65,12 +65,12 @@ class NewProblem:
         return units_for(self.motion if self.base is None else self.base.device.motion)
 
     def questions(self) -> tuple[Question, ...]:
-        """Return what there is to ask."""
+        """Return the questions."""
         first = () if self.units.linear or self.base is not None else (RADIUS,)
         return (*first, *QUESTIONS, *(HAND_RANGES if self.held in OWN_RANGES else ()))
 
     def default(self, question: Question) -> str:
-        """Return the answer of who gives none, as typed: the catalogue's device's own; empty where there is none."""
+        """Return the default answer, as typed: that of the catalogue's device; empty where there is none."""
         if not self._of_base(question):
             return question.default
         value = self._base_value(question)
@@ -81,11 +81,11 @@ class NewProblem:
         return quantity(value, self._unit(question)) if value else UNKNOWN
 
     def example(self, question: Question) -> str:
-        """Return an answer."""
+        """Return an example answer."""
         return question.examples[not self.units.linear]
 
     def unknown(self) -> list[Question]:
-        """Return what is not known and what no device of the catalogue says."""
+        """Return the unknown properties that no device of the catalogue gives."""
         return [
             one
             for one in self.questions()
@@ -93,7 +93,7 @@ class NewProblem:
         ]
 
     def assumed(self) -> dict[str, str]:
-        """Return what nobody said and the file has by default, as typed, by the key of its question."""
+        """Return the defaults in the file, as typed, by the key of their question."""
         return {
             one.key: self._typed(one)
             for one in self.questions()
@@ -101,7 +101,7 @@ class NewProblem:
         }
 
     def faults(self) -> list[Fault]:
-        """Return everything that is wrong with the answers, each under the key of its question."""
+        """Return all faults of the answers, each under the key of its question."""
         found = []
         for question in self.questions():
             try:
@@ -110,26 +110,26 @@ class NewProblem:
                 found.append(Fault("", None, question.key, str(error)))
         keys = {self.outer(one): one.key for one in self.questions()}
         try:
-            # What is wrong already is judged no more: an example stands in its place.
+            # A faulty answer is judged once: an example replaces it.
             replace(self, answers=self._with_examples(found)).problem()
         except InputError as error:
             found += [Fault("", None, keys.get(one.key, one.key), one.message) for one in error.faults]
         return found
 
     def doubts(self) -> list[Fault]:
-        """Return what is unlikely of a file without faults, each under the key of its question where it has one."""
+        """Return implausible values of a file without faults, each under the key of its question where it has one."""
         keys = {self.outer(one): one.key for one in self.questions()}
         return [Fault("", None, keys.get(one.key, one.key), one.message) for one in plausibility(self.problem())]
 
     def judged(self, question: Question) -> tuple[list[Fault], list[Fault]]:
-        """Return what is wrong with the answer to a question, and what is unlikely of it, whatever is still to come."""
+        """Return the faults of the answer to a question, and its doubts, independent of further answers."""
         whole = replace(self, answers=self._with_examples(()))
         others = {one.key for one in self.questions()} - {question.key}
         wrong = [one for one in whole.faults() if one.key not in others]
         return wrong, [] if whole.faults() else [one for one in whole.doubts() if one.key == question.key]
 
     def problem(self) -> Problem:
-        """Return the problem that the file holds, by the reader of all files.
+        """Return the problem of the file, by the common reader.
 
         Raises:
             InputError: with every fault.
@@ -137,11 +137,11 @@ class NewProblem:
         return parse_problem(self.text(), file=str(self.path), name=self.path.stem, folder=self.path.parent)
 
     def outer(self, question: Question) -> str:
-        """Return the key of a question as it stands in the file."""
+        """Return the key of a question in the file."""
         return self.units.key(question.key)
 
     def text(self) -> str:
-        """Return the file."""
+        """Return the text of the file."""
         lines = ["# Written by `avc new`. Every key that may stand here: problems/README.md of avc-casadi."]
         for table in ("device", "environment", "hands"):
             lines += ["", *self._table(table)]
@@ -185,10 +185,10 @@ class NewProblem:
         return " ".join(self.answers.get(question.key, self.default(question)).split())
 
     def _value(self, question: Question) -> float | tuple[float, ...] | None:
-        """Return an answer in SI units; None where it is not known.
+        """Return an answer in SI units; None where unknown.
 
         Raises:
-            ValueError: it is none.
+            ValueError: it is not a quantity.
         """
         if self._kept(question):
             return self._base_value(question)
@@ -220,7 +220,7 @@ class NewProblem:
                 period = self._value(next(one for one in QUESTIONS if one.key == "device.sample_time_s"))
             except ValueError:
                 period = None
-            # A rate that is none is told of by itself.
+            # A faulty rate is reported by itself.
             period = period if isinstance(period, float) and period > 0 else 1e-3
             samples = float(f"{read_quantity(typed, 's') / period:.12g}")
         return int(samples) if samples.is_integer() else samples
@@ -232,14 +232,14 @@ class NewProblem:
         return self.base is not None and question.key.startswith("device.")
 
     def _base_value(self, question: Question) -> float | None:
-        """Return what the device says that it begins from; None where it says nothing."""
+        """Return the value of the device to start from; None where it gives none."""
         if self.base is None:
             return None
         value: float | None = getattr(self.base.device, question.key.partition(".")[2])
         return value
 
     def _kept(self, question: Question) -> bool:
-        """Whether the device that it begins from says it."""
+        """Return whether the device to start from gives it."""
         return self._of_base(question) and self.answers.get(question.key, UNKNOWN).strip() == UNKNOWN
 
     def _radius_m(self) -> float:
@@ -249,7 +249,7 @@ class NewProblem:
         return found if isinstance(found, float) else 1.0
 
     def _with_examples(self, wrong: list[Fault] | tuple[()]) -> dict[str, str]:
-        """Return the answers, an example in place of those that are wrong and of those that must still be given."""
+        """Return the answers, with examples for the faulty and the missing required ones."""
         keys = {one.key for one in wrong} | {one.key for one in self.questions() if not self._typed(one)}
         examples = {one.key: self.example(one).partition(",")[0] for one in self.questions() if one.key in keys}
         return {**self.answers, **examples}

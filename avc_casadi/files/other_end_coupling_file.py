@@ -52,12 +52,12 @@ def write_other_end(coupling: ToolCoupling | TeleoperatorCoupling, path: str | P
 
 
 def is_tool_coupling(path: str | Path) -> bool:
-    """Whether a file holds a coupling to a simulation; what cannot be read is none."""
+    """Return whether a file holds a coupling to a simulation; False if unreadable."""
     return _schema_of(path) == TOOL_SCHEMA
 
 
 def is_teleoperator_coupling(path: str | Path) -> bool:
-    """Whether a file holds a coupling between two devices; what cannot be read is none."""
+    """Return whether a file holds a coupling between two devices; False if unreadable."""
     return _schema_of(path) == TELEOPERATOR_SCHEMA
 
 

@@ -1,4 +1,4 @@
-"""Values that are allowed and yet unlikely: a slip of the unit, or a key that says nothing."""
+"""Valid but implausible values: a mistaken unit, or a key without effect."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class _Usual:
     unit: str
 
 
-# What devices on desks, their walls and their hands have; 0 is "absent" and never in doubt. Of a device that turns, its
-# handle has that.
+# Usual values of desktop devices, their walls and hands; 0 is "absent" and never in doubt. For a rotary device they
+# apply at its handle.
 _USUAL = {
     "device.mass_kg": _Usual(0.005, 5, "kg"),
     "device.damping_ns_per_m": _Usual(0, 100, "N.s/m"),
@@ -48,20 +48,20 @@ _USUAL = {
     "hands.stiffness_n_per_m": _Usual(1, 1e4, "N/m"),
 }
 
-# A wall so many times as stiff as what was measured, or softer, is not the one that was.
+# A wall so many times stiffer or softer than the measured one is another wall.
 _FAR = 20.0
-# Phases so far from those that belong to a size, in degrees, are of another sign or unit.
+# Phases so far from those that belong to a magnitude, in degrees, have another sign or unit.
 _PHASES_APART = 60.0
 
 
 def plausibility(problem: Problem) -> tuple[Fault, ...]:
-    """Say which values are far from what is usual, and which say nothing; the problem is valid all the same.
+    """Return the values far from the usual, and those without effect; the problem is valid all the same.
 
     Args:
         problem: a validated problem.
 
     Returns:
-        One a value, its key and its sentence; empty where nothing is in doubt.
+        Key and sentence of each; empty where nothing is in doubt.
     """
     units, radius = problem.device.units, problem.device.metres_per_unit
     found = [
@@ -77,7 +77,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
 
 
 def _turned(key: str, usual: _Usual, radius_m: float) -> _Usual:
-    """Return what is usual at the handle as a value of the turn, to two digits."""
+    """Return a usual value at the handle in rotary units, to two digits."""
     scale = radius_m ** -power_at_handle(key)
     if scale == 1:
         return usual
@@ -118,7 +118,7 @@ def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
 
 
 def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:
-    """Yield measured bounds that are of another size than the wall, as stiffness in place of impedance is."""
+    """Yield measured bounds whose magnitude is far from the wall's, as of stiffness in place of impedance."""
     measured, wall = problem.boundaries.measured, problem.environment
     if measured is None or wall.stiffness_n_per_m == 0:
         return
@@ -131,14 +131,15 @@ def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:
 
 
 def _of_no_wall(problem: Problem) -> Iterator[tuple[str, str]]:
-    """Yield measured bounds whose phase is not that of their size, and those that say nothing for their errors."""
+    """Yield measured bounds whose phase contradicts their magnitude, and those dominated by their errors."""
     measured = problem.boundaries.measured
     if measured is None:
         return
     for side in ("upper", "lower"):
         bound = getattr(measured, side)
         z = bound.at(np.array(bound.frequency_hz))
-        # By Bode's relation the phase of a passive impedance is about 90 degrees for each decade a decade of its size.
+        # By Bode's relation the phase of a passive impedance is about 90 degrees per decade of magnitude a decade of
+        # frequency.
         slope = float(np.polyfit(np.log(bound.frequency_hz), np.log(np.maximum(np.abs(z), 1e-300)), 1)[0])
         phase = math.degrees(float(np.angle(np.sum(z / np.maximum(np.abs(z), 1e-300)))))
         if abs(phase - 90 * slope) > _PHASES_APART:

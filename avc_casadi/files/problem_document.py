@@ -16,7 +16,7 @@ _T = TypeVar("_T", bound=Table)
 
 
 def dump_problem(problem: Problem) -> str:
-    """Write a problem as TOML with every value in it, also those that were defaults.
+    """Write a problem as TOML with every value, defaults included.
 
     The name is not written: it is that of the file.
 
@@ -38,7 +38,7 @@ def dump_problem(problem: Problem) -> str:
 
 
 def problem_document(problem: Problem) -> dict[str, Any]:
-    """Return a problem as JSON values, its name among them: every value, also those that were defaults."""
+    """Return a problem as JSON values, with its name and every value, defaults included."""
     tables: dict[str, Any] = problem.model_dump(mode="json", exclude_none=True)
     if "values_hz" in tables["frequency"]:
         tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}
@@ -50,8 +50,8 @@ def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str =
 
     Args:
         document: its values.
-        file: what the faults call the file.
-        key: where in it the problem stands.
+        file: name in faults.
+        key: of its table in the file.
 
     Raises:
         InputError: with every fault.
@@ -71,8 +71,8 @@ def effect_of(table: type[_T], document: Mapping[str, Any], *, file: str, key: s
     Args:
         table: its kind.
         document: its values.
-        file: what the faults call the file.
-        key: where in it the table stands.
+        file: name in faults.
+        key: of its table in the file.
 
     Raises:
         InputError: with every fault.
@@ -101,7 +101,7 @@ def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _holds_tables(value: object) -> bool:
-    """Whether a value is a table or a list of tables; no plain list of a problem is empty."""
+    """Return whether a value is a table or a list of tables; no plain list of a problem is empty."""
     return isinstance(value, Mapping) or (isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value))
 
 

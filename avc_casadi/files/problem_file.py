@@ -18,9 +18,9 @@ from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.quantity import shown
 from avc_casadi.model.rules import Finding, dotted
 
-# Where the band of a slow device ends, as a share of the sampling rate; that of the default device does.
+# End of the band of a slow device, as a share of the sampling rate, the same as by default.
 _BELOW_NYQUIST = 0.45
-# Slower devices are told that the band has no room.
+# For slower devices an error says that the band has no room.
 _SLOWEST_S = 0.25
 
 
@@ -49,7 +49,7 @@ def load_problem(source: str | Path) -> Problem:
 
 
 def _refuse_gains(text: str, path: Path) -> None:
-    """Answer a coupling or gain file in place of a problem file with what takes it."""
+    """Refuse a coupling or gain file in place of a problem file, with the command that takes it."""
     if text.lstrip().startswith(("{", "frequency_hz,")):
         message = (
             "is a coupling or gain file; allowed: a problem file (TOML). The verbs certify, simulate, push, stream and "
@@ -60,7 +60,7 @@ def _refuse_gains(text: str, path: Path) -> None:
 
 
 def _refuse_device(tables: Mapping[str, Any], file: str) -> None:
-    """Answer a device file in place of a problem file with what refers to it."""
+    """Refuse a device file in place of a problem file, with a reference to it."""
     if "sources" in tables and "environment" not in tables:
         message = (
             f'is a device, not a problem; allowed: a problem file with device = "{Path(file).name}" and the wall in '
@@ -74,7 +74,7 @@ AnyProblem = Problem | str | Path | Mapping[str, Any]
 
 
 def as_problem(problem: AnyProblem) -> Problem:
-    """Return a problem as it is, or load the file or the name of the catalogue, or make it of its tables.
+    """Return a problem unchanged, or load its file or catalogue name, or make it of its tables.
 
     Raises:
         InputError: with every fault of the file, or no problem has that name.
@@ -93,7 +93,7 @@ def as_problem(problem: AnyProblem) -> Problem:
 
 
 def with_wall(problem: AnyProblem) -> Problem:
-    """Return a problem as `as_problem` does, where the device's own loop computes a wall.
+    """Return a problem as by `as_problem`, with a wall rendered by the device's own loop.
 
     Raises:
         UnsupportedError: the other end is a simulation or a follower, and no wall is declared beside it.
@@ -127,9 +127,9 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
 
     Args:
         text: TOML.
-        file: what the faults call the file.
+        file: name in faults.
         name: name of the problem.
-        folder: what the path of a device file is relative to; None is the working directory.
+        folder: base of the path of a device file; None is the working directory.
 
     Returns:
         The validated problem.
@@ -163,7 +163,7 @@ def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | N
 
 
 def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:
-    """End the band of a slow device, whose file says nothing of its end, below half the sampling rate."""
+    """Limit the band of a slow device, where its file gives no end, to below half the sampling rate."""
     device, band = tables.get("device"), tables.get("frequency", {})
     time = device.get("sample_time_s") if isinstance(device, Mapping) else None
     if not isinstance(band, Mapping) or isinstance(time, bool) or not isinstance(time, int | float):

@@ -1,4 +1,4 @@
-"""What `avc new` asks of a device, its wall and the hands on it; light, as the help of the verb tells it too."""
+"""Questions of `avc new` on a device, its wall and the hands; a light module, as the help prints it too."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ class Question:
     Attributes:
         key: dotted, of a linear device.
         option: of the command line.
-        turning: the same of a device that turns; empty where it is the same.
+        turning: option of a rotary device; empty where it is the same.
         unit: of a linear device.
         asks: the question.
-        examples: answers, of a linear device and of one that turns.
-        default: answer that Enter gives; empty where it gives none.
-        cost: what it costs not to know it; empty where it must be known.
-        taken: what must stand in the file in its place; None where the key is left out.
+        examples: answers, of a linear and of a rotary device.
+        default: answer by Enter; empty where there is none.
+        cost: consequence of not knowing it; empty where it is required.
+        taken: value in the file in its place; None where the key is left out.
     """
 
     key: str
@@ -33,14 +33,14 @@ class Question:
 
     @property
     def names(self) -> tuple[str, str]:
-        """Its option, of a linear device and of one that turns."""
+        """Its options, of a linear and of a rotary device."""
         return self.option, self.turning or self.option
 
 
 RADIUS = Question(
     "device.handle_radius_m", "--radius", "", "m", "Radius at which it is held, from the axis", ("20 mm", "20 mm")
 )
-"""Asked of a device that turns alone."""
+"""Question for a rotary device only."""
 
 QUESTIONS = (
     Question(
@@ -134,7 +134,7 @@ QUESTIONS = (
         "0",
     ),
 )
-"""In the order in which they are asked."""
+"""Questions in their order."""
 
 HOLDS = {
     "grip": "the hands of a file without [hands], assumed: 0.05 to 0.3 kg, 3 to 20 N.s/m, 200 to 800 N/m at the handle",
@@ -144,9 +144,9 @@ HOLDS = {
     "foot": "no impedance of feet is known here: its ranges must be given",
     "other": "by its ranges",
 }
-"""How a device may be held, and by what hands."""
+"""Holds of a device, and the hands of each."""
 OWN_RANGES = ("foot", "other")
-"""Holds whose ranges must be given."""
+"""Holds with ranges of one's own."""
 
 HAND_RANGES = (
     Question("hands.mass_kg", "--hand-mass", "", "kg", "Mass of what holds it", ("0.5 to 2 kg", "1 to 9 g.m2")),
@@ -167,4 +167,4 @@ HAND_RANGES = (
         ("200 to 2000 N/m", "5 to 50 N.m/rad"),
     ),
 )
-"""The ranges of hands of one's own."""
+"""Questions on one's own ranges of hands."""

@@ -1,7 +1,7 @@
-"""A file of a device that turns has keys of its own: here they become those that all files share, and back.
+"""Conversion of the keys of a rotary device's file to the common keys, and back.
 
-A key of the other kind of motion is refused with the right one, and its value is judged all the same, so that all
-faults of a file are told at once.
+A key of the other kind of motion is refused with the right one, and its value is checked all the same, so that all
+faults of a file are reported at once.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ _Finding = tuple[Path, str]
 COUNTS = "encoder_counts_per_turn"
 """Key of a file in place of `encoder_resolution_rad`."""
 CAPSTAN = "capstan_radius_m"
-"""Key of a device that turns and moves a handle in a line: metres for each radian."""
-# In place of one that is none, so that the rest of the file is judged.
+"""Key of a rotary device with a linear handle: metres per radian."""
+# Replaces a faulty value, so that the rest of the file is checked.
 _SOME_RADIUS_M = 0.01
-# Powers of the radius by which a value of the turn becomes one of the handle.
+# Powers of the radius that convert a rotary value to the handle.
 _AT_HANDLE = {"_ns_per_m": -2, "_n_per_m": -2, "_m_per_s": 1, "_n_per_s": -1, "_kg": -2, "_n": -1, "_m": 1}
 
 
 @dataclass(frozen=True)
 class Worded:
-    """Tables in the keys that all files share.
+    """Tables in the common keys.
 
     Attributes:
-        tables: so.
-        device: words in which the file speaks of its device.
-        rest: words of everything else in it.
-        findings: keys of the wrong kind of motion, as they stand in the file.
+        tables: converted.
+        device: units in which the file states its device.
+        rest: units of the rest of the file.
+        findings: keys of the wrong kind of motion, as in the file.
     """
 
     tables: Mapping[str, Any]
@@ -47,7 +47,7 @@ class Worded:
     findings: list[_Finding] = field(default_factory=list)
 
     def told(self, findings: Iterable[_Finding]) -> list[_Finding]:
-        """Return findings in the words of the file, those of wrong keys first."""
+        """Return findings in the units of the file, those of wrong keys first."""
         found = [*self.findings]
         for path, message in findings:
             units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
@@ -61,7 +61,7 @@ class Worded:
 
 
 def _unknown(path: Path, message: str) -> str:
-    """Name the keys of a table, those that a device that turns has beside, and the nearest to one that is none."""
+    """Describe an unknown key: the keys of a table, those of rotary devices among them, and the nearest."""
     keys = message.removeprefix(UNKNOWN).partition(";")[0].split(", ")
     beside: dict[Path, list[str]] = {("device",): [COUNTS], ("device", "range"): [COUNTS], ("detent",): ["per_turn"]}
     keys += beside.get(path[:-1], [])
@@ -73,14 +73,14 @@ def _unknown(path: Path, message: str) -> str:
 
 @lru_cache(maxsize=1)
 def _known() -> frozenset[str]:
-    """Keys whose name changes with the motion, as they are called inside."""
+    """Return the common names of keys that depend on the motion."""
     of_effects = {key for effect in EFFECTS.values() for key in effect.keys.model_fields}
     return _of_tables() | {key for key in of_effects if ROTARY.key(key) != key}
 
 
 @lru_cache(maxsize=1)
 def _of_tables() -> frozenset[str]:
-    """Those of the tables of a problem; effects bring their own, which files of 0.2 name as a linear device does."""
+    """Return those of the tables of a problem; effects have their own, linear in files of 0.2."""
     from avc_casadi.model.problem import Problem  # noqa: PLC0415 - stands on this file
 
     def keys(schema: Any) -> Iterator[str]:
@@ -101,14 +101,14 @@ def _of_tables() -> frozenset[str]:
 
 
 def inner_table(table: Any, units: Units, path: Path, findings: list[_Finding], *, capstan: bool = False) -> Any:
-    """Return a table of a file with the keys that are used inside; keys of the other motion are found.
+    """Return a table of a file with the common keys; keys of the other motion are findings.
 
     Args:
-        table: a value of the file, of any make.
+        table: any value of the file.
         units: of the file.
-        path: where it stands.
-        findings: to which what is found is added.
-        capstan: whether it is linear because it stands behind a capstan.
+        path: its key path.
+        findings: extended by new ones.
+        capstan: whether it is linear through a capstan.
     """
     if isinstance(table, list):
         return [inner_table(item, units, (*path, index), findings, capstan=capstan) for index, item in enumerate(table)]
@@ -138,7 +138,7 @@ def _inner_key(key: str, units: Units) -> str:
 
 
 def resolved(table: Mapping[str, Any], path: Path, findings: list[_Finding]) -> dict[str, Any]:
-    """Return a device with the counts of its encoder as the angle of one; also in its range."""
+    """Return a device with encoder counts converted to an angle, its range included."""
     found = dict(table)
     counts = found.pop(COUNTS, None)
     if counts is not None:
@@ -155,7 +155,7 @@ def resolved(table: Mapping[str, Any], path: Path, findings: list[_Finding]) -> 
 
 
 def _resolved_range(table: Mapping[str, Any], path: Path, counts: Any, findings: list[_Finding]) -> dict[str, Any]:
-    """Return ranges with that of the counts as one of the angle, whose ends change places."""
+    """Return ranges with counts converted to an angle, whose ends swap."""
     found = dict(table)
     ends = found.pop(COUNTS, None)
     if ends is None:
@@ -183,13 +183,13 @@ def _is_count(value: Any) -> bool:
 
 
 def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:
-    """Return a device that turns as the linear one that is felt at a handle, which moves `radius_m` for each radian.
+    """Return a rotary device as the linear one at a handle, which moves `radius_m` per radian.
 
-    Mass J/r^2, damping B/r^2, force tau/r, length r theta; times, frequencies and ratios are those of the turn.
+    Mass J/r^2, damping B/r^2, force tau/r, length r theta; times, frequencies and ratios are unchanged.
 
     Args:
-        device: table of the device that turns, in the keys used inside.
-        radius_m: metres for each radian.
+        device: table of the rotary device, in the common keys.
+        radius_m: metres per radian.
     """
     return {
         key: at_handle(value, radius_m) if isinstance(value, Mapping) else _moved(value, power_at_handle(key), radius_m)
@@ -199,7 +199,7 @@ def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:
 
 
 def power_at_handle(key: str) -> int:
-    """Return the power of the radius by which a value of the turn becomes one of the handle, from the key's unit."""
+    """Return the power of the radius that converts a rotary value to the handle, by the key's unit."""
     return next((power for ending, power in _AT_HANDLE.items() if key.endswith(ending)), 0)
 
 
@@ -212,7 +212,7 @@ def _moved(value: Any, power: int, radius_m: float) -> Any:
 
 
 def _pitched(detent: Mapping[str, Any], findings: list[_Finding]) -> dict[str, Any]:
-    """Return detents so many for each turn with the angle from one to the next."""
+    """Return detents per turn as the angle between them."""
     found = dict(detent)
     count = found.pop("per_turn", None)
     if count is None:
@@ -230,12 +230,12 @@ def _pitched(detent: Mapping[str, Any], findings: list[_Finding]) -> dict[str, A
 
 
 def device_words(device: Any, base: Mapping[str, Any], findings: list[_Finding]) -> tuple[Any, Units]:
-    """Return the device table of a file in the keys used inside, and its words.
+    """Return the device table of a file in the common keys, and its units.
 
     Args:
-        device: as it stands in the file, without a reference.
-        base: the device that it refers to; empty where it stands alone.
-        findings: to which what is found is added.
+        device: as in the file, without a reference.
+        base: the device that it refers to; empty where there is none.
+        findings: extended by new ones.
     """
     before = base.get("motion", "linear")
     if not isinstance(device, Mapping):
@@ -257,7 +257,7 @@ def device_words(device: Any, base: Mapping[str, Any], findings: list[_Finding])
 
 
 def felt_at_handle(device: Any, units: Units, findings: list[_Finding]) -> tuple[Any, Units]:
-    """Return a device with a capstan as the linear one that its handle is, and the words of the rest of the file."""
+    """Return a device with a capstan as the linear one at its handle, and the units of the rest of the file."""
     if not isinstance(device, Mapping) or CAPSTAN not in device:
         return device, units
     radius, place = device[CAPSTAN], ("device", CAPSTAN)
@@ -276,13 +276,13 @@ def felt_at_handle(device: Any, units: Units, findings: list[_Finding]) -> tuple
 def problem_words(
     tables: Mapping[str, Any], device: Any, words: tuple[Units, Units], findings: list[_Finding]
 ) -> Worded:
-    """Return all tables of a file in the keys used inside.
+    """Return all tables of a file in the common keys.
 
     Args:
         tables: of the file.
-        device: its device so already.
-        words: of the device, and of the rest.
-        findings: what was found so far.
+        device: its converted device.
+        words: units of the device, and of the rest.
+        findings: found so far.
     """
     own, rest = words
     if not rest.linear and isinstance(tables.get("detent"), Mapping):

@@ -1,4 +1,4 @@
-"""The text of a TOML file and its tables, read so that no file of whatever make brings a fault of its own."""
+"""Reading of TOML files, robust against any input."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from avc_casadi.model.quantity import visible
 MAX_BYTES = 2**20
 
 NEXT_STEP = "give the path of a problem file or a name from `avc list`"
-"""What to do about a problem file that cannot be read."""
+"""Advice on an unreadable problem file."""
 
-# What the parser says of a key or table that it has seen before.
+# The parser's message on a duplicate key or table.
 _TWICE = re.compile(r"Cannot overwrite a value|Cannot declare .* twice")
 
 # The parser's time grows with the square of a key's length: a file of dots would hang it.
@@ -28,16 +28,16 @@ def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
 
     Args:
         path: the file.
-        next_step: what to do where it cannot be read.
+        next_step: advice where it cannot be read.
 
     Raises:
-        InputError: it cannot be read, or is no text.
+        InputError: it cannot be read, or is not text.
     """
     return read_text(path, MAX_BYTES, next_step)
 
 
 def tables_of(text: str, file: str) -> dict[str, Any]:
-    """Parse TOML; a fault of syntax is told with its line."""
+    """Parse TOML; a syntax error is reported with its line."""
     if not text.strip():
         raise InputError.of("is empty; allowed: at least the tables device and environment", file=file)
     long_key = _LONG_KEY.search(text)
@@ -50,7 +50,7 @@ def tables_of(text: str, file: str) -> dict[str, Any]:
         raise InputError([_syntax_fault(str(error), text, file)]) from error
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
-    except ValueError as error:  # of the integer conversion, which has no place
+    except ValueError as error:  # of the integer conversion, without a line
         message = "holds an integer of thousands of digits; allowed: numbers as in the catalogue"
         raise InputError.of(message, file=file) from error
 

@@ -1,4 +1,4 @@
-"""A quantity as people type it, with its unit in any that fits, in SI units."""
+"""A typed quantity with any fitting unit, in SI units."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ALONE = {
     **dict.fromkeys(("count", "counts", "step", "steps", "sample", "samples"), (1.0, (0, 0, 0, 0))),
 }
 _TYPED_PREFIXES = {"": 0, "k": 3, "M": 6, "G": 9, "c": -2, "m": -3, "u": -6, "n": -9}
-# What is typed without a sign between its units.
+# Units typed without a sign between them.
 _GLUED = ((r"Nms\b", "N.m.s"), (r"Nm\b", "N.m"), (r"Ns\b", "N.s"), (r"g(?=[cm]?m2)", "g."))
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 
@@ -31,12 +31,12 @@ def read_quantity(text: str, unit: str) -> float:
     """Return a quantity as typed in SI units: ``55 um`` as 5.5e-5, ``1 kHz`` for a time, ``450 dpi`` for a step.
 
     Args:
-        text: a number, and its unit; without one it is in SI units. A number a way or time, in place of the way or
-            time itself, is inverted; counts alone are those of a turn.
+        text: a number, and its unit; without one it is in SI units. A number per length or time, in place of the length
+            or time itself, is inverted; counts alone are those of a turn.
         unit: that is wanted, such as ``N.m/rad`` or ``samples``.
 
     Raises:
-        ValueError: it is no number, or of another unit.
+        ValueError: it is not a number, or of another unit.
     """
     found = _NUMBER.fullmatch(text)
     typed, wanted = None if found is None else _unit(found[2]), _unit(unit)
@@ -50,14 +50,14 @@ def read_quantity(text: str, unit: str) -> float:
     value, inverse = number * factor, tuple(-power for power in powers)
     if any(powers) and inverse == wanted[1] and value:
         value = 1 / value
-    # Who leaves the angle out of N.m/rad means it.
+    # N.m/rad typed without the angle is meant with it.
     elif powers != wanted[1] and not (any(powers[:3]) and powers[:3] == wanted[1][:3]):
         raise ValueError(f"{text!r} has another unit")
     return float(f"{value:.15g}")
 
 
 def _unit(text: str) -> tuple[float, tuple[int, ...]] | None:
-    """Return the size of a unit in SI units and its powers of kg, m, s and rad; None where it is none."""
+    """Return the size of a unit in SI units and its powers of kg, m, s and rad; None where unknown."""
     for pattern, plain in _GLUED:
         text = re.sub(pattern, plain, text)
     text = text.replace("\N{MICRO SIGN}", "u").replace("\N{GREEK SMALL LETTER MU}", "u")

@@ -1,4 +1,4 @@
-"""Logs as arrays, NPZ and MAT: what a file claims to hold is known and bounded before any of it is read."""
+"""Logs as arrays, NPZ and MAT: the declared size of a file is checked before any of it is read."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ _NUMBERS = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("",
 
 
 def npy_array(stream: BinaryIO) -> Any:
-    """Return the array of numbers of an NPY file.
+    """Return the numeric array of an NPY file.
 
     Raises:
-        ValueError: it is none, or claims to hold more than it does.
+        ValueError: it is no NPY file, or declares more data than it holds.
     """
     content = stream.read(MOST_BYTES + 1)
     return _array(io.BytesIO(content), len(content))
 
 
 def npz_arrays(stream: BinaryIO, file: str) -> dict[str, Any]:
-    """Return the arrays of numbers of an NPZ archive.
+    """Return the numeric arrays of an NPZ archive.
 
     Raises:
-        InputError: it claims to hold more than is read.
-        ValueError, zipfile.BadZipFile: it is none.
+        InputError: it declares more data than is allowed.
+        ValueError, zipfile.BadZipFile: it is no NPZ archive.
     """
     with zipfile.ZipFile(stream) as archive:
         members = [one for one in archive.infolist() if one.filename.endswith(".npy")]
@@ -63,11 +63,11 @@ def _array(stream: Any, size: int) -> Any:
 
 
 def mat_arrays(stream: BinaryIO, file: str) -> Mapping[str, Any]:
-    """Return the arrays of numbers of a MAT file before version 7.3.
+    """Return the numeric arrays of a MAT file before version 7.3.
 
     Raises:
-        InputError: it claims to hold more than is read.
-        ValueError, NotImplementedError, scipy.io.matlab.MatReadError: it is none.
+        InputError: it declares more data than is allowed.
+        ValueError, NotImplementedError, scipy.io.matlab.MatReadError: it is no such MAT file.
     """
     plain: Any = io.BytesIO(_inflated(stream.read(MOST_BYTES + 1), file))
     held = scipy.io.whosmat(plain)
@@ -79,7 +79,7 @@ def mat_arrays(stream: BinaryIO, file: str) -> Mapping[str, Any]:
 
 
 def _inflated(content: bytes, file: str) -> bytes:
-    """Return a MAT file of version 5 with its compressed parts as they were; any other as it is."""
+    """Return a MAT file of version 5 with its compressed parts inflated; any other unchanged."""
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
     if order is None:
         _bound(len(content), 0, file)

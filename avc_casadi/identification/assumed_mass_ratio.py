@@ -1,14 +1,14 @@
-"""What a log of one position does not tell: how the mass divides, and on which side of a resonance a spring is.
+"""Ambiguities of a log of one position: the mass ratio of a resonance, and the side of it on which a spring acts.
 
-With the encoder at the handle the response has the poles of the resonance and none of its zeros; the share then moves
-little but the damping that the viscous friction of the motor lends to the resonance. It is held at what is usual, and
-the other numbers get the intervals that any usual share gives them with which the log is predicted as well.
+With the encoder at the handle the response has the poles of the resonance and none of its zeros; the mass ratio then
+affects little but the damping that the viscous friction of the motor lends to the resonance. It is fixed at a usual
+value, and the intervals of the other parameters cover every usual ratio under which the log is predicted as well.
 
 With masses m1 (motor) and m2, stiffness K between them and a spring k at m2, force to position of m1 is
 
     (m2 s^2 + K + k) / ((m1 s^2 + K)(m2 s^2 + K + k) - K^2),
 
-the same as with a spring k' = K k/(K + k) at m1, K' = K^2/(K + k) and m2' = m2 K^2/(K + k)^2.
+as with a spring k' = K k/(K + k) at m1, K' = K^2/(K + k) and m2' = m2 K^2/(K + k)^2.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.uncertainty import compared
 
 SHARE = "resonance.mass_ratio"
-# What is usual.
+# Usual range.
 _SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
 
 
 def shared(predictor: Predictor, found: Fit, window: Window, tolerance: float) -> Fit:
-    """Return a model with a resonance whose share is held at the one found, moved into what is usual.
+    """Return a model whose mass fraction at the handle is fixed at the estimate, clipped to the usual range.
 
     Args:
         predictor: of the records.
-        found: the model with the share free.
+        found: the model with the mass fraction free.
         window: of the fit.
         tolerance: of the fit.
     """
@@ -45,16 +45,16 @@ def shared(predictor: Predictor, found: Fit, window: Window, tolerance: float) -
 
 
 def share_assumed(found: Fit) -> bool:
-    """Return whether a model has a resonance whose share is held."""
+    """Return whether a model has a resonance whose mass fraction is fixed."""
     return SHARE in found.structure.assumed and found.structure.present(SHARE)
 
 
 def other_shares(predictor: Predictor, found: Fit, window: Window) -> tuple[FloatArray, tuple[float, float]]:
-    """Return how far other shares move the other numbers down and up, shape (2, free), and the shares that may be.
+    """Return the shifts of the other parameters under other mass fractions, shape (2, free), and the admissible range.
 
     Args:
         predictor: of the records.
-        found: the model at its best, its share held.
+        found: the fitted model, its mass fraction fixed.
         window: of the fit.
     """
     share = found.values[SHARE]
@@ -73,11 +73,11 @@ def other_shares(predictor: Predictor, found: Fit, window: Window) -> tuple[Floa
 
 
 def share_refused(share: float, ends: tuple[float, float]) -> Refusal:
-    """Return that the share is not told.
+    """Return the refusal of the mass fraction as not identifiable.
 
     Args:
-        share: assumed.
-        ends: of what the log allows and is usual.
+        share: assumed mass fraction at the handle.
+        ends: of the range that is both usual and compatible with the log.
     """
     low, high = ends
     why = f"the log hardly changes with it; {share:.2g} is taken, and the intervals hold for {low:.2g} to {high:.2g}"
@@ -85,12 +85,12 @@ def share_refused(share: float, ends: tuple[float, float]) -> Refusal:
 
 
 _SPRING, _RATIO, _FREQUENCY = "stiffness_n_per_m", "resonance.mass_ratio", "resonance.frequency_hz"
-# What the damping of both moves the equivalent by, as a share.
+# Share by which the damping of both sides perturbs the equivalence.
 _DAMPED = 0.1
 
 
 def at_the_other_side(fit: Fit) -> dict[str, float]:
-    """Return the values of the same device with its spring at the motor; none where nothing is to be told apart."""
+    """Return the equivalent device with its spring at the motor; None where the two are not ambiguous."""
     terms, values = fit.structure.terms, fit.values
     if not {"resonance", "stiffness"} <= set(terms) or fit.structure.encoder_at != "motor" or not values[_SPRING] > 0:
         return {}
@@ -108,7 +108,7 @@ def at_the_other_side(fit: Fit) -> dict[str, float]:
 
 
 def moved(fit: Fit) -> FloatArray:
-    """Return how far the other side may lie from the estimate, down and up, in the search, shape (2, free)."""
+    """Return the shifts to the equivalent on the other side, down and up, in search coordinates, shape (2, free)."""
     found = np.zeros((2, len(fit.structure.free)))
     for key, value in at_the_other_side(fit).items():
         for index, one in enumerate(fit.structure.free):

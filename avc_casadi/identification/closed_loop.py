@@ -1,7 +1,7 @@
-"""Feedback in a log: whether the force follows the position, whether that biases a fit, and whether it is all there is.
+"""Feedback in a log: whether force follows position, whether that biases a fit, whether it is the whole force.
 
-A device whose force is made of its position and of nothing else is moved by what is not in the log: a hand. Its push is
-as large as the force, and a fit takes the one for an answer to the other, whatever becomes of its error.
+Where the whole force is feedback of the position, the motion comes from an unlogged input, the operator's hand. Its
+force is as large as the logged one, and a fit takes the one for a response to the other, whatever its prediction error.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from avc_casadi.identification.record import Record
 
 _AHEAD = 25
 LAGS = 40
-# Of the force is left out what it says of itself: a recursion of this order for each stretch of so many samples.
+# The force is prewhitened by an autoregression of this order for each stretch of so many samples.
 _OWN, _STRETCH = 60, 1000
-# Correlations beyond so many standard deviations of white noise are there.
+# Correlations beyond so many standard deviations of white noise are significant.
 _SURE = 5.0
-# A prediction error as coloured as this is not noise of the encoder alone.
+# A prediction error as coloured as this is more than encoder noise.
 _COLOURED = 0.25
 
 
 def feeds_back(records: Sequence[Record], errors: Sequence[FloatArray]) -> bool:
-    """Return whether what the force does not say of itself follows what the model could not foresee of the position.
+    """Return whether the innovation of the force follows the prediction error of the position.
 
-    A chirp says all of itself. What a poor model leaves over of it goes on like it, and is no feedback (Granger 1969).
+    A chirp has no innovation: what a poor model leaves unexplained of it is predictable, hence no feedback (Granger
+    1969).
 
     Args:
         records: of one device.
@@ -50,7 +51,7 @@ def feeds_back(records: Sequence[Record], errors: Sequence[FloatArray]) -> bool:
 
 
 def _news(force: FloatArray) -> FloatArray:
-    """Return what a force does not foretell by its own past, of the same size."""
+    """Return the innovation of a force given its own past, of the same size."""
     padded = np.concatenate([np.full(_OWN, force[0]), force])
     past = sliding_window_view(padded, _OWN)[:-1]
     left = np.empty_like(force)
@@ -77,13 +78,13 @@ def coloured(lags: FloatArray) -> bool:
 EXCITATION = "a force of its own beside the controller (a multisine, as avc excite plays one), hands off"
 _MOST_LAG = 4
 _FEWEST = 100
-# What spring and damper leave of the force, as a share of its changes from sample to sample, and of itself: an output
-# of few bits rounds by more than the former.
+# Residual of spring and damper, as a share of the force's changes from sample to sample, and of the force itself: an
+# output of few bits rounds by more than the former.
 _OF_CHANGES, _OF_FORCE = 0.05, 5e-3
 _MOST_KEPT = 0.98
-# A force nearer to the largest is cut.
+# A force nearer to the largest is saturated.
 _WHOLE = 0.999
-# What was let go comes to rest: later it moves by less than this share of what it did before.
+# A released device settles: later it moves by less than this share of what it did before.
 _GOES_ON = 0.1
 
 
@@ -100,20 +101,20 @@ class OnlyFeedback:
     damping_ns_per_m: float
 
     def sentence(self, radius_m: float) -> str:
-        """Say of what the force is made.
+        """Describe the controller in one sentence.
 
         Args:
-            radius_m: how far the handle goes for a unit of the position.
+            radius_m: travel of the handle per unit of position.
         """
         k, b = (number(radius_m**2 * gain, 3) for gain in (self.stiffness_n_per_m, self.damping_ns_per_m))
         return f"the force is a spring of {k} N/m and a damper of {b} N.s/m on the measured position, and nothing else"
 
 
 def refused_beside(keys: Sequence[str]) -> dict[str, Refusal]:
-    """Return why nothing that the motion would tell is told where only feedback acts, by key.
+    """Return a refusal of every parameter where only feedback acts, by key.
 
     Args:
-        keys: of the numbers that were searched for; friction is one more, told or bounded.
+        keys: of the searched parameters; friction is one more, estimated or bounded.
     """
     why = "the force follows from the position alone, and what moves the device is not in the log"
     names = dict.fromkeys([*(key.partition(".")[0] for key in keys), "coulomb_friction_n"])
@@ -121,7 +122,7 @@ def refused_beside(keys: Sequence[str]) -> dict[str, Refusal]:
 
 
 def only_feedback(records: Sequence[Record]) -> OnlyFeedback | None:
-    """Return the controller that makes the whole force of every record, or None."""
+    """Return the controller that explains the whole force of every record, or None."""
     found = [_controller(record) for record in records]
     moved = any(_goes_on(record.position_m) for record in records)
     return found[0] if moved and all(one is not None for one in found) else None
@@ -150,7 +151,7 @@ def _controller(record: Record) -> OnlyFeedback | None:
 
 
 def regression(columns: FloatArray, wanted: FloatArray) -> tuple[FloatArray, float, int]:
-    """Return least squares by columns that are brought to one size: factors, root mean square that is left, rank."""
+    """Return least squares on columns scaled to one size: factors, root mean square residual, rank."""
     scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-300
     scaled, _, rank, _ = np.linalg.lstsq(columns / scale, wanted, rcond=1e-10)
     factors = np.asarray(scaled / scale)

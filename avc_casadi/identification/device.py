@@ -1,4 +1,4 @@
-"""The device file of an identification: measured values with their ranges, the rest from a base or named as gaps."""
+"""The device file of an identification: estimates with their ranges, the rest from a base or named as gaps."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ _ALWAYS_THERE = tuple(key for key in _PLAIN if key != LOOP_RATIO)
 _QUANTITIES = (*_ALWAYS_THERE, "sample_time_s", "max_force_n", "resonance")
 _NEEDED = ("mass_kg", "damping_ns_per_m")
 SEARCHED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "delay_samples")
-"""Keys that every log is asked for."""
-# A guess that a log does not tell is meant within this factor, and an interval of more than that one bounds nothing.
+"""Keys that are estimated from every log."""
+# A guess that a log does not identify is taken as known within this factor; a wider interval bounds nothing.
 _GUESSED, _BOUNDS_NOTHING = 3.0, 30.0
 _LAG_WITHIN = "; the lag of the amplifier is in it"
 _LAG_TAKEN = "; less the lag of the amplifier"
-# What stands in a gap that the loop cannot do without.
+# Cautious values for gaps that the loop cannot do without.
 _CAUTIOUS: Mapping[str, tuple[float, tuple[float, float], str]] = {
     "delay_samples": (1.0, (0.0, 2.0), "not identified; one sample stands for the link to the computer"),
 }
 
 
 def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | None:
-    """Return the device file, or None where mass or damping are told neither by the logs nor by the base.
+    """Return the device file, or None where mass or damping are known neither from the logs nor from the base.
 
     Args:
-        found: what the logs tell.
-        base: what else is known.
+        found: the identification.
+        base: prior knowledge of the device.
     """
     turn = {} if found.motion == "linear" else {"motion": found.motion, "handle_radius_m": found.handle_radius_m}
     device: dict[str, Any] = {**turn, "sample_time_s": found.sample_time_s}
@@ -99,13 +99,13 @@ def _fill(
     sources: dict[str, Any],
     gaps: list[str],
 ) -> None:
-    """Fill gaps by what the log bounds, by the base, or cautiously; what logs were asked for stays a gap."""
+    """Fill gaps from the bounds of the log, the base, or cautiously; parameters that were not identified stay gaps."""
     bounds = {one.key: one.bounds for one in found.refused}
     for key in list(gaps):
         if key in SEARCHED and _bounded(key, bounds.get(key), device, ranges):
             sources[key] = {"grade": "assumed", "source": f"{how}: not identified, within these bounds"}
         elif base is not None and states(base, key) and key in SEARCHED:
-            # A value that these logs were asked for and did not tell is none of theirs.
+            # A value that was searched for in these logs and not identified has no source in them.
             _taken(base, key, device, ranges, sources)
             ranges.setdefault(key, (device[key] / _GUESSED, device[key] * _GUESSED))
             sources[key] = {"grade": "assumed", "source": f"{base.name}; the logs do not tell it"}
@@ -121,7 +121,7 @@ def _fill(
 def _bounded(
     key: str, bounds: tuple[float, float, float] | None, device: dict[str, Any], ranges: dict[str, Any]
 ) -> bool:
-    """Take what the log bounds and does not tell, where the bounds say something; return whether they do."""
+    """Take the bounds of parameters that are not identified, where they are informative; return whether they are."""
     if bounds is None:
         return False
     value, low, high = (float(f"{each:.3g}") for each in bounds)
@@ -132,11 +132,11 @@ def _bounded(
 
 
 def states(base: DeviceFile, key: str) -> bool:
-    """Whether a device file gives a value, a guess without a source included.
+    """Return whether a device file gives a value, a guess without a source included.
 
     Args:
         base: the file.
-        key: of a quantity, or of anything else, which it does not.
+        key: of a quantity; False for any other.
     """
     return key in base.device.model_fields_set and getattr(base.device, key) is not None
 
@@ -158,7 +158,7 @@ def _meaning(key: str, found: Identification) -> str:
 
 
 def _widened(found: Identification, device: dict[str, Any], ranges: dict[str, Any]) -> None:
-    """Widen ranges by what a device file has no key for: damping by the direction."""
+    """Widen ranges by what a device file has no key for: damping by its dependence on the direction."""
     one = found.estimates.get("damping_asymmetry_ns_per_m")
     if one is None or "damping_ns_per_m" not in device:
         return
@@ -175,7 +175,7 @@ def _of_its_kind(
     sources: dict[str, Any],
     gaps: list[str],
 ) -> None:
-    """Say of which order the amplifier is whose bandwidth the file gives, and how a current loop is damped."""
+    """Describe the order of the amplifier whose bandwidth the file gives, and the damping of a current loop."""
     theirs = base is not None and "amplifier_bandwidth_hz" not in found.estimates
     device["amplifier_order"] = base.device.amplifier_order if base and theirs else found.amplifier_order
     if device["amplifier_order"] == 1:
@@ -189,7 +189,7 @@ def _of_its_kind(
 
 
 def _taken(base: DeviceFile, key: str, device: dict[str, Any], ranges: dict[str, Any], sources: dict[str, Any]) -> None:
-    """Take a value of the base, with its range and where it comes from."""
+    """Take a value of the base, with its range and its source."""
     table = base.device.model_dump(exclude_none=True)
     device[key] = table[key]
     if key in table.get("range", {}):
@@ -202,7 +202,7 @@ def _taken(base: DeviceFile, key: str, device: dict[str, Any], ranges: dict[str,
 def _without_lag(
     found: Identification, device: dict[str, Any], ranges: dict[str, Any], sources: dict[str, Any], gaps: list[str]
 ) -> None:
-    """Take the lag of the base's amplifier out of the delay that the log tells with it; drop one that lags more."""
+    """Subtract the lag of the base's amplifier from the identified delay, which includes it; drop a longer lag."""
     if "amplifier_bandwidth_hz" in found.estimates or "delay_samples" not in found.estimates:
         return
     key, turns = "amplifier_bandwidth_hz", 2 * math.pi * device["sample_time_s"]
@@ -228,7 +228,7 @@ def _without_lag(
 
 
 def _rounded(one: Estimate) -> tuple[float, tuple[float, float]]:
-    """Return a value and its ends to as many digits as the interval asks for; what is next to nothing is nothing."""
+    """Return a value and its ends rounded to the digits that the interval supports; next to nothing becomes 0."""
     digits = one.digits(3, _DIGITS)
     value, low, high = (float(f"{each:.{digits}g}") for each in (one.value, one.low, one.high))
     value, low, high = (0.0 if abs(each) < 1e-9 else each for each in (value, low, high))

@@ -1,9 +1,9 @@
-"""What the steps of an encoder tell: their size, rounding that repeats itself, and backlash (play) before them.
+"""Encoder resolution, quantisation that repeats itself, and backlash before the encoder.
 
-An encoder behind a play of g follows only when g is taken up: the position that it measures is that of the mass less
-g/2 in the direction in which it last went. Where it turned stands in the log, and of the mass taking up the play it is
-known that it sets out slowly: what the play hides is then g/2 times a number between -1 and 1 for each sample, and g is
-one number more. Dry friction holds a device as well where it turns, but lets it go from rest.
+An encoder behind a backlash g follows only when g is taken up: the measured position is that of the mass less g/2 in
+the direction of the last motion. The reversals stand in the log, and the mass crosses the backlash from a slow start:
+the hidden part is then g/2 times a number between -1 and 1 for each sample, and g is one more linear parameter. Dry
+friction holds a device at a reversal as well, but releases it from rest.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from avc_casadi._util.text import number
 from avc_casadi.identification.record import Record
 
 _MOST_VALUES = 4000
-# Readings off the lattice by this share of a step, root mean square, are still on it: clocks and files round.
+# Readings off the lattice by this share of a step, root mean square, are still on it: files and time stamps are
+# rounded.
 _OFF = 0.08
 _FEWEST = 6
-# A fast hand passes many steps between two readings: the nearest two may be so many steps apart.
+# A fast hand crosses many steps between two readings: the nearest two may be so many steps apart.
 _APART = 6
 
 
 def encoder_step_m(records: Sequence[Record]) -> float | None:
-    """Return the step of the encoder, or None where the readings lie on no lattice."""
+    """Return the resolution of the encoder, or None where the readings lie on no lattice."""
     values = np.unique(np.concatenate([record.position_m for record in records]))
     if values.size < _FEWEST:
         return None
@@ -46,7 +47,7 @@ def encoder_step_m(records: Sequence[Record]) -> float | None:
 
 
 def _refined(step: float, gaps: FloatArray, values: FloatArray) -> float:
-    """Return a step by counting steps over ever longer spans."""
+    """Refine a step by counting steps over ever longer spans."""
     reach = 20 * step
     some = gaps[gaps <= reach]
     while True:
@@ -60,30 +61,30 @@ def _refined(step: float, gaps: FloatArray, values: FloatArray) -> float:
         some = some[:: max(1, some.size // _MOST_VALUES)]
 
 
-# Velocities so alike may be one motion, of which so large a share must come out the same to the step.
+# Velocities so alike may be one motion; so large a share of it must repeat to the encoder's step.
 _ALIKE, _SAME = 0.9, 0.3
-# What repeats less than this share of a record hardly matters.
+# Repeats of less than this share of a record hardly matter.
 _LONGEST = 0.7
 _SHORTEST = 10
 _MOST_TRIED = 20
 
 
 def repeats_of(records: Sequence[Record], step_m: float | None) -> tuple[int, ...]:
-    """Return after how many samples each record repeats itself to the encoder's step; 0 where it does not.
+    """Return the period in samples at which each record repeats to the encoder's step; 0 where it does not.
 
     Args:
         records: of one device.
-        step_m: of the encoder; without one the readings hold noise, which never repeats.
+        step_m: encoder resolution; without one the readings hold noise, which never repeats.
     """
     return tuple(0 if step_m is None else _repeat(record.position_m, step_m) for record in records)
 
 
 def repeat_notes(records: Sequence[Record], repeats: Sequence[int]) -> list[str]:
-    """Return what repeats mean to the user; nothing where there are none.
+    """Return notes for the user on repeats; none without repeats.
 
     Args:
         records: of one device.
-        repeats: samples after which each repeats itself.
+        repeats: period of each record, samples.
     """
     told = {
         record.whole: f"{record.whole} repeats itself every {number(count * record.sample_time_s, 3)} s"
@@ -109,7 +110,7 @@ def _repeat(position_m: FloatArray, step_m: float) -> int:
     alike = overlap / np.sqrt(np.maximum(energy[moves.size - lags] * (energy[-1] - energy[lags]), 1e-300))
     peaks, _ = find_peaks(alike, height=_ALIKE, distance=_SHORTEST)
     for lag in sorted(int(one) for one in peaks[np.argsort(-alike[peaks])][:_MOST_TRIED] if one >= _SHORTEST):
-        # Between steps that are passed one by one any two readings of one place are the same.
+        # Between steps that are passed one by one any two readings at one position are the same.
         both = moving[lag:] & moving[:-lag]
         same = np.abs(position_m[lag:-1] - position_m[: -lag - 1]) < 0.5 * step_m
         if both.any() and float(same[both].mean()) > _SAME:
@@ -117,26 +118,26 @@ def _repeat(position_m: FloatArray, step_m: float) -> int:
     return 0
 
 
-# A turn goes back by more than these shares of the encoder's step, or of what noise does; it begins by more than those.
+# A reversal goes back by more than these shares of the encoder's step, or of the noise; it begins by more than those.
 _BACK_STEPS, _BACK_NOISE = 1.5, 6.0
 _OFF_STEPS, _OFF_NOISE = 0.5, 3.0
-# Of what the mass has gone through the play, this power of the time: it sets out slowly.
+# The crossing of the backlash goes as this power of time: the mass starts slowly.
 SLOWLY, EVENLY = 2.0, 1.0
 # The encoder follows within the sample in which it is first seen to.
 _WITHIN = 0.5
-# Fewer turns say little of what is alike in all of them.
+# Fewer reversals do not show what all of them have in common.
 _FEWEST_PLAY = 8
-# Share of the spectrum, its upper end, in which no device moves.
+# Upper share of the spectrum in which no device moves: noise alone.
 _NOISE_ONLY = 0.2
 
 
 def last_went(position_m: FloatArray, step_m: float, power: float = SLOWLY) -> FloatArray | None:
-    """Return which way a position last went, from -1 to 1 while it turns; None where it hardly ever turns.
+    """Return the direction of the last motion, from -1 to 1 during a reversal; None with hardly any reversals.
 
     Args:
         position_m: measured, shape (samples,).
-        step_m: of the encoder; 0 without one.
-        power: of the time, by which the play is taken up.
+        step_m: encoder resolution; 0 without one.
+        power: of time, by which the backlash is taken up.
     """
     noise = _noise_m(position_m)
     off = max(_OFF_STEPS * step_m, _OFF_NOISE * noise)
@@ -156,7 +157,7 @@ def last_went(position_m: FloatArray, step_m: float, power: float = SLOWLY) -> F
 
 
 def _turns(position: FloatArray, least: float) -> list[tuple[int, int, int]]:
-    """Return where a position turned, seen once it is back by more than the least, and the way before."""
+    """Return the samples of the reversals, each detected once it exceeds the least travel, and the direction before."""
     found = []
     way, at, low, high = 0, 0, 0, 0
     values = position.tolist()
@@ -174,7 +175,7 @@ def _turns(position: FloatArray, least: float) -> list[tuple[int, int, int]]:
 
 
 def _noise_m(position: FloatArray) -> float:
-    """Return the noise of the readings, rounding included, root mean square."""
+    """Return the noise of the readings, quantisation included, root mean square."""
     window = np.hanning(position.size)
     power = np.abs(np.fft.rfft((position - position.mean()) * window)) ** 2
     top = power[-max(1, int(_NOISE_ONLY * power.size)) :]

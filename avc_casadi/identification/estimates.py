@@ -1,4 +1,4 @@
-"""Values and intervals as a device file takes them, from a fit in its own coordinates."""
+"""Values and intervals as a device file takes them, from a fit in search coordinates."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from avc_casadi.identification.model import Estimate
 from avc_casadi.identification.terms import LOOP_DAMPING, LOOP_RATIO, SIZE_OF, lag_of, offset_of
 from avc_casadi.identification.uncertainty import LEVEL, SURE, WORTH, Spread, compared, spread_of
 
-# A step of the encoder is known to this share of it.
+# Encoder resolution is known to this share of it.
 _STEP_SHARE = 1e-3
-# Noise above the encoder's own is told from this share of it on.
+# Noise above the encoder's own is identified from this share of it on.
 _LEAST_NOISE = 0.3
-# A current loop is damped as most are, 0.7, within a factor of e to this, whatever a log leaves open.
+# Damping ratio of most current loops, 0.7, within a factor of e to this, whatever a log leaves open.
 _USUAL_RATIOS = 0.5
-# Terms whose rival widens intervals, and those whose rival does where it is sure.
+# Terms whose rejected model widens intervals always, and those for which it does only where it is significant.
 _BESIDE = ("amplifier", LOOP_DAMPING, "coulomb")
 _SURE_BESIDE = ("drift", "stribeck")
-# How the error divides into noise, rounding and disturbance is known to about this share of its square.
+# The division of the error into noise, rounding and disturbance is known to about this share of its square.
 _DIVIDED = 0.12
 
 
@@ -37,15 +37,15 @@ def estimates_of(
     step_m: float | None,
     logs: Sequence[str],
 ) -> dict[str, Estimate]:
-    """Return what is told.
+    """Return the estimates by key.
 
     Args:
-        fit: at its best.
+        fit: the fitted model.
         spread: its uncertainty.
-        rivals: richer models that were not borne out; they bound what they add.
-        refused: keys that are not told.
-        inseparable: terms of rivals that are borne out and not told from the rest of the model.
-        step_m: of the encoder.
+        rivals: richer models that were rejected; they bound what they add.
+        refused: keys of parameters that are not identifiable.
+        inseparable: terms of rivals that the evidence supports but that are confounded with the rest of the model.
+        step_m: encoder resolution.
         logs: their names.
     """
     of_log = {offset_of(index): f"output error, in {name}" for index, name in enumerate(logs)} if len(logs) > 1 else {}
@@ -65,7 +65,7 @@ def estimates_of(
         index = [one.name for one in rival.structure.free].index("coulomb_friction_n")
         most = spread_of(rival, ()).half_width[index] + rival.search[index]
         high = rival.structure.outward(rival.structure.free[index], float(most))
-        # Beyond the force that acted nothing is bounded.
+        # Nothing is bounded beyond the largest force of the log.
         if high < rival.structure.units["coulomb_friction_n"]:
             found["coulomb_friction_n"] = Estimate(
                 "coulomb_friction_n",
@@ -90,13 +90,13 @@ def estimates_of(
 
 
 def widened(fit: Fit, spread: Spread, rivals: Mapping[str, Fit], inseparable: AbstractSet[str]) -> list[float]:
-    """Return half the interval of each coordinate, which also holds what rivals find that are not excluded.
+    """Return half the interval of each coordinate, covering rival models that are not excluded.
 
     Args:
-        fit: at its best.
+        fit: the fitted model.
         spread: its uncertainty.
-        rivals: richer models that were not borne out.
-        inseparable: terms of rivals that are borne out and not told from the rest of the model.
+        rivals: richer models that were rejected; they bound what they add.
+        inseparable: terms of rivals that the evidence supports but that are confounded with the rest of the model.
     """
     return [
         _widened(fit, rivals, inseparable, one.name, float(fit.search[index]), float(spread.half_width[index]))
@@ -107,12 +107,13 @@ def widened(fit: Fit, spread: Spread, rivals: Mapping[str, Fit], inseparable: Ab
 def _widened(
     fit: Fit, rivals: Mapping[str, Fit], inseparable: AbstractSet[str], name: str, coordinate: float, half: float
 ) -> float:
-    """Return half an interval that also holds what richer models find that are not borne out and not excluded either.
+    """Widen half an interval to cover richer models that are neither accepted nor excluded.
 
-    An amplifier's lag trades with a delay; a drift that is sure, but too small to better the prediction, moves the
-    constant force to which it belongs, by more than that force is known to; friction from rest that is sure, and left
-    the model with a resonance that is not told, is in damping and dry friction. Dry friction that is not sure is
-    damping where it is left out. What a log of one frequency does not tell from mass, damping and delay is in these.
+    An amplifier's lag trades with a delay; a drift that is significant, but too small to better the prediction, shifts
+    the constant force by more than its interval; significant breakaway friction that left the model with an
+    unidentifiable resonance is confounded with damping and dry friction. Insignificant dry friction shows as damping
+    where it is left out. Parameters that a log of one frequency cannot separate from mass, damping and delay are
+    confounded with these.
     """
     for term in dict.fromkeys((*_BESIDE, *_SURE_BESIDE, *sorted(inseparable))):
         rival = rivals.get(term)
@@ -120,7 +121,7 @@ def _widened(
             continue
         places = [one.name for one in rival.structure.free]
         if name not in places:
-            # What does as well without it leaves open whether it is there.
+            # A model that predicts as well without the term leaves its presence open.
             without = term in inseparable and name in SIZE_OF.values()
             half = max(half, abs(coordinate)) if without else half
             continue
@@ -150,7 +151,7 @@ def _with_lag(fit: Fit) -> float:
 
 
 def _noise(fit: Fit, step_m: float) -> Estimate | None:
-    """Return the noise that is left when the rounding is taken from the error, or None where that hides it."""
+    """Return the noise after subtracting the rounding from the error, or None where rounding dominates."""
     squares = np.array([block.square / block.samples for block in fit.blocks]) * fit.unit_m**2 * fit.noise_share
     rounding = step_m**2 / 12
     mean = float(squares.mean())

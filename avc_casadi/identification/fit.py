@@ -1,4 +1,4 @@
-"""The fit of one structure: the squared prediction error made smallest, and its shape about that point."""
+"""Prediction error fit of one model structure: least squares, with gradient and curvature at the minimum."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from avc_casadi.identification.record import shortened
 from avc_casadi.identification.terms import PLAY, Structure
 
 _MOST_STEPS = 30
-# A record is judged from so many seconds on, or from this share of it; the start must be forgotten by then, but for
-# e^-8 of a state that may be a centimetre off.
+# A record is judged from so many seconds on, or from this share of it: by then the initial state must have decayed, but
+# for e^-8 of a state that may be a centimetre off.
 _START_S = 1.0
 _START_SHARE = 0.1
 _FORGOTTEN = 8.0
-# What repeats itself is cut into so many parts, none shorter than so many samples.
+# A period of repeated data is cut into so many parts, none shorter than so many samples.
 _PARTS, _SHORTEST_PART = 25, 5
 CLOCK = 1e-5
-"""Share to which an even clock is known."""
-# Of a clock whose steps scatter by s of a sample the mean square of a step is 1 + s^2 of an even one's; numbers are
-# known to this share of s^2: errors of devices under clocks of 100 to 400 Hz and s = 0.3 were up to 0.6 of it.
+"""Relative accuracy of an even clock."""
+# Of a clock with jitter of standard deviation s samples the mean square of a step is 1 + s^2 of an even one's;
+# parameters are known to this share of s^2: errors of devices under clocks of 100 to 400 Hz and s = 0.3 were up to 0.6
+# of it.
 _SCATTERED = 1 / 6
-# Errors and slopes beyond it are those of a model that has run away.
+# Errors and slopes beyond it are those of a diverging model.
 _LOST = 1e100
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """What a stretch of a record says: squared error, gradient and curvature.
+    """Contribution of a stretch of a record: squared error, gradient and curvature.
 
     Attributes:
         record: index of its record.
@@ -52,21 +53,21 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A structure at its best.
+    """A model structure at its least-squares estimate.
 
     Attributes:
         structure: terms.
         search: coordinates of the free parameters.
-        observer: how fast a disturbance is forgotten.
+        observer: of the disturbance.
         error_m: prediction error of each record after its start.
         blocks: stretches of the records.
-        unit_m: what the blocks' errors are counted in.
-        noise_share: share of the variance of the error that is noise of the measurement.
-        turning: share of samples in which the model's motion turns.
-        taking_up: share of samples in which the device turns and takes up play.
+        unit_m: unit of the blocks' errors.
+        noise_share: share of the error's variance that is measurement noise.
+        turning: share of samples in which the model's motion reverses.
+        taking_up: share of samples in which the device reverses and takes up backlash.
         sample_time_s: T.
         repeated: whether a block holds the same part of several repeats.
-        clock: share to which the clock of the log is known, and with it every number.
+        clock: relative accuracy of the log's clock, and so of every parameter.
     """
 
     structure: Structure
@@ -84,12 +85,12 @@ class Fit:
 
     @property
     def values(self) -> dict[str, float]:
-        """Every parameter."""
+        """Values of all parameters."""
         return self.structure.values(self.search)
 
     @property
     def hides_play(self) -> bool:
-        """Whether it has play that is smaller than what encoder and noise leave of the prediction."""
+        """Whether its backlash is below the residual of encoder and noise."""
         return self.structure.present(PLAY) and self.values[PLAY] < self.rms_m
 
     @property
@@ -100,13 +101,13 @@ class Fit:
 
 @dataclass(frozen=True)
 class Window:
-    """How records are cut.
+    """Partition of the records into blocks.
 
     Attributes:
         skip: samples at the start of each record that are not judged.
         block: samples of a block.
-        repeats: samples after which each record repeats itself to the encoder's step, or 0; a block of it holds the
-            same part of every repeat, whose errors are the same. Empty where none does.
+        repeats: period of each record at which it repeats to the encoder's step, samples, or 0; a block of it holds the
+            same part of every repeat, whose errors are the same. Empty where none repeats.
     """
 
     skip: int
@@ -115,7 +116,7 @@ class Window:
 
     @classmethod
     def of(cls, sizes: Sequence[int], period: float, repeats: tuple[int, ...] = ()) -> Window:
-        """Choose the blocks: 30 of them at least where the records are long enough, of a second at most."""
+        """Choose the blocks: at least 30 where the records are long enough, of a second at most."""
         total = sum(sizes)
         block = int(min(max(total // 40, 0.1 / period), 2.0 / period, min(sizes) // 2))
         return cls(skip=int(min(_START_S / period, _START_SHARE * min(sizes))), block=max(block, 20), repeats=repeats)
@@ -132,7 +133,7 @@ class Window:
 
 
 def slowest_observer(predictor: Predictor) -> float:
-    """Return the rate below which the start of a record would not be forgotten when it is judged."""
+    """Return the slowest observer rate under which the initial state of a record has decayed before it is judged."""
     shortest = min(record.seconds for record in predictor.records)
     return _FORGOTTEN / min(_START_S, _START_SHARE * shortest)
 
@@ -147,15 +148,15 @@ def fit(
     steps: int = _MOST_STEPS,
     tolerance: float = 1e-8,
 ) -> Fit:
-    """Make the squared prediction error smallest by Gauss-Newton steps in a trust region.
+    """Minimise the squared prediction error by Gauss-Newton steps in a trust region.
 
     Args:
         predictor: of the records.
         structure: terms.
-        start: values to start from, of each free parameter.
+        start: initial guess of each free parameter.
         observer: of the prediction.
         window: which samples are judged.
-        steps: most evaluations.
+        steps: maximum number of evaluations.
         tolerance: relative change of the sum of squares at which the search ends.
     """
     low, high = structure.bounds()
@@ -185,7 +186,7 @@ def fit(
     def slopes(search: FloatArray) -> FloatArray:
         return both(search)[1]
 
-    # A slope that runs away may overflow in a step of the solver's own, which it then does not take.
+    # A diverging slope may overflow in a trial step of the solver, which it then rejects.
     with np.errstate(over="ignore"):
         solved = least_squares(
             error,
@@ -202,7 +203,7 @@ def fit(
 
 
 def judged(predictor: Predictor, structure: Structure, search: FloatArray, observer: Observer, window: Window) -> Fit:
-    """Return a structure at a point with what each block says there."""
+    """Return a structure at given coordinates with the contribution of each block."""
     found = predictor.predict(structure, search, observer)
     errors = tuple(_bounded(one.error_m[window.skip :]) for one in found)
     unit = float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) or 1.0
@@ -237,18 +238,18 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
 
 
 def _bounded(numbers: FloatArray) -> FloatArray:
-    """Keep what a model says that runs away within numbers that can be squared."""
+    """Clip the output of a diverging model to numbers that can be squared."""
     return np.nan_to_num(np.clip(numbers, -_LOST, _LOST), nan=_LOST)
 
 
 def _turning(positions: Sequence[FloatArray], errors: Sequence[FloatArray]) -> float:
-    """Return the share of samples in which what a model predicts of the position turns."""
+    """Return the share of samples in which the predicted motion reverses."""
     steps = [np.diff(position - error) for position, error in zip(positions, errors, strict=True)]
     return float(np.mean(np.concatenate([one[1:] * one[:-1] < 0 for one in steps])))
 
 
 def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:
-    """Return the observer under which the model predicts best: as fast as its disturbance asks for."""
+    """Return the observer rate that minimises the prediction error."""
     slowest = slowest_observer(predictor)
     fastest = 1.0 / predictor.sample_time_s
     rates = np.geomspace(slowest, fastest, max(4, int(np.ceil(2 * np.log2(fastest / slowest))) // 2))
@@ -265,24 +266,24 @@ def best_observer(predictor: Predictor, found: Fit, window: Window) -> Observer:
 
 
 FIRST_RATE_PER_S = 60.0
-"""Of the observer of a search from afar."""
-# Of so many samples a close fit may start.
+"""Observer rate of a search from a distant initial guess."""
+# Samples from which a final fit may start.
 _ROUGH_SAMPLES = 10_000
 
 
 def richer(structure: Structure, *terms: str) -> Structure:
-    """Return a model with more terms."""
+    """Return a model with added terms."""
     assumed = {} if "resonance" in terms else structure.assumed
     return replace(structure, terms=structure.ordered((*structure.terms, *terms)), assumed=assumed)
 
 
 def roughly(predictor: Predictor, structure: Structure, start: Mapping[str, float], rate_per_s: float) -> Fit:
-    """Fit with a slow observer, from which a close fit may start: to pieces of long records.
+    """Fit coarsely, with a slow observer, to pieces of long records: an initial guess for the final fit.
 
     Args:
         predictor: of the records.
         structure: terms.
-        start: values to start from.
+        start: initial guess.
         rate_per_s: of the observer.
     """
     records, _ = shortened(predictor.records, _ROUGH_SAMPLES)
@@ -293,7 +294,7 @@ def roughly(predictor: Predictor, structure: Structure, start: Mapping[str, floa
 
 
 def closely(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Fit on, to all records, under the observer that the model asks for."""
+    """Fit to all records under the best observer."""
     observer = best_observer(predictor, found, window)
     return fit(predictor, found.structure, found.values, observer, window, steps=10, tolerance=1e-5)
 
@@ -304,7 +305,7 @@ def rms_m_of(found: Fit) -> float:
 
 
 def ringing_behind_a_lag(predictor: Predictor, simple: Fit, ringing: Fit, lagging: Fit, window: Window) -> Fit:
-    """Fit both at once, from where each alone came out."""
+    """Fit resonance and amplifier together, from their separate estimates."""
     late = {key: lagging.values[key] for key in ("delay_samples", "amplifier_bandwidth_hz")}
     both = richer(simple.structure, "resonance", "amplifier")
     structure = replace(

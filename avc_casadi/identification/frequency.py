@@ -1,4 +1,4 @@
-"""Frequency response of a log with its coherence, that of a model, and where a resonance may lie."""
+"""Frequency response of a log with its coherence, that of a model, and candidate resonances."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class Response:
         frequency_hz: shape (frequencies,).
         velocity_per_force: complex, m/s/N.
         coherence: 0 to 1.
-        power: spectrum of the force as a share of its peak. Where it is next to nothing a closed loop answers itself:
-            the response is that of the controller, and as coherent as can be.
+        power: spectrum of the force relative to its peak. Where it is small a closed loop responds to itself: the
+            response is that of the controller, with full coherence.
     """
 
     frequency_hz: FloatArray
@@ -39,7 +39,7 @@ class Response:
 
     @property
     def driven(self) -> BoolArray:
-        """Whether the force has something to say, shape (frequencies,)."""
+        """Whether the force excites the device, shape (frequencies,)."""
         return np.asarray(self.power > _DRIVEN)
 
     @property
@@ -50,7 +50,7 @@ class Response:
 
 
 def measured_response(records: Sequence[Record]) -> Response:
-    """Return the response by Welch's averages over all records."""
+    """Return the response by Welch averaging over all records."""
     period = records[0].sample_time_s
     shortest = min(record.position_m.size for record in records)
     length = int(min(_WINDOW_S / period, shortest // 4))
@@ -75,7 +75,7 @@ def measured_response(records: Sequence[Record]) -> Response:
 def model_response(
     values: Mapping[str, float], structure: Structure, sample_time_s: float, frequency_hz: FloatArray
 ) -> ComplexArray:
-    """Return the same of a model without its dry friction.
+    """Return the response of a model without its dry friction.
 
     Args:
         values: of every parameter.
@@ -92,13 +92,13 @@ def model_response(
 
 
 def held_guess(response: Response, delay_s: float) -> dict[str, float] | None:
-    """Return mass, damping and spring of a device that is held, from its response below its structure, or None."""
+    """Return mass, damping and stiffness of a device on a spring from its response below its modes, or None."""
     use = (response.coherence > _COHERENT) & response.driven & (response.frequency_hz < _BELOW_STRUCTURE_HZ)
     if use.sum() < 5:
         return None
     omega = 2 * np.pi * response.frequency_hz[use]
     answer = response.velocity_per_force[use] * np.exp(1j * omega * delay_s)
-    # Relative to each answer: Y (b + j omega m + k/(j omega)) = 1.
+    # Relative to each response: Y (b + j omega m + k/(j omega)) = 1.
     sides = answer[:, None] * np.stack([1j * omega, np.ones_like(omega), 1 / (1j * omega)], axis=1)
     columns, ones = np.concatenate([sides.real, sides.imag]), np.concatenate([np.ones_like(omega), 0 * omega])
     mass, damping, stiffness = (float(one) for one in np.linalg.lstsq(columns, ones, rcond=None)[0])
@@ -110,9 +110,9 @@ def held_guess(response: Response, delay_s: float) -> dict[str, float] | None:
 def likely_resonances(
     response: Response, values: Mapping[str, float], structure: Structure, sample_time_s: float, most: int = 2
 ) -> list[tuple[float, dict[str, float]]]:
-    """Return where a resonance would explain the response best: what is left over, and values to start from.
+    """Return the resonances that would explain the response best: misfit, and initial guess.
 
-    Magnitudes are compared but for a factor, phases but for a delay.
+    Magnitudes are compared up to a factor, phases up to a delay.
 
     Args:
         response: of the log.
@@ -172,14 +172,14 @@ def likely_resonances(
 def _factor_and_delay(
     ratio: ComplexArray, frequency: FloatArray, weight: FloatArray, turns: FloatArray
 ) -> tuple[float, float]:
-    """Return by what factor and what delay in seconds a measured response differs from a model, of the delays given."""
+    """Return the factor and the delay (s, out of the candidates) between a measured response and a model."""
     factor = np.exp(np.average(np.log(np.abs(ratio)), weights=weight))
     phases = np.angle(ratio[None] * np.exp(2j * np.pi * frequency * turns[:, None]))
     return float(factor), float(turns[np.argmin(np.sum(weight * phases**2, axis=1))])
 
 
 def _gap(ratio: ComplexArray, frequency: FloatArray, weight: FloatArray, turns: FloatArray) -> FloatArray:
-    """Return the weighted gap of magnitudes but for a factor, and of phases but for a delay."""
+    """Return the weighted misfit of magnitudes up to a factor and of phases up to a delay."""
     root = np.sqrt(weight / weight.sum())
     factor, delay = _factor_and_delay(ratio, frequency, weight, turns)
     phase = np.angle(ratio * np.exp(2j * np.pi * frequency * delay))

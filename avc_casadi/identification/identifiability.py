@@ -1,4 +1,4 @@
-"""Which numbers a log tells: the rest is refused by name, with the excitation that would tell it."""
+"""Practical identifiability: parameters that a log does not determine are refused, with the excitation that would."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ EXCITATION = {
     "position measured at the handle",
     "max_force_n": "the amplifier's data sheet; a log does not tell what was not commanded",
 }
-# Half widths in the coordinates of the search beyond which a number is not told.
+# Half widths in search coordinates beyond which a parameter is not identifiable.
 _WIDEST = {
     "mass_kg": 0.35,
     "delay_samples": 1.0,
@@ -50,7 +50,7 @@ _WIDEST = {
     LOOP_RATIO: 0.5,
     "stribeck_speed_m_per_s": 1.4,
     "force_scale": 0.35,
-    # In units of the force that the log holds.
+    # In units of the force of the log.
     "damping_ns_per_m": 0.4,
     "coulomb_friction_n": 0.4,
     "breakaway_excess_n": 0.4,
@@ -59,7 +59,7 @@ _WIDEST = {
 
 
 def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
-    """Return what is not told of the parameters of a fit, by name."""
+    """Return the refusals of a fit's parameters that are not identifiable, by key."""
     found = {}
     names = [one.name for one in fit.structure.free]
     for index, one in enumerate(fit.structure.free):
@@ -82,13 +82,13 @@ def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]
 
 
 def not_of_one_kind(fit: Fit, half_width: Sequence[float]) -> dict[str, Refusal]:
-    """Return that the bandwidth of an amplifier is not told where one of another order or damping does as well.
+    """Return the refusal of an amplifier's bandwidth where another order or damping ratio fits as well.
 
-    Lag and delay together are told all the same.
+    The sum of lag and delay is identified all the same.
 
     Args:
-        fit: at its best.
-        half_width: of the interval of each coordinate, with what rivals find in it.
+        fit: the fitted model.
+        half_width: of the interval of each coordinate, rivals included.
     """
     key = "amplifier_bandwidth_hz"
     for one, half in zip(fit.structure.free, half_width, strict=True):
@@ -106,14 +106,14 @@ def never_told(
     inseparable: set[str],
     lags: FloatArray,
 ) -> dict[str, Refusal]:
-    """Return what no fit of these logs could tell, and what they show no trace of.
+    """Return the refusals of what no fit of these logs could identify, and of what they show no trace of.
 
     Args:
         fit: of the logs.
-        estimates: what is told.
+        estimates: the identified parameters.
         excited: lowest and highest frequency at which force and motion are coherent, Hz.
         absent: terms that the model does not have.
-        inseparable: terms that are borne out and not told from the rest of the model.
+        inseparable: terms that the evidence supports but that are confounded with the rest of the model.
         lags: autocorrelation of the error.
     """
     found = {}
@@ -149,7 +149,7 @@ def never_told(
 
 
 def beyond_force(key: str) -> Refusal:
-    """Return why a force is not told whose upper end is beyond the force that acted."""
+    """Return why a force is refused whose upper bound exceeds the force of the log."""
     return Refusal(key, "the log bounds it by more than the force that acted", EXCITATION[key])
 
 
@@ -160,7 +160,7 @@ def _width(kind: str, half: float) -> str:
 
 
 def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusal]:
-    """Return why a log tells nothing at all, before any fit.
+    """Return why a log identifies nothing at all, before any fit.
 
     Args:
         records_force_rms: change of the force, N.
@@ -176,12 +176,12 @@ def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusa
 
 
 def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) -> list[str]:
-    """Return the terms that are not told well enough to stand in a model: refused, or perhaps not there at all.
+    """Return the terms too uncertain to stand in a model: refused, or perhaps absent.
 
     Args:
-        fit: at its best.
-        half_width: of the interval of each coordinate, with what rivals find in it.
-        refused: keys that are not told.
+        fit: the fitted model.
+        half_width: of the interval of each coordinate, rivals included.
+        refused: keys of parameters that are not identifiable.
     """
     found: list[str] = [
         term
@@ -192,9 +192,9 @@ def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) 
         found += ["resonance"] if fit.values["resonance.frequency_hz"] * fit.sample_time_s > HIGHEST_SEEN else []
     names = [one.name for one in fit.structure.free]
     for term, key in SIZE_OF.items():
-        # Whether there is dry friction was weighed with it, and its interval may end at 0.
+        # The evidence for dry friction was weighed with the term, and its interval may end at 0.
         if term in fit.structure.terms and term != "coulomb":
             place = names.index(key)
-            # A half width that was widened to the value itself may end a rounding error short of it.
+            # A half width that was widened to the value itself may fall a rounding error short of it.
             found += [term] if fit.search[place] <= (1 + 1e-9) * half_width[place] else []
     return found

@@ -1,4 +1,4 @@
-"""Logs in, a device out: what they tell of it, how well, and what they cannot tell."""
+"""Identification of a device from logs: estimates, intervals, and what the logs do not identify."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ from avc_casadi.identification.units import Layout
 MOST_SAMPLES = 120_000
 _SHOWN_S = 1.5
 _SHOWN_RATE_PER_S = 4.0
-# Rates of the observers that would have found other values of a wrong model, as multiples of the best.
+# Rates of the alternative observers, as multiples of the best: a wrong model has other estimates under them.
 _OTHER_OBSERVERS = (3.0, 0.4, 0.12)
 _LEAST_S = 1.0
-# A rigid device that explains less of the force says nothing of its sign.
+# A rigid model that explains less of the force does not determine its sign.
 _FOLLOWS = 0.3
-# Masses at a handle that are no slip of a unit.
+# Plausible masses at a handle; others are a mistaken unit.
 _LIGHTEST_KG, _HEAVIEST_KG = 1e-3, 2e3
 
 
@@ -79,15 +79,14 @@ def identify(
     Args:
         logs: files, or records.
         layout: columns and units of the files.
-        base: what is known of the device; what the logs do not tell is taken from it.
-        known: values that are not searched for, by key of a device file; of a device that turns inertia_kgm2 and
-            damping_nms_per_rad.
+        base: prior knowledge of the device, for what the logs do not identify.
+        known: fixed values, by key of a device file; of a rotary device inertia_kgm2 and damping_nms_per_rad.
         added_mass_kg: known mass on the device, one of each log.
-        encoder_at: "motor" or "handle"; None takes that of the base, or what the log bears out.
+        encoder_at: "motor" or "handle"; None takes that of the base, or the one with the better evidence.
         flip_force: whether the logs count the force against +position.
-        handle_radius_m: where the hand holds a device that turns, if not as the base says.
-        most_samples: longer records are cut to so many in all.
-        progress: who is told.
+        handle_radius_m: radius at which the hand holds a rotary device, if not as in the base.
+        most_samples: longer records are cut to so many samples in all.
+        progress: of the search.
 
     Raises:
         InputError: every fault of the logs, or a mass that comes out negative or absurd.
@@ -125,7 +124,7 @@ def _identified(
     most_samples: int,
     progress: Progress,
 ) -> Identification:
-    """Identify the device at its handle; numbers in messages are those of the turn."""
+    """Identify the device at its handle; messages give the values in rotary units."""
     records, cut = shortened(records, most_samples)
     notes += [cut] if cut else []
     seconds = sum(record.seconds for record in records)
@@ -206,7 +205,7 @@ def _identified(
 
 
 def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, float]:
-    """Return the change of the force and the travel; refuse logs that tell nothing."""
+    """Return the change of the force and the travel; refuse logs that identify nothing."""
     changes = np.concatenate([record.force_n - record.force_n.mean() for record in records])
     force = float(np.sqrt(np.mean(changes**2)))
     travel = max(float(np.ptp(record.position_m)) for record in records)
@@ -224,9 +223,9 @@ def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, floa
 
 
 def _guess(records: Sequence[Record], radius_m: float, *, pushed: bool) -> dict[str, float]:
-    """Return values to start from; refuse a force that points the other way or is cut, and units that cannot be.
+    """Return the initial guess; refuse a force of reversed sign or saturated, and implausible units.
 
-    A device that a hand pushes follows no force at all.
+    A device that a hand moves does not follow its force at all.
     """
     found = first_guess(records, pushed=pushed)
     guess, explained = found.values, found.explained
@@ -256,7 +255,7 @@ def _guess(records: Sequence[Record], radius_m: float, *, pushed: bool) -> dict[
 
 
 def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spread, dict[str, Refusal]]:
-    """Return the uncertainty and what is refused; terms that are not told leave the model, which is fitted again."""
+    """Return uncertainty and refusals; terms that are not identifiable are removed, and the rest is fitted again."""
     while True:
         fit = chosen.fit
         spread = spread_of(fit, _beside(predictor, fit, window))
@@ -277,7 +276,7 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
 
 
 def _beside(predictor: Predictor, fit: Fit, window: Window) -> list[Fit]:
-    """Return what faster and slower observers say at the same point, and play that is taken up otherwise."""
+    """Return the fit under faster and slower observers, and under another time course of the backlash."""
     rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
     rates = {min(max(rate * by, slowest), fastest) for by in _OTHER_OBSERVERS} - {rate}
     found = [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
@@ -302,11 +301,11 @@ def _records(
 
 
 def _checked(known: Mapping[str, float], radius_m: float | None = None) -> dict[str, float]:
-    """Return the values by the keys used inside; a device that turns has a radius and keys of its own."""
+    """Return the values by internal keys; a rotary device has a radius and keys of its own."""
     units = units_for("linear" if radius_m is None else "rotary")
     inner = {units.key(one.name): one.name for one in TERMS["base"].parameters}
     if not set(known) <= set(inner):
-        # Not quoted: what is said of a device that turns would come out in its words.
+        # Not quoted: text on a rotary device would be converted to its units.
         raise InputError.of(
             f"names what a device that moves like this has not; allowed: {', '.join(inner)}", key="known"
         )
@@ -327,7 +326,7 @@ def _simplest(
     *,
     held: bool,
 ) -> Structure:
-    """Return the structure to begin with; the force has a scale where a known mass tells it, a held device a spring."""
+    """Return the initial structure: a force scale where a mass is known, a stiffness for a device on a spring."""
     speed = max(
         float(np.std(np.diff(record.position_m[:: max(1, int(0.01 / record.sample_time_s))])))
         / (max(1, int(0.01 / record.sample_time_s)) * record.sample_time_s)
@@ -352,7 +351,7 @@ def _simplest(
 
 
 def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
-    """Say where a value comes from all the same."""
+    """Return the other source of a value that is refused."""
     if base is None or not states(base, refused.key):
         return refused
     if refused.key in SEARCHED:
@@ -361,7 +360,7 @@ def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
 
 
 def _shown(records: Sequence[Record], fit: Fit) -> tuple[Shown, ...]:
-    """Return stretches of the longest records in which the model runs all but freely."""
+    """Return stretches of the longest records in which the model runs nearly free."""
     found = []
     logs = tuple(dict.fromkeys(record.whole for record in records))
     for record in sorted(records, key=lambda one: -one.seconds)[:2]:

@@ -1,4 +1,4 @@
-"""Initial guesses: inverse dynamics by instrumental variables, and where the search for each term begins."""
+"""Initial guesses: inverse dynamics by instrumental variables, and initial values for each added term."""
 
 from __future__ import annotations
 
@@ -21,25 +21,26 @@ _CUTOFF_HZ = 40.0
 _EDGE = 60
 # Column of the position among the regressors.
 _POSITION = 3
-# Shares of the largest force at which it may be cut. Cut there, this share of what is left otherwise is left at most
-# (0.13 where it is cut, 0.96 where it is not), and this one of the force.
+# Shares of the largest force at which it may saturate. With the right limit at most this share of the other residual
+# remains (0.13 where it saturates, 0.96 where it does not), and this one of the force.
 _CUT_AT = (0.9, 0.75, 0.6, 0.5, 0.4, 0.3, 0.2)
 _CUT_LEAVES, _EXPLAINED = 0.5, 0.1
-# A spring leaves at most this share of the force's square that a free device leaves. Of sixty devices drawn at random
-# it left 0.004 to 0.22 in nine of ten on springs (the tenth's frequency response tells), and 0.76 and more elsewhere.
+# A spring leaves at most this share of the residual of a free device. Of sixty devices drawn at random it left 0.004 to
+# 0.22 in nine of ten on springs (the tenth shows in its frequency response), and 0.76 and more elsewhere.
 _HELD_LEAVES = 0.5
-# Share of the force that inertia is begun with where it takes less, or its sign is not told.
+# Initial share of the force for inertia where its estimate is smaller or of uncertain sign.
 _LITTLE = 0.05
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Where a search begins.
+    """Initial guess of the search.
 
     Attributes:
-        values: mass, damping, Coulomb friction, delay, the constant force of each log, of a held device its spring.
-        explained: share of the force's square.
-        against: whether most of the force points against the motion that answers it: its sign is wrong.
+        values: mass, damping, Coulomb friction, delay, the constant force of each log, stiffness of a device on a
+            spring.
+        explained: share of the squared force.
+        against: whether most of the force opposes the motion that it causes: its sign is wrong.
     """
 
     values: dict[str, float]
@@ -48,14 +49,15 @@ class Guess:
 
 
 def first_guess(records: Sequence[Record], *, pushed: bool = False) -> Guess:
-    """Return the numbers of a rigid device, held by a spring where that leaves far less of the force.
+    """Return the parameters of a rigid device, on a spring where that leaves a far smaller residual.
 
     Velocity and acceleration come from every other sample; those of the samples between are the instruments. Their
-    noise is not that of the regressors, so that it neither thins the estimates nor, in a closed loop, leans them.
+    noise is independent of that of the regressors, so that it neither attenuates the estimates nor biases them in a
+    closed loop.
 
     Args:
         records: of one device.
-        pushed: whether a hand moves it, and its force is that of a controller's spring.
+        pushed: whether a hand moves the device, and the force is that of a controller's spring.
     """
     motion = _Motion.of(records)
     rigid, held = (
@@ -66,28 +68,28 @@ def first_guess(records: Sequence[Record], *, pushed: bool = False) -> Guess:
     delay, left, whole, found = held if spring else rigid
     names = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")[: 3 + spring]
     values = dict(zip(names, map(float, found), strict=False))
-    # What asks for the most force has the sign of the device.
+    # The regressor with the largest share of the force has the sign of the device.
     asks = {name: value * motion.rms_of(index) for index, (name, value) in enumerate(values.items())}
-    # A controller is a spring against the position too, but its mass is none.
+    # A controller is a spring against the position too, but without a mass.
     against = asks[max(asks, key=lambda name: abs(asks[name]))] < 0 and values["mass_kg"] < 0
     if spring and not against and float(rigid[3][0]) > 0:
-        # Above its resonance a held device begins as a free one, and the evidence adds the spring.
+        # Above its resonance a device on a spring starts as a free one, and the evidence adds the spring.
         delay, left, whole, found = rigid
         names = names[:3]
         values = dict(zip(names, map(float, found), strict=False))
     little = float(np.sqrt(whole / len(motion.added_n))) * _LITTLE / motion.rms_of(0)
     if abs(values["mass_kg"]) < little or (values["mass_kg"] < 0 and not against):
-        # Below a resonance, or in friction, inertia is a small share whose sign noise may turn: the fit finds it.
+        # Below a resonance, or in friction, inertia is a small share of the force, of uncertain sign: the fit finds it.
         values["mass_kg"] = little
     offsets = {offset_of(log): -float(force) for log, force in enumerate(found[len(names) :])}
     return Guess({**values, **offsets, "delay_samples": float(delay)}, 1 - left / whole, against)
 
 
 def saturated_force_n(records: Sequence[Record], delay_samples: float) -> float | None:
-    """Return where the force that acts is cut off, below the one that is logged; None where it acts as it is logged.
+    """Return the level at which the acting force saturates below the logged one; None where it does not.
 
-    A device that follows the force up to its limit moves as inverse dynamics say with the force cut there, and much
-    less so with the force as it is logged.
+    Inverse dynamics with the force clipped at the device's limit then explain the motion, and much less so with the
+    force as logged.
     """
     motion = _Motion.of(records)
     largest = max(float(np.abs(record.force_n).max()) for record in records)
@@ -103,11 +105,11 @@ def saturated_force_n(records: Sequence[Record], delay_samples: float) -> float 
 
 
 def play_guess_m(records: Sequence[Record], last_went: Sequence[FloatArray], delay_samples: float) -> float:
-    """Return the play of which inverse dynamics ask that the encoder stands behind it; below 0 where there is none.
+    """Return the backlash before the encoder by inverse dynamics; below 0 where there is none.
 
     Args:
         records: of one device.
-        last_went: which way each of them last went, from -1 to 1.
+        last_went: direction of the last motion of each, from -1 to 1.
         delay_samples: of the force.
     """
     motion, period = _Motion.of(records), records[0].sample_time_s
@@ -124,14 +126,14 @@ def play_guess_m(records: Sequence[Record], last_went: Sequence[FloatArray], del
 
 @dataclass(frozen=True)
 class _Motion:
-    """What the motion of a rigid device asks of the force.
+    """Inverse dynamics of a rigid device as a regression.
 
     Attributes:
         records: of it.
         regressors: acceleration, velocity, direction, position, and the constant force of each log.
         instruments: the same from the samples between.
-        added_n: what known added masses take.
-        cutoff_hz: below which all of it is compared.
+        added_n: inertial force of known added masses.
+        cutoff_hz: of the low-pass applied to all of it.
     """
 
     records: Sequence[Record]
@@ -155,7 +157,7 @@ class _Motion:
         return float(np.std(self.regressors[:, column]))
 
     def explains(self, delay: float, limit_n: float = np.inf, *, held: bool = False) -> tuple[float, float, FloatArray]:
-        """Return the force's square that is left, that of the force, and the numbers, with a delay and a limit."""
+        """Return the squared residual, the squared force, and the parameters, with a delay and a limit."""
         regressors, instruments = (
             one if held else np.delete(one, _POSITION, axis=1) for one in (self.regressors, self.instruments)
         )
@@ -171,7 +173,7 @@ class _Motion:
 
 
 def _parts(record: Record, period: float, cutoff: float, log: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return regressors, instruments and the force that the added mass takes, without the edges."""
+    """Return regressors, instruments and the inertial force of the added mass, without the edges."""
     time = np.arange(record.position_m.size)
     both = []
     for first in (0, 1):
@@ -180,7 +182,7 @@ def _parts(record: Record, period: float, cutoff: float, log: BoolArray) -> tupl
         velocity = np.gradient(smooth, period)
         acceleration = np.gradient(velocity, period)
         speed = float(np.sqrt(np.mean(velocity**2)))
-        # The held force acts half a sample after the position on the mean.
+        # The force of a zero-order hold acts half a sample after the position on average.
         direction = _filtered(np.tanh(velocity / (0.05 * speed + 1e-12)), period, cutoff)
         columns = (acceleration, velocity, direction, smooth - smooth.mean())
         constant = np.tile(log.astype(np.float64), (velocity.size, 1))
@@ -194,7 +196,7 @@ def _filtered(values: FloatArray, period: float, cutoff: float) -> FloatArray:
 
 
 def _delayed(force: FloatArray, delay: float) -> FloatArray:
-    """Return the force as it acts at each sample, on the mean half a sample after it is held."""
+    """Return the force as it acts at each sample, half a sample after its command on average."""
     time = np.arange(force.size)
     return np.asarray(np.interp(time - delay - 0.5, time, force), dtype=np.float64)
 
@@ -211,12 +213,12 @@ def starts_of(
     predictor: Predictor,
     sides: Sequence[str],
 ) -> list[tuple[Structure, dict[str, float]]]:
-    """Return where the search for a term may start."""
+    """Return the initial guesses of the search for a term."""
     values, period = simple.values, predictor.sample_time_s
     force = rich.units["coulomb_friction_n"]
     if term == "coulomb":
         likely = max(guess["coulomb_friction_n"], 0.02 * force)
-        # A log that is nearly all friction leaves a model without it anywhere: the first guess is nearer.
+        # In a log dominated by friction a model without it is far off: the first guess is nearer.
         near = {key: guess[key] for key in values if key in guess}
         return [(rich, {**values, **near_or_not, "coulomb_friction_n": likely}) for near_or_not in ({}, near)]
     if term == "stribeck":
@@ -242,13 +244,13 @@ def starts_of(
     if term == "play":
         starts = [{**absent, PLAY: likely} for likely in _likely_play(simple, rich, predictor)]
     elif term == "stiffness" and (held := held_guess(response, values["delay_samples"] * period)) is not None:
-        # A free mass in place of a held one is far off: the way from it may end elsewhere.
+        # A free mass is a distant initial guess for a device on a spring: the search may end in another minimum.
         starts.append({**values, "delay_samples": guess["delay_samples"], **held})
     return [(rich, start) for start in starts]
 
 
 def _lags(rich: Structure, values: Mapping[str, float], period: float) -> list[tuple[Structure, dict[str, float]]]:
-    """Return lags and current loops of several bandwidths, each in place of as much delay."""
+    """Return lags and current loops of several bandwidths, each replacing the equal delay."""
     found = []
     for order in (1, 2):
         kind = replace(rich, amplifier_order=1 if order == 1 else 2)
@@ -261,7 +263,7 @@ def _lags(rich: Structure, values: Mapping[str, float], period: float) -> list[t
 
 
 def _likely_play(simple: Fit, rich: Structure, predictor: Predictor) -> list[float]:
-    """Return where the search for play may start: nowhere in a log that hardly ever turns."""
+    """Return the initial guesses of the backlash; none in a log with hardly any reversals."""
     if predictor.last_went is None:
         return []
     guess = play_guess_m(predictor.records, predictor.last_went, simple.values["delay_samples"])

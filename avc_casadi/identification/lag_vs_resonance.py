@@ -1,7 +1,7 @@
-"""An amplifier, as a lag or a current loop, told from the other and from a resonance that looks like it.
+"""Discrimination of a first-order amplifier lag, a second-order current loop and a resonance.
 
-Below the frequencies of a resonance and its antiresonance a device behind them answers as one behind a low-pass does:
-less and less, or more and more. With a delay that makes up for the phase, a log tells one from the other by little.
+Below the frequencies of a resonance and its antiresonance a device behind them responds as one behind a low-pass: less
+and less, or more and more. With a delay that makes up for the phase, a log separates the two only weakly.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from avc_casadi.identification.terms import HIGHEST_SEEN, LINEAR, LOOP_DAMPING, 
 from avc_casadi.identification.uncertainty import WORTH, Trial, compared
 
 A_LAG_FROM = 1.5
-"""Damping ratio from which on a current loop is a lag, with a pole beside it that is far quicker."""
-# Where a current loop may lie, as shares of the sample rate.
+"""Damping ratio above which a current loop is a lag, with a second pole that is far quicker."""
+# Admissible bandwidth of a current loop, as shares of the sample rate.
 _PLACES = (0.2, 0.1, 0.05)
-# How much of delay and lag together may be lag, where a search begins.
+# Initial share of the lag in the sum of delay and lag.
 _SHARES = (0.2, 0.5, 0.9)
-# A lag is a current loop whose other pole is so many times as fast: of this times its bandwidth, and this ratio.
+# A lag as a current loop whose other pole is so many times as fast: of this times its bandwidth, and this ratio.
 _LIKE_A_LAG = (2.0, 1.25)
-# No structure is damped by more, and no current loop by less; hardly any handle by more than the second.
+# Damping ratios: the most of a structural mode and the least of a current loop; hardly any handle exceeds the second.
 _LOOP_LIKE, _STRUCTURE_LIKE = 0.2, 0.6
-# Shares of the mass at a handle.
+# Mass fractions at a handle.
 _HANDLES = (0.3, 0.6)
 
 
 def of_the_other_order(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Return a model with an amplifier of the other order at its best.
+    """Return the fitted model with an amplifier of the other order.
 
     Args:
         predictor: of the records.
@@ -52,11 +52,11 @@ def of_the_other_order(predictor: Predictor, found: Fit, window: Window) -> Fit:
 
 
 def damped_as_it_is(predictor: Predictor, found: Fit, window: Window) -> tuple[Trial, Fit]:
-    """Return a model with a current loop of any damping ratio, and what speaks for it.
+    """Return a model with a current loop of free damping ratio, and the evidence for it.
 
     Args:
         predictor: of the records.
-        found: with a lag, or with a current loop of a ratio that was taken for granted.
+        found: with a lag, or with a current loop of an assumed ratio.
         window: of the fits.
     """
     start = found.values
@@ -76,24 +76,24 @@ def damped_as_it_is(predictor: Predictor, found: Fit, window: Window) -> tuple[T
     if hope.standard_errors < 0:
         return replace(hope, taken=False), near
     begun = roughly(predictor, structure, start, FIRST_RATE_PER_S).values
-    # Under the same observer: what little they differ by is less than what another one would make of it.
+    # Under the same observer: the difference is smaller than the effect of another one.
     free = fit(predictor, structure, begun, found.observer, window, steps=20)
     return compared(found, free, LOOP_DAMPING), free
 
 
 def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window, *, doubted: bool = False) -> Fit | None:
-    """Return a model with a current loop and no resonance where that does as well: a loop of little damping rings.
+    """Return a model with a lightly damped current loop in place of a resonance, where it fits as well.
 
-    With the encoder at the handle a resonance is a current loop, but for a zero and what friction meets.
+    With the encoder at the handle a resonance is a current loop, but for a zero and the effect of friction.
 
     Args:
         predictor: of the records.
         found: with a resonance.
         window: of the fits.
-        doubted: whether its numbers are not told, and may be any.
+        doubted: whether its parameters are not identifiable, and may have any value.
 
     Returns:
-        None where the resonance is one of a structure, or the current loop does worse.
+        None where the resonance is structural, or the current loop fits worse.
     """
     values = found.values
     if values["resonance.damping_ratio"] < _LOOP_LIKE and not doubted:
@@ -116,18 +116,18 @@ def in_place_of_a_resonance(predictor: Predictor, found: Fit, window: Window, *,
 
 
 def behind_a_structure(predictor: Predictor, found: Fit, window: Window) -> Fit | None:
-    """Return a model with a resonance before an encoder at the handle in place of a current loop, where that is better.
+    """Return a model with a resonance before an encoder at the handle in place of a current loop, where better.
 
-    A resonance beside the loop goes with it: where the encoder is taken to be at the motor, the loop may stand for the
-    mode, and the resonance for what the loop misses of it.
+    A second resonance is removed with the loop: with the encoder assumed at the motor, the loop may stand for the mode,
+    and the resonance for its residual.
 
     Args:
         predictor: of the records.
-        found: with a current loop of a damping ratio that is told.
+        found: with a current loop of an identified damping ratio.
         window: of the fits.
 
     Returns:
-        None where the loop is damped as no structure is, or the resonance does no better.
+        None where the loop is damped unlike any structure, or the resonance fits no better.
     """
     values = found.values
     if values[LOOP_RATIO] > _STRUCTURE_LIKE:
@@ -151,10 +151,10 @@ NOT_TOLD_APART = {
     "amplifier": "cannot be distinguished from a resonance beyond the frequencies that the force excites",
     "resonance": "lies beyond the frequencies that the force excites, where an amplifier's lag looks like it",
 }
-"""Why neither is told."""
+"""Reasons why neither is identifiable."""
 ALIKE = 1.02
-"""The error of one beside that of the other up to which more terms may tell them apart."""
-# Where it may lie, as multiples of the highest frequency that is excited, and how it may be.
+"""Ratio of the two errors up to which further terms may separate them."""
+# Its frequency as multiples of the highest excited frequency, and its other parameters.
 _BEYOND = (1.3, 2.5)
 _LIKELY = {"resonance.damping_ratio": 0.03, "resonance.mass_ratio": 0.4}
 
@@ -167,7 +167,7 @@ def rival_resonance(
     window: Window,
     sides: Sequence[str],
 ) -> Fit | None:
-    """Return a model with a resonance beyond the excited frequencies that does as well as one with an amplifier.
+    """Return a model with a resonance beyond the excited frequencies that fits as well as one with an amplifier.
 
     Args:
         predictor: of the records.
@@ -178,7 +178,7 @@ def rival_resonance(
         sides: where the encoder may sit.
 
     Returns:
-        None where there is none, beside a resonance, or where all frequencies are excited.
+        None where no such model exists, a resonance is in the model, or all frequencies are excited.
     """
     band = response.excited_hz
     if band is None or "resonance" in lagging.structure.terms:

@@ -1,4 +1,4 @@
-"""The linear part of the loop from sample to sample, and its derivatives: the project's own sampled plant."""
+"""The linear part of the loop over one sample, and its derivatives: the exact discretisation of the sampled plant."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from avc_casadi.model.sampled_plant import SampledPlant, device_plant, sampled_p
 _STEP = 1e-4
 _DELAY_STEP = 2e-3
 
-# The force of a fractional delay comes from two samples; a derivative stays between the same two.
+# The force of a fractional delay comes from two samples; a derivative keeps the same two.
 TAPS = 2
-# Parts of a sample in which dry friction looks at the velocity, where an amplifier bends it.
+# Intervals of a sample in which dry friction is evaluated behind an amplifier.
 PARTS = 8
 
 
 @dataclass(frozen=True)
 class _Spring:
-    """What holds the device, as the loop knows it: a spring from the grip to the ground."""
+    """A spring from the grip to the ground, as the loop takes it."""
 
     stiffness_n_per_m: float
 
@@ -42,8 +42,8 @@ class LinearStep:
         matrix: A, shape (n, n).
         force: B, shape (n, taps).
         motor: g, shape (n,).
-        early: the velocity of the motor inside the sample, when the newer force arrives and wherever else dry friction
-            looks at it, by x, by the forces and by f, shape (cuts, n + taps + 1).
+        early: the velocity of the motor inside the sample, when the newer force arrives and at the other evaluations of
+            dry friction, by x, by the forces and by f, shape (cuts, n + taps + 1).
         taps: delays j in samples.
         measured: index of the measured position.
         names: of the states.
@@ -70,7 +70,7 @@ def entries_of(states: int, cuts: int) -> int:
 
 
 def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: float) -> Device:
-    """Return the device at some values of the parameters."""
+    """Return the device for given parameter values."""
     delay = values["delay_samples"]
     frequency = values["resonance.frequency_hz"]
     bandwidth = values["amplifier_bandwidth_hz"]
@@ -101,14 +101,14 @@ def linear_step(
     *,
     parts: int = PARTS,
 ) -> LinearStep:
-    """Discretise exactly.
+    """Discretise one device exactly.
 
     Args:
         values: of every parameter.
         structure: which terms there are.
         sample_time_s: T.
         taps: delays to give columns of.
-        parts: of a sample in which dry friction looks at the velocity where an amplifier bends it; 0: it never looks.
+        parts: intervals of a sample in which dry friction is evaluated behind an amplifier; 0: never.
     """
     return linear_steps([values], structure, sample_time_s, taps, parts=parts)[0]
 
@@ -122,7 +122,7 @@ def linear_steps(
     parts: int = PARTS,
     near: Mapping[str, float] | None = None,
 ) -> list[LinearStep]:
-    """Do the same for several values in one go, with dry friction looking where it does at near ones, if there are."""
+    """Discretise several devices, with dry friction evaluated at the instants of a nearby device, if given."""
     devices = [device_of(values, structure, sample_time_s) for values in several]
     springs = [values["stiffness_n_per_m"] if structure.present("stiffness_n_per_m") else None for values in several]
     sampled: dict[int, tuple[SampledPlant, int]] = {}
@@ -165,11 +165,11 @@ def linear_steps(
 
 
 def _cuts(values: Mapping[str, float], near: Mapping[str, float], period: float, parts: int) -> list[float]:
-    """Return when dry friction looks at the velocity inside a sample: when the newer force arrives, s.
+    """Return the instants inside a sample at which dry friction is evaluated: when the newer force arrives, s.
 
-    After that an amplifier bends it, the more the sooner: there it looks more often, so that of each part the same is
-    left out. What is beyond the sample lies in the next one; which those are, and their order, is as at near values:
-    where one came to lie on the other side, all rows would change places, and a difference be no derivative.
+    Behind an amplifier the velocity curves after that, most at first: evaluations are denser there, so that each
+    interval has the same error. Instants beyond the sample lie in the next one; which do, and their order, is taken
+    from the nearby device: a change of order would swap rows, and a difference would be no derivative.
     """
     if math.isnan(values["amplifier_bandwidth_hz"]):
         return [_samples_late(values) * period] if parts else []
@@ -179,7 +179,7 @@ def _cuts(values: Mapping[str, float], near: Mapping[str, float], period: float,
 
 
 def _looks(values: Mapping[str, float], period: float, parts: int) -> FloatArray:
-    """Return the same in samples, without regard to where the sample ends."""
+    """Return the instants in samples, not wrapped at the end of the sample."""
     turn = math.pi * values["amplifier_bandwidth_hz"] * period
     after = -np.log1p(np.arange(parts) / parts * math.expm1(-turn)) / turn
     return np.asarray(_samples_late(values) + after)
@@ -194,13 +194,13 @@ def _samples_late(values: Mapping[str, float]) -> float:
 def _inside(
     plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, cuts: Sequence[Sequence[float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return what a force on the motor does over a sample, and the motor's velocity at the cuts of the sample.
+    """Return the effect of a motor force over a sample, and the motor's velocity at the cuts of the sample.
 
     Args:
         plants: driven by the force.
         late_s: when the newer force arrives.
         period: T.
-        cuts: of each plant's sample, s, as many for all.
+        cuts: of each plant's sample, s, equally many for all.
 
     Returns:
         Of each plant (n,), and by x, the older and the newer force and by f (cuts, n + 3).
@@ -235,12 +235,12 @@ def _inside(
 
 
 def _row(move: Transition, size: int) -> FloatArray:
-    """Return how the motor's velocity follows from the state and a force."""
+    """Return the row of the motor's velocity by the state and a force."""
     return np.append(move.matrix.reshape(size, size)[1], move.force.reshape(-1)[1])
 
 
 def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
-    """Return the delays that a force may come from at some values."""
+    """Return the delays in samples of the forces that act within one sample."""
     whole = int(values["delay_samples"])
     return tuple(range(whole, whole + TAPS))
 
@@ -248,7 +248,7 @@ def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
 def linear_derivatives(
     values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...], parts: int
 ) -> FloatArray:
-    """Return the derivative of every entry of the step, in so many parts, by the free linear parameters.
+    """Return the derivative of every entry of the step, with these intervals, by the free linear parameters.
 
     Returns:
         Shape (entries, parameters), in the order of `structure.free` without those of friction.
@@ -262,7 +262,7 @@ def linear_derivatives(
             continue
         value = values[one.name]
         if one.name == "delay_samples":
-            # Inside its whole sample, where every entry is smooth.
+            # Kept inside its integer sample, where every entry is smooth.
             step = _DELAY_STEP if value - int(value) < 0.5 else -_DELAY_STEP
             places, weighed = (value, value + step, value + 2 * step), (-1.5, 2.0, -0.5)
         else:

@@ -1,4 +1,4 @@
-"""Consistency of logs: with each other, with the file of their device, of the logged force with the one that acts."""
+"""Consistency of logs with each other and with the device file, and of the logged with the acting force."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from avc_casadi.identification.record import Record
 from avc_casadi.identification.terms import LOOP_RATIO
 from avc_casadi.identification.uncertainty import compared, moves_of
 
-# Logs differ that ask for values so many standard errors apart, and this share of the value.
+# Logs disagree where their estimates differ by so many standard errors, and by this share of the value.
 _SURE, _SHARE = 6.0, 0.05
 _FEWEST_BLOCKS = 5
 _COMPARED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n")
 
 
 def unlike_notes(fit: Fit, predictor: Predictor, names: Sequence[str], radius_m: float) -> list[str]:
-    """Say that logs do not agree; nothing where they do.
+    """Return notes on logs that disagree; none where they agree.
 
     Args:
-        fit: of all logs, at its best.
+        fit: of all logs.
         predictor: of their records.
         names: of the logs.
-        radius_m: how far the handle goes for a unit of the position.
+        radius_m: travel of the handle per unit of position.
     """
     unlike = _differences(fit, predictor, names, {key: radius_m ** -power_at_handle(key) for key in _COMPARED})
     if not unlike:
@@ -45,9 +45,9 @@ def unlike_notes(fit: Fit, predictor: Predictor, names: Sequence[str], radius_m:
 
 
 def _differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: dict[str, float]) -> list[str]:
-    """Say which numbers two logs ask for differently.
+    """Describe the parameters whose estimates from two logs differ.
 
-    A Gauss-Newton step from what was found of all, with the curvature of each log alone, is what that log asks for.
+    The estimate of one log is a Gauss-Newton step from the common estimate, with the curvature of that log alone.
     """
     asked = [_asked(fit, {at for at, log in enumerate(predictor.logs) if log == place}) for place in range(len(names))]
     told = []
@@ -71,7 +71,7 @@ def _differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: 
 
 
 def _asked(fit: Fit, records: set[int]) -> tuple[FloatArray, FloatArray]:
-    """Return the step that some records ask for and its standard error, each of shape (free,); empty of too few."""
+    """Return the Gauss-Newton step of some records and its standard error, each of shape (free,); empty of too few."""
     blocks = tuple(block for block in fit.blocks if block.record in records)
     if len(blocks) < _FEWEST_BLOCKS:
         return np.zeros(0), np.zeros(0)
@@ -79,21 +79,21 @@ def _asked(fit: Fit, records: set[int]) -> tuple[FloatArray, FloatArray]:
     return moves.sum(axis=0), np.sqrt(len(blocks)) * moves.std(axis=0, ddof=1)
 
 
-# A command so much above the limit is no rounding, and so large a share of them no single slip.
+# A command so much above the limit is no rounding, and so large a share of them no outlier.
 _ABOVE, _SHARE_AGAINST_BASE = 1.01, 1e-3
-# Sample times nearer than this share are one.
+# Sample times within this share are equal.
 _SAME = 0.02
-# A value without a range is meant within this factor.
+# A value without a range is taken as known within this factor.
 _FAR = 2.0
 _COMPARED_AGAINST_BASE = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "encoder_resolution_m", LOOP_RATIO)
 
 
 def check_against(records: Sequence[Record], base: DeviceFile) -> None:
-    """Refuse forces that the device does not give, and logs of some of its ticks.
+    """Refuse forces beyond the device's limit, and logs that are decimated.
 
     Args:
         records: in the units of the device.
-        base: what is known of it.
+        base: prior knowledge of the device.
 
     Raises:
         InputError: both faults.
@@ -125,11 +125,11 @@ def check_against(records: Sequence[Record], base: DeviceFile) -> None:
 
 
 def differs_from(found: Identification, base: DeviceFile) -> list[str]:
-    """Say where logs tell something else than the file of their device does: it may be that of another one.
+    """Return notes where logs contradict the device file: they may be of another device.
 
     Args:
-        found: what the logs tell, in the units of the device.
-        base: what was known of it.
+        found: the identification, in the units of the device.
+        base: prior knowledge of the device.
     """
     told = []
     period = base.device.sample_time_s
@@ -152,11 +152,11 @@ def differs_from(found: Identification, base: DeviceFile) -> list[str]:
 
 
 def leans_on(found: Identification, base: DeviceFile) -> list[str]:
-    """Say that a delay is measured only as well as the lag that the file of the device says beside it.
+    """Return a note that a delay is known only as well as the lag given in the device file.
 
     Args:
-        found: what the logs tell, in the units of the device.
-        base: what was known of it.
+        found: the identification, in the units of the device.
+        base: prior knowledge of the device.
     """
     key = "amplifier_bandwidth_hz"
     if key in found.estimates or "delay_samples" not in found.estimates or not states(base, key):
@@ -169,21 +169,21 @@ def leans_on(found: Identification, base: DeviceFile) -> list[str]:
     return [f"{told}; say how well it is known in [device.range]"]
 
 
-# Shares of the samples in which the force may have been cut.
+# Shares of the samples in which the force may be saturated.
 _SHARES = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
-# The best of several limits is borne out where it betters the prediction by so many standard errors, and by this share.
-# Few samples tell, so that neither is large; to leave out a force that acts makes the error's square larger by far.
+# The best of several limits is accepted where it betters the prediction by so many standard errors, and by this share.
+# Few samples are saturated, so that neither is large; clipping a force that acts raises the squared error by far more.
 _SURE_CUT, _WORTH = 2.0, 0.02
 
 
 def saturation_notes(predictor: Predictor, fit: Fit, window: Window, radius_m: float) -> list[str]:
-    """Say where the force seems to be cut off; nothing where it acts as it is logged.
+    """Return a note on the level at which the force seems to saturate; none where it acts as logged.
 
     Args:
         predictor: of the records.
-        fit: of their forces as they were logged.
+        fit: of their forces as logged.
         window: of the fit.
-        radius_m: how far the handle goes for a unit of the position.
+        radius_m: travel of the handle per unit of position.
     """
     size = np.abs(np.concatenate([record.force_n for record in predictor.records]))
     best: Fit | None = None

@@ -1,9 +1,8 @@
-"""What an identification found: estimates with intervals, what was refused, and how the model stands to the log.
+"""Result of an identification: estimates with intervals, refusals, and the model beside the log.
 
-A device that turns is identified as the linear one that is felt at its handle; what was found is that of the turn.
+A rotary device is identified as the equivalent linear one at its handle, and the result converted to rotary units.
 
-All that tells a small number from a large one is then the same for a knob, a wheel and a slide: it is judged where the
-hand is.
+All thresholds are then the same for a knob, a wheel and a slide: they apply at the hand.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ from avc_casadi.identification.uncertainty import Trial
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number with its interval.
+    """An estimate with its interval.
 
     Attributes:
         key: as in a device file where it stands there.
         unit: SI.
-        value: the best.
+        value: the estimate.
         low, high: ends of the interval at `level`.
         level: share of logs in which such an interval holds the truth.
         how: in a few words.
@@ -44,10 +43,10 @@ class Estimate:
     how: str
 
     def digits(self, of_half_width: int, least: int) -> int:
-        """Return how many significant digits show an interval.
+        """Return the number of significant digits that resolve the interval.
 
         Args:
-            of_half_width: digits of the half width that are to be seen.
+            of_half_width: digits of the half width that are shown.
             least: digits at least.
         """
         half, size = (self.high - self.low) / 2, max(abs(self.low), abs(self.high))
@@ -58,13 +57,13 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Refusal:
-    """What a log cannot tell.
+    """A parameter that is not identifiable from the log.
 
     Attributes:
         key: its name.
-        why: what hides it.
-        excitation: the log that would tell.
-        bounds: value and ends of the interval that is too wide to be told; None where there is none.
+        why: what it is confounded with.
+        excitation: the log that would identify it.
+        bounds: value and ends of an interval too wide for an estimate; None where there is none.
     """
 
     key: str
@@ -75,7 +74,7 @@ class Refusal:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One stretch of a record beside the model that runs freely through it.
+    """A stretch of a record beside the free-running model.
 
     Attributes:
         record: its name.
@@ -91,37 +90,37 @@ class Shown:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """A device as its logs tell it.
+    """An identified device.
 
     Attributes:
         sources: the logs.
         seconds: of all records.
         records: number of records.
         sample_time_s: T.
-        terms: what the model is made of.
+        terms: of the model.
         encoder_at: where the position is measured.
         amplifier_order: 1, a lag; 2, a current loop.
-        assumed_share: of the mass at the handle, and the least and most, where a resonance is told and this is not.
+        assumed_share: mass fraction at the handle, and its range, where a resonance is identified and this is not.
         estimates: by key.
-        refused: what the logs cannot tell.
+        refused: parameters that are not identifiable.
         trials: evidence for and against each term.
-        names: of the numbers that were searched for together.
+        names: of the parameters that were searched together.
         correlation: of their estimates, shape (names, names).
         sensitivity: correlations of their normalised sensitivities, the same shape.
         collinearity: index of the sensitivities.
-        spread_from: where the intervals come from.
+        spread_from: source of the intervals.
         error_rms_m: of the prediction from sample to sample.
-        observer_rate_per_s: how fast a disturbance is forgotten.
+        observer_rate_per_s: rate at which a disturbance is forgotten.
         error_m: the prediction error, shape (samples,).
         feedback: whether the force follows the measured position.
         lags: autocorrelation of the error, shape (lags,), from lag 1 on.
         notes: what the user should know.
         response: measured frequency response.
         modelled: that of the model.
-        shown: stretches for the eye.
-        device: the device file, or None where mass or damping stay unknown.
-        motion: of the device; what turns has rad, N.m and kg.m2 in all of these.
-        handle_radius_m: of a device that turns, where the hand holds it.
+        shown: stretches for plotting.
+        device: the device file, or None where mass or damping are unknown.
+        motion: of the device; rotary has rad, N.m and kg.m2 in all of these.
+        handle_radius_m: radius at which the hand holds a rotary device.
     """
 
     sources: tuple[str, ...]
@@ -162,15 +161,15 @@ _ALLOWED = "0.002 to 10 m"
 
 
 def radius_of(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: float | None) -> float | None:
-    """Return how far the handle goes for each radian of the logs; None of a device that does not turn.
+    """Return the handle's travel per radian of the logs, m; None for a linear device.
 
     Args:
         records: of one device.
         base: what is known of it.
-        handle_radius_m: as the user says, else that of the base.
+        handle_radius_m: given by the user, else that of the base.
 
     Raises:
-        InputError: it turns and nothing says where the hand holds it, or logs and base move in different ways.
+        InputError: it is rotary without a handle radius, or logs and base differ in kind of motion.
     """
     motion: MotionKind = records[0].motion
     if any(one.motion != motion for one in records):
@@ -199,16 +198,16 @@ def radius_of(records: Sequence[Record], base: DeviceFile | None, handle_radius_
 
 
 def known_at_handle(known: Mapping[str, float], radius_m: float) -> dict[str, float]:
-    """Return values of the turn, by key, as those at its handle."""
+    """Return rotary values as their linear equivalents at the handle, by key."""
     return {key: value * radius_m ** power_at_handle(key) for key, value in known.items()}
 
 
 def of_the_turn(found: Identification, radius_m: float) -> Identification:
-    """Return what was found at a handle as that of the device that turns.
+    """Return an identification at the handle as that of the rotary device.
 
     Args:
         found: in metres and newtons at the handle.
-        radius_m: how far it goes for each radian.
+        radius_m: travel per radian.
     """
     units = units_for("rotary")
     return replace(

@@ -1,9 +1,9 @@
-"""Prediction of the next position from the commanded force, with exact derivatives, sample by sample in CasADi.
+"""One-step-ahead prediction of the position from the commanded force, with exact derivatives, in CasADi.
 
-The linear part of the loop is that of the device; dry friction is a force on the motor that stops it, holds it and lets
-it go inside a sample. An observer of fixed gain keeps the prediction near the log: with no gain the model runs free
-(output error), with more of it what the model does not know, a disturbance, is forgotten sooner. In a closed loop the
-prediction error stays free of bias where the gain fits the disturbance.
+The linear part of the loop is that of the device; dry friction is a force on the motor that stops, holds and releases
+it inside a sample. An observer of fixed gain keeps the prediction near the log: without gain the model runs free
+(output error), with a larger gain an unmodelled disturbance is forgotten sooner. In a closed loop the prediction error
+stays unbiased where the gain fits the disturbance.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from avc_casadi.identification.run import Kind, prepare, run
 from avc_casadi.identification.terms import FRICTION, LINEAR, OFFSET, PLAY, Structure, offset_of
 
 _MOST_DOUBLINGS = 60
-# Step of the central difference by play, as a share of the unit in which it is searched for.
+# Step of the central difference by backlash, as a share of its search unit.
 _PLAY_STEP = 1e-2
-# Records of so many samples in all are run through often enough to compile it.
+# Records of so many samples in all are worth compiling the model for.
 _WORTH_PREPARING = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What a model says of one record.
+    """Prediction of one record.
 
     Attributes:
         error_m: measured less predicted position, shape (samples,).
@@ -43,7 +43,7 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """How fast what is not known is forgotten.
+    """Observer of a random disturbance.
 
     Attributes:
         rate_per_s: bandwidth for a mass alone: the square root of the disturbance's acceleration over the noise.
@@ -53,7 +53,8 @@ class Observer:
 
     def gain(self, step: LinearStep, mass_kg: float, period: float) -> tuple[FloatArray, float]:
         """Return the gain of the observer for a white disturbance at the motor, and the share of noise in the error."""
-        # Velocities in metres a sample and forces in what moves the mass a metre in a sample balance the equation.
+        # With velocities in metres per sample and forces as accelerations in metres per sample squared the equation is
+        # balanced.
         scale = np.array([_scale(name, mass_kg, period) for name in step.names])
         matrix = step.matrix * scale[:, None] / scale
         push = step.motor * scale * mass_kg * self.rate_per_s**2
@@ -95,9 +96,9 @@ class Predictor:
     Args:
         records: of the device, all with one sample time.
         origin_m: position taken as 0.
-        logs: names of all logs that the model knows; of the records alone where nothing is said.
-        play_taken_up: how, as a power of the time, while the device turns.
-        parts: of a sample in which dry friction looks at a velocity that an amplifier bends.
+        logs: names of all logs that the model knows; by default those of the records.
+        play_taken_up: power of time by which backlash is taken up during a reversal.
+        parts: intervals of a sample in which dry friction is evaluated behind an amplifier.
 
     Attributes:
         records: of the device.
@@ -122,7 +123,7 @@ class Predictor:
 
     @cached_property
     def last_went(self) -> list[FloatArray] | None:
-        """Which way each record last went; None where none of them tells of play."""
+        """Direction of the last motion of each record; None where no record can show backlash."""
         step_m = encoder_step_m(self.records) or 0.0
         found = [last_went(record.position_m, step_m, self._play_taken_up) for record in self.records]
         if all(way is None for way in found):
@@ -130,21 +131,21 @@ class Predictor:
         return [np.zeros(at.size) if way is None else way for way, at in zip(found, self._positions, strict=True)]
 
     def of(self, records: Sequence[Record], play_taken_up: float = SLOWLY, parts: int = PARTS) -> Predictor:
-        """Return one of other records of the same logs, or one that takes play or parts of a sample otherwise.
+        """Return a predictor of other records of the same logs, or with other backlash or intervals of a sample.
 
         Args:
             records: of the same logs.
-            play_taken_up: as a power of the time.
-            parts: of a sample.
+            play_taken_up: power of time.
+            parts: intervals of a sample.
         """
         names = tuple(dict.fromkeys(record.whole for record in self.records))
         return Predictor(records, self._origin_m, names, play_taken_up, parts)
 
     def prepare(self, structures: Iterable[Structure]) -> None:
-        """Begin to compile what predictions with some structures run through, where the records are worth it.
+        """Start compiling the predictions with some structures, where the records are worth it.
 
         Args:
-            structures: in the order in which they are asked for.
+            structures: in the order of their use.
         """
         if sum(at.size for at in self._positions) >= _WORTH_PREPARING:
             prepare(list(dict.fromkeys(map(self._kind, structures))))
@@ -165,8 +166,8 @@ class Predictor:
         Args:
             structure: terms of the model.
             search: coordinates of its free parameters.
-            observer: how fast a disturbance is forgotten.
-            slopes: whether derivatives are wanted; the observer's gain counts as constant in them.
+            observer: of the disturbance.
+            slopes: whether to return derivatives; the observer's gain counts as constant in them.
         """
         values = structure.values(search)
         taps = taps_of(values)
@@ -194,7 +195,7 @@ class Predictor:
             step, gain, by_linear = models[record.added_mass_kg]
             row = np.zeros(len(step.names))
             row[step.measured] = 1.0
-            # The constant force of its own log stands for that of all.
+            # The constant force of the record's own log takes the place of the common one.
             own = {**dict(zip(FRICTION, FRICTION, strict=True)), OFFSET: offset_of(log)}
             friction = np.array([values.get(own[name], values[name]) for name in FRICTION])
             numbers = np.concatenate([step.flat(), friction, gain, row])
@@ -225,7 +226,7 @@ class Predictor:
 def _begun(
     step: LinearStep, record: Record, position: FloatArray, taps: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the state at the start of a record, at rest or moving evenly as a whole, and the inputs of its samples."""
+    """Return the initial state of a record, at rest or in uniform motion, and the inputs of its samples."""
     size, period = position.size, record.sample_time_s
     inputs = np.empty((size, len(taps) + 2))
     for at, tap in enumerate(taps):

@@ -26,9 +26,9 @@ from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_c
 
 # A text is read row by row, JSON whole.
 _LARGEST_TEXT, _LARGEST_JSON = 2**30, 2**24
-# Steps of time that say what the clock was, and how even they are.
+# Number of time steps that determine the clock, and their tolerance.
 _FEW_STEPS, _EVEN = 20, 0.02
-# A step so long lacks a row; a share of them that is no chance of a slow clock.
+# A step so long lacks a row; a larger share of them is no jitter of a slow clock.
 _GAP, _FEW_GAPS = 1.5, 2e-3
 
 
@@ -39,11 +39,11 @@ def read_logs(
 
     Args:
         paths: files that end in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
-        layout: what is said of their columns.
+        layout: columns and units, as given by the user.
         added_mass_kg: known mass on the device, one of each file, or none.
 
     Returns:
-        Records, and what the user should know of them.
+        Records, and notes for the user.
 
     Raises:
         InputError: every fault of every file, each with its line.
@@ -78,16 +78,16 @@ def read_logs(
 
 
 def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns]:
-    """Read a log with its time stamps as they are: gaps, uneven steps and a device that rests are no faults of it.
+    """Read a log with its own time stamps: gaps, jitter and a device at rest are no faults.
 
-    A few samples that were lost are filled in, and told.
+    A few lost samples are filled in, with a note.
 
     Args:
         path: a file that ends in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
-        layout: what is said of its columns.
+        layout: columns and units, as given by the user.
 
     Returns:
-        The columns, of each record where a column counts records.
+        The columns, one set per record where a column counts records.
 
     Raises:
         InputError: every fault of the file, each with its line.
@@ -104,11 +104,11 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
 
 
 def _given_twice(paths: Sequence[str | Path]) -> list[Fault]:
-    """Refuse a file that is given again: it says nothing new, and intervals would narrow."""
+    """Refuse a file that is given twice: it adds no information, and intervals would narrow."""
     known: set[tuple[int, int]] = set()
     faults = []
     for path in paths:
-        with suppress(OSError, ValueError):  # told where it is read
+        with suppress(OSError, ValueError):  # reported where it is read
             info = Path(path).stat()
             if (info.st_dev, info.st_ino) in known:
                 faults.append(Fault(str(path), None, "", "is given twice; allowed: each log once"))
@@ -117,7 +117,7 @@ def _given_twice(paths: Sequence[str | Path]) -> list[Fault]:
 
 
 def _worded(faults: Sequence[Fault], columns: Columns) -> list[Fault]:
-    """Return faults in the words of the device that a log is of."""
+    """Return faults in the units of the device."""
     units = units_for(columns.motion)
     return [replace(one, key=units.text(one.key), message=units.text(one.message)) for one in faults]
 
@@ -156,7 +156,7 @@ def _mat(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], li
 
 
 def _json(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    """Read an object of arrays, a list of objects of numbers (in an object, too) or of rows, or a line for each."""
+    """Read JSON: an object of arrays, a list of (nested) objects or of rows, or one per line."""
     text = stream.read(_LARGEST_JSON + 1).decode("utf-8-sig")
     lines = [line for line in text.splitlines() if line.strip()]
     of_lines = len(lines) > 1 and lines[0].rstrip()[-1] in "}]"
@@ -169,14 +169,14 @@ def _json(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], l
     named = held if isinstance(held, dict) else {"rows": held}
     arrays: dict[str, FloatArray] = {}
     for name, values in named.items():
-        # What is no array of numbers, as a title beside them, is no column; a null is a sample that was lost.
+        # Non-numeric entries, such as a title, are no columns; a null is a lost sample.
         with suppress(ValueError, TypeError, OverflowError):
             arrays[name] = np.array(values, dtype=np.float64)
     return _arrays(arrays, file, layout)
 
 
 def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    """Take columns from vectors by their names, or from the one matrix of a file by their numbers."""
+    """Return columns from named vectors, or by number from the one matrix of a file."""
     arrays = {name: np.asarray(value) for name, value in named.items()}
     vectors = {
         name: value.ravel()
@@ -214,7 +214,7 @@ def _quantities(
     layout: Layout,
     lines: IndexArray | None,
 ) -> tuple[Columns, list[Fault]]:
-    with np.errstate(over="ignore", invalid="ignore"):  # told where numbers are looked at
+    with np.errstate(over="ignore", invalid="ignore"):  # reported where numbers are looked at
         values = {
             quantity: np.asarray(columns[one.index], dtype=np.float64) * one.unit.size
             for quantity, one in chosen.items()
@@ -228,7 +228,7 @@ def _quantities(
 
 
 def _other_clock(file: str, time_s: FloatArray | None, period_s: float) -> list[Fault]:
-    """Refuse a sample time beside times that are even, and step otherwise or have gaps; uneven ones tell of writing."""
+    """Refuse a given sample time that contradicts evenly spaced times; uneven ones are those of writing."""
     steps = np.zeros(0) if time_s is None else np.diff(time_s[sound(time_s)])
     if steps.size < _FEW_STEPS:
         return []
@@ -274,7 +274,7 @@ _UNREADABLE = (
     zipfile.BadZipFile,
     MatReadError,
 )
-"""What libraries raise at a file that is not of its kind."""
+"""Exceptions of libraries at a file that is not of their kind."""
 _READERS: Mapping[str, tuple[int, Callable[[BinaryIO, str, Layout], tuple[list[Columns], list[Fault]]]]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), (_LARGEST_TEXT, _text)),
     ".json": (_LARGEST_JSON, _json),

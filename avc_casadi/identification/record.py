@@ -1,4 +1,4 @@
-"""A record of a device: position and commanded force at equal times, cut where ticks are missing."""
+"""A record of a device: position and commanded force at equal times, cut at missing ticks."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from avc_casadi.identification.repair import LONGEST_STEP, laid_evenly, left_out
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
-# Share of the steps that may differ more before the clock is one that scatters.
+# Share of the steps that may differ more before the clock counts as jittering.
 _SCATTERS = 0.01
-# Places that are told of the same fault.
+# Number of places reported of one fault.
 TOLD = 3
 _TWICE = "; of a row that is written twice, leave one out"
 _SHORTEST = 200
-# A piece shorter than this share of the longest would have every record judged from too early on.
+# With a piece shorter than this share of the longest every record would be judged from too early on.
 _SHORT = 0.1
-# Pieces of these lengths are worth more than shorter ones, where they hold so much of the log.
+# Pieces of these lengths are preferred to shorter ones where they hold so much of the log.
 _PIECES_S = (1.0, 0.5, 0.4, 0.3)
 _ENOUGH_S, _ENOUGH = 2.0, 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Samples of one uninterrupted record; of a device that turns in rad, N.m and kg.m2.
+    """Samples of one uninterrupted record; of a rotary device in rad, N.m and kg.m2.
 
     Attributes:
         name: file, and which record of it.
@@ -40,9 +40,9 @@ class Record:
         force_n: commanded force along +position, held from this sample to the next, shape (samples,).
         added_mass_kg: known mass on the device during the record.
         motion: of the device.
-        begins_s: when it begins, from the first sample of its log on: what drifts goes on over a gap.
-        log: the log that it is a piece of; empty of a record that is one itself. A constant force is one of each log.
-        scatter: of a log whose clock scatters, the standard deviation of its steps, as a share of T.
+        begins_s: start time from the first sample of its log: drift continues over a gap.
+        log: the log that it is a piece of; empty of a whole log. A constant force is one of each log.
+        scatter: jitter of the clock, the standard deviation of its steps, as a share of T.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Record:
         return self.log or self.name
 
     def at_handle(self, radius_m: float) -> Record:
-        """Return the record of a device that turns as that of a handle, which goes so far for each radian."""
+        """Return the record of a rotary device as that of its handle at a radius."""
         return replace(
             self,
             position_m=self.position_m * radius_m,
@@ -72,20 +72,20 @@ class Record:
 
     @property
     def seconds(self) -> float:
-        """How long it lasts."""
+        """Duration, s."""
         return self.position_m.size * self.sample_time_s
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """What a file says, in SI units, before it is known to be a record.
+    """Columns of a log in SI units, not yet checked to be a record.
 
     Attributes:
         file: its name.
         time_s, position_m, force_n: shape (rows,).
         line: line of each row in the file, shape (rows,), or None of a file without lines.
         motion: of the device.
-        told: what was done to it, for its user to know.
+        told: notes for the user on what was changed.
     """
 
     file: str
@@ -102,10 +102,10 @@ class Columns:
 
 
 def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
-    """Cut a log into records at its gaps, and find what is wrong with it.
+    """Cut a log into records at its gaps, and find its faults.
 
     Returns:
-        Records, faults, and what the user should know.
+        Records, faults, and notes for the user.
     """
     backwards = backwards_of(columns)
     before = columns.told
@@ -119,7 +119,7 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
         return [], faults, []
     steps = np.diff(columns.time_s)
     usual = float(np.median(steps))
-    # Clocks are written with few digits: a step is compared with the mean of those about it.
+    # Time stamps have few digits: a step is compared with the mean of those about it.
     gaps = np.flatnonzero(steps > (1.5 * usual))
     uneven = np.abs(steps - usual) > _JITTER * usual
     uneven[gaps] = False
@@ -171,10 +171,10 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
 
 
 def _worth(sizes: IndexArray, period_s: float) -> float:
-    """Return the samples of a piece below which it is left out, where enough is left.
+    """Return the least samples of a piece that is kept, where enough is left.
 
-    The start of each has to be forgotten before it is judged: short pieces ask for an observer so fast that noise leans
-    what it finds.
+    The initial state of each piece must decay before it is judged: short pieces would need an observer so fast that
+    noise biases the estimates.
     """
     seconds = sizes * period_s
     enough = max(_ENOUGH_S, _ENOUGH * seconds.sum())
@@ -182,7 +182,7 @@ def _worth(sizes: IndexArray, period_s: float) -> float:
 
 
 def backwards_of(columns: Columns) -> list[Fault]:
-    """Return where the time of a log does not increase."""
+    """Return the rows at which the time of a log does not increase."""
     there = np.flatnonzero(sound(columns.time_s))
     backwards = np.flatnonzero(np.diff(columns.time_s[there]) <= 0)
     faults = [
@@ -204,14 +204,14 @@ def backwards_of(columns: Columns) -> list[Fault]:
 def faults_of_rows(
     file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str, count: int
 ) -> list[Fault]:
-    """Return the faults of one column: each where they are few, otherwise the first with how many more there are.
+    """Return the faults of one column: all of a few, otherwise the first with the number of the others.
 
     Args:
         file: of the log.
         key: the quantity.
-        rows: line, and what is wrong there, of the first ones and the last.
-        allowed: what may stand there.
-        count: how many rows are wrong.
+        rows: line, and the fault there, of the first ones and the last.
+        allowed: the valid values.
+        count: number of faulty rows.
     """
     if count <= TOLD:
         return [Fault(file, line, key, f"{wrong}; allowed: {allowed}") for line, wrong in rows]
@@ -221,7 +221,7 @@ def faults_of_rows(
 
 
 def _round(period: float) -> float:
-    """Return a sample time of few digits where the clock means one."""
+    """Return a sample time rounded to few digits where the clock means one."""
     for digits in range(1, 5):
         near = float(f"{period:.{digits}g}")
         if abs(near - period) <= 2e-5 * period:
@@ -229,7 +229,7 @@ def _round(period: float) -> float:
     return period
 
 
-# What a haptic device or a drive of a machine does; a slip of the unit is a factor of 1000.
+# Range of haptic devices and machine drives; a mistaken unit is a factor of 1000.
 _LIKELY: Mapping[MotionKind, tuple[tuple[str, str, float, float, str], ...]] = {
     "linear": (("position", "spans", 2e-6, 5.0, "m"), ("force", "reaches", 1e-3, 1e5, "N")),
     "rotary": (("position", "spans", 1e-5, 1e3, "rad"), ("force", "reaches", 1e-5, 1e4, "N.m")),
@@ -237,11 +237,11 @@ _LIKELY: Mapping[MotionKind, tuple[tuple[str, str, float, float, str], ...]] = {
 
 
 def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
-    """Return what cannot be: numbers that are none, too few samples, magnitudes of another unit.
+    """Return implausible data: no numbers, too few samples, magnitudes of another unit.
 
     Args:
         columns: the log.
-        idle: whether a device that stands still, or is commanded no force, is a log too.
+        idle: whether a device at rest, or without a commanded force, is allowed.
     """
     faults = []
     for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
@@ -285,7 +285,7 @@ def shortened(records: Sequence[Record], most_samples: int) -> tuple[list[Record
     """Keep evenly spread pieces of long records.
 
     Returns:
-        Records, and what was left out, or nothing.
+        Records, and a note on the omitted part, if any.
     """
     total = sum(record.position_m.size for record in records)
     if total <= most_samples:

@@ -1,8 +1,8 @@
-"""What is mended in a log before it is a record: outliers, rows that were lost, a clock that scatters.
+"""Preprocessing of a log: outliers, lost rows, clock jitter.
 
-A force is held from the tick that commands it to the next, so that what it does to a mass over an even sample is that
-of its mean there. Positions between ticks are those of a cubic spline; numbers are known to s^2/6 where steps scatter
-by a share s.
+A force is held from the tick that commands it to the next, so that its effect on a mass over an even sample is that of
+its mean there. Positions between ticks are those of a cubic spline; parameters are known to s^2/6 under steps with a
+jitter of s.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ if TYPE_CHECKING:
     from avc_casadi.identification.record import Columns
 
 
-# Share of samples that may be lost; more of them are something else.
+# Share of samples that may be lost; more are another fault.
 _FEW = 0.01
 _NONE = "without a number"
-# Squares of what is larger may not be numbers.
+# Squares of larger values may overflow.
 _LARGEST = 1e100
-# A jump of this share of all that a position covers, beside samples that move by this share of it; of so many of its
-# smallest steps at least: an encoder that goes to and fro between a few counts covers no more than those.
+# An outlier jumps by this share of the range of a position, where samples move by this share of it; by so many of its
+# smallest steps at least: an encoder that goes to and fro between a few counts has no larger range.
 _MOST, _HARDLY, _COUNTS = 0.5, 0.1, 8.0
-# Moves below this share of all that is covered are what arithmetic leaves.
+# Moves below this share of the range are rounding errors.
 _ROUNDED = 1e-6
-# A position stands alone where it lies so many times as far from the line between its neighbours as others do, and so
-# many encoder steps; and where the lines beside it, which it bends by half as much, are straight otherwise.
+# A position is an outlier where it lies so many times as far from the line between its neighbours as others do, and so
+# many encoder steps; and where the neighbouring deviations, half as large, vanish without it.
 _ALONE, _STEPS, _STRAIGHT = 20.0, 5.0, 0.3
 
 
 def sound(values: FloatArray) -> BoolArray:
-    """Return which values are numbers that can be reckoned with."""
+    """Return which values are finite and can be squared."""
     return np.asarray(np.abs(values) < _LARGEST)
 
 
 def left_out(columns: Columns) -> tuple[Columns, list[str]]:
-    """Leave out samples that were lost, where they are few: they become gaps.
+    """Remove lost samples, where they are few: they become gaps.
 
     Returns:
-        The log, and what the user should know.
+        The log, and notes for the user.
     """
     none, alone = _lost(columns)
     told = [*_told(columns, none, _NONE, "left out"), *_told(columns, alone, _jumps(columns, alone), "left out")]
@@ -64,12 +64,12 @@ def left_out(columns: Columns) -> tuple[Columns, list[str]]:
 
 
 def filled(columns: Columns) -> tuple[Columns, list[str]]:
-    """Fill in rows without a number, where they are few: times and positions on a line, forces held.
+    """Fill in rows without a number, where they are few: times and positions linearly, forces held.
 
-    A position that jumps away and back stays: the computer that made a force of it saw it too.
+    An outlier of the position is kept: the controller that computed the force saw it too.
 
     Returns:
-        The log, and what the user should know.
+        The log, and notes for the user.
     """
     none, alone = _lost(columns)
     told = [*_told(columns, none, _NONE, "filled in"), *_told(columns, alone, _jumps(columns, alone), "kept")]
@@ -88,7 +88,7 @@ def filled(columns: Columns) -> tuple[Columns, list[str]]:
 
 
 def _lost(columns: Columns) -> tuple[BoolArray, BoolArray]:
-    """Return which rows hold no number, and which positions stand alone; none of a kind that is not few."""
+    """Return the rows without a number, and the outliers of the position; none of a kind that is not rare."""
     none = ~(sound(columns.time_s) & sound(columns.position_m) & sound(columns.force_n))
     alone = _alone(np.where(none, np.nan, columns.position_m))
     most = min(max(1.0, _FEW * none.size), none.size - 1)
@@ -113,7 +113,7 @@ def _jumps(columns: Columns, alone: BoolArray) -> str:
 
 
 def wrapped(position: FloatArray, time_s: FloatArray) -> IndexArray:
-    """Return the rows at which a position has jumped over most of what it covers, and stays there: a counter wraps.
+    """Return the rows of a counter overflow: the position jumps over most of its range, and stays there.
 
     Args:
         position: measured, shape (rows,).
@@ -131,14 +131,14 @@ def wrapped(position: FloatArray, time_s: FloatArray) -> IndexArray:
 
 
 def _bend(position: FloatArray) -> FloatArray:
-    """Return how far each position lies from the line between its neighbours; 0 at the ends."""
+    """Return the distance of each position from the line between its neighbours; 0 at the ends."""
     bend = np.zeros(position.size)
     bend[1:-1] = position[1:-1] - (position[:-2] + position[2:]) / 2
     return bend
 
 
 def _alone(position: FloatArray) -> BoolArray:
-    """Return where a position stands alone: nothing that has a mass jumps away and back within two samples."""
+    """Return the outliers of the position: no mass jumps away and back within two samples."""
     if position.size < 5:
         return np.zeros(position.size, dtype=bool)
     bend = np.nan_to_num(_bend(position))
@@ -153,18 +153,18 @@ def _alone(position: FloatArray) -> BoolArray:
     return found
 
 
-# Steps that are longer are a gap: a host that is late by more has not run its loop.
+# Longer steps are a gap: a host that is late by more has not run its loop.
 LONGEST_STEP = 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class Even:
-    """A log at even times.
+    """A resampled log at even times.
 
     Attributes:
         columns: of the splines.
-        scatter: standard deviation of the steps, as a share of the usual one.
-        told: what was done.
+        scatter: jitter, the standard deviation of the steps, as a share of the usual one.
+        told: note for the user.
     """
 
     columns: Columns
@@ -173,7 +173,7 @@ class Even:
 
 
 def laid_evenly(columns: Columns, period_s: float) -> Even:
-    """Return a log whose ticks scatter as one of even samples, with its gaps as they are."""
+    """Resample a log with clock jitter to even samples, with its gaps as they are."""
     time = columns.time_s
     steps = np.diff(time)
     edges = [0, *(np.flatnonzero(steps > LONGEST_STEP * period_s) + 1), time.size]

@@ -1,10 +1,10 @@
-"""A model run through a record sample by sample: compiled where there is a compiler, else evaluated by CasADi.
+"""Simulation of a model through a record: compiled where there is a C compiler, else evaluated by CasADi.
 
 One sample of a model as CasADi functions: the next state, the prediction error, and their exact derivatives.
 
-Dry friction stops the motor, holds it and lets it go inside the sample. It enters through two numbers only, the mean
-force and its moment; their gradient is found once a sample, and each parameter that is searched for then costs products
-with the matrices of the linear part.
+Dry friction stops, holds and releases the motor inside the sample. It enters through two numbers only, the mean force
+and its moment; their gradient is computed once a sample, and each free parameter then costs products with the matrices
+of the linear part.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _SPEED = FRICTION.index("stribeck_speed_m_per_s")
 _OFFSET = FRICTION.index("offset_n")
 _DRIFT = FRICTION.index("offset_drift_n_per_s")
 _TINY = 1e-30
-# Of a velocity at least so much is taken to be left after a sample; a resonance may turn it.
+# Least share of a velocity taken to remain after a sample; a resonance may reverse it.
 _LEAST_LEFT = 0.05
 _CLOSE = 1e-3
 _HALF_ROOT_PI = math.sqrt(math.pi) / 2
@@ -43,9 +43,9 @@ class Sample:
     """One sample of a model of n states.
 
     Attributes:
-        plain: state, inputs (the forces of the taps, measured position, time), numbers (entries of the linear part,
-            friction, gain of the observer, which state is measured) -> next state, error.
-        seen: the same -> next state, error and what the slopes need of friction.
+        plain: state, inputs (the forces of the taps, measured position, time), parameters (entries of the linear part,
+            friction, gain of the observer, index of the measured state) -> next state, error.
+        seen: the same -> next state, error and the friction terms of the slopes.
         slope: derivative of the state by one parameter, that of the numbers by it, state, inputs, numbers, the second
             output of `seen` -> derivative of the next state, of the error.
     """
@@ -61,7 +61,7 @@ def sample(states: int, cuts: int, stribeck: bool) -> Sample:
 
     Args:
         states: number n of states.
-        cuts: how often the velocity is looked at inside a sample.
+        cuts: number of evaluations of the velocity inside a sample.
         stribeck: whether friction depends on the velocity.
     """
     count = entries_of(states, cuts)
@@ -92,12 +92,12 @@ def sample(states: int, cuts: int, stribeck: bool) -> Sample:
         speed, *inside, alone[1], *eases, motor[1], matrix[1, 1], parts[_LEVEL], parts[_EXCESS], parts[_SPEED]
     )
     after = alone - motor * friction[0]
-    # Early friction moves the position further than late friction of the same impulse.
+    # Early friction displaces more than late friction of the same impulse.
     after[0] -= motor[0] * (friction[1] - friction[0])
 
     given = ca.SX.sym("moved", moved.numel())
     through = ca.vertcat(*_friction_of(ca.vertsplit(given), cuts, stribeck=stribeck))
-    # What the loop over the parts of a sample writes twice is found once.
+    # Common subexpressions of the loop over the parts are evaluated once.
     both = ca.cse([through, ca.densify(ca.jacobian(through, given))])
     value, by_moved = ca.Function("gradient", [given], both)(moved)
     held = ca.substitute(after, friction, value)
@@ -117,15 +117,15 @@ def sample(states: int, cuts: int, stribeck: bool) -> Sample:
 
 
 def _friction_of(moved: Sequence[Any], cuts: int, *, stribeck: bool) -> tuple[Any, Any]:
-    """Return the mean of dry friction over a sample, as it weighs in the velocity at the end, and as in the position.
+    """Return the mean of dry friction over a sample, weighted as in the final velocity, and as in the position.
 
-    The sample has parts, cut where the newer force arrives and wherever else. A velocity that decays evenly changes in
-    proportion to what 1 N would have changed it by: that is the clock inside the sample.
+    The sample is cut where the newer force arrives and at the other evaluations. A velocity that decays evenly changes
+    in proportion to the change by 1 N: that is the clock inside the sample.
 
     Args:
         moved: velocity at the start, and without friction at the cuts and at the end; change of velocity by 1 N of
-            friction until each cut and over the sample; what is left of a velocity after the sample; the numbers of
-            friction.
+            friction until each cut and over the sample; the share of a velocity that remains after the sample; the
+            parameters of friction.
         cuts: of the sample.
         stribeck: whether friction depends on the velocity.
     """
@@ -150,23 +150,23 @@ def _friction_of(moved: Sequence[Any], cuts: int, *, stribeck: bool) -> tuple[An
 
 
 def _late(share: Any, gone: Any) -> Any:
-    """Return how much of its weight in the velocity at the end a force has that acts from some time on.
+    """Return the share of the weight in the final velocity of a force that acts from some instant on.
 
     Args:
         share: of the change by 1 N that has passed by then.
-        gone: of a velocity after the whole.
+        gone: share of a velocity that has decayed over the whole.
     """
     return (1 - share) / (1 - gone * share)
 
 
 def _further(late: Any, gone: Any) -> Any:
-    """Return the same of its weight in the position, to first order in what is gone."""
+    """Return the corresponding weight in the position, to first order in the decay."""
     return late**2 * (1 - gone * (1 - late) * 2 / 3)
 
 
 @dataclass(frozen=True, eq=False)
 class _Law:
-    """Dry friction: its level while moving, how much more from rest, and the speed at which that has gone (or None)."""
+    """Dry friction: Coulomb level, excess at breakaway, and the Stribeck speed (or None)."""
 
     coulomb: Any
     excess: Any
@@ -184,23 +184,23 @@ class _Law:
         return self.coulomb + self.excess * ca.if_else(few, ca.exp(-((middle / self.slow) ** 2)), mean)
 
     def held(self, change: Any, ease: Any) -> Any:
-        """Return friction from rest: what holds, or the level of the motion that begins."""
+        """Return friction at breakaway: the holding force, or the level of the motion that begins."""
         away = ca.if_else(change > 0, 1.0, -1.0)
         going = ca.fmax(away * change - ease * (self.coulomb + self.excess), 0.0)
         return away * ca.fmin(away * change / ease, self.level(0.0, going))
 
 
 def _part(before: Any, free: Any, ease: Any, kept: Any, law: _Law) -> Sequence[Any]:
-    """Return dry friction over a part of a sample: while moving, from rest on, and the share from rest on.
+    """Return dry friction over a part of a sample: sliding, after sticking, and the share after sticking.
 
-    The velocity keeps its sign, or it ends inside the part, and then friction holds the motor up to its level or lets
-    it go the other way. The level is the mean over the velocities passed.
+    The velocity keeps its sign, or it reaches zero inside the part, and then friction holds the motor up to its level
+    or releases it in the other direction. The level is the mean over the velocities passed.
 
     Args:
         before: velocity at the start, m/s.
         free: velocity at the end without friction.
         ease: change of velocity by 1 N of friction over that time.
-        kept: share of a velocity that is left at the end.
+        kept: share of a velocity that remains at the end.
         law: of friction.
     """
     sign = ca.if_else(before > 0, 1.0, -1.0)
@@ -211,17 +211,17 @@ def _part(before: Any, free: Any, ease: Any, kept: Any, law: _Law) -> Sequence[A
     return sign * level, law.held(free - kept * before, ease), ca.if_else(before == 0, 1.0, rest)
 
 
-# Samples after which a function that runs on is compiled.
+# Samples after which a function is worth compiling.
 _WORTH_COMPILING = 20_000
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What the C of a run depends on.
+    """Parameters of the generated C of a run.
 
     Attributes:
         states: of the linear part.
-        cuts: how often the velocity is looked at inside a sample.
+        cuts: number of evaluations of the velocity inside a sample.
         stribeck: whether friction depends on the velocity.
     """
 
@@ -231,7 +231,7 @@ class Kind:
 
 
 _DONE: dict[Kind, int] = {}
-# One compiler at a time, beside what Python does.
+# One compiler at a time, in parallel to Python.
 _COMPILING: dict[Kind, Future[ctypes.CDLL]] = {}
 _COMPILERS = ThreadPoolExecutor(1, thread_name_prefix="compiler")
 
@@ -284,10 +284,10 @@ int avc_run(long long samples, long long columns, double* x, const double* input
 
 
 def prepare(kinds: Sequence[Kind]) -> None:
-    """Begin to compile, where there is a compiler, what long runs will ask for; a run of the kind waits for it.
+    """Start compiling, where there is a compiler, the code of long runs; a run of the kind waits for it.
 
     Args:
-        kinds: in the order in which they are asked for.
+        kinds: in the order of their use.
     """
     for kind in kinds:
         if kind not in _COMPILING and compiler() is not None:
@@ -300,8 +300,8 @@ def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, directions: 
     Args:
         state: at the start, shape (states,).
         inputs: forces of the taps, measured position and time, shape (samples, taps + 2).
-        numbers: of the model, as `Sample` lists them.
-        directions: derivative of the numbers by each parameter that is searched for, shape (columns, numbers).
+        numbers: parameters of the model, as `Sample` lists them.
+        directions: derivative of the numbers by each free parameter, shape (columns, numbers).
         kind: of the model.
     """
     _DONE[kind] = _DONE.get(kind, 0) + len(inputs)
@@ -358,7 +358,7 @@ def _interpreted(
     directions: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Do the same as the loop in C."""
+    """Evaluate the loop of the C code by CasADi."""
     slopes = np.zeros((len(directions), x.size))
     now, after = np.empty(inputs.shape[1]), np.empty_like(x)
     kept = np.empty((one.seen if len(directions) else one.plain).numel_out(1))
@@ -377,7 +377,7 @@ def _interpreted(
 
 
 def _bound(function: Any, given: Sequence[FloatArray], taken: Sequence[FloatArray]) -> tuple[Any, Callable[[], None]]:
-    """Return a buffer, which must be kept, and the evaluation of a function from and into arrays that stay in place."""
+    """Return a buffer, which must be kept alive, and the evaluation of a function on arrays in place."""
     buffer, evaluate = function.buffer()
     for index, array in enumerate(given):
         buffer.set_arg(index, memoryview(array))  # type: ignore[arg-type]

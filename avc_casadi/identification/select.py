@@ -1,4 +1,4 @@
-"""From the simplest device to the richest that the log bears out: one term after another, each by evidence."""
+"""Stepwise model selection: from the simplest device upwards, each term by its evidence in the log."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ from avc_casadi.identification.selection import Selection, no_false_loop, no_fal
 from avc_casadi.identification.terms import HIGHEST_SEEN, LOOP_DAMPING, PLAY, SIZE_OF, TERMS, Structure
 from avc_casadi.identification.uncertainty import Trial, compared, sensitivity
 
-# Those that stand together look alike: the better one is taken first.
+# Terms of one group have similar effects: the better one is accepted first.
 _ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymmetry",), ("stribeck",), ("drift",))
-# A term that a Gauss-Newton step from its absence does not speak for by so many standard errors is not fitted.
+# A term is fitted only where a Gauss-Newton step from its absence improves the error by so many standard errors.
 _HOPEFUL = 1.5
-# Of an amplifier and the delay that it gains, with friction that turns inside a sample, more is told.
+# The limit is wider for an amplifier and its delay: friction that reverses inside a sample helps to separate them.
 _COLLINEAR, _COLLINEAR_LAG = 100.0, 300.0
-# Terms that a poor model hides, and those that may change everything.
+# Terms that a poor model masks, and those that may change everything.
 _SMALL = ("asymmetry", "stribeck", "drift")
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
-# A close fit starts no further from the best rough one than this; nor from one of another term that is borne out, which
-# is then taken first.
+# A final fit starts only from a coarse fit within this factor of the best one; nor beyond this factor of another
+# accepted term, which then comes first.
 _NEAR_THE_BEST, _NEAR_ANOTHER = 1.05, 1.5
-# Share of what matters below which a term is absent.
+# Relative size below which a term is absent.
 _VANISHED = 1e-5
-# Bandwidth times sample time up to which an amplifier is told from a delay; less beside a resonance, where what dry
-# friction leaves out of a sample looks like a lag.
+# Bandwidth times sample time up to which an amplifier is separable from a delay; less beside a resonance, where the
+# discretisation error of dry friction looks like a lag.
 _FASTEST_LAG, _BESIDE_RESONANCE = 1.5, 0.6
-# What rings further beyond the excited frequencies, as a multiple of the highest, moves nothing among them.
+# A resonance further beyond the excited frequencies, as a multiple of the highest, has no effect among them.
 _FURTHEST = 10.0
 _PAIR = ("resonance", "amplifier")
 HIDDEN = "is smaller than what encoder and noise hide"
-"""Of play."""
+"""Reason for backlash."""
 _UNSEEN = {"play": "is not identified: the log hardly ever turns"}
-# Those for which something beside the model so far speaks: its guess is fitted, whatever a step from 0 says.
+# Terms with an initial guess of their own: it is fitted, whatever a step from 0 shows.
 _FROM_AFAR = {"stiffness": "stiffness_n_per_m", "play": PLAY}
 
 
@@ -67,16 +67,16 @@ def select(
     sides: Sequence[str],
     progress: Progress = SILENT,
 ) -> Selection:
-    """Find the terms that the log bears out.
+    """Select the terms that the log supports.
 
     Args:
         predictor: of the records.
-        guess: values to start from.
-        structure: the simplest one, with what is known.
+        guess: initial guess.
+        structure: the simplest one, with the known values.
         response: of the log.
         window: of the fits.
         sides: where the encoder may sit.
-        progress: who is told.
+        progress: of the search.
     """
     _prepare(predictor, structure, _ORDER[1])
     observer = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
@@ -94,7 +94,7 @@ def select(
         if taken:
             late += [one for earlier in _ORDER[: index + 1] for one in earlier if not chosen.trials[one].taken]
     if late:
-        # What another term seems to gain may be what this model lacks to its own best.
+        # The apparent gain of another term may only be this model's distance from its own optimum.
         chosen.fit = settled(predictor, chosen.fit, window)
     for term in dict.fromkeys(late):
         if term not in chosen.fit.structure.terms:
@@ -114,14 +114,14 @@ def select(
 
 
 def _prepare(predictor: Predictor, structure: Structure, terms: Sequence[str]) -> None:
-    """Begin to compile what will be tried."""
+    """Start compiling the models that will be tried."""
     predictor.prepare([structure, *(richer(structure, one) for one in terms if one not in structure.terms)])
 
 
 def _no_rival_resonance(
     predictor: Predictor, chosen: Selection, response: Response, window: Window, sides: Sequence[str]
 ) -> None:
-    """Drop an amplifier that could be a resonance beyond the excited frequencies, which beside friction few could."""
+    """Remove an amplifier confounded with a resonance beyond the excited frequencies, rare beside friction."""
     lagging = chosen.fit
     if chosen.rival_resonance is None or "amplifier" not in lagging.structure.terms:
         return
@@ -136,7 +136,7 @@ def _no_rival_resonance(
 
 
 def _together(predictor: Predictor, chosen: Selection, response: Response, window: Window) -> None:
-    """Try a resonance and an amplifier at once, where neither was sure and the resonance alone is worth something."""
+    """Try resonance and amplifier together, where neither was significant and the resonance alone was promising."""
     if not all(term in chosen.rivals and not chosen.trials[term].taken for term in _PAIR):
         return
     if not chosen.trials["resonance"].worth:
@@ -151,7 +151,7 @@ def _together(predictor: Predictor, chosen: Selection, response: Response, windo
 
 
 def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
-    """Drop what the whole model no longer bears out: a term whose size is 0 within its uncertainty."""
+    """Remove terms that the full model no longer supports: those whose size is 0 within its uncertainty."""
     for term in (
         "stribeck",
         "asymmetry",
@@ -191,7 +191,7 @@ def _try(
     window: Window,
     sides: Sequence[str],
 ) -> bool:
-    """Try terms; take the one that explains most where the evidence is for it."""
+    """Try terms; accept the one with the smallest error among those that the evidence supports."""
     borne_out: dict[str, Fit] = {}
     terms = [term for term in terms if term not in chosen.fit.structure.terms]
     for term in terms:
@@ -199,7 +199,7 @@ def _try(
         found = _tried(predictor, chosen, term, guess, response, window, sides, before)
         borne_out |= {} if found is None else {term: found}
     if "amplifier" in borne_out:
-        # What rings beyond the excited frequencies may have been tried with it, or long before.
+        # A resonance beyond the excited frequencies may have been tried with it, or long before.
         seen = chosen.rivals.get("resonance")
         lagging = borne_out["amplifier"]
         beside = seen is not None and "amplifier" not in seen.structure.terms
@@ -232,9 +232,9 @@ def _tried(
     sides: Sequence[str],
     before_m: float,
 ) -> Fit | None:
-    """Return the model with a term where the evidence is for it, and write down what came of it.
+    """Return the model with a term where the evidence supports it, and record the trial.
 
-    Where a term before it, that is borne out, left far less roughly, it is not tried beside that: it will be later.
+    A term whose coarse fit is far worse than that of a term accepted before is not tried now, but later.
     """
     simple = chosen.fit
     if not simple.structure.admits(term):
@@ -243,7 +243,7 @@ def _tried(
         return None
     near: dict[tuple[str, int], Fit] = {}
     chosen.trials[term] = Trial(term, False, 0.0, 0.0, _UNSEEN.get(term, "is not seen in the frequency response"))
-    # A simpler model that misses much asks for an observer too fast to see the better one from afar.
+    # A simpler model that misses much has an observer too fast for a search from a distant guess.
     slow = min(simple.observer.rate_per_s, FIRST_RATE_PER_S)
     for structure, start in starts_of(simple, richer(simple.structure, term), term, guess, response, predictor, sides):
         from_afar = term in {"coulomb", "resonance"} or start.get(_FROM_AFAR.get(term, ""), 0.0) > 0
@@ -253,7 +253,7 @@ def _tried(
             chosen.trials[term] = replace(hope, taken=False)
             if hope.standard_errors < _HOPEFUL:
                 if term == "amplifier" and hope.held_out_change < 0:
-                    # As good as none: what it would change is not known better than that.
+                    # Inconclusive: what it would change is no better known than that.
                     rival = roughly(predictor, structure, start, slow)
                     chosen.rivals[term] = judged(predictor, structure, rival.search, simple.observer, window)
                 continue
@@ -273,7 +273,7 @@ def _tried(
     best, trial = _told_apart(predictor, simple, best, term, window)
     beyond = _beyond(best, term, response, predictor.sample_time_s)
     if trial.taken and beyond:
-        # What rings beyond the excited band is there all the same: what it would change is not known better than that.
+        # A resonance beyond the excited band exists all the same: what it would change is no better known than that.
         seen = best.values["resonance.frequency_hz"] < _FURTHEST * (response.excited_hz or (0, 0))[1]
         trial = replace(trial, taken=False, why=beyond, inseparable=term == "resonance" and seen)
     chosen.trials[term] = trial
@@ -284,7 +284,7 @@ def _tried(
 
 
 def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window: Window) -> tuple[Fit, Trial]:
-    """Weigh a term, and leave it out where the rest of the model could do the same."""
+    """Weigh the evidence of a term, and reject it where the rest of the model could have the same effect."""
     trial = compared(simple, best, term)
     most = _COLLINEAR_LAG if term == "amplifier" else _COLLINEAR
     _, collinear = sensitivity(best)
@@ -293,7 +293,7 @@ def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window:
         trial = compared(simple, best, term)
         _, collinear = sensitivity(best)
     if trial.taken and collinear > most:
-        # Under the observer of the richer model the simpler one may do as well.
+        # Under the observer of the richer model the simpler one may fit as well.
         trial = compared(fit(predictor, simple.structure, simple.values, best.observer, window), best, term)
         if trial.taken:
             why = "cannot be distinguished from the rest of the model"
@@ -302,7 +302,7 @@ def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window:
 
 
 def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
-    """Say that a frequency, or play, came out where the log cannot show it, if it did."""
+    """Return why an estimated frequency or backlash lies where the log cannot show it, if it does."""
     band = response.excited_hz
     top = min(HIGHEST_SEEN / period, 1.3 * band[1] if band else 0.0)
     if term == "resonance" and found.values["resonance.frequency_hz"] > top:

@@ -1,4 +1,4 @@
-"""The model so far: its fit, what came of every term, and what replaces one that is none of the device's."""
+"""The current model of the selection: its fit, the trial of every term, and replacements of spurious terms."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from avc_casadi.identification.uncertainty import Trial, compared, sensitivity, 
 
 @dataclass
 class Selection:
-    """A model and how it came about.
+    """A model with the history of its selection.
 
     Attributes:
-        fit: the model at its best.
+        fit: the fitted model.
         trials: of every term, the last of each.
-        rivals: the fit of each term that was tried in full and not taken.
-        rival_resonance: beyond the excited frequencies, as good as the amplifier was when that was taken.
-        rough_m: error of the best rough fit of each term that was tried last.
+        rivals: the fit of each term that was tried in full and rejected.
+        rival_resonance: beyond the excited frequencies, as good as the amplifier was when that was accepted.
+        rough_m: error of the best coarse fit of each term that was tried last.
     """
 
     fit: Fit
@@ -39,24 +39,24 @@ class Selection:
 
     @property
     def inseparable(self) -> set[str]:
-        """Terms that are borne out and not told from the rest of the model."""
+        """Terms that the evidence supports but that are confounded with the rest of the model."""
         return {term for term, trial in self.trials.items() if trial.inseparable}
 
     def not_told(self, lagging: Fit, ringing: Fit) -> None:
-        """Write down that an amplifier and a resonance do the same."""
+        """Record that an amplifier and a resonance are confounded."""
         for term, found in (("amplifier", lagging), ("resonance", ringing)):
             self.rivals[term] = found
             self.trials[term] = replace(self.trials[term], taken=False, why=NOT_TOLD_APART[term], inseparable=True)
 
 
 def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:
-    """Fit once more, closely, under the observer that the model asks for."""
+    """Return the final fit under the best observer."""
     observer = best_observer(predictor, found, window)
     return fit(predictor, found.structure, found.values, observer, window, tolerance=1e-10)
 
 
 def without(predictor: Predictor, chosen: Selection, term: str, why: str, window: Window) -> None:
-    """Take a term out of the model and fit again."""
+    """Remove a term from the model and fit again."""
     found = chosen.fit
     chosen.rivals[term] = found
     chosen.trials[term] = replace(chosen.trials[term], taken=False, why=why)
@@ -65,7 +65,7 @@ def without(predictor: Predictor, chosen: Selection, term: str, why: str, window
 
 
 def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) -> bool:
-    """Take a current loop in place of a resonance that no structure has, where that does as well; say whether it does.
+    """Replace a resonance that is not structural by a current loop that fits as well; return whether it does.
 
     Args:
         predictor: of the records.
@@ -88,7 +88,7 @@ def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) 
 
 
 def no_false_loop(predictor: Predictor, chosen: Selection, window: Window) -> bool:
-    """Take a resonance before an encoder at the handle in place of a current loop, where that does better."""
+    """Replace a current loop by a resonance before an encoder at the handle, where that fits better."""
     loop = chosen.fit
     ringing = None if LOOP_DAMPING not in loop.structure.terms else behind_a_structure(predictor, loop, window)
     if ringing is None:
@@ -101,7 +101,7 @@ def no_false_loop(predictor: Predictor, chosen: Selection, window: Window) -> bo
 
 
 def told_by_its_kind(predictor: Predictor, chosen: Selection, window: Window) -> None:
-    """Set an amplifier of the first order and one of the second apart, and those of other damping ratios.
+    """Separate amplifiers of the first and second order, and of other damping ratios.
 
     Args:
         predictor: of the records.

@@ -1,4 +1,4 @@
-"""What a device may be made of: terms, their parameters, and how each is searched for."""
+"""Terms of a device model, their parameters, and the coordinates of the search."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ LONGEST_DELAY = 24.0
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that a log may tell.
+    """One parameter that a log may identify.
 
     Attributes:
         name: with its unit, as in a device file where it stands there.
-        unit: as the user reads it.
-        kind: searched for as its logarithm, as itself, or as the logit of a share.
-        lowest, highest: what it may be.
-        part: of the device that it belongs to: the linear loop, friction and constant force, or what is measured.
+        unit: as printed.
+        kind: search coordinate: the logarithm, the value itself, or the logit of a share.
+        lowest, highest: bounds.
+        part: of the model that it belongs to: the linear loop, friction and constant force, or the measurement.
     """
 
     name: str
@@ -40,13 +40,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Term:
-    """Parameters that come and go together.
+    """Parameters that are added and removed together.
 
     Attributes:
         name: of the term.
-        words: as a sentence calls it.
+        words: name in a sentence.
         parameters: its parameters.
-        needs: terms without which it says nothing.
+        needs: terms that it depends on.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Term:
 
 
 LOOP_DAMPING, LOOP_RATIO = "loop-damping", "amplifier_damping_ratio"
-"""Of an amplifier of the second order: the term and its number."""
+"""The damping ratio of a second-order amplifier: term and parameter."""
 
 _INF = math.inf
 _FAR = 500.0
@@ -125,7 +125,7 @@ TERMS: Mapping[str, Term] = {
     )
 }
 
-# At these values a term that is left out does nothing.
+# Values at which an absent term has no effect.
 _ABSENT = {
     "mass_kg": 1.0,
     "resonance.frequency_hz": math.nan,
@@ -141,7 +141,7 @@ PARAMETERS = {one.name: one for term in TERMS.values() for one in term.parameter
 
 
 def words_of(terms: Sequence[str], amplifier_order: int) -> str:
-    """Return the terms of a model as a sentence calls them.
+    """Return the terms of a model as a phrase.
 
     Args:
         terms: names of TERMS.
@@ -158,13 +158,13 @@ SIZE_OF = {
     "coulomb": "coulomb_friction_n",
     "play": PLAY,
 }
-"""The number of a term that is 0 where it is absent."""
+"""The parameter that is 0 where a term is absent."""
 HIGHEST_SEEN = 0.45
-"""Share of the sample rate up to which a resonance is seen."""
+"""Share of the sample rate up to which a resonance is identifiable."""
 
 
 def offset_of(log: int) -> str:
-    """Return the name of the constant force of a log, counted from 0."""
+    """Return the key of the constant force of a log, counted from 0."""
     return OFFSET if log == 0 else f"log_{log + 1}.{OFFSET}"
 
 
@@ -180,17 +180,17 @@ def lag_of(order: int, damping_ratio: float) -> float:
 
 @dataclass(frozen=True)
 class Structure:
-    """Which terms the device has, and what is known beforehand.
+    """Model structure: the terms, and what is known beforehand.
 
     Attributes:
         terms: names of TERMS, base first.
-        known: values that are not searched for.
-        units: size of each linear parameter that matters, which scales the search.
+        known: fixed values.
+        units: scale of each linear parameter in the search.
         encoder_at: the side of the resonance on which the position is measured.
-        assumed: values that the log does not tell and the model cannot do without.
+        assumed: values that the log does not identify and the model needs.
         amplifier_order: 1, a lag; 2, a current loop.
-        loop_damping_ratio: of a current loop where that is no term.
-        logs: number of logs; each has a constant force of its own, as pose and amplifier have it on that day.
+        loop_damping_ratio: of a current loop where it is not a term.
+        logs: number of logs; each has a constant force of its own, which depends on pose and amplifier.
     """
 
     terms: tuple[str, ...]
@@ -204,7 +204,7 @@ class Structure:
 
     @property
     def free(self) -> tuple[Parameter, ...]:
-        """Parameters that are searched for."""
+        """Free parameters."""
         held = {*self.known, *self.assumed}
         found = tuple(one for term in self.terms for one in TERMS[term].parameters if one.name not in held)
         if OFFSET in held:
@@ -212,11 +212,11 @@ class Structure:
         return (*found, *(replace(PARAMETERS[OFFSET], name=offset_of(log)) for log in range(1, self.logs)))
 
     def present(self, name: str) -> bool:
-        """Whether a parameter belongs to the terms, known or not."""
+        """Whether a parameter belongs to the terms, fixed or free."""
         return any(one.name == name for term in self.terms for one in TERMS[term].parameters)
 
     def values(self, search: FloatArray) -> dict[str, float]:
-        """Return every parameter of all terms at a point of the search; what is absent does nothing."""
+        """Return every parameter of all terms at given coordinates; absent terms have no effect."""
         found = {name: _ABSENT.get(name, 0.0) for name in PARAMETERS} | dict(self.known)
         found[LOOP_RATIO] = self.loop_damping_ratio
         found |= {name: value for name, value in self.assumed.items() if self.present(name)}
@@ -225,7 +225,7 @@ class Structure:
         return found
 
     def outward(self, one: Parameter, q: float) -> float:
-        """Return the value at a coordinate of the search."""
+        """Return the value at a search coordinate."""
         if one.kind == "log":
             return math.exp(min(max(q, -_FAR), _FAR))
         if one.kind == "share":
@@ -236,7 +236,7 @@ class Structure:
         return self.units.get(OFFSET if one.name.endswith(OFFSET) else one.name, 1.0)
 
     def inward(self, one: Parameter, value: float) -> float:
-        """Return the coordinate of the search of a value, moved into what is allowed."""
+        """Return the search coordinate of a value, clipped to its bounds."""
         value = min(max(value, one.lowest), one.highest)
         if one.kind == "log":
             return math.log(value)
@@ -245,11 +245,11 @@ class Structure:
         return value / self._unit(one)
 
     def start(self, values: Mapping[str, float]) -> FloatArray:
-        """Return the point of the search of some values."""
+        """Return the search coordinates of given values."""
         return np.array([self.inward(one, values[one.name]) for one in self.free])
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the search."""
+        """Return the bounds of the search."""
         ends = [(self.inward(one, one.lowest), self.inward(one, one.highest)) for one in self.free]
         low, high = np.array(ends).T
         return low, high
@@ -264,11 +264,11 @@ class Structure:
         return np.array(slopes)
 
     def admits(self, term: str) -> bool:
-        """Whether a term is new and has what it needs."""
+        """Whether a term is new and its dependencies are present."""
         return term not in self.terms and all(need in self.terms for need in TERMS[term].needs)
 
     def less(self, term: str) -> Structure:
-        """Return one without a term and what says nothing without it."""
+        """Return the structure without a term and those that depend on it."""
         gone = {term, *(one for one in self.terms if term in TERMS[one].needs)}
         return replace(self, terms=tuple(one for one in self.terms if one not in gone))
 

@@ -1,4 +1,4 @@
-"""Logs as text, read in pieces: a row is a row of numbers before the next piece is read."""
+"""Logs as text, parsed in pieces to bound the memory."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from avc_casadi.identification.record import TOLD, faults_of_rows
 from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_columns
 
 _COMMA = re.compile(r"\d,\d+'$")
-# What is longer is no row of numbers; a hundred channels are a thousand characters.
+# A longer line is no row of numbers; a hundred channels are a thousand characters.
 _LONGEST_ROW = 50_000
 _PIECE_BYTES = 2**20
 _MOST_ROWS, _MOST_RECORDS = 10_000_000, 1000
 _MARKS = ("#", "%")
-# Remarks above the first row that may name its columns.
+# Comment lines above the first row that may name its columns.
 _REMARKS = 100
 
 _Row = tuple[int, str]
@@ -30,14 +30,14 @@ _Row = tuple[int, str]
 
 @dataclass
 class TextLog:
-    """The columns of a text, as they are read.
+    """The columns of a text log while it is parsed.
 
     Attributes:
-        file: what the faults call it.
-        layout: what is said of its columns.
+        file: name in faults.
+        layout: columns and units, as given by the user.
         chosen: column of each quantity.
-        faults: what is wrong with the text.
-        told: what was done to it.
+        faults: of the text.
+        told: notes for the user on what was changed.
     """
 
     file: str
@@ -57,10 +57,10 @@ class TextLog:
 
     @classmethod
     def of(cls, stream: BinaryIO, file: str, layout: Layout) -> TextLog:
-        """Read a text.
+        """Parse a text.
 
         Raises:
-            InputError: it is no text of rows, or of too many.
+            InputError: it is no text of rows, or has too many.
         """
         log, remarks = cls(file, layout), deque[_Row](maxlen=_REMARKS)
         pieces = _pieces(stream, file, remarks)
@@ -87,7 +87,7 @@ class TextLog:
             yield name, np.concatenate(tables), np.concatenate(lines)
 
     def _begin(self, rows: list[_Row], remarks: Sequence[_Row]) -> None:
-        """Find mark and headers: of the first row, or of the remark above, as numpy has it."""
+        """Find delimiter and headers: in the first row, or in the comment above, as numpy writes it."""
         self._mark = _delimiter(rows[1 if len(rows) > 1 else 0][1])
         line, first = rows[0][0], self._cells(rows[0][1])
         self._width = len(first)
@@ -108,7 +108,7 @@ class TextLog:
             self._take(rows)
 
     def _take(self, rows: list[_Row]) -> None:
-        """Read rows, but for the last, which the end of writing may have cut short."""
+        """Parse rows, but for the last, which may have been cut short while writing."""
         rows = [*self._last, *rows]
         self._last, rows = rows[-1:], rows[:-1]
         if rows:
@@ -132,7 +132,7 @@ class TextLog:
             self.faults = [Fault(self.file, None, "", "has headers and no samples")]
 
     def _at_once(self, rows: list[_Row]) -> bool:
-        """Read rows that are numbers throughout; False where any is something else."""
+        """Parse rows that are numbers throughout; return False where any is not."""
         texts, mark = [text for _, text in rows], self._mark
         if self._group is not None or not all(
             (len(text.split()) if mark is None else text.count(mark) + 1) == self._width and '"' not in text
@@ -150,7 +150,7 @@ class TextLog:
         return True
 
     def _one_by_one(self, rows: Sequence[_Row]) -> None:
-        """Read rows of which some have empty cells, quoted ones, or a fault."""
+        """Parse rows with empty or quoted cells, or a fault."""
         kept: dict[str, tuple[list[list[float]], list[int]]] = {}
         for number, text in rows:
             cells = self._cells(text)
@@ -159,7 +159,7 @@ class TextLog:
                 continue
             bad = [quantity for quantity, one in self.chosen.items() if not _is_number(cells[one.index])]
             if self._may_lack_clock and "time" in bad:
-                del self.chosen["time"]  # a time of day, in whose place a sample time is given
+                del self.chosen["time"]  # a time of day, replaced by a given sample time
                 bad.remove("time")
             for quantity in bad:
                 self._fault(quantity, number, f"is {cells[self.chosen[quantity].index][:40]!r}")
@@ -179,7 +179,7 @@ class TextLog:
             raise InputError.of(message, file=self.file)
 
     def _fault(self, quantity: str, line: int, what: str) -> None:
-        """Remember the first faults of a column and the last."""
+        """Record the first faults of a column and the last."""
         found = self._wrong.setdefault(quantity, [])
         found[TOLD:] = [(line, what)]
         self._counts[quantity] += 1
@@ -191,11 +191,11 @@ class TextLog:
 
 
 def _pieces(stream: BinaryIO, file: str, remarks: deque[_Row]) -> Iterator[list[_Row]]:
-    """Yield the rows of a text with their lines, piece by piece; remarks are laid aside."""
+    """Yield the rows of a text with their line numbers, piece by piece; comments are set aside."""
     line, rest = 1, b""
     while piece := stream.read(_PIECE_BYTES):
         text = rest + piece
-        end = b"\r" if text.endswith(b"\r") else b""  # the half of an end of line
+        end = b"\r" if text.endswith(b"\r") else b""  # half of a CRLF
         text = text[: len(text) - len(end)].replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         whole, feed, rest = text.rpartition(b"\n")
         if len(rest) > _LONGEST_ROW:

@@ -1,4 +1,4 @@
-"""An identification as a JSON document and as text, with what its user should know beside the numbers."""
+"""An identification as a JSON document and as text, with remarks on its validity."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
 
 
 def identification_text(found: Identification) -> str:
-    """Return the same for people."""
+    """Return an identification as printed text."""
     records = f"{found.records} record{'' if found.records == 1 else 's'}"
     terms = words_of(found.terms, found.amplifier_order)
     lines = [
@@ -127,9 +127,9 @@ def identification_text(found: Identification) -> str:
     return "\n".join(lines)
 
 
-# A structure rings longer than one that is damped by this.
+# A structural mode is damped by less than this.
 _PLAYS = 0.2
-# No link and no amplifier is as quick as this, in samples.
+# No link and no amplifier has a shorter delay, in samples.
 _NO_DELAY = 5e-3
 
 
@@ -141,15 +141,15 @@ def remarks(
     estimates: Mapping[str, object],
     radius_m: float,
 ) -> list[str]:
-    """Return what may be otherwise than the numbers say, one sentence each.
+    """Return remarks on what may invalidate the estimates, one sentence each.
 
     Args:
         fit: of the logs.
-        lags: autocorrelation of its error.
+        lags: autocorrelation of its prediction error.
         feedback: whether the force follows the position.
-        driven: the controller that makes all of the force, where something else moves the device.
-        estimates: what is told.
-        radius_m: how far the handle goes for a unit of the position.
+        driven: the controller that makes the whole force, where something else moves the device.
+        estimates: the identified parameters.
+        radius_m: travel of the handle per unit of position.
     """
     notes = []
     if "stiffness" in fit.structure.terms:

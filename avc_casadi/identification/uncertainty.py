@@ -1,4 +1,4 @@
-"""Evidence for a model and uncertainty of its numbers: from stretches and records, not from the error alone."""
+"""Evidence for a model and uncertainty of its parameters, from blocks and records, not from the error alone."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ WORTH = 2e-3
 
 @dataclass(frozen=True)
 class Trial:
-    """What came of trying a term.
+    """Result of trying a term.
 
     Attributes:
         term: its name.
-        taken: whether the model has it.
+        taken: whether it was accepted.
         held_out_change: relative change of the held-out squared error; negative is better.
         standard_errors: that change in its own standard errors.
-        why: in words.
-        inseparable: whether the rest of the model could do the same: the log bears it out, and does not tell it.
+        why: reason in words.
+        inseparable: whether it is confounded with the rest of the model although the evidence supports it.
     """
 
     term: str
@@ -42,20 +42,20 @@ class Trial:
 
     @property
     def worth(self) -> bool:
-        """Whether the held-out error falls by more than nothing."""
+        """Whether the held-out error falls."""
         return -self.held_out_change > WORTH
 
 
 def _curvature(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Return J'J of all blocks, and the root of its diagonal, which brings parameters to one size."""
+    """Return J'J of all blocks, and the root of its diagonal, which scales the parameters to one size."""
     whole = np.sum([block.curvature for block in fit.blocks], axis=0)
     return whole, np.sqrt(np.maximum(np.diag(whole), 1e-300))
 
 
 def held_out(fit: Fit) -> FloatArray:
-    """Return the squared error of each block as the fit without it predicts it, shape (blocks,), m^2.
+    """Return the leave-one-out squared prediction error of each block, shape (blocks,), m^2.
 
-    The fit without a block is one Gauss-Newton step away, from the fit with all or from a point beside it.
+    The fit without a block is one Gauss-Newton step from the fit with all, or from a point beside it.
     """
     whole, scale = _curvature(fit)
     gradient = np.sum([block.gradient for block in fit.blocks], axis=0)
@@ -68,12 +68,12 @@ def held_out(fit: Fit) -> FloatArray:
 
 
 def _sure(gain: FloatArray) -> float:
-    """Return a mean in its own standard errors."""
+    """Return a mean divided by its standard error."""
     return float(np.mean(gain)) / (float(np.std(gain, ddof=1) / np.sqrt(gain.size)) or 1e-300)
 
 
 def compared(simple: Fit, rich: Fit, term: str) -> Trial:
-    """Say whether a richer model predicts what it has not seen better.
+    """Return whether a richer model predicts held-out data better, as a trial.
 
     Args:
         simple: without the term.
@@ -83,8 +83,8 @@ def compared(simple: Fit, rich: Fit, term: str) -> Trial:
     one, other = held_out(simple), held_out(rich)
     gain = one - other
     size = float(np.sum(one))
-    # Where a simple model fails in a few stretches, their gains differ by orders: then the logarithm decides.
-    # Where the device stands still both may be exact.
+    # Where a simple model fails in a few blocks, their gains differ by orders of magnitude: then the logarithm decides.
+    # Where the device stands still both errors may be 0.
     least = 1e-12 * size / one.size or 1e-300
     sure = max(_sure(gain), _sure(np.log((one + least) / (other + least))))
     change = -float(np.sum(gain)) / (size or 1.0)
@@ -101,13 +101,13 @@ def compared(simple: Fit, rich: Fit, term: str) -> Trial:
 LEVEL = 0.95
 _DRAWS = 500
 _SEED = 20
-# Fewer records than this say little of how records differ.
+# Fewer records than this give no estimate of the spread between them.
 _ENOUGH_RECORDS = 3
-# The mean over a sample of what bends and of what decays evenly differ by a twelfth of the bend, as Simpson's rule
-# tells; friction changes by twice its level where the motor turns.
+# The means over a sample of a curved and of a linear course differ by a twelfth of the curvature, by Simpson's rule;
+# friction changes by twice its level where the motor reverses.
 _BENT = 6.0
-# The least that the model leaves out where what rings inside a sample tells a number, or an amplifier's lag does: what
-# errors against a simulation in steps of 1/200 sample ask for.
+# Least discretisation error of parameters identified from a resonance inside a sample, or from an amplifier's lag:
+# calibrated on errors against a simulation in steps of 1/200 sample.
 _LEAST = {
     "resonance.frequency_hz": 1e-3,
     "resonance.damping_ratio": 3e-2,
@@ -115,7 +115,7 @@ _LEAST = {
     "amplifier_bandwidth_hz": 1e-2,
     LOOP_RATIO: 1e-2,
 }
-# When play is taken up is known to half a sample.
+# The instant at which backlash is taken up is known to half a sample.
 _TAKEN_UP = 0.5
 _IN_PROPORTION = ("damping_ns_per_m", "coulomb_friction_n", "stiffness_n_per_m")
 
@@ -130,7 +130,7 @@ class Spread:
         correlation: shape (free, free).
         degrees: of freedom of the t distribution.
         source: in words.
-        beyond: how far what is assumed may have moved the estimate down and up, shape (2, free).
+        beyond: shift of the estimate under other assumed values, down and up, shape (2, free).
     """
 
     covariance: FloatArray
@@ -144,13 +144,12 @@ class Spread:
 def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
     """Return the uncertainty of a fit.
 
-    Blocks are drawn anew with replacement, and each draw moves the estimate by a Gauss-Newton step; from three records
-    on, the spread between records is taken where it is larger. What other observers would have found is added where it
-    is more than chance: there the disturbance, or the model, is not what it is taken for. So is what the model leaves
-    out inside a sample.
+    Block bootstrap: each draw moves the estimate by a Gauss-Newton step; from three records on, the spread between
+    records is taken where it is larger. The shift under other observers is added where it is significant: there the
+    disturbance, or the model, is not as assumed. So is the discretisation error inside a sample.
 
     Args:
-        fit: at its best.
+        fit: the fitted model.
         others: the same point under faster and slower observers.
     """
     gradients = np.array([block.gradient for block in fit.blocks])
@@ -158,7 +157,7 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
     whole, scale = _curvature(fit)
     free, count = scale.size, len(fit.blocks)
     random = np.random.default_rng(_SEED)
-    # At a bound the gradient does not vanish; it says nothing of the spread.
+    # At a bound the gradient does not vanish; it is no measure of the spread.
     gradients = gradients - gradients.mean(axis=0)
     moves = []
     for _ in range(_DRAWS):
@@ -189,13 +188,13 @@ def spread_of(fit: Fit, others: Sequence[Fit]) -> Spread:
 
 
 def _inside_a_sample(fit: Fit) -> FloatArray:
-    """Return how far the model's own samples may move each coordinate, shape (free,).
+    """Return the discretisation error of each coordinate, shape (free,).
 
-    The linear part is exact. Dry friction takes a velocity to decay evenly over a sample: of damping that leaves out
-    the second order, of a resonance the first. It matters in samples in which the motor turns, and as friction weighs
-    beside the force; what friction from rest has more than that is gone, where it falls steeply with the speed, before
-    the sample ends. Without friction, and as the sample time falls, nothing is left of it. What an amplifier's lag
-    gains a delay loses.
+    The linear part is exact. Dry friction assumes a velocity that decays evenly over a sample: the error is of second
+    order in damping, of first order in a resonance. It matters in samples in which the motor reverses, weighted by
+    friction relative to the force; the excess of breakaway friction is gone, where it falls steeply with the speed,
+    before the sample ends. Without friction, and as the sample time falls, the error vanishes. An amplifier's lag and
+    the delay shift in opposite directions.
     """
     values, period = fit.values, fit.sample_time_s
     force, excess = fit.structure.units["coulomb_friction_n"], values["breakaway_excess_n"]
@@ -221,7 +220,7 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
             _LEAST[key] for key in ("amplifier_bandwidth_hz", LOOP_RATIO) if fit.structure.present(key)
         )
     if fit.structure.present(PLAY):
-        # Where play begins and ends is known to what encoder and noise leave, and when to a part of a sample.
+        # The ends of the backlash are known to the residual of encoder and noise, its instants to a part of a sample.
         moved["delay_samples"] += _TAKEN_UP * fit.taking_up
         moved[PLAY] = math.sqrt(fit.noise_share) * fit.rms_m / fit.structure.units[PLAY]
     return np.array(
@@ -233,15 +232,15 @@ def _inside_a_sample(fit: Fit) -> FloatArray:
 
 
 def _by_the_clock(fit: Fit) -> FloatArray:
-    """Return how far the clock of the log may move each coordinate, shape (free,)."""
+    """Return the shift of each coordinate by errors of the log's clock, shape (free,)."""
     pairs = zip(fit.structure.free, fit.search, strict=True)
     return np.array([fit.clock * (1.0 if one.kind == "log" else abs(q)) for one, q in pairs])
 
 
 def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
-    """Return how far another observer moves the estimate, less what chance moves it."""
+    """Return the shift of the estimate under another observer, less its chance part."""
     low, high = fit.structure.bounds()
-    # Each block's share of the two steps; their difference block by block is what chance makes of the shift.
+    # Each block's contribution to the two steps; the scatter of their difference gives the chance part of the shift.
     moves = moves_of(other) - moves_of(fit)
     shift = np.clip(fit.search + moves.sum(axis=0), low, high) - fit.search
     chance = 2.0 * np.sqrt(len(moves)) * moves.std(axis=0, ddof=1)
@@ -249,10 +248,10 @@ def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
 
 
 def moves_of(fit: Fit) -> FloatArray:
-    """Return the Gauss-Newton step in the search that each block asks for, shape (blocks, free); they add up.
+    """Return the Gauss-Newton step by each block, shape (blocks, free); they add up.
 
     Args:
-        fit: a point, with the blocks that are asked.
+        fit: a point, with its blocks.
     """
     whole, scale = _curvature(fit)
     gradients = np.array([block.gradient for block in fit.blocks]).T / scale[:, None]
@@ -262,7 +261,7 @@ def moves_of(fit: Fit) -> FloatArray:
 def sensitivity(fit: Fit) -> tuple[FloatArray, float]:
     """Return correlations of the normalised sensitivities, shape (free, free), and their collinearity index.
 
-    The index is 1/sqrt of the smallest eigenvalue: from about 20 on, two or more numbers do the same to the log.
+    The index is 1/sqrt of the smallest eigenvalue: from about 20 on, two or more parameters are nearly confounded.
     """
     whole, scale = _curvature(fit)
     normal = whole / scale / scale[:, None]
@@ -271,14 +270,14 @@ def sensitivity(fit: Fit) -> tuple[FloatArray, float]:
 
 
 _TIMES = 2
-# What parts leave out falls with the square of their number: of the move to as many as one likes, the finer ones show
-# all but a quarter; how far that law itself is off is known to as much.
+# The error falls with the square of the number of parts: doubling it shows three quarters of the limit; the rest is
+# taken as the uncertainty of this law.
 _WHOLE = _TIMES**2 / (_TIMES**2 - 1.0)
 _UNSURE = 1.0 / _TIMES**2
 
 
 def richardson(predictor: Predictor, fit: Fit, spread: Spread, window: Window) -> tuple[Fit, Spread]:
-    """Move a fit to where ever finer parts of a sample put it; its interval holds what that law leaves."""
+    """Extrapolate a fit to infinitely fine parts of a sample (Richardson), and widen its interval by the remainder."""
     if not (fit.structure.present("amplifier_bandwidth_hz") and fit.structure.present("coulomb_friction_n")):
         return fit, spread
     fine = predictor.of(predictor.records, parts=_TIMES * PARTS)

@@ -1,4 +1,4 @@
-"""Columns of a log: which is which, and in what unit, from headers and options."""
+"""Columns of a log: their quantities and units, from headers and options."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ TURNED: Mapping[str, Mapping[str, float]] = {
     "position": {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3, "urad": 1e-6},
     "force": {"n.m": 1.0, "mn.m": 1e-3, "kn.m": 1e3, "nm": 1.0, "mnm": 1e-3, "unm": 1e-6},
 }
-"""Units of a device that turns; no unit of a quantity is one of both kinds of motion."""
+"""Units of a rotary device; no unit of a quantity belongs to both kinds of motion."""
 _SPELT = {"sec": "s", "seconds": "s", "micros": "us", "millis": "ms", "µs": "us", "µm": "um", "newton": "n"} | {
     "degrees": "deg",
     "degree": "deg",
@@ -70,7 +70,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity stands, and in what unit."""
+    """Column and unit of a quantity."""
 
     index: int
     unit: Unit
@@ -78,11 +78,11 @@ class Column:
 
 @dataclass(frozen=True)
 class Layout:
-    """What the user says of the columns of a log.
+    """Columns and units of a log, as given by the user.
 
     Attributes:
-        columns: by quantity, a header or a number (1 is the first column); what is not named is found by its header.
-        units: by quantity; what is not named is found in the header, ``position_mm`` or ``position [mm]``.
+        columns: by quantity, a header or a number (1 is the first column); others are found by their headers.
+        units: by quantity; others are found in the header, ``position_mm`` or ``position [mm]``.
         sample_time_s: where the log has no time.
     """
 
@@ -92,7 +92,7 @@ class Layout:
 
 
 def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault]]:
-    """Read ``time=1,position=2`` as the columns and units of an option; an angle is a position, a torque a force.
+    """Parse ``time=1,position=2`` as the columns and units of an option; an angle is a position, a torque a force.
 
     Args:
         texts: of the option, each with one or more pairs.
@@ -133,7 +133,7 @@ def chosen_columns(
     Args:
         headers: of the columns, or None where there are none.
         width: number of columns.
-        layout: what the user says.
+        layout: as given by the user.
         file: for the faults.
         line: of the headers.
     """
@@ -142,7 +142,7 @@ def chosen_columns(
     parsed = [_split(header) for header in headers or ()]
     for quantity in QUANTITIES:
         index = _column(quantity, headers, parsed, width, layout.columns.get(quantity))
-        # A sample time stands for a time that is not there, or is that of writing.
+        # A sample time replaces a missing time, or one of writing.
         spare = quantity == "time" and layout.sample_time_s is not None and "time" not in layout.columns
         if isinstance(index, str):
             if spare:
@@ -182,7 +182,7 @@ def chosen_columns(
 
 
 def _allowed(quantity: str) -> str:
-    """Return the units of a quantity, those that people write."""
+    """Return the usual units of a quantity."""
     if quantity == "force":
         return "N, mN, kN, or N.m, mN.m of a device that turns"
     units = ", ".join(UNITS[quantity]) + (" (counts times the encoder's step)" if quantity == "position" else "")
@@ -209,7 +209,7 @@ def _column(
     width: int,
     wanted: str | int | None,
 ) -> int | str:
-    """Return the index of a column, or what is wrong."""
+    """Return the index of a column, or the fault."""
     if wanted is not None and str(wanted).isdigit():
         number = int(wanted)
         return number - 1 if 1 <= number <= width else f"is column {number}; allowed: 1 to {width}"

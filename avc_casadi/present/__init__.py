@@ -1,1 +1,1 @@
-"""Results for people: figures, reports, the local page."""
+"""Presentation of results: figures, reports, the local page."""

@@ -1,4 +1,4 @@
-"""What a result prints from Python: the page that its command prints on a terminal."""
+"""Text of a result in Python: the page that its command prints on a terminal."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def text_of(result: object) -> str:
     """Return a result as its command prints it.
 
     Args:
-        result: of `recommend`, `solve`, `certify`, `compare`, `simulate` or `zwidth`, with the problem that was asked.
+        result: of `recommend`, `solve`, `certify`, `compare`, `simulate` or `zwidth`, with its problem.
     """
     raise NotImplementedError(f"no page for {type(result).__name__}")
 
 
 def html_of(result: Printed) -> str:
-    """Return the same for a notebook."""
+    """Return a result as HTML for a notebook."""
     return f"<pre>{escape(text_of(result))}</pre>"
 
 
@@ -60,7 +60,7 @@ def _stated(result: GainSchedule | Run) -> Problem:
 
 
 def _shown(problem: Problem) -> str:
-    """Return what a user would type for the problem."""
+    """Return the problem's name as a user types it."""
     return problem.name if problem.name in catalogue_names() else f"{problem.name or 'problem'}.toml"
 
 

@@ -1,4 +1,4 @@
-"""An answer on a terminal: a headline, aligned rows with a mark each,."""
+"""Layout of results on a terminal: a headline, and aligned rows with a mark each."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TextIO
 
-# Lines are no longer than that where nobody says how wide the terminal is, nor on a very wide one.
+# Default line width where the terminal's is unknown, its maximum, and its minimum.
 _WIDTH, _WIDEST, _NARROWEST = 110, 140, 60
 MOST_LINES = 15
-"""What is read at a glance."""
+"""Lines of a summary."""
 _COLOURS = {"✓": "32", "✗": "31", "!": "33"}
 _ASCII = str.maketrans({"✓": "+", "✗": "X", "·": ";", "±": "+"})
 
 
 class Mark(Enum):
-    """What a row says of what it tells."""
+    """Verdict of a row."""
 
     PASS = "✓"  # noqa: S105 - no password
     FAIL = "✗"
@@ -29,10 +29,10 @@ class Mark(Enum):
 
 @dataclass(frozen=True)
 class Row:
-    """One fact.
+    """One row.
 
     Attributes:
-        label: what it is of.
+        label: its subject.
         text: the fact.
         mark: whether it passes.
     """
@@ -44,7 +44,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Page:
-    """Where an answer is printed.
+    """Properties of the output stream.
 
     Attributes:
         width: longest line.
@@ -58,7 +58,7 @@ class Page:
 
     @classmethod
     def of(cls, stream: TextIO | None) -> Page:
-        """Return that of a stream; a colour only on a terminal and without NO_COLOR (https://no-color.org)."""
+        """Return the page of a stream; a colour only on a terminal and without NO_COLOR (https://no-color.org)."""
         if stream is None:
             return cls()
         terminal = stream.isatty()
@@ -69,13 +69,13 @@ class Page:
     def rendered(
         self, headline: str, rows: Sequence[Row], commands: Sequence[str] = (), spare: Sequence[str] = ()
     ) -> str:
-        """Return an answer as text.
+        """Return a result as text.
 
         Args:
-            headline: what it is about.
-            rows: facts, one a line; a long one goes on below itself.
-            commands: what to type next.
-            spare: labels of rows that say least, least first: left out as long as there are more than `MOST_LINES`
+            headline: its subject.
+            rows: one a line; long ones are wrapped.
+            commands: to type next.
+            spare: labels of the least important rows, least first: left out while there are more than `MOST_LINES`
                 lines, unless the row has a mark.
         """
         lines = self._lines(headline, rows, commands)

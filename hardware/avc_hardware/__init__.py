@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from avc_hardware.link.telemetry import TelemetrySample as TelemetrySample
     from avc_hardware.link.telemetry import open_log as open_log
 else:
-    # Imported at first use: CasADi, pyserial and Unicorn are needed by few of them.
+    # Imported at first use: few of them need CasADi, pyserial or Unicorn.
     _HOMES = {
         "codegen.device_firmware": ("BOARDS", "BuiltFirmware", "build_firmware"),
         "codegen.export": ("export_c",),

@@ -1,10 +1,10 @@
 """Hardware in the loop: the plant of a scene in Python, the firmware image on the emulated core, in lock step.
 
-At every tick the plant moves by one sample under the force that the firmware has put on its output (12 bits), and the
-encoder shows where it is. The link stays open meanwhile: couplings may be pushed while the hand presses. Nothing
-depends on the computer's clock.
+At every tick the plant moves by one sample under the firmware's output force (12 bits), and the encoder gives its
+position. The link stays open meanwhile: couplings may be pushed while the hand presses. Nothing depends on the
+computer's clock.
 
-A coupling is tried so: it is pushed into the emulated board, then a hand presses the wall.
+In a trial a coupling is pushed into the emulated board, then a hand presses the wall.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ if TYPE_CHECKING:
 
 
 PLANT_KINDS = frozenset({"hand", "stylus-hand", "viscous-friction", "resonance", "amplifier", "delay"})
-"""Effects of a scene that the bench has, beside what the firmware does itself."""
+"""Effects of a scene on the bench, beside those of the firmware."""
 _FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "adaptation", "guard", "saturation"})
-"""What the firmware does itself."""
+"""Effects that the firmware itself has."""
 
 
 @dataclass
 class LoopTrace:
-    """What happened at every tick since the motion began; lists grow as time passes.
+    """Trace of every tick since the motion began; lists grow with time.
 
     Attributes:
         position_m: true position of the device.
         velocity_m_per_s: true velocity.
         force_n: on the output of the firmware, held from this tick to the next.
-        held_m_per_s: true velocity of the handle, where that is another body; empty where it is not.
+        held_m_per_s: true velocity of the handle, where that is another body; else empty.
     """
 
     position_m: list[float] = field(default_factory=list)
@@ -72,7 +72,7 @@ class FirmwareInTheLoop:
     """A device with a hand on it, driven by the firmware image.
 
     Attributes:
-        trace: what has happened so far.
+        trace: so far.
         board: the emulated board, a link.
         connection: the open link to it.
     """
@@ -82,7 +82,7 @@ class FirmwareInTheLoop:
 
         Args:
             of: a coupling, whose settings the firmware gets; or a problem. Sample time, encoder and force limit are
-                those of its device; where it says nothing, 2 um and 50 N.
+                those of its device; by default 2 um and 50 N.
 
         Raises:
             UnsupportedError: the scene has an effect that the bench does not have, or the firmware cannot run so.
@@ -116,17 +116,17 @@ class FirmwareInTheLoop:
         return EmulatedBoard(limits=self._limits, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
 
     def push(self, coupling: Coupling) -> PushResult:
-        """Push a coupling; the plant goes on meanwhile."""
+        """Push a coupling; the plant moves meanwhile."""
         return push_over(self.connection, coupling)
 
     def run(self, seconds: float) -> LoopTrace:
-        """Let time pass; the first call begins the motion."""
+        """Advance time; the first call begins the motion."""
         self._sample = max(self._sample, 0)
         self.board.machine.run_until(self.board.machine.cycle + round(seconds * CLOCK_HZ))
         return self.trace
 
     def status(self) -> DeviceStatus:
-        """Ask the firmware for its state."""
+        """Query the state of the firmware."""
         return self.connection.run(self.connection.session.ask(Kind.STATUS, b"", DeviceStatus))
 
     def _encoder(self) -> int:
@@ -169,15 +169,15 @@ def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimi
 
 @dataclass(frozen=True)
 class LoopResult:
-    """How the firmware held the wall.
+    """Result of a press on the wall.
 
     Attributes:
-        seconds: that the hand pressed.
-        judgement: figures of the last half second, as scenes are judged.
+        seconds: duration of the press.
+        judgement: figures of the last half second, by the criteria of scenes.
         peak_force_n: largest force on the output.
-        left_out: effects of the problem's scene that the bench does not have.
-        push: what the push came to.
-        status: of the device in the end.
+        left_out: effects of the problem's scene that the bench lacks.
+        push: its result.
+        status: of the device at the end.
     """
 
     seconds: float
@@ -189,17 +189,17 @@ class LoopResult:
 
     @property
     def at_rest(self) -> bool:
-        """Whether device and handle came to rest, by the scene's criterion, and holds the wall: it latched no fault."""
+        """Whether device and handle settled, by the scene's criterion, and no fault was latched."""
         return bool(self.judgement.stable) and not self.status.faults
 
     @property
     def apparent_stiffness_n_per_m(self) -> float:
-        """Mean force over mean penetration in the end; not a number without contact."""
+        """Mean force over mean penetration at the end; NaN without contact."""
         return float(self.judgement.apparent_stiffness_n_per_m)
 
     @property
     def sentence(self) -> str:
-        """What came of it, in one line."""
+        """The result in one line."""
         if self.status.faults:
             word = DeviceFault(self.status.faults).word
             return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no force: {word}"
@@ -228,20 +228,20 @@ class LoopResult:
 
 
 def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, device: Device | None = None) -> LoopResult:
-    """Push a coupling into an emulated board of its device, and press the wall with the middle hand of ``[hands]``.
+    """Push a coupling into an emulated board of its device, and press the wall with the central hand of ``[hands]``.
 
-    The hand moves as the problem's scene says; of the scene's effects those of the plant stay. Dry friction is left
-    out, which would only help.
+    The hand moves as the problem's scene says; of the scene's effects those of the plant apply. Dry friction is left
+    out, which would only stabilise.
 
     Args:
-        coupling: what is to run, at its own sample time, encoder and force limit.
-        seconds: how long; None is the duration of the scene, and as much more as a hand alone swings on with a heavy
-            device, where it still moves then.
-        device: that is there in truth; None is the one that the coupling was made for.
+        coupling: to be run, at its own sample time, encoder and force limit.
+        seconds: duration; None is that of the scene, and as much more as a hand alone oscillates with a heavy device,
+            where it still moves then.
+        device: the true one; None is the one that the coupling was made for.
 
     Raises:
-        InputError: it is no coupling, or the duration is not a finite time above 0.
-        FirmwareLacksError: the coupling needs what the firmware does not have.
+        InputError: it is not a coupling, or the duration is not a finite time above 0.
+        FirmwareLacksError: the coupling needs features that the firmware lacks.
         MissingExtraError: the emulator is not installed.
     """
     require_coupling(coupling)

@@ -1,1 +1,1 @@
-"""Why a loop buzzes."""
+"""Diagnosis of a loop that oscillates."""

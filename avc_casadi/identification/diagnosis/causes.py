@@ -1,4 +1,4 @@
-"""But for what would the loop be at rest? Every answer that the log bears out is asked; their shares weigh causes."""
+"""Counterfactual causes of an oscillation: what stabilises the loop, under hypotheses weighted by the log."""
 
 from __future__ import annotations
 
@@ -38,31 +38,31 @@ CAUSES: Mapping[str, str] = {
 }
 """Causes by key, in words."""
 OTHER = "other"
-# A delay beyond the declared one by less than this, in samples, is no finding.
+# A delay beyond the declared one by less than this, in samples, is not a finding.
 _DELAY = 0.35
-# Peak to peak, in encoder steps, beyond which an encoder alone does not swing a loop.
+# Peak-to-peak amplitude, in encoder steps, above which quantisation alone does not sustain an oscillation.
 _STEPS = 14.0
 _MISSED = 0.01
 _JITTER = 0.1
-# Share of the hands of the box with which the loop must rest for the hand to be what is missing.
+# Share of the hands of the box that must stabilise the loop for the missing hand to be the cause.
 _HELD = 0.8
-# From one encoder step, an oscillation fills the device's travel after so many time constants.
+# Starting from one encoder step, an oscillation fills the device's travel after so many time constants.
 _TOO_LONG = 6.0
-# Of the way to rest, what is more than this share is a part of the cause.
+# A larger share of the distance to stability counts as part of the cause.
 _A_PART = 0.25
-# Shares of the lightest and the loosest hand of the box, below which hardly any hand holds.
+# Shares of the lightest and the loosest hand of the box, below which hardly any hand holds the device.
 _LIGHT, _LOOSE = 0.35, 0.7
 _LIKELY = 1e-3
 
 
 @dataclass(frozen=True)
 class Asked:
-    """One answer of many.
+    """A weighted hypothesis.
 
     Attributes:
         answer: device and hand.
-        weight: how far the log bears it out.
-        causes: what its loop would rest but for, with shares.
+        weight: by the likelihood of the log.
+        causes: changes that would stabilise its loop, with shares.
     """
 
     answer: Hypothesis
@@ -71,17 +71,17 @@ class Asked:
 
 
 def weigh(fits: Sequence[Fit], law: Law, log: Log, found: Oscillation, declared: Declared) -> list[Asked]:
-    """Ask every answer that the log bears out.
+    """Return the causes under every hypothesis compatible with the log.
 
-    A loop that would have grown far beyond the few counts that the log swings over is none of them, however well it
-    explains what a few counts show.
+    A loop that would have grown far beyond the few counts over which the log oscillates is none of them, however well
+    it explains those few counts.
 
     Args:
         fits: of the log, likeliest first.
-        law: what the computer makes of the position.
-        log: on its grid.
-        found: its oscillation.
-        declared: the loop as it was meant.
+        law: from position to force.
+        log: on its tick grid.
+        found: the oscillation.
+        declared: the intended loop.
     """
     limit_n = declared.device.max_force_n
     fits = [fit for fit in fits if not outgrows(fit.answer, law, log, found, limit_n)] or fits
@@ -102,7 +102,7 @@ def shares_of(asked: Sequence[Asked]) -> dict[str, float]:
     """Return the shares of the causes, largest first.
 
     Args:
-        asked: every answer that the log bears out.
+        asked: the weighted hypotheses.
     """
     total = sum(one.weight for one in asked)
     shares: dict[str, float] = {}
@@ -113,13 +113,13 @@ def shares_of(asked: Sequence[Asked]) -> dict[str, float]:
 
 
 def causes_of(answer: Hypothesis, law: Law, log: Log, found: Oscillation, declared: Declared) -> dict[str, float]:
-    """Return what a loop would rest but for: what differs from the declaration first, then what was declared itself."""
+    """Return what would stabilise a loop: first what differs from the declaration, then what was declared itself."""
     ticks = log.ticks
     irregular = ticks.missed_share > _MISSED or ticks.jitter_rms_s > _JITTER * ticks.sample_time_s
     even = worst_mode(answer, law)
     slower, _, late = timing(answer, law, log, declared)
     if even.stable:
-        # Over few steps the encoder swings the loop, and what is not as declared may be why it can.
+        # Over few steps quantisation sustains the oscillation, possibly because of what differs from the declaration.
         beside = {
             "ticks": irregular,
             "rate": slower or ticks.held > 1,
@@ -144,7 +144,7 @@ def causes_of(answer: Hypothesis, law: Law, log: Log, found: Oscillation, declar
 def _of_even_ticks(
     answer: Hypothesis, law: Law, log: Log, found: Oscillation, declared: Declared, even: Mode
 ) -> dict[str, float]:
-    """Return what a loop would rest but for that does not rest with every tick in time."""
+    """Return the causes of a loop that is unstable even without missed ticks."""
     ticks = log.ticks
     slower, meant, late = timing(answer, law, log, declared)
     faster = at_period(answer, law, meant_period(log, declared)) if slower or ticks.held > 1 else None
@@ -160,7 +160,8 @@ def _of_even_ticks(
         if gone == 1:
             return {"let-go": 1.0}
     left = _declared_itself(answer, law)
-    # Neither rate or delay as declared nor a gain below its limit there mends all: each has the share that it adds.
+    # Neither the declared rate or delay nor a lower gain stabilises the loop alone: each has the share that it
+    # contributes.
     differs = {"rate": faster, "delay": (answer.delayed(meant - law.lag), shorter(law, meant)) if late else None}
     for cause, mended in differs.items():
         share = 0.0 if mended is None or OTHER in left else _share_of_way(answer, mended[0], law, mended[1])
@@ -171,7 +172,7 @@ def _of_even_ticks(
 
 
 def timing(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[bool, float, bool]:
-    """Return whether the rate is slower than declared, the delay that was meant, and whether it is longer."""
+    """Return whether the rate is slower than declared, the intended delay, and whether the delay is longer."""
     device, period = declared.device, log.ticks.period_s
     slower = declared.known and period > 1.3 * device.sample_time_s
     meant = declared.longest_delay * (device.sample_time_s / period if slower else 1.0)
@@ -179,13 +180,13 @@ def timing(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[
 
 
 def _share_of_ticks(answer: Hypothesis, law: Law, log: Log, even_per_s: float) -> float:
-    """Return how much of the growth over the ticks as they ran is not there with every tick in time."""
+    """Return the share of the growth rate that missed ticks contribute."""
     as_ran = growth_over(answer, law, log.pattern)
     return max(0.0, 1 - even_per_s / as_ran) if as_ran > 0 else 0.0
 
 
 def _declared_itself(answer: Hypothesis, law: Law) -> dict[str, float]:
-    """Return what of the declared loop is too much."""
+    """Return the shares of resonance and gains of the declared loop that are too large."""
     if answer.device.resonance is not None and _rests(answer.without_mode(), law):
         return {"resonance": 1.0}
     away = {gain: _away(limit_of(answer, law, gain)) for gain in ("stiffness", "damping")}
@@ -200,7 +201,7 @@ def _declared_itself(answer: Hypothesis, law: Law) -> dict[str, float]:
 
 
 def _share_of_way(answer: Hypothesis, mended: Hypothesis, law: Law, law_mended: Law) -> float:
-    """Return how much of the way to the nearer gain's limit, in logarithms, is not there in a mended loop."""
+    """Return the share of the distance to the nearer gain limit, in logarithms, that a change removes."""
     now, then = (
         min(_away(limit_of(one, its_law, gain)) for gain in ("stiffness", "damping"))
         for one, its_law in ((answer, law), (mended, law_mended))
@@ -209,14 +210,14 @@ def _share_of_way(answer: Hypothesis, mended: Hypothesis, law: Law, law_mended: 
 
 
 def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:
-    """Whether a loop that grows so fast has been in contact too long before it swings to have been like this."""
+    """Return whether the contact before was too long for this growth rate: something has changed."""
     touching = np.flatnonzero(log.force_n)
     rested = found.begins_s - log.time_s[touching[0]] if touching.size else 0.0
     return bool(rested * growth_per_s > _TOO_LONG)
 
 
 def let_go(answer: Hypothesis, declared: Declared) -> bool:
-    """Whether hardly any hand holds the device."""
+    """Return whether hardly any hand holds the device."""
     hand, box = answer.hand, declared.hands
     if hand is None:
         return True
@@ -225,7 +226,7 @@ def let_go(answer: Hypothesis, declared: Declared) -> bool:
 
 
 def meant_period(log: Log, declared: Declared) -> float:
-    """Return the sample time that was meant: as declared, or that of the log where forces are held over samples."""
+    """Return the intended sample time: as declared, or that of the log where forces are held over samples."""
     slower = declared.known and log.ticks.period_s > 1.3 * declared.device.sample_time_s
     return declared.device.sample_time_s if slower else log.ticks.sample_time_s
 
@@ -235,7 +236,7 @@ def _rests(answer: Hypothesis, law: Law) -> bool:
 
 
 def shorter(law: Law, meant: float) -> Law:
-    """Return the law with no more lag than the whole delay that was meant."""
+    """Return the law with its lag limited to the intended delay."""
     return replace(law, lag=min(law.lag, int(meant)))
 
 

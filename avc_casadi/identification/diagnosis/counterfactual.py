@@ -1,4 +1,4 @@
-"""Counterfactuals: the loop as found, played again in a scene, with the encoder and without, as it is and as meant."""
+"""Counterfactual simulations of the identified loop in a scene: with and without encoder, as found and as intended."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ _SECONDS = 1.5
 _SPEED_M_PER_S = 0.07
 _BEFORE_M = 0.004
 _PRESSED_S = 0.5
-# How far the far end of a hand's spring goes at most, and that of a weight's.
+# Largest travel of the far end of a hand's spring, and of a weight's.
 _HAND_M, _WEIGHT_M = 0.2, 1.0
-# A weight presses a device that nobody holds: its force stays as it is, and it holds nothing.
+# A weight presses a released device: a constant force without stiffness or damping.
 _WEIGHT = Hand(1e-4, 1e-3, 10.0)
 NOTHING = 1e-6
-"""N/m or N.s/m at the hand that no hand feels, and what a fit leaves of nothing."""
+"""Stiffness or damping at the hand, N/m or N.s/m, that is 0 up to the tolerance of a fit."""
 
 
 def can_replay(law: Law) -> bool:
-    """Whether a scene renders the law: a spring and a damper that do not push on their own."""
+    """Return whether a scene renders the law: a passive spring and damper."""
     return law.stiffness_n_per_m >= 0 and law.damping_ns_per_m >= 0
 
 
 def replay(answer: Hypothesis, law: Law, log: Log, encoder_m: float, *, filter_hz: float | None = None) -> Oscillation:
-    """Press into the wall of the log once more, and find the oscillation.
+    """Simulate a press into the wall of the log, and find the oscillation.
 
     Args:
         answer: device and hand.
-        law: what the computer makes of the position, which `can_replay`.
-        log: whose mean force the hand presses with.
-        encoder_m: step of the encoder; 0 leaves it out.
-        filter_hz: cut-off of the velocity filter in place of the law's.
+        law: from position to force, which `can_replay`.
+        log: it gives the mean force of the hand.
+        encoder_m: encoder resolution; 0 leaves it out.
+        filter_hz: cut-off of the velocity filter replacing the law's.
     """
     problem = _problem(answer, law, log, encoder_m, filter_hz)
     run = simulate(problem, NO_COUPLING)
@@ -83,7 +83,7 @@ def _problem(answer: Hypothesis, law: Law, log: Log, encoder_m: float, filter_hz
         effects.append({"kind": "saturation"})
     delay = float(device.delay_samples) + law.lag
     if log.ticks.missed_share > 0:
-        # A scene that misses ticks is late by whole samples.
+        # A scene with missed ticks is late by whole samples.
         delay = round(delay)
     if delay > 0:
         effects.append({"kind": "delay", "samples": delay})
@@ -117,36 +117,36 @@ def _problem(answer: Hypothesis, law: Law, log: Log, encoder_m: float, filter_hz
 
 
 def _or_none(fitted: float, reach_m: float) -> float:
-    """Return 0 for what a fit leaves of nothing."""
+    """Return 0 for a value below the tolerance of a fit."""
     return fitted if fitted > NOTHING * reach_m**2 else 0.0
 
 
-# Answers that are played until one swings.
+# Hypotheses that are simulated until one oscillates.
 _PLAYED = 5
-# Share of a swing that is still the same swing.
+# Relative amplitude above which an oscillation counts as the same.
 _STILL = 0.3
-# Over so few steps what a loop does without them says little.
+# Over so few steps a loop without quantisation is little evidence.
 _HARDLY_ANY = 3.0
-# Shares below this are not worth a scene.
+# Causes of a smaller share are not simulated.
 _WORTH = 0.1
 
 
 def settled(
     asked: Sequence[Asked], law: Law, log: Log, swings: Oscillation, declared: Declared, evidence: list[str]
 ) -> tuple[Asked, ...]:
-    """Ask the scene where the encoder may swing a loop alone, or only because something else is not as declared.
+    """Decide by simulation between the encoder alone and a deviation from the intended loop as the cause.
 
-    With that as it was meant, a loop that the encoder swings alone swings still. That it then rests tells of a
-    resonance, which no few steps feign; a delay or a hand may be read wrong by as much as decides. Over hardly any
-    steps a loop without a hand is asked too that would grow: with one it may swing as far as the log does.
+    An oscillation sustained by the encoder alone persists in the intended loop. If it stops, a resonance is the cause,
+    which no few steps mimic; the estimate of a delay or a hand may be too inaccurate to decide. Over hardly any steps
+    an unstable loop without a hand is tested too: with a hand it may oscillate as far as the log does.
 
     Args:
-        asked: every answer that the log bears out.
-        law: what the computer makes of the position.
-        log: on its grid.
-        swings: its oscillation.
-        declared: the loop as it was meant.
-        evidence: to which is added what was played.
+        asked: the weighted hypotheses.
+        law: from position to force.
+        log: on its tick grid.
+        swings: the oscillation.
+        declared: the intended loop.
+        evidence: extended by the simulations.
     """
     told = list(asked)
     if not can_replay(law):
@@ -170,13 +170,13 @@ def settled(
 
 
 def doubts_of_encoder(answers: Sequence[Hypothesis], law: Law, log: Log, evidence: list[str]) -> list[str]:
-    """Play the scene with and without the encoder until it swings; return the doubts that are left.
+    """Simulate with and without the encoder until one hypothesis oscillates; return the remaining doubts.
 
     Args:
-        answers: with the encoder as their cause, likeliest first.
-        law: what the computer makes of the position.
-        log: on its grid.
-        evidence: to which is added what was played.
+        answers: hypotheses caused by the encoder, likeliest first.
+        law: from position to force.
+        log: on its tick grid.
+        evidence: extended by the simulations.
     """
     if not can_replay(law):
         return ["the law pushes on its own, which no scene renders"]
@@ -193,7 +193,7 @@ def doubts_of_encoder(answers: Sequence[Hypothesis], law: Law, log: Log, evidenc
 
 
 def _as_meant(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Hypothesis, Law]:
-    """Return an answer and its law with one thing as it was meant."""
+    """Return a hypothesis and its law with one property as intended."""
     if cause == "delay":
         meant = timing(answer, law, log, declared)[1]
         return answer.delayed(meant - law.lag), shorter(law, meant)
@@ -204,13 +204,13 @@ def _as_meant(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Decl
 
 
 def _moved(causes: Mapping[str, float], from_: str, to: str) -> Mapping[str, float]:
-    """Return causes with the share of one given to another."""
+    """Return causes with the share of one moved to another."""
     left = {cause: share for cause, share in causes.items() if cause != from_}
     return {**left, to: left.get(to, 0.0) + causes.get(from_, 0.0)}
 
 
 def _still(played: Oscillation, as_found: Oscillation) -> bool:
-    """Whether a loop swings as it did."""
+    """Return whether an oscillation has about the amplitude of the one found."""
     return played.sustained and played.peak_to_peak_m > _STILL * as_found.peak_to_peak_m
 
 

@@ -1,4 +1,4 @@
-"""Diagnose a log that buzzes."""
+"""Diagnosis of a log of an oscillating loop."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Hands
 
 _DRAWS = 16
-# A law that leaves less is that of the log; another one has to leave so much less than it does.
+# A law with a smaller residual is that of the log; another one must have a residual so much smaller.
 _EXACT, _BETTER = 5e-3, 0.3
 
 
@@ -54,17 +54,17 @@ def diagnose(
     Args:
         log: a file, or its columns.
         layout: columns and units of the file.
-        device: as declared; None assumes one.
-        hands: those that the loop was meant for; None takes the usual ranges.
-        coupling: what was meant to run; the device and the hands it was made for are taken where none are given.
-        stiffness_n_per_m: k that was meant to run, in place of a coupling.
-        damping_ns_per_m: b that was meant to run.
+        device: as declared; None assumes a default.
+        hands: those that the loop was designed for; None takes the usual ranges.
+        coupling: the intended one; its device and hands are taken where none are given.
+        stiffness_n_per_m: intended k, in place of a coupling.
+        damping_ns_per_m: intended b.
         flip_force: whether the log counts the force against +position.
-        seed: of the draws.
-        progress: who is told.
+        seed: of the random draws.
+        progress: of the diagnosis.
 
     Raises:
-        InputError: every fault of the log, or a force that drives the device away from where it rests.
+        InputError: every fault of the log, or a force that drives the device away from its equilibrium.
     """
     columns = log if isinstance(log, Columns) else _one(read_columns(log, layout), log)
     if coupling is not None:
@@ -85,7 +85,7 @@ def diagnose(
     declared = Declared.of(device, hands, grid.ticks.sample_time_s)
     limit_n = declared.device.max_force_n
     if limit_n is not None and exceeded(grid, limit_n):
-        # It is no limit of this log.
+        # The declared limit does not apply to this log.
         declared = replace(declared, device=device_as(declared.device, {"max_force_n": None}))
         most = number(float(np.abs(grid.force_n).max()), 3)
         said = f"the log commands up to {most} N, and max_force_n declares {number(limit_n, 3)} N"
@@ -129,7 +129,7 @@ def diagnose(
 def _by_another_law(
     judge: Judge, law: Law | None, grid: Log, swing: Swing, declared: Declared, seed: int, progress: Progress
 ) -> Diagnosis | None:
-    """Return the verdict on a force that is no spring and damper of one rate, where it is one of those known."""
+    """Return the verdict on a force unlike a spring and damper of one rate, where it is of another known kind."""
     most = math.inf if law is None or not law.told else _BETTER * law.misfit
     if most < _BETTER * _EXACT:
         return None
@@ -145,7 +145,7 @@ def _by_another_law(
 
 
 def _check_motion(columns: Columns, device: Device | None) -> None:
-    """Refuse a log that turns beside a device that does not, or of which nothing says where a hand holds it."""
+    """Refuse a rotary log with a linear device, or without a handle radius."""
     turns, motion = columns.motion == "rotary", None if device is None else device.motion
     if motion == columns.motion or (device is None and not turns):
         return

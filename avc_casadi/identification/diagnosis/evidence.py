@@ -1,4 +1,4 @@
-"""The evidence for a verdict, as sentences with numbers; how far a hand perceives it; the log that would decide."""
+"""The evidence for a verdict in sentences; amplitude over the detection threshold; the deciding log."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from avc_casadi.identification.diagnosis.model import Measured
 from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing
 from avc_casadi.simulation.population.motions import felt_vibration, threshold_m
 
-# An encoder that toggles between two counts moves by no more steps than that.
+# An encoder that toggles between two counts moves by no more steps.
 _TOGGLES = 1.5
 
 
 def toggles(found: Oscillation) -> bool:
-    """Return whether a position goes to and fro by one step of its encoder."""
+    """Return whether a position toggles by one step of its encoder."""
     return found.steps < _TOGGLES
 
 
 def felt(log: Log, swing: Swing, declared: Declared) -> float:
-    """Return an oscillation as a multiple of what a hand on a stylus detects.
+    """Return the amplitude of an oscillation relative to the vibrotactile detection threshold of a stylus grip.
 
-    Of one step of the encoder the size of the motion is not known, and its force is: the hand of the box that it moves
-    the most counts. Where the force stands at its limit it moves nothing, and the position counts.
+    Within one encoder step the amplitude of the motion is unknown, but its force is: the hand of the box with the
+    largest response counts. A saturated force excites no motion, and the position counts.
     """
     found = swing.found
     if toggles(found) and np.ptp(log.force_n[(swing.first + swing.last) // 2 : swing.last]) > 0:
@@ -64,15 +64,15 @@ _DECIDES = {
     "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
 }
 _FILE = ", or the device's file (--device)"
-# A force at its limit for less than this share of a swing hardly bounds it.
+# A force saturated for less than this share of the oscillation hardly bounds it.
 _CUT = 0.02
-# The largest force is a limit where it comes again and again: in so many samples, seldom and nearly all of them with a
-# new count, or in so large a share of the contact.
+# The largest force is a limit where it recurs: in so many samples, rarely and mostly with a new count, or in so large a
+# share of the contact.
 _TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN = 0.999, 8, 0.9, 0.3, 0.3
 
 
 def oscillation_sentence(found: Oscillation, felt: float) -> str:
-    """Say what swings, and how many times what a hand detects that is."""
+    """Describe the oscillation and its multiple of the detection threshold."""
     if not math.isfinite(found.frequency_hz):
         return f"no oscillation: above 4 Hz the position moves by {_um(found.at_rest_m)} rms"
     counted = number(found.steps, 3)
@@ -93,7 +93,7 @@ def oscillation_sentence(found: Oscillation, felt: float) -> str:
 
 
 def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
-    """Say what the time stamps tell."""
+    """Describe the timing of the ticks."""
     parts = [f"ticks of {number(1e3 * ticks.sample_time_s, 4)} ms"]
     if ticks.held > 1:
         parts.append(f"a new force only every {ticks.held} samples, {number(1 / ticks.period_s)} Hz")
@@ -108,7 +108,7 @@ def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
 
 
 def law_sentence(law: Law, sample_time_s: float) -> str:
-    """Say how the force follows the position."""
+    """Describe how the force follows the position."""
     if not law.told:
         return (
             f"the force is no spring and damper of the position: {100 * law.misfit:.0f} % of it is left "
@@ -124,7 +124,7 @@ def law_sentence(law: Law, sample_time_s: float) -> str:
 
 
 def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
-    """Say what device and hand answered."""
+    """Describe the identified device and hand."""
     known = "declared" if declared.known else "assumed"
     late = (
         f"from position to motion {number(measured.delay_samples, 3)} +- {number(measured.delay_error_samples, 1)} "
@@ -161,7 +161,7 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
 
 
 def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared: Declared) -> str:
-    """Say what the cause is and why."""
+    """Describe the cause and the reasons for it."""
     words = CAUSES[cause]
     smallest = "is more than the loop bears, and less of it is the smallest change that makes it settle"
     shape, meant = measured.resonance, measured.declared_delay_samples
@@ -180,7 +180,7 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared:
 
 
 def _box(declared: Declared) -> str:
-    """Return the hands that were meant."""
+    """Return the intended hands."""
     ends = (
         (declared.hands.mass_kg, "kg"),
         (declared.hands.damping_ns_per_m, "N.s/m"),
@@ -195,7 +195,7 @@ def _rests(measured: Measured) -> str:
 
 
 def limit_sentence(log: Log) -> str:
-    """Say how the largest force of a log hides what would be beyond it; nothing where it hides little."""
+    """Describe how force saturation hides the behaviour beyond it; empty where it hides little."""
     size = np.abs(log.force_n)
     top = np.flatnonzero(size > _TOP * size.max())
     if top.size < _FEW or size.max() == 0:
@@ -218,17 +218,17 @@ def limit_sentence(log: Log) -> str:
 
 
 def declared_resonance(measured: Measured) -> str:
-    """Say how the file of the device takes the resonance that was found."""
+    """Describe the identified resonance as the device file takes it."""
     told = ", ".join(f"{key} = {value:.3g}" for key, value in (measured.resonance or {}).items())
     return f"with resonance = {{ {told} }} under [device] in its file, avc recommend finds gains and a filter beside it"
 
 
 def deciding_log(candidates: Sequence[str], *, known: bool) -> str:
-    """Return what would tell between candidates.
+    """Return the log that would decide between the candidates.
 
     Args:
         candidates: causes by key.
-        known: whether the device's file was given.
+        known: whether the device file was given.
     """
     logs = [_DECIDES[cause] + _FILE * (cause == "delay" and not known) for cause in candidates if cause in _DECIDES]
     return "; ".join(dict.fromkeys(logs))

@@ -1,4 +1,4 @@
-"""A hypothesis (device and hand) in its sampled loop with a law: how fast it grows, and how far it is from rest."""
+"""A hypothesis (device and hand) in its sampled loop with a law: growth rate and stability limits."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.simulation.effects.filters import Notch
 
-# Samples; what a device may have at least beside none.
+# Least delay of a device, samples.
 _SHORTEST_DELAY = 1e-3
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A device with the hand that holds it.
+    """A device with the hand on it.
 
     Attributes:
         device: with its delay from the commanded force to the motion.
-        hand: None let go.
+        hand: None where the device is released.
     """
 
     device: Device
     hand: Hand | None
 
     def without_mode(self) -> Hypothesis:
-        """Return the same with rigid mechanics."""
+        """Return the hypothesis with rigid mechanics."""
         return Hypothesis(device_as(self.device, {"resonance": None}), self.hand)
 
     def delayed(self, samples: float) -> Hypothesis:
-        """Return the same with another delay; none where it is too short for a device to have."""
+        """Return the hypothesis with another delay, at least the smallest of a device."""
         taken = samples if samples >= _SHORTEST_DELAY else 0.0
         return Hypothesis(device_as(self.device, {"delay_samples": taken}), self.hand)
 
 
 def device_as(device: Device, changed: Mapping[str, object]) -> Device:
-    """Return a device with some keys changed, known exactly."""
+    """Return a device with some keys changed, exact values."""
     return Device.model_validate({**device.model_dump(exclude={"range"}), **changed})
 
 
-# Factors of a gain that are looked at, and how closely its limit is then found.
+# Factors of a gain that are scanned, and the tolerance of its limit.
 _FACTORS = np.geomspace(1.0, 0.01, 41)
 _HALVINGS = 8
 _MOST_TICKS = 3000
@@ -60,7 +60,7 @@ class Mode:
     """The least damped mode of a loop.
 
     Attributes:
-        growth_per_s: rate of its amplitude, below 0 where the loop comes to rest.
+        growth_per_s: growth rate of its amplitude, below 0 where stable.
         frequency_hz: its frequency.
     """
 
@@ -69,7 +69,7 @@ class Mode:
 
     @property
     def stable(self) -> bool:
-        """Whether the loop comes to rest."""
+        """Whether the loop is stable."""
         return self.growth_per_s < 0
 
 
@@ -77,8 +77,8 @@ def worst_mode(answer: Hypothesis, law: Law, *, stiffness: float = 1.0, damping:
     """Return the least damped mode of the loop in contact.
 
     Args:
-        answer: device and hand; the lag of the law comes on top of its delay.
-        law: what the computer makes of the position.
+        answer: device and hand; the lag of the law adds to its delay.
+        law: from position to force.
         stiffness: factor of its stiffness.
         damping: factor of its damping.
     """
@@ -94,7 +94,7 @@ def notched_growth(answer: Hypothesis, law: Law, notch: Notch) -> float:
 
     Args:
         answer: device and hand.
-        law: what the computer makes of the position.
+        law: from position to force.
         notch: the filter.
     """
     period = answer.device.sample_time_s
@@ -112,7 +112,7 @@ def notched_growth(answer: Hypothesis, law: Law, notch: Notch) -> float:
 
 
 def worst_growth_of_hands(answer: Hypothesis, law: Law, hands: Hand) -> FloatArray:
-    """Return the growth of the loop with each of some hands in place of its own, shape (hands,)."""
+    """Return the growth rate of the loop with each of several hands in place of its own, shape (hands,)."""
     return np.array(
         [
             worst_mode(Hypothesis(answer.device, hands.pick(slice(i, i + 1))), law).growth_per_s
@@ -122,18 +122,18 @@ def worst_growth_of_hands(answer: Hypothesis, law: Law, hands: Hand) -> FloatArr
 
 
 def at_period(answer: Hypothesis, law: Law, sample_time_s: float) -> tuple[Hypothesis, Law]:
-    """Return the same loop at another sample time: the same gains, filter in seconds and delay in samples."""
+    """Return the loop at another sample time: same gains, filter in seconds and delay in samples."""
     keep = law.keep ** (sample_time_s / answer.device.sample_time_s) if law.keep else 0.0
     device = device_with(answer.device, {"sample_time_s": sample_time_s})
     return Hypothesis(device, answer.hand), replace(law, keep=keep)
 
 
 def growth_over(answer: Hypothesis, law: Law, ran: BoolArray) -> float:
-    """Return the mean growth over ticks of which some are missed: there the force stays and nothing is computed.
+    """Return the mean growth rate over ticks of which some are missed: there the force is held and nothing is computed.
 
     Args:
         answer: device and hand.
-        law: what the computer makes of the position.
+        law: from position to force.
         ran: whether each tick ran, shape (n,).
     """
     run = _loops(answer, law, np.ones(1), np.ones(1))[0]
@@ -145,7 +145,7 @@ def growth_over(answer: Hypothesis, law: Law, ran: BoolArray) -> float:
     state = np.random.default_rng(0).standard_normal(size)
     grown = 0.0
     ticks = np.resize(ran, _MOST_TICKS)
-    # The first half forgets where it began.
+    # The transient has decayed after the first half.
     for count, ticked in enumerate(ticks):
         state = (run if ticked else missed) @ state
         length = float(np.linalg.norm(state))
@@ -155,19 +155,19 @@ def growth_over(answer: Hypothesis, law: Law, ran: BoolArray) -> float:
 
 
 def growth_of_two_rates(answer: Hypothesis, law: Law, slow: str, ticks: int, late: int) -> float:
-    """Return the growth of the loop whose spring or damper is new once a frame, 1/s, from one frame to the next.
+    """Return the growth rate, 1/s, of a loop whose spring or damper is updated once a frame, from frame to frame.
 
     Args:
         answer: device and hand.
         law: both gains.
-        slow: "spring" or "damper": what holds the value of its last frame.
+        slow: "spring" or "damper": which one holds the value of its last frame.
         ticks: of a frame.
-        late: frames from a position to its force, beside those of the frame itself.
+        late: frames from a position to its force, beyond those of the frame itself.
     """
     period = answer.device.sample_time_s
     matrix, push, measured = _plant(answer, law.lag)
     s = len(measured)
-    # Beside the plant: the position before, that of the last frame, and the values that wait, each as a row of all.
+    # States beyond the plant's: the position before, that of the last frame, and the delayed values, each as a row.
     whole = np.eye(s + 3 + late)
     states, before, framed, waiting = whole[:s], whole[s], whole[s + 1], list(whole[s + 2 :])
     for tick in range(ticks):
@@ -183,11 +183,11 @@ def growth_of_two_rates(answer: Hypothesis, law: Law, slow: str, ticks: int, lat
 
 
 def limit_of(answer: Hypothesis, law: Law, gain: str) -> float | None:
-    """Return the largest factor, at most 1, of a gain at which the loop comes to rest; None where none does.
+    """Return the largest factor, at most 1, of a gain for which the loop is stable; None where there is none.
 
     Args:
         answer: device and hand.
-        law: what the computer makes of the position.
+        law: from position to force.
         gain: "stiffness" or "damping".
     """
     ones = np.ones_like(_FACTORS)
@@ -209,7 +209,7 @@ def limit_of(answer: Hypothesis, law: Law, gain: str) -> float | None:
 
 
 def longest_delay(answer: Hypothesis, law: Law) -> float | None:
-    """Return the longest delay, at most its own, at which the loop comes to rest; None where it does at none."""
+    """Return the longest delay, at most its own, at which the loop is stable; None where there is none."""
     own = float(answer.device.delay_samples)
     some = np.linspace(own, 0.0, max(2, math.ceil(4 * own) + 1))
     stable = [worst_mode(answer.delayed(float(delay)), law).stable for delay in some]

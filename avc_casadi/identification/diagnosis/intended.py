@@ -1,4 +1,4 @@
-"""The loop as it was intended, and what of the log speaks against it: other gains, another unit."""
+"""The intended loop, and how the log contradicts it: other gains, another unit."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from avc_casadi.model.hands import STYLUS_RANGES, Hand, hand_corners, joined
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.rotary_defaults import turned_hands
 
-# What a device on a desk is taken for where none is declared; the hand's ranges widen it.
+# Default device on a desk where none is declared; the hand's ranges widen it.
 _ASSUMED = {"mass_kg": 0.1, "damping_ns_per_m": 1.0, "delay_samples": 1.0}
 
 # Mass, damping and stiffness of hardly any hand.
 _LEAST_HAND = np.array([[1e-3], [0.1], [5.0]])
 
-# How far, in samples, a delay lies from the declared one where it is not what is wrong.
+# Tolerance of an unaltered delay about the declared one, samples.
 _PUNCTUAL = 0.15
 
 
 @dataclass(frozen=True)
 class Declared:
-    """The loop as it was meant to be.
+    """The intended loop.
 
     Attributes:
-        device: as declared, or what is assumed.
+        device: as declared, or assumed.
         known: whether a device was declared.
-        hands: ranges of the hands it was meant for.
-        notes: what is assumed.
+        hands: ranges of the hands it was designed for.
+        notes: assumptions.
     """
 
     device: Device
@@ -47,12 +47,12 @@ class Declared:
 
     @classmethod
     def of(cls, device: Device | None, hands: Hands | None, sample_time_s: float) -> Declared:
-        """Take what was declared, and assume the rest.
+        """Build the intended loop from what was declared, and defaults.
 
         Args:
             device: None where none was declared.
             hands: None for the usual ranges.
-            sample_time_s: of the log, for a device that is assumed.
+            sample_time_s: of the log, for an assumed device.
         """
         notes = []
         if device is None:
@@ -68,19 +68,19 @@ class Declared:
 
     @property
     def longest_delay(self) -> float:
-        """Delay that was declared, samples of the device: the upper end where a range was."""
+        """Declared delay, samples of the device: the upper end of a range."""
         most = self.device.range.delay_samples
         return float(self.device.delay_samples if most is None else most[1])
 
     def delay_prior(self) -> tuple[float, float]:
-        """Return middle and standard deviation of the declared delay, samples: of a range, anywhere within it."""
+        """Return mean and standard deviation of the declared delay, samples; uniform within a range."""
         ends = self.device.range.delay_samples
         if ends is None:
             return float(self.device.delay_samples), _PUNCTUAL
         return float(np.mean(ends)), math.hypot(_PUNCTUAL, float(np.ptp(ends)) / math.sqrt(12))
 
     def box(self) -> Hand:
-        """Return the corners and the middle of the ranges of hands."""
+        """Return the corners and the centre of the ranges of hands."""
         middle = [float(np.mean(ends)) for ends in self._ends()]
         ranges = self.hands
         held = Hands(
@@ -89,13 +89,13 @@ class Declared:
         return joined(hand_corners(held), Hand(*middle))
 
     def hand_prior(self) -> tuple[FloatArray, FloatArray]:
-        """Return middle and spread of ln mass, damping and stiffness of the hand."""
+        """Return centre and spread of ln mass, damping and stiffness of the hand."""
         ends = np.log(np.maximum(self._ends(), self.device.metres_per_unit**2 * _LEAST_HAND))
         spread = np.maximum((ends[:, 1] - ends[:, 0]) / 2, 0.4)
         return ends.mean(axis=1), spread if self.known else np.maximum(spread, 1.1)
 
     def grip_prior(self) -> tuple[FloatArray, FloatArray]:
-        """Return middle and spread of ln damping and stiffness of the grip of a hand on a stylus."""
+        """Return centre and spread of ln damping and stiffness of the grip of a hand on a stylus."""
         keys = ("grip_damping_ns_per_m", "grip_stiffness_n_per_m")
         ends = np.log(self.device.metres_per_unit**2 * np.array([STYLUS_RANGES[key] for key in keys]))
         return ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2
@@ -104,7 +104,7 @@ class Declared:
         return np.array([self.hands.mass_kg, self.hands.damping_ns_per_m, self.hands.stiffness_n_per_m])
 
 
-# Gains that differ by more than this share are others.
+# Gains that differ by a larger share are different.
 _OTHER = 0.05
 
 
@@ -116,15 +116,15 @@ def law_differs(
     stiffness_n_per_m: float | None,
     damping_ns_per_m: float | None,
 ) -> list[str]:
-    """Say where the force that was commanded is not that of the gains that were meant.
+    """Return how the commanded force differs from that of the intended gains.
 
     Args:
-        law: what the log shows.
-        found: the oscillation, at whose frequency springs and dampers are compared.
-        log: on its grid.
-        coupling: what was meant, or None.
-        stiffness_n_per_m: k that was meant, or None.
-        damping_ns_per_m: b that was meant, or None.
+        law: identified from the log.
+        found: the oscillation; dynamic stiffness is compared at its frequency.
+        log: on its tick grid.
+        coupling: the intended one, or None.
+        stiffness_n_per_m: intended k, or None.
+        damping_ns_per_m: intended b, or None.
     """
     if not law.told:
         return []
@@ -161,7 +161,7 @@ def law_differs(
 
 
 def _dynamic(rendering: Rendering, angle: float) -> complex:
-    """Return force over position at an angle per sample."""
+    """Return the dynamic stiffness, force over position, at an angle per sample."""
     z = complex(math.cos(angle), math.sin(angle))
     force, state = rendering.force[0], rendering.state[0]
     # The state after a sample enters with the next one.
@@ -169,7 +169,7 @@ def _dynamic(rendering: Rendering, angle: float) -> complex:
     return complex(force[0] + force[1] / z + force[2] * own)
 
 
-# A length as declared over the same length as read, and how one comes to be the other.
+# Ratio of a declared to a read length, and the unit errors that cause it.
 _FACTORS = {
     1e-2: ("100 times too large", "cm read as m"),
     1e-3: ("1000 times too large", "mm read as m, or um as mm"),
@@ -190,9 +190,9 @@ _LENGTHS = (1.0, 1e-2, 1e-3, 1e-6, 1e-9)
 _ANGLES = (1.0, math.pi / 180, 1e-3, 1e-6)
 # A ratio within this share of a unit's is that unit.
 _NEAR = 0.05
-# Mass that swings over the mass declared with the heaviest hand, or the lightest device: beyond this it cannot be.
+# Oscillating mass over the declared mass with the heaviest hand, or the lightest device: beyond this it is impossible.
 _ABSURD = 50.0
-# Share of the time in contact above which the force is what swings the mass.
+# Share of the time in contact above which the force sustains the oscillation.
 _TOUCHING = 0.2
 
 
@@ -204,15 +204,15 @@ def other_unit(
     coupling: Coupling | None,
     stiffness_n_per_m: float | None,
 ) -> str:
-    """Return why the positions look like another unit than the one they were read in, or nothing.
+    """Return why the positions seem to be in another unit than assumed, or nothing.
 
     Args:
-        log: on its grid.
+        log: on its tick grid.
         found: the oscillation.
-        law: what the log shows.
-        declared: the loop as it was meant.
-        coupling: what was meant to run, or None.
-        stiffness_n_per_m: k that was meant to run, or None.
+        law: identified from the log.
+        declared: the intended loop.
+        coupling: the intended one, or None.
+        stiffness_n_per_m: intended k, or None.
     """
     turns = not declared.device.units.linear
     meant = stiffness_n_per_m
@@ -220,7 +220,7 @@ def other_unit(
         meant = coupling.table.at_rest.stiffness_n_per_m
     signs = []
     if law is not None and law.told and meant and law.stiffness_n_per_m > 0:
-        # A length read in metres that is one in millimetres makes a spring a thousand times softer.
+        # Millimetres read as metres make a spring a thousand times softer.
         factor = _factor(law.stiffness_n_per_m / meant, turns)
         if factor:
             signs.append((factor, f"k = {number(law.stiffness_n_per_m, 3)} N/m ran and {number(meant, 3)} was meant"))
@@ -249,7 +249,7 @@ def other_unit(
 
 
 def _factor(ratio: float, turns: bool) -> tuple[str, str] | None:
-    """Return the words for the factor that a ratio is, or nothing."""
+    """Return a phrase for the factor of a ratio, or nothing."""
     return next(
         (
             words
@@ -261,5 +261,5 @@ def _factor(ratio: float, turns: bool) -> tuple[str, str] | None:
 
 
 def _whole(step: float, turns: bool) -> bool:
-    """Whether a step is 1 in some unit of length, or of an angle."""
+    """Return whether a step is 1 in some unit of length, or of angle."""
     return any(abs(step / size - 1) < 1e-3 for size in (_ANGLES if turns else _LENGTHS))

@@ -1,4 +1,4 @@
-"""The force as the computer made it of the position, and ticks of the log in which it was not computed."""
+"""Identification of the control law from position to force, and of ticks without computation."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from avc_casadi.identification.diagnosis.log import Log
 
 _MOST_LAG = 8
 _FEWEST = 25
-# Fewer tell a law that leaves no more than this, where they are different and twice as many as its numbers: a force
-# that stands at 0 or at its limit most of the time passes through few samples on its way, each exact.
+# Fewer samples identify a law with no larger residual, where they are different and twice as many as its parameters: a
+# force that is 0 or saturated most of the time has few samples in between, each exact.
 _EXACT, _TWICE = 1e-3, 2
-# A law is told where it leaves so little of the force.
+# Residual share of the force up to which a law is identified.
 TOLD = 0.05
-# A filter, or a longer lag, must leave so much less to be believed.
+# A filter, or a longer lag, is accepted only with a residual so much smaller.
 _BETTER = 0.3
 
 
@@ -32,9 +32,9 @@ class Law:
         damping_ns_per_m: b.
         keep: share of the old velocity, 0 without a filter.
         lag: samples from a position to the force that was computed from it, in the log.
-        wall_m: position at which the spring is slack.
-        misfit: what it leaves of the force in contact, root mean square, as a share.
-        samples: samples in contact that tell it.
+        wall_m: rest position of the spring.
+        misfit: root mean square residual of the force in contact, as a share.
+        samples: samples in contact that identify it.
     """
 
     stiffness_n_per_m: float
@@ -47,7 +47,7 @@ class Law:
 
     @property
     def told(self) -> bool:
-        """Whether the force is that of a spring and a damper."""
+        """Whether the force is identified as that of a spring and a damper."""
         return self.misfit < TOLD
 
     def filter_hz(self, sample_time_s: float) -> float | None:
@@ -60,7 +60,7 @@ class Law:
         stiffness: FloatArray | float = 1.0,
         damping: FloatArray | float = 1.0,
     ) -> Rendering:
-        """Return the law as the loop takes it, its gains times some factors of shape (n,)."""
+        """Return the law as the loop takes it, its gains scaled by factors of shape (n,)."""
         k, b = np.broadcast_arrays(
             np.atleast_1d(np.asarray(stiffness, dtype=np.float64)) * self.stiffness_n_per_m,
             np.atleast_1d(np.asarray(damping, dtype=np.float64)) * self.damping_ns_per_m,
@@ -74,11 +74,11 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
     """Fit the law to the samples in contact.
 
     Args:
-        log: on its grid.
-        limit_n: force limit of the device, at which forces are cut.
+        log: on its tick grid.
+        limit_n: force limit of the device, at which forces saturate.
 
     Returns:
-        The law, told or not; None without enough samples in contact.
+        The law, identified or not; None without enough samples in contact.
     """
     force, position = log.force_n, log.position_m
     size = float(np.abs(force).max())
@@ -86,8 +86,8 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
         return None
     limit = size if limit_n is None else min(size, limit_n)
     touching = np.abs(force) > 1e-9 * size
-    # Beside the largest force, which may be a limit, that of the last sample before the limit cut it is left in. Where
-    # the position toggles between two steps, the largest force is that of one of them.
+    # Besides the largest force, possibly a limit, the last sample before saturation is left in. Where the position
+    # toggles between two steps, the largest force belongs to one of them.
     top = np.abs(force) >= 0.9999 * limit
     cut = np.zeros_like(top)
     if limit == limit_n or np.ptp(position[top]) > 1.5 * log.encoder_m:
@@ -106,7 +106,7 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
 
 
 def _also_cut(law: Law, log: Log, rows: IndexArray, limit_n: float) -> Law:
-    """Count what the law leaves of the forces at the limit, which it has to reach; not of one with a filter."""
+    """Include the residuals of saturated forces, which the law has to reach; not of one with a filter."""
     if law.keep or not rows.size:
         return law
     position = log.position_m
@@ -157,26 +157,27 @@ def _fit(
     return Law(k, b, keep, lag, wall, max(left, 1e-12), int(rows.size))
 
 
-# A law of fewer samples is none to judge others by, nor one that leaves hardly less than that of all of them.
+# A law of fewer samples does not judge others, nor one with hardly a smaller residual than that of all of them.
 _SAMPLES, _BETTER_REPEATED = 25, 0.3
-# A change that an output hides is half a step of it: 1.7 times what it leaves, root mean square.
+# The output hides changes below half its step: 1.7 times its residual, root mean square.
 _LEFT, _STEPS = 4.0, 1.5
-# Steps of an output to the largest force, of which fewer are too coarse to tell.
+# Steps of the output within the largest force; fewer are too coarse.
 _LEVELS = 20
-# What is less, as a share of the largest force, are digits.
+# Smaller values, as a share of the largest force, are rounding.
 _DIGITS = 1e-6
-# Fewer ticks, or a smaller share of those that tell, are left as they are; more than that are no loop that misses some.
+# Fewer ticks, or a smaller share of the informative ones, are left as they are, as is a share above the last one, which
+# is no loop that misses ticks.
 _FEWEST_REPEATED, _SELDOM, _MOST = 10, 0.02, 0.9
 
 
 def without_repeats(log: Log, limit_n: float | None) -> Log:
-    """Return a log whose ticks that only repeat a force are marked as not run.
+    """Mark the ticks of a log that only repeat a force as not run.
 
-    A force also stays outside the wall, at a limit, within a step of a coarse output and where the position stays: the
-    law, fitted to the ticks with a new force, tells where it would not have stayed.
+    A force also stays outside the wall, at saturation, within a step of a coarse output and where the position stays:
+    the law, fitted to the ticks with a new force, predicts where it would have changed.
 
     Args:
-        log: on its grid.
+        log: on its tick grid.
         limit_n: force limit of the device, None where none was declared.
     """
     force = log.force_n
@@ -202,26 +203,26 @@ def without_repeats(log: Log, limit_n: float | None) -> Log:
         longest_gap=max(log.ticks.longest_gap, _longest(missed)),
         repeats=True,
     )
-    # Where the force stays for another reason too, nothing tells whether the position before was used.
+    # Where the force stays for another reason, it is unknown whether the position before was used.
     return replace(log, ticks=ticks, ran=log.ran & ~same, telling=telling | ~log.seen)
 
 
 def _judges(law: Law, every: Law | None) -> bool:
-    """Whether a law is that of a wall, of enough samples, and leaves less than the one that every tick tells."""
+    """Return whether a law is that of a wall, of enough samples, with a smaller residual than that of all ticks."""
     better = every is None or not every.told or law.misfit < _BETTER_REPEATED * every.misfit
     return better and law.told and law.samples >= _SAMPLES and min(law.stiffness_n_per_m, law.damping_ns_per_m) >= 0
 
 
 def _output_step_n(force: FloatArray) -> float:
-    """Return the smallest distance between two forces that is more than digits."""
+    """Return the smallest distance between two forces above rounding."""
     apart = np.diff(np.unique(force))
     return float(np.min(apart[apart > _DIGITS * np.abs(force).max()], initial=np.inf))
 
 
 def _change(log: Log, law: Law, same: BoolArray) -> FloatArray:
-    """Return by how much the law changes the force in each tick, at least.
+    """Return the least change of the force by the law in each tick.
 
-    The speed may be that since the tick before or since the last one that ran.
+    The speed may be taken since the tick before or since the last one that ran.
     """
     position, force, stiffness, damping = log.position_m, log.force_n, law.stiffness_n_per_m, law.damping_ns_per_m
     tick = np.arange(force.size)

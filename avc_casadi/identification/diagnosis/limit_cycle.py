@@ -1,8 +1,9 @@
-"""A position that goes to and fro between a few counts until the log ends, told by its turns and not by a line.
+"""Detection of a limit cycle over a few encoder counts until the end of a log, by its reversals.
 
-Short pulses of one count, as a limit cycle leaves that sits beside the edge between two, have their power in harmonics:
-no line of their spectrum is as high as a count. Their turns come evenly all the same. Noise at the edge turns at
-random, and a slow motion passes the counts one way. A few cycles with long contact after them are those of a touch.
+Short pulses of one count, as of a limit cycle beside the edge between two, have their power in harmonics: no line of
+their spectrum is as high as a count. Their reversals are evenly spaced all the same. Those of noise at the edge are
+random, and a slow motion passes the counts in one direction. A few cycles with long contact after them are those of a
+touch.
 """
 
 from __future__ import annotations
@@ -16,25 +17,25 @@ from avc_casadi.identification.diagnosis.log import Log
 
 _MOST_STEPS = 8.0
 _FEWEST_CYCLES = 8
-# From cycle to cycle its length scatters by this share at most; the turns of noise by more than half.
+# The cycle length scatters by this share at most; that of noise by more than half.
 _EVEN = 0.35
-# Cycles whose length is this share of the last ones' still belong to them, and those that go no further than this.
+# Cycles within this ratio of the length of the last ones still belong to them, and those that go no further than this.
 _SHORTER, _LONGER, _FURTHER = 0.5, 1.7, 1.5
-# What dies away goes less far in the later half of its last cycles.
+# A decaying oscillation has a smaller amplitude in the later half of its last cycles.
 _GOES_ON = 0.8
-# At the end of the log so many cycles may be missing.
+# So many cycles may be missing at the end of the log.
 _MISSING = 2.0
 
 
 @dataclass(frozen=True)
 class Toggling:
-    """A position that goes to and fro.
+    """A limit cycle of the position over a few counts.
 
     Attributes:
-        first, last: samples between which it does.
+        first, last: its first and last sample.
         cycle: mean length of a cycle, samples.
-        scatter: standard deviation of that length, as a share.
-        steps: counts that it goes, from its lowest to its highest, the middle one of its cycles.
+        scatter: relative standard deviation of that length.
+        steps: counts peak to peak, the median of its cycles.
     """
 
     first: int
@@ -45,10 +46,10 @@ class Toggling:
 
 
 def find_toggling(log: Log) -> Toggling | None:
-    """Return how a position goes to and fro in contact until the log ends, or None.
+    """Return the limit cycle in contact that lasts until the log ends, or None.
 
     Args:
-        log: on its grid; of one whose positions lie on no lattice nothing is told.
+        log: on its tick grid; None without a lattice of positions.
     """
     n = log.position_m.size
     if not log.encoder_m:
@@ -86,13 +87,13 @@ def _turns(counts: FloatArray) -> IndexArray:
 
 
 def _pushed(log: Log, turns: IndexArray) -> BoolArray:
-    """Return in which cycles the force changes: without one it is not the loop that goes to and fro."""
+    """Return the cycles in which the force changes: otherwise the loop does not drive the motion."""
     force = log.force_n
     swing = np.maximum.reduceat(force, turns)[:-1] - np.minimum.reduceat(force, turns)[:-1]
     return np.asarray(swing > 1e-9 * float(np.abs(force).max(initial=1e-300)))
 
 
-# So few cycles are those of a touch, where contact goes on for so long after them, and for as many of their cycles.
+# So few cycles are those of a touch, where contact continues for so long after them, and for as many of their cycles.
 _FEW_CYCLES, _AFTER_S = 8.0, 1.0
 
 
@@ -100,7 +101,7 @@ def passes(log: Log, begins_s: float, ends_s: float, last: int, hertz: float) ->
     """Return whether a few cycles, as of a touch, are followed by long contact.
 
     Args:
-        log: on its grid, without a tick missed.
+        log: on its tick grid, without a tick missed.
         begins_s: of the oscillation.
         ends_s: of the oscillation.
         last: sample at which it ends.

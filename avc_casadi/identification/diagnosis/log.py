@@ -1,4 +1,4 @@
-"""A log on the grid of its ticks: which ran, which are missing, how late they came, how long a force is held."""
+"""A log on its tick grid: which ticks ran, which are missing, their jitter, the hold time of a force."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.identification.encoder import encoder_step_m
 from avc_casadi.identification.record import Columns, Record
 
-# A step of time beyond so many periods is a pause between two records, not a row of missed ticks.
+# A longer step, in periods, is a pause between two records, not a row of missed ticks.
 _PAUSE = 40
-# Forces that stay over so large a share of the ticks of one kind are held there on purpose.
+# Forces that stay over so large a share of the ticks of one kind are held on purpose.
 _HELD = 0.95
 _MOST_HELD = 8
 
 
 @dataclass(frozen=True)
 class Ticks:
-    """What the time stamps say of the computer.
+    """Timing of the loop by its time stamps.
 
     Attributes:
         sample_time_s: usual time from tick to tick, as logged.
         missed_share: share of the ticks that did not run.
         longest_gap: most ticks missed in a row.
         jitter_rms_s: of the time stamps about their grid.
-        held: logged samples that each force is held for; 2 where every other sample has a new one.
+        held: logged samples for which each force is held; 2 where every other sample has a new one.
         repeats: whether ticks that did not run are rows of the log, with the force of the row before.
     """
 
@@ -49,15 +49,15 @@ class Log:
 
     Attributes:
         name: of the file.
-        ticks: what its time stamps say.
-        position_m: measured, shape (n,); on a straight line across missed ticks.
+        ticks: timing by its time stamps.
+        position_m: measured, shape (n,); linear across missed ticks.
         force_n: as commanded, positive against +x, held across missed ticks, shape (n,).
         ran: whether the tick is known to have run, shape (n,).
         seen: whether its position is in the log, shape (n,).
-        telling: whether it tells that it ran or not, shape (n,).
-        encoder_m: step of the lattice that the positions lie on, 0 where they lie on none.
+        telling: whether it shows if it ran, shape (n,).
+        encoder_m: lattice step of the positions, 0 without one.
         start_s: time of the first sample.
-        reach_m: how far the hand moves for a unit of the position: 1, or the radius of the handle of what turns.
+        reach_m: travel of the hand per unit of position: 1, or the handle radius of a rotary device.
     """
 
     name: str
@@ -78,24 +78,24 @@ class Log:
 
     @property
     def pattern(self) -> BoolArray:
-        """Which of the ticks that tell it ran, in their order."""
+        """Whether each informative tick ran, in order."""
         return np.asarray(self.ran[self.telling])
 
 
 def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) -> tuple[Log, list[str]]:
-    """Lay a log on its grid.
+    """Put a log on its tick grid.
 
     Args:
         columns: the log, its force along +position.
         flip_force: whether its force counts against +position.
-        reach_m: how far the hand moves for a unit of the position.
+        reach_m: travel of the hand per unit of position.
 
     Returns:
-        The longest stretch without a pause, and what the user should know.
+        The longest stretch without a pause, and notes for the user.
     """
     told = list(columns.told)
     steps = np.diff(columns.time_s)
-    # Ticks may be missed half of the time: the shortest steps are those of one period.
+    # Up to half of the ticks may be missed: the shortest steps are those of one period.
     short = float(np.quantile(steps, 0.1))
     usual = float(np.mean(steps[np.abs(steps - short) < 0.3 * short]))
     pauses = np.flatnonzero(steps > _PAUSE * usual)
@@ -108,7 +108,7 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
     force = columns.force_n[part] * (1.0 if flip_force else -1.0)
     counts = np.maximum(np.round(np.diff(time) / usual), 1).astype(int)
     at = np.concatenate([[0], np.cumsum(counts)])
-    # Of a clock that drifts or is written with few digits, the mean step is the period.
+    # With a clock that drifts or has few digits, the mean step is the period.
     period = float((time[-1] - time[0]) / at[-1])
     ran = np.zeros(at[-1] + 1, dtype=bool)
     ran[at] = True
@@ -138,7 +138,7 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
 
 
 def _encoder(file: str, period: float, position: FloatArray, force: FloatArray) -> float:
-    """Return the step of the lattice; of a few positions it is the smallest distance between two."""
+    """Return the step of the lattice; with few positions, the smallest distance between two."""
     values = np.unique(position)
     if values.size < 2:
         return 0.0
@@ -151,7 +151,7 @@ def _encoder(file: str, period: float, position: FloatArray, force: FloatArray) 
 
 
 def _held(position: FloatArray, force: FloatArray) -> int:
-    """Return for how many samples each force is held while the position changes."""
+    """Return the number of samples for which each force is held while the position changes."""
     moved = np.diff(position) != 0
     new = np.diff(force) != 0
     if np.count_nonzero(new & moved) < 20:
@@ -159,7 +159,7 @@ def _held(position: FloatArray, force: FloatArray) -> int:
     change = np.flatnonzero(new) + 1
     for held in range(_MOST_HELD, 1, -1):
         phase = np.bincount(change % held, minlength=held)
-        # New forces come in one phase of the period only, and come there though the position moves in every one.
+        # New forces come in one phase of the period only, although the position moves in every one.
         if phase.max() >= _HELD * phase.sum() and np.count_nonzero(moved) > 1.3 * np.count_nonzero(new):
             return held
     return 1

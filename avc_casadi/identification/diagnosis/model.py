@@ -1,4 +1,4 @@
-"""Diagnosis: what a log of a loop that buzzes says, as plain numbers and arrays."""
+"""Result of the diagnosis of a log, as plain numbers and arrays."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 
 @dataclass(frozen=True)
 class Cure:
-    """A change, checked on the loop model or in the scene.
+    """A remedy, checked on the loop model or in the scene.
 
     Attributes:
-        change: in words, with its number.
+        change: in words, with its value.
         key: what is changed: stiffness_n_per_m, damping_ns_per_m, delay_samples, ...
-        value: to what; not a number where it is taken away.
-        growth_per_s: of the loop with it, below 0 where it rests; not a number where a scene was played instead.
-        rests: whether the loop comes to rest.
+        value: its new value; NaN where it is removed.
+        growth_per_s: of the loop with it, below 0 where stable; NaN where a scene was simulated instead.
+        rests: whether the loop is stable.
     """
 
     change: str
@@ -35,18 +35,19 @@ class Cure:
 
 @dataclass(frozen=True)
 class Measured:
-    """What the log says of device and hand.
+    """Identified device and hand.
 
     Attributes:
         delay_samples, delay_error_samples: from the measured position to the motion that its force makes, in samples
             of the log, and the standard error.
         declared_delay_samples: as declared, or assumed, in the same samples.
-        lag_samples: the part of it that lies between position and logged force.
-        device: mass_kg and damping_ns_per_m of the device: as declared where somebody holds one that was, else found.
-        hand: mass, damping and stiffness of the hand by name, None let go.
+        lag_samples: its part between position and logged force.
+        device: mass_kg and damping_ns_per_m of the device: as declared where a hand is on a declared one, else
+            identified.
+        hand: mass, damping and stiffness of the hand by name, None where released.
         resonance: frequency_hz, damping_ratio and mass_ratio, None with rigid mechanics.
-        misfit: what the model leaves of the position where it explains it best, over what encoder and noise leave.
-        growth_per_s, frequency_hz: of the loop with these numbers, by its eigenvalues.
+        misfit: residual of the position where the model fits best, relative to encoder and noise.
+        growth_per_s, frequency_hz: of the loop with these values, by its eigenvalues.
     """
 
     delay_samples: float
@@ -71,7 +72,7 @@ class Trace:
         fast_m: the position without the hand's slow motion, shape (n,).
         envelope_m: amplitude of the oscillation, shape (n,).
         force_n: commanded, along +position as in the log, shape (n,).
-        frequency_hz, spectrum_m: amplitudes of the position while it swings, shape (m,).
+        frequency_hz, spectrum_m: amplitudes of the position during the oscillation, shape (m,).
     """
 
     time_s: FloatArray
@@ -85,26 +86,26 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What is wrong with one log.
+    """The diagnosis of one log.
 
     Attributes:
         source: the log.
-        seconds: how long it lasts.
-        ticks: what its time stamps say.
-        encoder_m: step of the encoder, 0 where the positions lie on no lattice.
-        oscillation: what swings.
-        law: what the computer makes of the position; None without contact.
-        measured: device and hand; None where no loop model could be made.
+        seconds: duration.
+        ticks: timing by its time stamps.
+        encoder_m: encoder resolution, 0 where the positions lie on no lattice.
+        oscillation: of the position.
+        law: from position to force; None without contact.
+        measured: identified device and hand; None where no loop model could be made.
         verdict: named, cannot tell, nothing wrong, or not the loop.
-        cause: key of the cause that is named, else None.
-        candidates: keys of those between which it cannot tell, likeliest first.
-        shares: of the answers that the log bears out, by the cause but for which the loop would rest.
+        cause: key of the named cause, else None.
+        candidates: keys of the causes that remain, likeliest first.
+        shares: of the hypotheses compatible with the log, by the cause whose removal stabilises the loop.
         conclusion: one sentence.
         evidence: sentences with numbers.
-        cures: changes that were checked.
-        decides: the log that would tell between the candidates; empty where the cause is named.
-        notes: what is assumed, and what the user should know.
-        trace: for pictures.
+        cures: remedies that were checked.
+        decides: the log that would decide between the candidates; empty where the cause is named.
+        notes: assumptions and notes for the user.
+        trace: for plotting.
     """
 
     source: str

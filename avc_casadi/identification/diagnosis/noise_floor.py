@@ -1,4 +1,4 @@
-"""Where in a log to look how device and hand answered, and what a right structure may leave there (the noise floor)."""
+"""The windows of a log that identify device and hand, and the noise floor of a correct structure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.oscillation import Swing
 
 LONGEST_DELAY = 14.0
-"""Samples of delay that are looked for at most."""
+"""Longest delay that is searched, samples."""
 _WINDOW_S = 0.4
 _CYCLES = 6.0
 _LATER_CYCLES = 2.0
@@ -32,11 +32,11 @@ class Window:
 
 
 def windows_of(log: Log, swing: Swing) -> list[Window]:
-    """Choose where to look: the end of the oscillation, its beginning, and the strongest motion before it if small."""
+    """Choose the windows: end and beginning of the oscillation, and the strongest motion before it if small."""
     period, found = log.ticks.period_s, swing.found
     hertz = found.frequency_hz
     size = int(min(max(_WINDOW_S, _CYCLES / hertz) / period, log.position_m.size - LONGEST_DELAY - 2))
-    # What lets go of the device does so before it swings.
+    # The device is released before it oscillates.
     places = [swing.last - size, swing.first + round(_LATER_CYCLES / hertz / period)]
     if not found.steps > 12:
         power = np.convolve(swing.fast_m**2, np.ones(size), mode="valid")
@@ -62,19 +62,19 @@ def windows_of(log: Log, swing: Swing) -> list[Window]:
     ]
 
 
-# What an encoder leaves is never fresh noise in every sample.
+# Quantisation error is never independent in every sample.
 _LEAST_ALIKE = 3.0
-# Share of what an encoder leaves that a fit takes for motion: the root of unknowns over samples.
+# Share of the quantisation error that a fit takes for motion: the root of unknowns over samples.
 _TAKEN = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """What may be left of each window where a structure is right.
+    """Residual of each window to be expected of a correct structure.
 
     Attributes:
-        rms_m: root mean square of one sample, times the root of how many samples say the same, shape (windows,).
-        beyond_m: the same of what goes beyond half a step; infinite without an encoder, shape (windows,).
+        rms_m: root mean square of one sample, times the root of the number of correlated samples, shape (windows,).
+        beyond_m: the same of the part beyond half a step; infinite without an encoder, shape (windows,).
     """
 
     rms_m: FloatArray
@@ -82,16 +82,16 @@ class Level:
 
     @classmethod
     def of(cls, left: Mapping[int, FloatArray], windows: int, noise_m: float, encoder_m: float) -> Level:
-        """Judge by what the best structure leaves: what that does not explain is noise to all of them.
+        """Take the residual of the best structure as noise to all of them.
 
-        Rounding to the steps of an encoder leaves at most half a step, evenly spread: steps / sqrt(12). Only what a
-        fit takes of that for motion, and what is no rounding, may lie beyond.
+        Rounding to encoder steps leaves at most half a step, uniformly distributed: steps / sqrt(12). Only the part of
+        it that a fit takes for motion, and other noise, may lie beyond.
 
         Args:
             left: residual of some windows by index, m.
-            windows: how many there are; nothing is expected of the others.
-            noise_m: what encoder and noise leave, root mean square.
-            encoder_m: step of the encoder, 0 for none.
+            windows: number of windows; nothing is expected of the others.
+            noise_m: encoder and noise, root mean square.
+            encoder_m: encoder resolution, 0 for none.
         """
         rms, beyond = np.full(windows, noise_m), np.full(windows, np.inf)
         rounding = encoder_m / math.sqrt(12)
@@ -110,9 +110,10 @@ def rms_of(residual: FloatArray) -> float:
 
 
 def _alike(residual: FloatArray) -> float:
-    """Return how many samples say what one says: 1 + 2 sum rho^2 over the lags (Bartlett), of rho the correlation.
+    """Return the correlated samples per independent one: 1 + 2 sum rho^2 over the lags (Bartlett), rho the correlation.
 
-    A residual that is alike from cycle to cycle, and a slow one of a hand that moved, tells far less than its samples.
+    A residual that repeats from cycle to cycle, and a slow one of a moving hand, carries far less information than its
+    number of samples.
     """
     n = residual.size
     power = np.abs(np.fft.rfft(residual - residual.mean(), 2 * n)) ** 2

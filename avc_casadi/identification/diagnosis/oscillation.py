@@ -1,4 +1,4 @@
-"""The oscillation in a log: where it begins, its frequency, amplitude and growth, or that there is none."""
+"""Detection of the oscillation in a log: onset, frequency, amplitude and growth rate."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from avc_casadi.identification.diagnosis.log import Log
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 
 LOWEST_HZ = 4.0
-"""What is slower is the hand's own motion."""
+"""Slower motion is the hand's own."""
 _WINDOW_S = 0.25
-# A sawtooth, which is what a slow motion over encoder steps leaves, has a fundamental of 0.32 steps; a position that
-# toggles between two has one of 0.64.
+# A slow motion over encoder steps leaves a sawtooth error with a fundamental of 0.32 steps; a position that toggles
+# between two steps has one of 0.64.
 _LEAST_STEPS = 0.37
 _LEAST_M = 1e-7  # at the hand, as the force below
 # Share of the power in a line and its harmonics.
 _LINE = 0.5
-# Logarithm of frequencies that are one oscillation, from window to window.
+# Log ratio of frequencies up to which two windows hold one oscillation.
 _SAME = 0.25
-# What a scene calls buzzing is a ripple of 7 % of the mean force.
+# A scene counts a ripple of 7 % of the mean force as buzzing.
 _RIPPLE, _LEAST_N = 0.07, 0.02
 _RESTLESS_HZ, _RESTLESS_STEPS = 8.0, 1.2
-# At the end it falls to this share of its beginning, or goes on: over so many cycles its logarithm changes little.
+# It decays to this share of its beginning, or persists: over so many cycles its logarithm changes little.
 _FALLS = 0.55
 _LEVEL_S, _LEVEL_CYCLES, _LEVEL = 0.35, 10.0, 0.25
 _FEWEST_CYCLES = 5.0
@@ -42,18 +42,17 @@ class Oscillation:
     """An oscillation of the measured position.
 
     Attributes:
-        kind: none, decaying, growing, a limit cycle, or irregular: it goes on without one frequency.
+        kind: none, decaying, growing, a limit cycle, or irregular: persistent without one frequency.
         frequency_hz, frequency_error_hz: and its standard error.
-        peak_to_peak_m: of the position where it is strongest, high-passed, and no more than in two cycles as measured.
+        peak_to_peak_m: of the position at its largest, high-passed, and no more than in two cycles as measured.
         force_peak_to_peak_n: of the commanded force there.
-        steps: peak to peak in encoder steps; not a number without an encoder.
-        growth_per_s, growth_error_per_s: rate at which the amplitude grew while it was small; not a number where no
-            growth was seen.
-        begins_s, ends_s: time of the log.
+        steps: peak to peak in encoder steps; NaN without an encoder.
+        growth_per_s, growth_error_per_s: growth rate of the amplitude while it was small; NaN where no growth was seen.
+        begins_s, ends_s: times of the log.
         contact_share: share of its time with a force.
-        at_rest_m: what is left elsewhere in the log, root mean square above `LOWEST_HZ`.
-        largest_force_n: commanded while it lasts.
-        at_force_limit_share: share of its time in which the force stands at its limit, which bounds it.
+        at_rest_m: of the rest of the log, root mean square above `LOWEST_HZ`.
+        largest_force_n: commanded during it.
+        at_force_limit_share: share of its time in which the force saturates, which bounds it.
     """
 
     kind: Kind
@@ -73,7 +72,7 @@ class Oscillation:
 
     @property
     def sustained(self) -> bool:
-        """Whether it goes on by itself."""
+        """Whether it is self-sustained."""
         return self.kind in {"growing", "limit cycle", "irregular"}
 
 
@@ -82,8 +81,8 @@ class Swing:
     """The oscillation with its traces.
 
     Attributes:
-        found: its numbers.
-        first, last: samples between which it lasts.
+        found: its parameters.
+        first, last: its first and last sample.
         fast_m: the position above `LOWEST_HZ`, shape (n,).
         envelope_m: amplitude of `fast_m`, shape (n,).
     """
@@ -95,14 +94,14 @@ class Swing:
     envelope_m: FloatArray
 
 
-# Of fewer cycles in a window a line is not apart from what is slower: Hann's lobe is four bins wide.
+# With fewer cycles in a window a line cannot be separated from slower motion: Hann's lobe is four bins wide.
 _CYCLES_OF_A_WINDOW = 2.5
-# What may be slow: so many times longer windows, and motion over so many steps that no rounding feigns it.
+# Slow oscillations: so many times longer windows, and motion over so many steps that quantisation cannot mimic it.
 _LONGER, _FAR_STEPS = 4.0, 14.0
 
 
 def find_oscillation(log: Log) -> Swing:
-    """Find the oscillation of a log; one below `LOWEST_HZ` where nothing else swings as fast."""
+    """Find the oscillation of a log; one below `LOWEST_HZ` where there is no faster one."""
     found = _found(log)
     fast = found.found
     if fast.sustained and fast.frequency_hz > _CYCLES_OF_A_WINDOW / _WINDOW_S:
@@ -114,7 +113,7 @@ def find_oscillation(log: Log) -> Swing:
 
 
 def _found_in_longer_windows(log: Log) -> Swing:
-    """Find the oscillation of a log as if it ran faster, and tell it in its own time."""
+    """Find the oscillation of a log with a compressed time scale, and return it in its own time."""
     ticks = replace(log.ticks, sample_time_s=log.ticks.sample_time_s / _LONGER)
     swing = _found(replace(log, ticks=ticks, start_s=log.start_s / _LONGER))
     one = swing.found
@@ -145,12 +144,12 @@ def _found(log: Log) -> Swing:
     if not going and toggling is not None:
         return _toggled(log, fast, toggling)
     dying = any(swing.found.kind == "decaying" and swing.last >= n - 2 * hop for swing in found)
-    # What a touch leaves is looked for after it.
+    # After a touch the search continues.
     after = max((swing.last for swing in going), default=0)
     if not dying and all(_passes(log, swing) for swing in going):
         left = [start for start in starts if start >= after]
         restless = np.isin(starts, [start for start in left if _restless(log, fast, slice(start, start + size))])
-        # Beside slow beats, as over a few counts, it is the speed that has the frequency of the loop.
+        # With slow beats, as over a few counts, the speed has the frequency of the loop.
         speed = np.gradient(fast)
         quick = np.array([_line(speed[start : start + size], period) for start in starts]).T
         more = _swings(log, fast, starts, size, restless, quick[0], quick[1], kind="irregular")
@@ -164,7 +163,7 @@ def _found(log: Log) -> Swing:
 
 
 def _that_counts(found: Sequence[Swing], end: int) -> Swing:
-    """Return of several the one that goes on, first until the end of the log, or the fastest."""
+    """Return the dominant oscillation: one that persists to the end of the log, else the fastest."""
     going = [swing for swing in found if swing.found.sustained] or list(found)
     return max(going, key=lambda swing: (swing.last >= end, _speed(swing)))
 
@@ -189,7 +188,7 @@ def _swings(
     *,
     kind: Kind | None,
 ) -> list[Swing]:
-    """Measure every stretch of flagged windows that lasts."""
+    """Measure every stretch of flagged windows that is long enough."""
     period = log.ticks.period_s
     found = []
     for run in _runs(flags, frequency, together=kind is not None):
@@ -204,7 +203,7 @@ def _swings(
 
 
 def _restless(log: Log, fast: FloatArray, part: slice) -> bool:
-    """Whether position or force do not rest: steps of the encoder, or a share of the force as a scene calls buzzing."""
+    """Return whether position or force are unsettled: in encoder steps, or relative to the force as in a scene."""
     motion, ripple = _ripples(log, fast, part)
     return motion > max(_RESTLESS_STEPS * log.encoder_m, _LEAST_M / log.reach_m) or ripple > max(
         _RIPPLE * abs(float(log.force_n[part].mean())), _LEAST_N * log.reach_m
@@ -212,7 +211,7 @@ def _restless(log: Log, fast: FloatArray, part: slice) -> bool:
 
 
 def _ripples(log: Log, fast: FloatArray, part: slice) -> tuple[float, float]:
-    """Return how much position and force swing, root mean square."""
+    """Return the ripple of position and force, root mean square."""
     force = log.force_n[part]
     filtered = signal.butter(2, _RESTLESS_HZ, "highpass", fs=1 / log.ticks.period_s, output="sos")
     motion, ripple = (signal.sosfiltfilt(filtered, one) for one in (fast[part], force - force.mean()))
@@ -220,7 +219,7 @@ def _ripples(log: Log, fast: FloatArray, part: slice) -> tuple[float, float]:
 
 
 def _falls(log: Log, fast: FloatArray, first: int, last: int) -> bool:
-    """Whether what has no one frequency dies away: at none, not at one of them, and in the force too."""
+    """Return whether an irregular oscillation decays: at all frequencies, and in the force too."""
     quarter = max((last - first) // 4, min(last - first, 32))
     early, late = (_ripples(log, fast, part) for part in (slice(first, first + quarter), slice(last - quarter, last)))
     return all(end < _FALLS * begin for begin, end in zip(early, late, strict=True))
@@ -229,14 +228,14 @@ def _falls(log: Log, fast: FloatArray, first: int, last: int) -> bool:
 def _measured(
     log: Log, fast: FloatArray, first: int, last: int, hertz: float, spread: float, kind: Kind | None
 ) -> Swing:
-    """Measure an oscillation that lasts from one sample to another."""
+    """Measure an oscillation between two samples."""
     period = log.ticks.period_s
     smooth = _smooth(hertz, period)
     envelope = _envelope(fast, hertz, period)
     inside = envelope[first:last]
     top = float(np.quantile(inside, 0.9))
     floor = max(0.4 * log.encoder_m, 1e-9 / log.reach_m)
-    # It begins where the envelope last leaves a tenth of its top, or the floor of the encoder.
+    # It begins where the envelope last crosses a tenth of its maximum, or the floor of the encoder.
     low = max(0.1 * top, min(2 * floor, 0.5 * top))
     reached = first + int(np.argmax(inside >= 0.7 * top))
     below = np.flatnonzero(envelope[:reached] < low)
@@ -285,7 +284,7 @@ def _measured(
 
 
 def _toggled(log: Log, fast: FloatArray, toggling: Toggling) -> Swing:
-    """Return a limit cycle over a few counts that goes on until the log ends."""
+    """Return a limit cycle over a few counts that lasts until the log ends."""
     period, first, last = log.ticks.period_s, toggling.first, toggling.last
     hertz = 1 / (toggling.cycle * period)
     cycles = (last - first) / toggling.cycle
@@ -316,7 +315,7 @@ def _smooth(hertz: float, period: float) -> int:
 
 
 def _envelope(fast: FloatArray, hertz: float, period: float) -> FloatArray:
-    """Return the amplitude of what swings at a frequency."""
+    """Return the amplitude envelope at a frequency."""
     ends = (max(0.6 * hertz, LOWEST_HZ), min(1.6 * hertz, 0.49 / period))
     band = signal.butter(2, ends, "bandpass", fs=1 / period, output="sos")
     envelope = np.abs(signal.hilbert(signal.sosfiltfilt(band, fast)))
@@ -356,7 +355,7 @@ def _line(part: FloatArray, period: float) -> tuple[float, float, float]:
 
 
 def _runs(flags: BoolArray, frequency: FloatArray, *, together: bool) -> list[tuple[int, int]]:
-    """Return runs of windows that swing at one frequency, or at any; one window in between may fail."""
+    """Return runs of windows with one frequency, or with any; one window in between may fail."""
     runs: list[list[int]] = []
     for index in np.flatnonzero(flags):
         hertz = frequency[index]
@@ -369,7 +368,7 @@ def _runs(flags: BoolArray, frequency: FloatArray, *, together: bool) -> list[tu
 
 
 def _level_from(envelope: FloatArray, first: int, last: int, smooth: int, period: float, hertz: float) -> int | None:
-    """Return where an oscillation that dies away goes on at one level, or None where it does not."""
+    """Return where a decaying oscillation becomes constant in amplitude, or None."""
     size = round(max(_LEVEL_S, _LEVEL_CYCLES / hertz) / period)
     end = last - smooth
     if end - first < size:

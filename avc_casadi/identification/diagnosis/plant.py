@@ -1,4 +1,4 @@
-"""Device and hand as they answered the commanded force: delay, hand and resonance, with their uncertainty."""
+"""Identification of device and hand from their response to the force: delay, hand and resonance, with uncertainty."""
 
 from __future__ import annotations
 
@@ -18,24 +18,25 @@ from avc_casadi.identification.diagnosis.oscillation import Swing
 from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
 
-# Below a third of the oscillation, motion is the hand's own doing; within these frequencies, and below half of it.
+# Below a third of the oscillation frequency the motion is the hand's own; within these frequencies, and below half of
+# it.
 _SLOW_HZ = (2.5, 40.0)
 _SHORTEST_DELAY = 0.002
-# ln of the odds against a resonance that nobody declared, for each of its three numbers.
+# ln of the prior odds against an undeclared resonance, for each of its three parameters.
 _ODDS = 4.0
-# Where a search begins: frequencies of a resonance over that of the oscillation, and samples of more delay.
+# Initial guesses: frequency of a resonance over that of the oscillation, and additional delay, samples.
 _TRIED = (0.75, 0.95, 1.2, 1.6)
 _LATER = 2.5
 _REWEIGHED = 2
-# What is damped more than this is no resonance, and what rings more slowly no structure that nobody declared: a hand.
+# A mode that is damped more is no resonance, and a slower one no undeclared structure but a hand.
 _MOST_DAMPED, _SLOWEST_HZ = 0.15, 25.0
-# How far, in samples, a delay may lie from the declared one where it may be what is wrong.
+# Range of a delay about the declared one where it may be the cause, samples.
 _LATE = 4.0
-# Share of what is searched from an end within which nothing was found.
+# Share of the search range from its end within which a value counts as not found.
 _AT_END = 1e-3
-# Numbers that have died away further only make the arithmetic slow.
+# Smaller numbers only slow the arithmetic.
 _NOTHING = 1e-60
-# Spread of ln mass and damping of a device, where they are searched for: of one that was declared, of one assumed.
+# Prior spread of ln mass and damping of a free device: of a declared one, of an assumed one.
 _DECLARED, _ASSUMED = [0.06, 0.5], [1.1, 1.1]
 _MODE = ("ln_frequency", "ln_ratio", "share")
 
@@ -45,16 +46,16 @@ class Fit:
     """One structure fitted to a log.
 
     Attributes:
-        held: whether a hand holds the device, by its mass or by a grip.
-        mode: "none", "declared" or "found": where its resonance comes from.
-        late: whether the delay was free to be another than the declared one.
-        point: the best, in the unknowns of the search.
+        held: whether a hand is on the device, as a mass or through a grip.
+        mode: "none", "declared" or "found": source of its resonance.
+        late: whether the delay was free to differ from the declared one.
+        point: the estimate, in search coordinates.
         answer: the same as device and hand.
-        draws: others that the log bears out as well.
-        cost: minus the logarithm of the evidence: half the sum of squares, with what was known before, and `volume`.
-        volume: logarithm of how much of what was thought possible the log leaves.
-        misfit: residual of the window that it explains best, over what encoder and noise leave.
-        at_end: unknowns that lie at the end of what was searched: they are not found. No delay is one.
+        draws: posterior draws.
+        cost: minus the log evidence: half the sum of squares, with the prior, and `volume`.
+        volume: logarithm of the posterior over the prior volume.
+        misfit: residual of the window with the best fit, relative to encoder and noise.
+        at_end: unknowns at the end of the search range: not found. A delay of 0 is found.
     """
 
     held: bool
@@ -70,7 +71,7 @@ class Fit:
 
 
 class Search:
-    """One structure: its unknowns, what is known of them before, and what it leaves of the log."""
+    """One structure: its unknowns, their prior, and its residuals."""
 
     def __init__(
         self,
@@ -101,7 +102,7 @@ class Search:
         meant = (declared.longest_delay if late else within) * own - lag
         middle, spread = [max(meant, 0.0)], [_LATE if late else max(wide * own, wide)]
         if held:
-            # The mass behind a grip hardly moves where a loop swings.
+            # The mass behind a grip hardly moves at the oscillation frequency.
             self.names += [*([] if grip else ["ln_mass"]), "ln_damping", "ln_stiffness"]
             centre, width = declared.grip_prior() if grip else declared.hand_prior()
             middle += centre.tolist()
@@ -154,13 +155,13 @@ class Search:
         return Hypothesis(device_as(device, changed), hand)
 
     def left(self, point: FloatArray) -> dict[int, FloatArray]:
-        """Return what a point leaves of the measured position, m, of the windows that this structure speaks of."""
+        """Return the residual of the measured position at a point, m, in the windows that this structure describes."""
         answer = self.answer(point)
         plant = sampled_plant(answer.device, answer.hand or no_hand())
         return {index: self._left_of(window, plant) for index, window in self._windows.items()}
 
     def _gaps(self, point: FloatArray, level: Level) -> dict[int, FloatArray]:
-        """Return the same over what may be left, with what goes beyond half a step of the encoder."""
+        """Return the normalised residuals, with the part beyond half a step of the encoder."""
         half = self._log.encoder_m / 2
         return {
             index: np.concatenate(
@@ -180,20 +181,20 @@ class Search:
         poles = np.asarray(np.poly(matrix), dtype=np.float64)
         late = window.past[lead - whole : lead - whole + n]
         later = window.past[lead - whole - 1 : lead - whole - 1 + n]
-        # Position before the force of its own sample acts: the answer begins a sample later.
+        # Position before the force of its own sample acts: the response begins a sample later.
         forced = _filtered(matrix, new, row, poles, late) + _filtered(matrix, old, row, poles, later)
         rubs = self._declared.device.coulomb_friction_n
         if rubs:
             forced = forced + _filtered(matrix, new + old, row, poles, rubs * window.rub)
-        # Free motion from any state, and what the hand does slowly.
+        # Free motion from any initial state, and slow motion of the hand.
         free = _free_motion(matrix, row, n)
         seconds = n * period
         orders = np.arange(int(2 * self._slow_hz * seconds) + 2)
         slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
         columns = [free] if self.grip else [free, slow]
         if self.grip or not self.held:
-            # A weight is a force that the log does not hold; a hand's spring gives in to it at once. What a hand
-            # behind a grip does slowly is one too.
+            # A weight is an unlogged force, as is the slow motion of a hand behind a grip; the spring of a hand yields
+            # to it at once.
             pushes = [np.ones(n), np.arange(n) / n, *(slow.T[1:] if self.grip else ())]
             columns.append(np.stack([_filtered(matrix, new + old, row, poles, push) for push in pushes], axis=1))
         basis = np.concatenate(columns, axis=1)[window.use]
@@ -204,7 +205,7 @@ class Search:
         return np.asarray(rest - upright @ (upright.T @ rest))
 
     def begin(self, noise: float) -> FloatArray:
-        """Return the best point from a few starts."""
+        """Return the best point from a few initial guesses."""
         best, least = self._middle, math.inf
         even = Level.of({}, self._count, noise, 0.0)
         for delay in (self._middle[0], self._middle[0] + _LATER)[: 2 if self.late else 1]:
@@ -216,18 +217,18 @@ class Search:
                 solved = self._solve(first, even, 20)
                 if solved.cost < least:
                     best, least = solved.x, float(solved.cost)
-        # A hand that moves at once within a window spoils that window, and not what the others say.
+        # A sudden motion of the hand within a window spoils that window, not the evidence of the others.
         for _ in range(_REWEIGHED):
             best = self._solve(best, Level.of(self.left(best), self._count, noise, 0.0), 12).x
         return best
 
     def cost_before(self, point: FloatArray, level: Level) -> float:
-        """Return the share of the cost from before the oscillation."""
+        """Return the share of the cost of the windows before the oscillation."""
         gaps = self._gaps(point, level)
         return sum((float(0.5 * gap @ gap) for index, gap in gaps.items() if self._windows[index].before), 0.0)
 
     def finish(self, point: FloatArray, level: Level, noise: float, draws: int, seed: int) -> Fit:
-        """Polish at the level of what is not explained, and draw others that explain as much."""
+        """Refine with the residual as the noise level, and draw from the posterior."""
         solved = self._solve(point, level, 12)
         curvature = solved.jac.T @ solved.jac
         values, vectors = np.linalg.eigh(curvature)
@@ -235,7 +236,7 @@ class Search:
         spread = (random / np.sqrt(np.maximum(values, 1e-6))) @ vectors.T
         some = np.clip(solved.x + spread, self._low + 1e-9, self._high - 1e-9)
         odds = 3 * _ODDS if self.mode == "found" else 0.0
-        # An integral over the spread of the unknowns weighs structures of several of them.
+        # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
         volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(self._spread)))
         near = _AT_END * (self._high - self._low)
         ends = (solved.x > self._high - near) | ((solved.x < self._low + near) & (np.array(self.names) != "delay"))
@@ -279,7 +280,7 @@ def _free_motion(matrix: FloatArray, row: FloatArray, samples: int) -> FloatArra
 def _filtered(
     matrix: FloatArray, push: FloatArray, row: FloatArray, poles: FloatArray, force: FloatArray
 ) -> FloatArray:
-    """Return the answer of a position to a force that is positive against it."""
+    """Return the response of a position to a force that is positive against it."""
     if not push.any():
         return np.zeros(force.size)
     markov, state = [0.0], push.copy()
@@ -290,29 +291,29 @@ def _filtered(
     return np.asarray(signal.lfilter(zeros, poles, force))
 
 
-# No device is a mass, a spring and a damper more closely than this share of its motion.
+# No device follows a mass-spring-damper model more closely than this share of its motion.
 _NEVER_BETTER = 5e-3
-# A resonance is looked for where rigid mechanics leave so many times what encoder and noise do.
+# A resonance is tried where the residual of rigid mechanics exceeds encoder and noise by this factor.
 _UNEXPLAINED = 2.0
 
 
 def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int, seed: int) -> list[Fit]:
-    """Fit device and hand, held and let go, with and without a resonance, likeliest first.
+    """Fit device and hand, held and released, with and without a resonance, likeliest first.
 
     Args:
-        log: on its grid.
+        log: on its tick grid.
         swing: its oscillation.
-        declared: what is known before.
+        declared: prior knowledge.
         lag: samples of the declared delay that lie between position and logged force.
-        draws: others to draw of each.
-        seed: of the draws.
+        draws: number of posterior draws of each.
+        seed: of the random draws.
     """
     windows = windows_of(log, swing)
     swings = float(np.std(swing.fast_m[swing.first : swing.last]))
     noise = math.hypot(log.encoder_m / math.sqrt(12), declared.device.position_noise_rms_m, _NEVER_BETTER * swings)
     mode = "declared" if declared.device.resonance else "none"
     hertz = swing.found.frequency_hz
-    # What may be wrong: the delay, a hand that is not there, both, or a resonance that nobody declared.
+    # Possible deviations: the delay, a missing hand, both, or an undeclared resonance.
     structures = [(True, mode, True), (True, mode, False)]
     if declared.known:
         structures += [(False, mode, False), (False, mode, True)]
@@ -321,7 +322,7 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
         searches.append(Search(windows, log, declared, lag, True, mode, False, hertz, grip=True))
     points = [search.begin(noise) for search in searches]
     left = [search.left(point) for search, point in zip(searches, points, strict=True)]
-    # What a grip explains a resonance may explain better.
+    # A resonance may explain better what a grip explains.
     plain = [_most(one) for search, one in zip(searches, left, strict=True) if not search.grip]
     if mode == "none" and min(plain) > _UNEXPLAINED * noise:
         searches.append(Search(windows, log, declared, lag, True, "found", False, hertz))
@@ -330,14 +331,14 @@ def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int,
     best = {index: min((one[index] for one in left if index in one), key=rms_of) for index in range(len(windows))}
     level = Level.of(best, len(windows), noise, log.encoder_m)
     fits = [search.finish(point, level, noise, draws, seed) for search, point in zip(searches, points, strict=True)]
-    # Whoever let go held the device before: that part of the log is as well explained as by the best hand.
+    # A released device was held before: that part of the log is explained as well as by the best hand.
     hands = [(search, fit) for search, fit in zip(searches, fits, strict=True) if fit.held]
     before = min(search.cost_before(fit.point, level) for search, fit in hands)
     if any(window.before for window in windows):
-        # Then that hand is part of the explanation, with its own unknowns.
+        # Then that hand is part of the hypothesis, with its own unknowns.
         before += min(fit.volume for _, fit in hands)
     fits = [fit if fit.held else replace(fit, cost=fit.cost + before) for fit in fits]
-    # A resonance at the end of what was searched is not found.
+    # A resonance at the end of the search range counts as not found.
     fits = [fit for fit in fits if fit.mode != "found" or not set(_MODE) & set(fit.at_end)]
     return sorted(fits, key=lambda fit: fit.cost)
 

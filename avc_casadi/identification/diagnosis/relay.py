@@ -1,16 +1,16 @@
-"""Forces that switch: by a sign (a relay, a minimum force, rendered dry friction), or where contact begins.
+"""Discontinuous forces: switched by a sign (relay, minimum force, rendered friction), or at the edge of contact.
 
-Seen from its edge the gain of a sign is infinite (its describing function is 4 c/(pi A) at an amplitude A), so that no
-loop with a delay rests beside it, however soft the spring and the damper are that stand with it.
+At its edge the gain of a sign is infinite (its describing function is 4 c/(pi A) at an amplitude A), so that no loop
+with a delay is stable with it, however soft spring and damper are.
 
 A damper jumps at the edge of contact too, by b times the speed, and pulls the force to 0 before the device leaves the
-wall: carried on to the sample before contact, its sum with the spring is at most 0. That of a force that a position
-switches on is as large there as it is a sample later.
+wall: extrapolated to the sample before contact, its sum with the spring is at most 0. That of a force switched on by
+the position is as large there as it is a sample later.
 
-Two rates in one loop: a spring of every frame of a picture or an engine and a damper of every tick, or the reverse.
+Two rates in one loop: a spring updated every frame of graphics or an engine and a damper every tick, or the reverse.
 
-From tick to tick only what is new at every tick changes the force; what is new at every frame jumps there. The slow
-part is late by half its own period and by what its frame waits.
+From tick to tick only the fast part changes the force; the slow part jumps at each frame. It is late by half its own
+period and by the latency of its frame.
 """
 
 from __future__ import annotations
@@ -29,14 +29,15 @@ from avc_casadi.identification.diagnosis.oscillation import Swing
 
 _MOST_LAG = 8
 _FEWEST = 100
-# A sign is believed that leaves so little of the force, as an ordinary law; and so much less than spring and damper do.
+# A switched force is accepted with so small a residual, as an ordinary law; and one so much smaller than of spring and
+# damper.
 _LEFT, _BETTER = 0.05, 0.3
-# Share of the force's swing that is switched, below which it is dry friction that is compensated.
+# Switched share of the force amplitude, below which it is friction compensation.
 _SHARE = 0.1
-# Of a force of two or three sizes, share of the samples that have that of their sign.
+# With a force of two or three levels, share of the samples with that of their sign.
 _FOLLOWS = 0.97
 _SIZES = 3
-# A force nearer to the device's limit is cut.
+# A force nearer to the device's limit is saturated.
 _WHOLE = 0.9999
 
 
@@ -45,10 +46,10 @@ class Relay:
     """F = c sign(s) + k x + b dx/dt + a constant.
 
     Attributes:
-        force_n: c, below 0 where it pushes along: dry friction that is compensated.
-        by: what is switched by: the position, the speed, or the sign of the force itself (a minimum force).
-        at_m: of a position, where.
-        law: the spring and the damper beside it, without either where there are none.
+        force_n: c, below 0 where it acts along the motion: friction compensation.
+        by: switching variable: the position, the speed, or the sign of the force itself (a minimum force).
+        at_m: switching position.
+        law: the spring and the damper beside it; zero where there are none.
     """
 
     force_n: float
@@ -58,11 +59,11 @@ class Relay:
 
     @property
     def alone(self) -> bool:
-        """Whether nothing is rendered beside it."""
+        """Whether it is the whole force."""
         return not self.law.stiffness_n_per_m and not self.law.damping_ns_per_m
 
     def sentence(self) -> str:
-        """Say how the force is made."""
+        """Describe the force in one sentence."""
         where = {
             "position": f"where the position crosses {number(self.at_m, 3)} m",
             "speed": "against the motion" if self.force_n > 0 else "along the motion (friction that is compensated)",
@@ -72,13 +73,13 @@ class Relay:
 
 
 def find_relay(log: Log, swing: Swing, limit_n: float | None, friction_n: float) -> Relay | None:
-    """Return the force that a sign switches while a log swings, or None.
+    """Return the force switched by a sign during an oscillation, or None.
 
     Args:
         log: on its grid.
         swing: its oscillation.
-        limit_n: force limit of the device, at which forces are cut.
-        friction_n: of the device; what is pushed along the motion beyond it feeds a swing, however small.
+        limit_n: force limit of the device, at which forces saturate.
+        friction_n: of the device; compensation beyond it feeds an oscillation, however small.
     """
     part = slice(swing.first, swing.last)
     force, position, ran = log.force_n[part], log.position_m[part], log.ran[part]
@@ -122,7 +123,7 @@ def _edge(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -
     sides = np.sort([position[at - lag], position[at - lag - 1]], axis=0)
     low, high = float(sides[0].max()), float(sides[1].min())
     if low > high:
-        # Not one place is between the positions of every jump.
+        # No position lies between those of every jump.
         return float(np.median(sides))
     return 0.0 if low <= 0 <= high else (low + high) / 2
 
@@ -137,7 +138,7 @@ def _follows(force: FloatArray, sign: FloatArray) -> bool:
 def _fit(
     force: FloatArray, position: FloatArray, rows: IndexArray, lag: int, sign: FloatArray, period_s: float
 ) -> tuple[float, Law] | None:
-    """Return the size that is switched, and the law beside it, where a sign explains the force; None elsewhere."""
+    """Return the switched level and the law beside it, where a sign explains the force; None elsewhere."""
     x, before = position[rows - lag], position[rows - lag - 1]
     plain = np.stack([x - x.mean(), x - before, np.ones(rows.size)], axis=1)
     swings = float(np.std(force[rows]))
@@ -153,16 +154,16 @@ def _fit(
 
 _FEWEST_JUMP = 25
 _MOST_LAG_JUMP = 3
-# What spring, damper and jump leave of the force in contact, as a share.
+# Residual of spring, damper and jump in contact, as a share of the force.
 _LEFT_JUMP = 0.05
-# A spring's force goes by its stiffness times the encoder's steps: over so few of them, or of no more than so many of
-# its own, a force that begins is no jump but a step.
+# The force of a spring changes by its stiffness times the encoder step: over so few steps of position, or up to so many
+# steps of force, a force at contact is no jump but quantisation.
 _FEW_STEPS, _OWN_STEPS = 3.5, 2.5
-# Share of the force's swing that is the jump, and how often a cycle begins contact.
+# Share of the jump in the force amplitude, and contacts per cycle.
 _SHARE_JUMP = 0.4
 _PER_CYCLE = 0.5
 _NOTHING = 1e-3
-# A force nearer to the device's limit is cut.
+# A force nearer to the device's limit is saturated.
 _WHOLE_JUMP = 0.9999
 
 
@@ -184,11 +185,11 @@ class Jump:
 
 
 def jump_sentence(jump: Jump, reach_m: float) -> str:
-    """Say how the force follows the position.
+    """Describe how the force follows the position.
 
     Args:
         jump: of the log.
-        reach_m: how far the hand moves for a unit of the position.
+        reach_m: travel of the hand per unit of position.
     """
     nothing = _NOTHING * reach_m**2
     parts = [f"{number(jump.force_n, 3)} N"]
@@ -198,16 +199,16 @@ def jump_sentence(jump: Jump, reach_m: float) -> str:
 
 
 def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) -> Jump | None:
-    """Return the jump that an oscillation switches in every cycle, or None.
+    """Return the jump that occurs in every cycle of an oscillation, or None.
 
     Args:
         log: on its grid.
         swing: its oscillation.
-        law: what the computer makes of the position; where it is told, its spring says what is left at the edge.
-        limit_n: force limit of the device, at which forces are cut and tell nothing of what made them.
+        law: from position to force; where identified, its spring gives the rest of the force at the edge.
+        limit_n: force limit of the device; saturated forces carry no information.
     """
     found, period = swing.found, log.ticks.period_s
-    # What was switched on may have begun it: its later half counts.
+    # Switching on may have started it: its later half counts.
     part = slice((swing.first + swing.last) // 2, swing.last)
     force, position = log.force_n[part], log.position_m[part]
     touching = force > 1e-9 * float(np.abs(force).max(initial=0.0))
@@ -233,7 +234,7 @@ def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) ->
             carried = _columns(position, before[before > lag], lag, edge, period) @ told
             switched = carried.size > 0 and float(np.median(carried)) > _LEFT_JUMP * swings
             least = _SHARE_JUMP * swings
-            # Contact begins where the force does, cut at the device's limit or not.
+            # Contact begins where the force does, saturated or not.
             contact = np.flatnonzero(touching)
             begins = float(position[contact[contact > lag] - lag].min())
             return jump if switched and min(jump.force_n, _of_spring(law, begins, log.reach_m)) > least else None
@@ -241,14 +242,14 @@ def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) ->
 
 
 def _of_spring(law: Law | None, edge: float, reach_m: float) -> float:
-    """Return the force of the spring alone at a position; infinite where none is told."""
+    """Return the force of the spring alone at a position; infinite where none is identified."""
     if law is None or not law.told or not law.stiffness_n_per_m > _NOTHING * reach_m**2:
         return np.inf
     return law.stiffness_n_per_m * (edge - law.wall_m)
 
 
 def _columns(position: FloatArray, rows: IndexArray, lag: int, edge: float, period: float) -> FloatArray:
-    """Return 1, depth and speed of the samples that some forces were computed from, shape (rows, 3)."""
+    """Return 1, depth and speed of the samples behind some forces, shape (rows, 3)."""
     x = position[rows - lag]
     return np.stack([np.ones(rows.size), x - edge, (x - position[rows - lag - 1]) / period], axis=1)
 
@@ -256,23 +257,23 @@ def _columns(position: FloatArray, rows: IndexArray, lag: int, edge: float, peri
 _FEWEST_OF_TWO = 100
 _FEWEST_FRAMES = 12
 _MOST_TICKS, _MOST_LATE, _MOST_LAG_OF_TWO = 100, 3, 3
-# Share of the changes that the fast part explains exactly, and of the others that come in one phase of a frame.
+# Share of the changes that the fast part explains exactly, and of the others that occur in one phase of a frame.
 _MOSTLY, _IN_PHASE = 0.6, 0.95
 # A change is exact to this share of the usual one.
 _EXACT = 1e-3
-# A force nearer to its largest is cut.
+# A force nearer to its largest is saturated.
 _WHOLE_OF_TWO = 0.999
 
 
 @dataclass(frozen=True)
 class TwoRates:
-    """F(n) = k x(m - late) + b v(m) + a constant, of which one part has the position of its last frame.
+    """F(n) = k x(m - late) + b v(m) + a constant, one part of which takes the position of its last frame.
 
     Attributes:
-        law: both gains, as a loop of one rate would have them.
+        law: both gains, as of a loop with one rate.
         slow: "spring" or "damper".
         ticks: of a frame.
-        late: frames from a position to its force, beside those of the frame itself.
+        late: frames from a position to its force, beyond those of the frame itself.
     """
 
     law: Law
@@ -281,7 +282,7 @@ class TwoRates:
     late: int
 
     def sentence(self, period_s: float) -> str:
-        """Say which part runs how often."""
+        """Describe the rates of the two parts."""
         fast = "damper" if self.slow == "spring" else "spring"
         late = f" and {self.late} frame{'' if self.late == 1 else 's'} late" if self.late else ""
         return (
@@ -292,10 +293,10 @@ class TwoRates:
 
 
 def find_two_rates(log: Log) -> TwoRates | None:
-    """Return the two rates at which the parts of a force are computed, or None of a loop of one rate.
+    """Return the two rates of the parts of a force, or None for a loop of one rate.
 
     Args:
-        log: on its grid, without a tick missed.
+        log: on its tick grid, without a tick missed.
     """
     force, position = log.force_n, log.position_m
     size = np.abs(force)
@@ -313,7 +314,7 @@ def find_two_rates(log: Log) -> TwoRates | None:
 
 
 def _frames(force: FloatArray, position: FloatArray, whole: BoolArray, lag: int, slow: str) -> tuple[int, int] | None:
-    """Return the ticks of a frame, and the first tick of one, where the fast part leaves jumps that come evenly."""
+    """Return the ticks of a frame, and its first tick, where the residual jumps of the fast part are periodic."""
     fast = position if slow == "damper" else np.diff(position, prepend=position[0])
     rows = np.flatnonzero(whole[1:] & whole[:-1]) + 1
     rows = rows[rows > lag + 2]
@@ -321,7 +322,7 @@ def _frames(force: FloatArray, position: FloatArray, whole: BoolArray, lag: int,
     some = np.abs(moved) > 1e-9 * np.abs(moved).max(initial=1e-300)
     if np.count_nonzero(some) < _FEWEST_OF_TWO:
         return None
-    # Most ticks are of the fast part alone: the middle of their ratios is its gain.
+    # Most ticks are of the fast part alone: the median of their ratios is its gain.
     gain = float(np.median(new[some] / moved[some]))
     left = np.abs(new - gain * moved)
     jumps = left > _EXACT * float(np.abs(new).max())

@@ -1,4 +1,4 @@
-"""What would cure a loop: each change is checked on the loop model before it is told."""
+"""Remedies of an oscillating loop, each checked on the loop model."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from avc_casadi.identification.diagnosis.model import Cure
 from avc_casadi.identification.diagnosis.relay import Relay, TwoRates
 from avc_casadi.simulation.effects.filters import Notch
 
-# Of a limit, so much is left.
+# Share of a limit that is used.
 _RESERVE = 0.8
 _FILTERS_HZ = (150.0, 60.0, 25.0)
 _QUICKER = (2.0, 4.0, 8.0, 16.0, 32.0)
 _FINER = (2.0, 4.0, 8.0)
 _SOFTER = (0.7, 0.5, 0.35)
-# Notches that are tried: frequency over that of the swing, gain there, band as a share of the frequency.
+# Notches that are tried: frequency relative to the oscillation, gain there, relative bandwidth.
 _NOTCH_TURNS = (0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.25, 1.4, 1.6)
 _NOTCH_DEPTHS = (0.05, 0.3)
 _NOTCH_WIDTHS = (0.5, 1.0, 2.0)
@@ -44,14 +44,14 @@ _HIGHEST = 0.45
 
 
 def cures_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Cure, ...]:
-    """Return the changes that cure a loop, that of its cause first.
+    """Return the changes that stabilise a loop, those of its cause first.
 
     Args:
         cause: key of the cause.
         answer: device and hand.
-        law: what the computer makes of the position.
-        log: on its grid.
-        declared: the loop as it was meant.
+        law: from position to force.
+        log: on its tick grid.
+        declared: the intended loop.
     """
     own: Callable[[], list[Cure]] = {
         "delay": lambda: _delay(answer, law, log, declared),
@@ -74,20 +74,20 @@ def cures_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Decla
 
 
 _SLOPES = np.geomspace(1.0, 1e-4, 33)
-# The steepest of minimum forces: its gain over that of the loop.
+# The steepest minimum force: its gain relative to that of the loop.
 _STEEPEST = 100.0
 
 
 def cures_of_relay(found: Relay, answers: Sequence[Hypothesis], log: Log, friction_n: float) -> tuple[Cure, ...]:
-    """Return what brings a loop to rest whose force a sign switches: a width in place of an edge, or less of it.
+    """Return what stabilises a loop with a switched force: a boundary layer in place of an edge, or a lower level.
 
-    Over a width the force of a sign has the slope c/w: at the largest gain that the loop bears in every answer, with a
-    reserve, it rests between it and none.
+    Over a width w the force of a sign has the slope c/w: the loop is stable if its gain in between is at most the
+    largest that is stable under every hypothesis, with a margin.
 
     Args:
-        found: what is switched.
-        answers: device and hand, as far as the log bears them out.
-        log: on its grid.
+        found: the switched force.
+        answers: hypotheses compatible with the log.
+        log: on its tick grid.
         friction_n: of the device.
     """
     size, law = found.force_n, found.law
@@ -114,7 +114,7 @@ def cures_of_relay(found: Relay, answers: Sequence[Hypothesis], log: Log, fricti
 
 
 def _sloped(found: Relay, slope: float) -> Law:
-    """Return the law within the width of what was a sign."""
+    """Return the law within the boundary layer."""
     law = found.law
     if found.by == "position":
         return replace(law, stiffness_n_per_m=law.stiffness_n_per_m + slope)
@@ -125,12 +125,12 @@ def _sloped(found: Relay, slope: float) -> Law:
 
 
 def cures_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period_s: float) -> tuple[Cure, ...]:
-    """Return what brings a loop of two rates to rest: one rate, or less of the slow part, at the rates as they are.
+    """Return what stabilises a loop of two rates: one rate, or a lower gain of the slow part at the present rates.
 
     Args:
-        found: the two.
-        answers: device and hand, as far as the log bears them out.
-        period_s: of the quick part.
+        found: the two rates.
+        answers: hypotheses compatible with the log.
+        period_s: of the fast part.
     """
     mode = worst_mode(answers[0], found.law)
     change = f"the {found.slow} computed every {number(1e3 * period_s, 3)} ms too"
@@ -193,7 +193,7 @@ def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[C
 
 
 def _quicker(answer: Hypothesis, law: Law) -> list[Cure]:
-    """Return the quicker filter of the velocity with which the loop decays fastest."""
+    """Return the faster velocity filter with which the loop decays fastest."""
     period = answer.device.sample_time_s
     now = law.filter_hz(period)
     if now is None:
@@ -213,7 +213,7 @@ def _quicker(answer: Hypothesis, law: Law) -> list[Cure]:
 
 
 def _notch(answer: Hypothesis, law: Law) -> list[Cure]:
-    """Return the notch with which the loop decays fastest, be it set a little beside the frequency either way."""
+    """Return the notch with which the loop decays fastest, robust to a small detuning either way."""
     swings, period = worst_mode(answer, law).frequency_hz, answer.device.sample_time_s
     best: tuple[float, Notch] | None = None
     for turn, depth, width in itertools.product(_NOTCH_TURNS, _NOTCH_DEPTHS, _NOTCH_WIDTHS):
@@ -259,7 +259,7 @@ def _rate(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Cu
 
 
 def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
-    """Play the scene with a finer encoder, a filter and softer gains; the first of each kind that rests is told."""
+    """Simulate with a finer encoder, a filter and softer gains; return the first of each kind that settles."""
     if not can_replay(law):
         return []
     found = []

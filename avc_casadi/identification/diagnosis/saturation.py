@@ -1,4 +1,4 @@
-"""Saturation and work: whether the force limit bounds a swing, whether nothing does, whether the force feeds it."""
+"""Saturation and work: whether the force limit bounds an oscillation, and whether the force feeds it."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing
 from avc_casadi.model.device import Device
 
-# A force within this share of its limit stands at it.
+# A force within this share of its limit is saturated.
 _TOP = 0.999
-# Where no limit was declared, a force that comes again and again is one: in this share of a swing over so many steps,
-# over fewer of which all forces come again.
+# Without a declared limit, a force that recurs is one: in this share of an oscillation over so many steps, over fewer
+# of which all forces recur.
 _AGAIN, _STEPS = 0.05, 14.0
-# A command so much above the limit is no rounding, and so large a share of them no single slip.
+# A command so much above the limit is no rounding, and so large a share of them no outlier.
 _ABOVE, _SELDOM = 1.01, 1e-3
 
 
 def limited(log: Log, swing: Swing, limit_n: float | None) -> Swing:
-    """Return a swing with its largest force, and the share of it in which the force stands at its limit.
+    """Return an oscillation with its largest force, and the share of it in which the force saturates.
 
     Args:
-        log: on its grid.
-        swing: its oscillation.
+        log: on its tick grid.
+        swing: the oscillation.
         limit_n: of the device; None where none was declared.
     """
     size = np.abs(log.force_n[swing.first : swing.last])
@@ -41,19 +41,19 @@ def limited(log: Log, swing: Swing, limit_n: float | None) -> Swing:
 
 
 GROWN = 4.0
-"""By how many factors of e a loop would grow where the log swings evenly, that is then not its oscillation."""
+"""Growth in factors of e after which a loop cannot be the cause of an oscillation of constant amplitude."""
 _ALWAYS = 0.97
 _TOP_EVEN = 0.999
 # A position that toggles has its largest force at one of its counts, which is no limit.
 _ONE_COUNT = 1.5
 _FEW_STEPS = 3.0
-# Between two counts an encoder takes the force of a motion that is up to a count high for that of this share of it, and
-# holds a loop there that grows without its steps.
+# Between two counts quantisation turns a motion of up to a count into a force of this share of it, and stabilises a
+# loop there that is unstable without it.
 _LEAST_GAIN = 0.5
 
 
 def exceeded(log: Log, limit_n: float) -> bool:
-    """Return whether a log commands more than the force that a device declares as its limit."""
+    """Return whether a log commands more than the declared force limit."""
     return bool(np.mean(np.abs(log.force_n) > _ABOVE * limit_n) > _SELDOM)
 
 
@@ -61,8 +61,8 @@ def unlimited(log: Log, found: Oscillation, limit_n: float | None) -> bool:
     """Return whether an oscillation neither leaves contact nor reaches a largest force.
 
     Args:
-        log: on its grid.
-        found: its oscillation.
+        log: on its tick grid.
+        found: the oscillation.
         limit_n: force limit of the device, None where none was declared.
     """
     size = np.abs(log.force_n)
@@ -73,14 +73,14 @@ def unlimited(log: Log, found: Oscillation, limit_n: float | None) -> bool:
 
 
 def fed(log: Log, swing: Swing, device: Device) -> bool:
-    """Return whether the commanded force does the work that a swing takes, or a hand does.
+    """Return whether the commanded force does the work that sustains an oscillation, rather than a hand.
 
-    In a loop that swings by itself the force does what damping and friction take; where a hand moves the device in a
-    wall, the force takes work, or does no more than its delay makes of it. Half of it is the middle of the two.
+    In a self-sustained oscillation the force does the work that damping and friction dissipate; where a hand moves the
+    device in a wall, the force absorbs work, or does no more than by its delay. The threshold is half of it.
 
     Args:
-        log: on its grid.
-        swing: its oscillation.
+        log: on its tick grid.
+        swing: the oscillation.
         device: as declared, or assumed.
     """
     late = round(float(device.delay_samples))
@@ -93,13 +93,13 @@ def fed(log: Log, swing: Swing, device: Device) -> bool:
 
 
 def outgrows(answer: Hypothesis, law: Law, log: Log, found: Oscillation, limit_n: float | None) -> bool:
-    """Return whether a loop would long have grown beyond the few counts over which a log swings evenly.
+    """Return whether a loop would long have grown beyond the few counts over which a log oscillates evenly.
 
     Args:
         answer: device and hand.
-        law: what the computer makes of the position.
-        log: on its grid.
-        found: its oscillation.
+        law: from position to force.
+        log: on its tick grid.
+        found: the oscillation.
         limit_n: force limit of the device, None where none was declared.
     """
     few = found.kind == "limit cycle" and found.steps < _FEW_STEPS

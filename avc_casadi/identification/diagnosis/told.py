@@ -51,7 +51,7 @@ def diagnosis_document(found: Diagnosis) -> dict[str, Any]:
 
 
 def diagnosis_text(found: Diagnosis) -> str:
-    """Return the same for people."""
+    """Return the diagnosis as printed text."""
     lines = [f"{found.source}: {found.conclusion}", ""]
     if found.cures:
         lines += ["would settle with (each alone, checked on the loop model or in the scene):"]
@@ -67,12 +67,12 @@ def diagnosis_text(found: Diagnosis) -> str:
 
 
 def cure_text(change: str, growth_per_s: float) -> str:
-    """Return a change with what it does to the loop."""
+    """Return a remedy with its effect on the loop."""
     return change if math.isnan(growth_per_s) else f"{change}: decays by {number(-growth_per_s, 2)} 1/s"
 
 
 def shares_text(found: Diagnosis) -> str:
-    """Return the shares of the causes in words."""
+    """Return the shares of the causes as text."""
     return ", ".join(
         f"{CAUSES.get(cause, 'none of them')} {100 * share:.0f} %"
         for cause, share in found.shares.items()

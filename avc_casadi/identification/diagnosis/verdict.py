@@ -1,4 +1,4 @@
-"""The verdict on one log: what it says at once, what its loop model says, and what it leaves open."""
+"""The verdict on one log: from the log alone, from its loop model, and what stays open."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ from avc_casadi.identification.diagnosis.relay import Relay, TwoRates, find_jump
 from avc_casadi.identification.diagnosis.remedies import cures_of, cures_of_relay, cures_of_two_rates
 from avc_casadi.identification.diagnosis.saturation import GROWN, fed, unlimited
 
-# A cause is named where the odds for it are two to one: of 200 logs drawn at random that names five more than a share
-# of 0.8 and no rival above 0.12 did, all of them rightly.
+# A cause is named at odds of two to one: of 200 logs drawn at random that names five more than a share of 0.8 and no
+# rival above 0.12 did, all of them rightly.
 _SURE = 2 / 3
-# Logarithm of the ratio of measured and modelled frequency, in contact throughout, beyond which the model is not it.
+# Log ratio of measured and modelled frequency, in contact throughout, beyond which the model is rejected.
 _FREQUENCY = 0.3
 _FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
-# The tremor of a hand: its frequencies, and more than its size.
+# The tremor of a hand: its frequencies, and an amplitude above its own.
 _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
-# Of a delay so much longer than declared, in samples, a strong tremor is as likely a reason.
+# With a delay so much longer than declared, in samples, a strong tremor is as likely a cause.
 _LATE, _STRONG_TREMOR_M = 8.0, 2e-2
-# What a model may leave of the position, over what encoder and noise do.
+# Largest residual of the position that a model may have, relative to encoder and noise.
 _UNEXPLAINED = 12.0
-# A swing that is in contact for a smaller share of its time flies and falls: a bounce.
+# An oscillation in contact for a smaller share of its time is a bounce.
 _BOUNCES = 1 / 3
 
 
 class Judge:
-    """What is known of a log before anything is judged."""
+    """The findings of a log before the judgement."""
 
     def __init__(
         self, log: Log, swing: Swing, law: Law | None, declared: Declared, evidence: list[str], notes: list[str]
@@ -90,7 +90,7 @@ class Judge:
         return self._made("cannot tell", f"cannot tell: {told}", decides="the same log with its unit told (--units)")
 
     def jumps(self) -> Diagnosis | None:
-        """Return the verdict where the force jumps at the edge of contact, and every cycle crosses it."""
+        """Return the verdict where the force jumps at the edge of contact in every cycle."""
         jump = find_jump(self._log, self._swing, self._law, self._declared.device.max_force_n)
         if jump is None:
             return None
@@ -103,10 +103,10 @@ class Judge:
         return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
 
     def relay(self, found: Relay, fits: Sequence[Fit]) -> Diagnosis | None:
-        """Return the verdict where a sign switches the force, and the loop would rest without it.
+        """Return the verdict where a sign switches the force, and the loop would be stable without it.
 
         Args:
-            found: what is switched.
+            found: the switched force.
             fits: of device and hand, likeliest first.
         """
         if not found.alone and not _mostly(worst_mode(one, found.law).stable for one in _answers(fits)):
@@ -128,10 +128,10 @@ class Judge:
         )
 
     def two_rates(self, found: TwoRates, fits: Sequence[Fit]) -> Diagnosis | None:
-        """Return the verdict where two parts of the force have rates of their own, and one rate would bring rest.
+        """Return the verdict where two parts of the force have different rates, and one rate would stabilise the loop.
 
         Args:
-            found: the two.
+            found: the two rates.
             fits: of device and hand, likeliest first.
         """
         answers = _answers(fits)
@@ -283,7 +283,7 @@ class Judge:
 
 
 def _answers(fits: Sequence[Fit]) -> tuple[Hypothesis, ...]:
-    """Return device and hand as the likeliest fit has them."""
+    """Return device and hand of the likeliest fit."""
     return (fits[0].answer, *fits[0].draws)
 
 
@@ -292,7 +292,7 @@ def _mostly(some: Iterable[bool]) -> bool:
 
 
 def _together(asked: Sequence[Asked]) -> str | None:
-    """Return what most of the answers name together with a delay, each a part of the way to rest; None for nothing."""
+    """Return the cause that most hypotheses name together with a delay, each a part of it; None for no such cause."""
     shares: dict[str, float] = {}
     for one in asked:
         if "delay" in one.causes and "encoder" not in one.causes:
@@ -303,9 +303,9 @@ def _together(asked: Sequence[Asked]) -> str | None:
 
 
 def _likeliest(cause: str, asked: Sequence[Asked], fits: Sequence[Fit]) -> tuple[Hypothesis, Fit]:
-    """Return the likeliest answer of a cause, and the fit that it is from."""
+    """Return the likeliest hypothesis of a cause, and its fit."""
     of_cause = [one for one in asked if one.causes.get(cause, 0.0) >= 0.5] or list(asked)
-    # The best of each fit stands before those drawn about it.
+    # The estimate of each fit stands before its draws.
     best = max(of_cause, key=lambda one: one.weight).answer
     fit = next(fit for fit in fits if best is fit.answer or any(best is draw for draw in fit.draws))
     return best, fit
@@ -329,7 +329,7 @@ def _measured(answer: Hypothesis, fit: Fit, law: Law, log: Log, declared: Declar
 
 
 def _growth(swing: Swing, period_s: float) -> tuple[float, float]:
-    """Return the rate at which it grew from the first half of the oscillation to the second, and its time."""
+    """Return the growth rate from the first half of the oscillation to the second, and its time."""
     halves = np.array_split(swing.envelope_m[swing.first : swing.last], 2)
     before, after = (max(float(np.median(half)), 1e-300) for half in halves)
     lasts = (swing.last - swing.first) * period_s

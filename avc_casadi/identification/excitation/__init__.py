@@ -1,1 +1,1 @@
-"""Signals that identify a device, played within limits."""
+"""Excitation signals for identification, played within limits."""

@@ -1,4 +1,4 @@
-"""Plans: a multisine that tells the most, a chirp, a sweep at constant speed, a release; each checked beforehand."""
+"""Excitation plans: a D-optimal multisine, a chirp, a sweep at constant speed, a release; each checked beforehand."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ KINDS: Mapping[Kind, str] = {
     "sweep": "the same at a constant speed of the device",
     "release": "pulled slowly against a spring and released, to either side",
 }
-"""What can be played, with a line for each."""
+"""Kinds of excitation, with a line for each."""
 
 SECONDS, SPEED_M_PER_S, TRAVEL_M = 10.0, 0.3, 0.02
-"""Defaults, of a device that turns at its handle."""
-# What the firmware takes, in the device's own units: of a knob that is less than of a slide at the hand.
+"""Defaults; of a rotary device at its handle."""
+# Limits of the firmware, in the device's own units: lower for a knob than for a slide at the hand.
 _FIRMWARE_MOST = 10.0
-_FORCE_SHARE = 0.5  # of the device's limit, where none is given
+_FORCE_SHARE = 0.5  # of the device's limit, by default
 _USUAL_ENCODER_M = 2e-6
 _TONES = 48
 _PERIOD_S = 4.0
-# Turns by which tones are moved against each other in a period, and what spreads them evenly.
+# Shifts of the tones against each other within a period, in turns, and the number that spreads them evenly.
 _DETUNED, _GOLDEN = 0.03, 0.6180339887
-# A peak is seen to 1 per cent at so many points of a period of the fastest tone.
+# A peak is resolved to 1 per cent with so many points in a period of the fastest tone.
 _SEEN = 24.0
 _RAMP_S = 0.3
 _LOWEST_HZ, _HIGHEST_HZ, _HIGHEST_SHARE = 0.5, 300.0, 0.3
@@ -52,13 +52,13 @@ _MOVES_STEPS, _MOVES_FRICTION = 10.0, 1.2
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """A plan and what it will do.
+    """A plan and its forecast.
 
     Attributes:
-        plan: what the device is asked for.
+        plan: for the device.
         devices: the declared one first, then the corners of its ranges.
         forecast: of each, shape (devices, 1).
-        crest: largest over root mean square of the signal.
+        crest: crest factor of the signal.
     """
 
     plan: Plan
@@ -93,20 +93,20 @@ def plan_excitation(
     travel_m: float | None = None,
     progress: Progress = SILENT,
 ) -> Excitation:
-    """Plan an excitation that no device of the ranges takes beyond the limits.
+    """Plan an excitation that takes no device of the ranges beyond the limits.
 
     Args:
         device: as declared, with its ranges.
         kind: see `KINDS`.
-        seconds: how long.
+        seconds: duration.
         force_n: limit, of signal and centring together; None is half of the device's own. The signal is as strong as
             this and the limits of speed and travel allow on every device of the ranges.
         speed_m_per_s: limit; None is 0.3 m/s at the hand.
-        travel_m: limit, to either side of where the device stands; None is 20 mm at the hand.
-        progress: is told how far the search and the simulations of it have come.
+        travel_m: limit, to either side of the start; None is 20 mm at the hand.
+        progress: of the search and its simulations.
 
     Raises:
-        InputError: an argument out of range, or limits that leave nothing to see.
+        InputError: an argument out of range, or limits too tight for a visible motion.
         UnsupportedError: no weights of the multisine are found.
     """
     reach = device.metres_per_unit
@@ -150,7 +150,7 @@ def check_plan(plan: Plan, device: Device) -> Forecast:
         Its forecast on the device as declared and at every corner.
 
     Raises:
-        InputError: which limit breaks, on which device.
+        InputError: a limit is exceeded on some device.
     """
     return _checked(plan, corners_of(device))
 
@@ -217,17 +217,17 @@ def _check(
 
 
 def _centring(devices: Sequence[Device], force_n: float, travel_m: float, kind: Kind, window: int) -> Centring:
-    """Return a spring that friction does not hold far from the middle, and a damper that calms the lightest device."""
+    """Return the centring: a spring stiff enough against friction, and a damper for the lightest device."""
     mass = devices[0].mass_kg
     lightest = min(one.mass_kg for one in devices)
     if kind == "release":
         spring = min(force_n / (_PULLED * travel_m), lightest * (2 * np.pi * _RELEASED_HZ) ** 2)
-        # No more than takes back what the delay adds: the device swings by its own damping.
+        # No more than compensates the delay: the device oscillates with its own damping.
         late = max(one.delay_samples for one in devices) + 1.5
         return Centring(float(spring), float(spring * late * devices[0].sample_time_s))
     friction = max(one.coulomb_friction_n for one in devices)
     most = _SPRING_SHARE * force_n / travel_m
-    # The delay lags little at the frequency at which the lightest device swings on the spring.
+    # The delay adds little phase lag at the natural frequency of the lightest device on the spring.
     late_s = (max(one.delay_samples for one in devices) + 1.5 + window / 2) * devices[0].sample_time_s
     most = min(most, lightest * (_LAG_RAD / late_s) ** 2)
     spring = min(max(mass * (2 * np.pi * _CENTRING_HZ) ** 2, 2 * friction / travel_m), most)
@@ -255,7 +255,7 @@ def _signal(empty: Plan, devices: Sequence[Device], centring: Centring, progress
 def _sweep_band(
     plan: Plan, devices: Sequence[Device], centring: Centring, low: float, high: float
 ) -> tuple[float, float]:
-    """Return the band in which a constant speed is within the travel below and the force above."""
+    """Return the band in which a constant speed stays below the travel limit and the force limit."""
     grid = np.geomspace(low, high, 200)
     travel, speed = _allowed(plan, devices, centring, grid)
     good = (speed <= travel) & (speed <= _MARGIN * plan.max_force_n)
@@ -274,7 +274,7 @@ def _sweep_band(
 def _allowed(
     plan: Plan, devices: Sequence[Device], centring: Centring, frequency_hz: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the force of a sine at the travel limit and at the speed limit, each by the most willing device."""
+    """Return the force of a sine at the travel limit and at the speed limit, each for the most compliant device."""
     s = 2j * np.pi * frequency_hz
     found = []
     for device in devices:
@@ -297,12 +297,12 @@ def _multisine(
     lines = np.unique(np.round(np.geomspace(*band_hz, _TONES) * period_s))
     lines = lines[lines >= 1]
     if plan.seconds > period_s:
-        # Of what repeats itself to the encoder's step the rounding is the same in each repeat.
+        # In repeats to the encoder's step the rounding is the same each time.
         lines += _DETUNED * (2 * np.modf(np.arange(1, lines.size + 1) * _GOLDEN)[0] - 1)
     frequency = lines / period_s
     step_s = max(plan.sample_time_s, 1 / (_SEEN * frequency[-1]))
     time = np.asarray(np.arange(0, plan.seconds, step_s), dtype=np.float64)
-    # Delay moves the information little.
+    # Delay changes the information little.
     unlike = list(
         {(one.mass_kg, one.damping_ns_per_m, one.coulomb_friction_n): one for one in reversed(devices)}.values()
     )
@@ -323,7 +323,7 @@ def _multisine(
 
 
 def _scaled(plan: Plan, devices: Sequence[Device], progress: Progress) -> Excitation:
-    """Return the plan at the largest peak that takes no device near a limit."""
+    """Return the plan scaled to the largest peak that keeps every device off the limits."""
     full = float(np.abs(plan.signal.units(plan.ticks)).max()) / FULL
     scales = _SCALES * _MARGIN / full
     best = _largest(plan, devices, scales, progress)
@@ -336,7 +336,7 @@ def _scaled(plan: Plan, devices: Sequence[Device], progress: Progress) -> Excita
 
 
 def _largest(plan: Plan, devices: Sequence[Device], scales: FloatArray, progress: Progress) -> float:
-    """Return the largest of rising scales up to which no device comes near a limit."""
+    """Return the largest of rising scales that keeps every device off the limits."""
     found = forecast(plan, devices, scales, progress)
     good = (
         (found.force_n <= plan.max_force_n)
@@ -359,7 +359,7 @@ def _louder(signal: Signal, by: float) -> Signal:
 
 
 def _moves(plan: Plan, devices: Sequence[Device], found: Forecast) -> None:
-    """Refuse a plan under which nothing would be seen."""
+    """Refuse a plan without a visible motion."""
     steps = float((found.travel_m[:, 0] / plan.metres_per_count).min())
     peak = peak_force_n(plan)
     friction = max(one.coulomb_friction_n for one in devices)

@@ -1,8 +1,8 @@
-"""What a signal tells of a device: the Fisher information of mass, damping, delay and dry friction; its best weights.
+"""Fisher information of a signal on mass, damping, delay and dry friction; D-optimal power of its tones.
 
-Dry friction is taken as the damper that does the same to a Gaussian velocity (Booton 1954), and what is left of its
-sign, whose spectrum follows from the arcsine law (Van Vleck and Middleton 1966), as a force of its own: only that tells
-friction from damping. With that spectrum held, the information is linear in the power of each tone, and the D-optimal
+Dry friction is linearised as the equivalent damper for a Gaussian velocity (Booton 1954), and the residual of its sign,
+whose spectrum follows from the arcsine law (Van Vleck and Middleton 1966), is a force of its own: only that separates
+friction from damping. With that spectrum fixed, the information is linear in the power of each tone, and the D-optimal
 weights (Wald 1943; Kiefer and Wolfowitz 1960) under limits of force, speed and travel are a convex programme.
 """
 
@@ -22,21 +22,21 @@ from avc_casadi._util.interrupt import undisguised_interrupts
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.device import Device
 
-# Below this the identification forgets: what disturbs a device there is not its own.
+# Below this the observer of the identification forgets: disturbances there are not the device's own.
 _FORGETS_RAD_PER_S = 20.0
-# Told at the hand: noise, damping and speed below which nothing is gained.
+# At the hand: noise, damping and speed below which nothing is gained.
 _NOISE_AT_LEAST_M, _DAMPED_AT_LEAST_NS_PER_M, _SLOWEST_M_PER_S = 1e-7, 0.1, 1e-4
-# Share of the power that is spread evenly over all tones, for what the design does not know of.
+# Share of the power that is spread evenly over all tones, as a reserve for unmodelled dynamics.
 _SPREAD = 0.25
 _PASSES = 4
-# No tone has more of the power: the velocity stays near the Gaussian one that friction is reckoned with.
+# Largest share of the power in one tone: the velocity stays nearly Gaussian, as the linearisation assumes.
 _ONE_TONE = 0.1
 _LAGS = 1 << 12
 
 
 @dataclass(frozen=True)
 class Centring:
-    """What holds the device near where it began.
+    """Centring of the device near its start.
 
     Attributes:
         spring_n_per_m: its spring.
@@ -49,7 +49,7 @@ class Centring:
 
 @dataclass(frozen=True)
 class Room:
-    """Root mean squares that a signal may reach.
+    """Root mean square limits of a signal.
 
     Attributes:
         force_n: of the force.
@@ -64,12 +64,12 @@ class Room:
 
 @dataclass(frozen=True, eq=False)
 class _Linearised:
-    """A device about a signal.
+    """A device linearised about a signal.
 
     Attributes:
         position: position by force, with the centring, shape (tones,).
-        tells: information by the power of each tone, shape (tones, parameters, parameters).
-        beside: information of friction that no tone's power gives linearly.
+        tells: information per unit power of each tone, shape (tones, parameters, parameters).
+        beside: information on friction that is not linear in the power.
     """
 
     position: ComplexArray
@@ -104,15 +104,15 @@ def best_power(
     ticks: int,
     progress: Progress = SILENT,
 ) -> FloatArray:
-    """Return the power of each tone, N^2, that tells the most of devices on average: the mean of log det is largest.
+    """Return the D-optimal power of each tone, N^2: the mean log det over devices is largest.
 
     Args:
         devices: at their nominal values; the first and the corners of its ranges.
         frequency_hz: of the tones, shape (tones,).
         centring: beside the device.
-        room: which every device must keep.
+        room: limits of every device.
         ticks: of the record.
-        progress: is told of each pass.
+        progress: of the passes.
 
     Raises:
         UnsupportedError: no power is found.
@@ -134,7 +134,7 @@ def _fitting(
     room: Room,
     ticks: int,
 ) -> FloatArray:
-    """Scale a power into the room."""
+    """Scale a power into the limits."""
     about = [_linearised(device, frequency_hz, power, centring, ticks) for device in devices]
     rows = _limits(about, frequency_hz, room)
     return power / max(1.0, float((rows @ power).max()))
@@ -154,7 +154,7 @@ def _limits(about: Sequence[_Linearised], frequency_hz: FloatArray, room: Room) 
 
 
 def _programme(about: Sequence[_Linearised], frequency_hz: FloatArray, power: FloatArray, room: Room) -> FloatArray:
-    """Solve the convex programme about a power, in shares of the power that each tone alone could have."""
+    """Solve the convex programme about a power, in shares of the power of each tone alone at the limits."""
     tones = power.size
     rows = _limits(about, frequency_hz, room)
     alone = 1 / rows.max(axis=0)
@@ -166,7 +166,7 @@ def _programme(about: Sequence[_Linearised], frequency_hz: FloatArray, power: Fl
         beside = one.beside * outer + 1e-9 * np.eye(outer.shape[0])
         numbers += [tells.ravel(order="F"), beside.ravel(order="F")]
     kept = rows * alone
-    # No tone below its part of what is spread evenly; in a narrow room the even part is what fits.
+    # No tone is below its even share; in tight limits that share is reduced to fit.
     least = _SPREAD * np.ones(tones) / float(kept.sum(axis=1).max())
     solver = _solver(tones, tuple(one.beside.shape[0] for one in about), rows.shape[0])
     given = np.concatenate([*numbers, kept.ravel(order="F"), alone / alone.sum()])
@@ -182,7 +182,7 @@ def _programme(about: Sequence[_Linearised], frequency_hz: FloatArray, power: Fl
 
 @lru_cache(maxsize=4)
 def _solver(tones: int, sizes: tuple[int, ...], limits: int) -> Any:
-    """Return the programme for devices with so many parameters each; its numbers are parameters."""
+    """Return the programme for devices with so many parameters each; its numbers are CasADi parameters."""
     share = ca.SX.sym("share", tones)
     goal = ca.SX(0)
     given = []
@@ -265,7 +265,7 @@ def _cosines(rate: tuple[float, ...], period: float) -> FloatArray:
 
 
 def _left_of_the_sign(rate: FloatArray, speed_power: FloatArray, period: float, mass: float, damping: float) -> float:
-    """Return the mean square of the position that 1 N of sign(v), less its part along v, makes as far as it is seen."""
+    """Return the mean square of the visible position under 1 N of sign(v) less its part along v."""
     like = _cosines(tuple(rate), period) @ speed_power / max(float(speed_power.sum()), 1e-300)
     like = np.clip(like, -1.0, 1.0) * np.cos(0.5 * np.pi * np.arange(_LAGS) / _LAGS) ** 2
     left = 2 / np.pi * (np.arcsin(like) - like)

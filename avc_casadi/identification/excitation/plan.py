@@ -1,8 +1,8 @@
-"""A plan: the signal, the limits that the device keeps, what holds it near where it began, and what it will do.
+"""An excitation plan: signal, limits, centring, and its forecast.
 
-Before anything moves it is simulated for the device and for every one of the ranges, with linear mechanics, amplifier,
-delay and dry friction, the ramps, the centring and the force limit; the encoder's steps are left out, and allowed for
-by one step.
+Before any motion it is simulated for the device and for every corner of its ranges, with linear mechanics, amplifier,
+delay and dry friction, the ramps, the centring and the force limit; the encoder's steps are left out, with a margin of
+one step for them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from avc_casadi.model.sampled_plant import device_plant
 Kind = Literal["multisine", "chirp", "sweep", "release"]
 
 SILENCE_S = 1.0
-"""The device stops where it has not heard the host for so long."""
+"""The device stops after so long without a message from the host."""
 WINDOW_MOST = 32
 # The error of a velocity by a step of the encoder, as a share of the speed limit.
 _COARSE = 0.1
@@ -33,7 +33,7 @@ _COARSE = 0.1
 
 @dataclass(frozen=True)
 class Plan:
-    """What a device is to play.
+    """An excitation as the device plays it.
 
     Attributes:
         kind: multisine, chirp, sweep or release.
@@ -42,13 +42,13 @@ class Plan:
         ticks: played, with the ramps.
         ramp_ticks: in, and out.
         max_force_n: limit of signal and centring together.
-        max_speed_m_per_s: limit; beyond it the force is off for good.
-        max_travel_m: limit to either side of where it began.
-        spring_n_per_m: that holds the device near there, weak.
-        damper_ns_per_m: beside the spring.
+        max_speed_m_per_s: limit; beyond it the force stays off.
+        max_travel_m: limit to either side of the start.
+        spring_n_per_m: weak centring spring.
+        damper_ns_per_m: centring damper.
         window: ticks over which the velocity is taken, 1 to 32.
-        signal: beside the centring.
-        motion: of the device; one that turns has rad and N.m in all of these.
+        signal: in addition to the centring.
+        motion: of the device; rotary has rad and N.m in all of these.
     """
 
     kind: Kind
@@ -67,12 +67,12 @@ class Plan:
 
     @property
     def seconds(self) -> float:
-        """How long it lasts."""
+        """Duration, s."""
         return self.ticks * self.sample_time_s
 
     @property
     def silent_ticks(self) -> int:
-        """Ticks without a word from the host after which the device stops."""
+        """Ticks without a message from the host after which the device stops."""
         return max(1, round(SILENCE_S / self.sample_time_s))
 
     @property
@@ -82,12 +82,12 @@ class Plan:
 
 
 def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_s: float) -> int:
-    """Return the ticks over which a velocity is taken: as few as the encoder's step allows.
+    """Return the window of a velocity in ticks, as short as the encoder's step allows.
 
     Args:
         metres_per_count: of the encoder.
         sample_time_s: T.
-        max_speed_m_per_s: of which the error shall be a tenth at most.
+        max_speed_m_per_s: a tenth of it is the largest error allowed.
     """
     wanted = metres_per_count / (_COARSE * max_speed_m_per_s * sample_time_s)
     return int(min(max(1, -(-wanted // 1)), WINDOW_MOST))
@@ -95,7 +95,7 @@ def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_
 
 # Parts of a sample in which friction is constant, where the force does not arrive inside it.
 _PARTS = 2
-# Ticks between two words of progress.
+# Ticks between two progress reports.
 _TOLD = 500
 
 
@@ -105,7 +105,7 @@ class Forecast:
 
     Attributes:
         force_n: of signal and centring together.
-        speed_m_per_s: as the device takes it, over its window.
+        speed_m_per_s: as the device measures it, over its window.
         travel_m: from the start.
     """
 
@@ -115,7 +115,7 @@ class Forecast:
 
 
 def corners_of(device: Device) -> list[Device]:
-    """Return the device itself, then those at the corners of its ranges that move it: mechanics, delay and friction."""
+    """Return the device itself, then the corners of its ranges of mechanics, delay and friction."""
     whole = device_with(device, {})
     corners = device_corners(device, (*LINEAR_KEYS, "coulomb_friction_n"))
     return [whole, *(one for one in corners if one != whole)]
@@ -130,7 +130,7 @@ def forecast(
         plan: at the sample time of the devices.
         devices: of one structure, such as the corners of one.
         scales: of the signal; None is 1 alone.
-        progress: is told of the ticks.
+        progress: of the ticks.
     """
     scales = np.ones(1) if scales is None else scales
     signal = plan.signal.units(plan.ticks) * (plan.max_force_n / FULL)
@@ -163,14 +163,14 @@ def forecast(
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """The parts of a sample for every device; one list of delays, as each part has its own.
+    """The parts of a sample for every device; each part has delays of its own.
 
     Attributes:
         parts: of each part: transition, transposed, shape (devices, n, n); force along +x and friction against it,
             shape (devices, 1, n).
-        late: samples since the force of each part was asked for, shape (parts, devices).
+        late: delay of the force of each part, samples, shape (parts, devices).
         most_n: friction, shape (devices, 1).
-        seen: index of the position that the encoder sees.
+        seen: index of the measured position.
     """
 
     parts: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]

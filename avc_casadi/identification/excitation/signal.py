@@ -1,8 +1,8 @@
-"""The signal of an excitation as the device makes it: whole numbers in, whole numbers out, the same bits everywhere.
+"""The excitation signal in the integer arithmetic of the device: the same bits everywhere.
 
-The device adds up sines whose phases are integers in turns of 2^32, so that a few numbers describe any length of
-time and nothing drifts. `Signal.units` repeats its arithmetic. Phases for a low crest factor are Schroeder's, then
-those of a norm of rising order (Guillaume et al. 1991).
+The device sums sines whose phases are integers in turns of 2^32, so that a few numbers describe any duration without
+drift. `Signal.units` repeats its arithmetic. Phases for a low crest factor are Schroeder's, refined by norms of rising
+order (Guillaume et al. 1991).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Signal:
         amplitude: units, FULL being the largest force.
         growth: of every step in a tick, in 2^-32: a chirp whose frequency grows by a constant factor.
         knots: envelope at 33 times evenly spread over the time played, of 2^15.
-        shape: sine; or release: pulled slowly, let go, the other way, let go.
+        shape: sine; or release: slow pull and release, in alternating directions.
     """
 
     step: tuple[int, ...]
@@ -63,7 +63,7 @@ class Signal:
         knots: Sequence[float] | FloatArray | None = None,
         shape: Shape = "sine",
     ) -> Signal:
-        """Round to what the device takes.
+        """Round to the device's integers.
 
         Args:
             frequency_hz: of each tone, at the beginning.
@@ -106,7 +106,7 @@ class Signal:
 
 
 def ramp(ticks: int, ramp_ticks: int) -> Units:
-    """Return the ramp in and out that the device puts over everything, of 2^15, shape (ticks,)."""
+    """Return the ramp in and out that the device applies, of 2^15, shape (ticks,)."""
     gone = np.arange(1, ticks + 1, dtype=np.int64)
     near = np.minimum(gone, gone[::-1])
     return np.asarray(np.where(near < ramp_ticks, (near << 15) // ramp_ticks, WHOLE), dtype=np.int64)
@@ -162,12 +162,12 @@ def schroeder_phases(power: FloatArray) -> FloatArray:
 
 
 def low_crest_phases(frequency_hz: FloatArray, power: FloatArray, time_s: FloatArray) -> FloatArray:
-    """Return phases with which the largest force of a multisine is small, rad, shape (tones,).
+    """Return phases of a multisine with a low crest factor, rad, shape (tones,).
 
     Args:
         frequency_hz: of the tones, rising, shape (tones,).
         power: of each, shape (tones,).
-        time_s: at which the force counts, shape (samples,).
+        time_s: instants at which the force is evaluated, shape (samples,).
     """
     amplitude = np.sqrt(2 * power / power.sum())
     turns = np.outer(time_s, 2 * np.pi * frequency_hz)
@@ -191,5 +191,5 @@ def low_crest_phases(frequency_hz: FloatArray, power: FloatArray, time_s: FloatA
 
 
 def crest_factor(wave: FloatArray) -> float:
-    """Return the largest magnitude over the root mean square."""
+    """Return the crest factor."""
     return float(np.abs(wave).max() / np.sqrt(np.mean(wave**2)))

@@ -1,7 +1,7 @@
 """Figures: drawn from results that are computed elsewhere.
 
-Each function makes a figure of its own, or draws into axes that it is given, one a panel, row by row; of those it
-changes lines, scales, limits and labels, and nothing else of their figure:
+Each function makes a figure of its own, or draws into given axes, one a panel, row by row; of those it changes lines,
+scales, limits and labels only:
 
     figure, axes = plt.subplots(1, 2)
     avc.figures.draw_boundaries(avc.compare("figure5"), axes=axes)

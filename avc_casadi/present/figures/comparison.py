@@ -35,7 +35,7 @@ def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired.
 
     Args:
-        comparison: what is drawn.
+        comparison: of the methods.
         axes: 2 axes to draw in, row by row; None makes a figure.
 
     Raises:
@@ -80,7 +80,7 @@ def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     return panels.figure
 
 
-# Smaller errors, in per cent, are drawn on this line: rounding in the goal, nothing that a hand could notice.
+# Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
 _ROUNDING = 1e-9
 _UNNOTICED = 1e-2
 
@@ -95,10 +95,10 @@ _VERDICTS = {
 
 @styled
 def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
-    """Draw the magnitude error, the complex error and the verdict at each frequency.
+    """Draw the magnitude error, the impedance error and the verdict at each frequency.
 
     Args:
-        comparison: what is drawn.
+        comparison: of the methods.
         axes: 3 axes to draw in, row by row; None makes a figure.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The coupling that is deployed: what it renders against what was wanted, and its loop with gain and phase margin."""
+"""The deployed coupling: rendered against wanted stiffness, and its loop with gain and phase margin."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _RELEASED: dict[str, Any] = {"color": "#d1600a", "linewidth": 1.4, "linestyle": 
 _OTHERS: dict[str, Any] = {"color": "0.6", "linewidth": 0.6, "zorder": 3}
 _MARGIN: dict[str, Any] = {"color": "#8a0f5c", "linewidth": 2.2, "zorder": 7}
 _TURNED: dict[str, Any] = {**_MARGIN, "color": "#2f7d32", "marker": "o", "markersize": 3.5}
-# Where Bode and Nyquist are looked at: decades about a gain of 1, and Re and Im about the point -1, so that the circle
-# is round in panels of this figure's shape.
+# Ranges of Bode and Nyquist: decades about a gain of 1, and Re and Im about the point -1, so that the circle is round
+# in panels of this figure's shape.
 _DECADES, _NEAR = 2.0, ((-3.2, 2.0), (-1.7, 1.7))
 
 
 @styled
 def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
-    """Draw what is rendered against what was wanted: the stiffness of a shaken handle, and presses against time.
+    """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time.
 
     Args:
         found: a coupling, or its answers as `deployed` gives them.
@@ -65,7 +65,7 @@ def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
 
 
 def _pressed(axes: Axes, found: Deployed) -> None:
-    """Draw where hands are that press, and where the worst of them would come to rest in the wall itself."""
+    """Draw the positions of pressing hands, and the equilibrium of the worst of them in the wall itself."""
     others = np.delete(found.press_m, found.worst, axis=0)
     axes.plot(found.press_s, 1e3 * others.T, label="_", **_OTHERS)
     axes.plot([], [], label="other hands of the box", **_OTHERS)
@@ -87,7 +87,7 @@ def _pressed(axes: Axes, found: Deployed) -> None:
 
 @styled
 def draw_loop(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
-    """Draw the loop broken at the actuator, Bode and Nyquist with gain and phase margin, and the wall that is struck.
+    """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall.
 
     Args:
         found: a coupling, or its answers as `deployed` gives them.
@@ -159,7 +159,7 @@ def _nyquist(axes: Axes) -> None:
 
 
 def _struck(axes: Axes, found: Deployed) -> None:
-    """Draw where the device is that meets the wall at a speed, with the least damped hand and released."""
+    """Draw the position after an impact on the wall, with the least damped hand and with the device released."""
     for row, style in ((found.worst, _WORST), (-1, _RELEASED)):
         axes.plot(found.struck_s, 1e3 * found.struck_m[row], **style)
     axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
@@ -170,13 +170,13 @@ def _struck(axes: Axes, found: Deployed) -> None:
 
 
 def _degrees(curve: ComplexArray) -> FloatArray:
-    """Return the phase, which begins between -360 and 0."""
+    """Return the phase, unwrapped from a start between -360 and 0."""
     degrees = np.degrees(np.unwrap(np.angle(curve)))
     return np.asarray(degrees - 360 * np.ceil(degrees[0] / 360))
 
 
 def _side(found: Deployed, hz: float) -> int:
-    """Return on which side of -180 the phase lies there, of the curve whose size is nearest to 1."""
+    """Return the side of -180 on which the phase of the curve lies whose magnitude is nearest to 1."""
     place = int(np.argmin(np.abs(found.frequency_hz - hz)))
     row = int(np.argmin(np.abs(np.log(np.abs(found.gain[:, place])))))
     return 1 if (np.degrees(np.angle(found.gain[row, place])) % 360) > 180 else -1

@@ -1,4 +1,4 @@
-"""A log that buzzes: where it begins, what swings, at which frequency, and the force against the position."""
+"""An oscillating log: onset, oscillation, frequency, and force against position."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _whole(position: Axes, swing: Axes, found: Diagnosis) -> None:
     begins, ends = found.oscillation.begins_s, found.oscillation.ends_s
     if math.isfinite(begins):
         inside = (trace.time_s >= begins) & (trace.time_s <= ends)
-        # At the ends of a log an envelope has half its cycles to be measured by.
+        # At the ends of a log the envelope is estimated from half its cycles.
         edge = _EDGE_CYCLES / found.oscillation.frequency_hz
         whole = inside & (trace.time_s > trace.time_s[0] + edge) & (trace.time_s < trace.time_s[-1] - edge)
         for sign in (1, -1):
@@ -97,7 +97,7 @@ def _spectrum(axes: Axes, found: Diagnosis) -> None:
     axes.set_ylim(1e-4 * top, 3 * top)
     if found.encoder_m:
         axes.axhline(size * found.encoder_m / 2, color=_GREY, linewidth=0.9, linestyle=(0, (4, 2)))
-        # On the side of the axis on which nothing swings, above the line.
+        # On the side of the axis without an oscillation, above the line.
         swings_left = not found.oscillation.frequency_hz > math.sqrt(_LOWEST_HZ * float(trace.frequency_hz[-1]))
         axes.text(
             0.98 if swings_left else 0.02,

@@ -1,4 +1,4 @@
-"""A device identified: the log beside the model, what is left over, frequency response, intervals, correlations."""
+"""An identified device: log and model, residual, frequency response, intervals, correlations."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TITLES = (
 
 @styled
 def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure:
-    """Draw how a model stands to its log, in six panels.
+    """Draw a model against its log, in six panels.
 
     Args:
         found: the identification.
@@ -102,11 +102,11 @@ def _response(size: Axes, phase: Axes, found: Identification) -> None:
     size.plot(frequency[span], np.abs(found.modelled[span]), **{**_MODEL, "label": "_"})
     size.set_yscale("log")
     size.set_ylabel("|v/F| (m/s/N)")
-    # A mass turns by -90 degrees; what is left is damping, delay, amplifier and resonance.
+    # A mass has -90 degrees; the rest is damping, delay, amplifier and resonance.
     turned = 1j
     measured = np.degrees(np.angle(response.velocity_per_force[use] * turned))
     model = np.degrees(np.unwrap(np.angle(found.modelled[span] * turned)))
-    # Each measured phase is shown in the turn of the model.
+    # Each measured phase is unwrapped to that of the model.
     near = np.interp(band, frequency[span], model)
     phase.plot(band, measured + 360 * np.round((near - measured) / 360), "o", markersize=2.4, color="0.55")
     phase.plot(frequency[span], model, **{**_MODEL, "label": "_"})

@@ -1,4 +1,4 @@
-"""Where the panels of a figure are drawn: in a figure of their own, or in axes of somebody else's."""
+"""Layout of the panels of a figure: in a figure of their own, or in given axes."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ class Drawing(Protocol):
 
 @styled
 def stacked(draw: Drawing | Callable[..., Figure], result: Any) -> Figure:
-    """Draw what a drawing function draws, its panels in one column.
+    """Draw a result with its panels in one column.
 
     Args:
         draw: the function.
-        result: what it draws.
+        result: to draw.
     """
     wide = draw(result)
     panels = [axes for axes in wide.axes if axes.get_title(loc="left")]
@@ -67,7 +67,7 @@ def stacked(draw: Drawing | Callable[..., Figure], result: Any) -> Figure:
 
 
 def _height_inches(axes: Axes, whole_inches: float) -> float:
-    """Return how tall a panel is, at most as much as a narrow one should be."""
+    """Return the height of a panel, limited in a narrow figure."""
     return min(axes.get_position().height * whole_inches, 0.62 * NARROW_INCHES)
 
 
@@ -81,7 +81,7 @@ _METADATA: dict[str, dict[str, str | None]] = {
 
 @contextmanager
 def _in_words(figure: Figure) -> Iterator[None]:
-    """Put every text of a figure into the words that are spoken, as long as it is written."""
+    """Put every text of a figure into the current units while it is written."""
     units = spoken()
     before = [] if units.linear else [(one, one.get_text()) for one in figure.findobj(Text)]
     for one, text in before:
@@ -95,7 +95,7 @@ def _in_words(figure: Figure) -> Iterator[None]:
 
 @contextmanager
 def _laid_out(figure: Figure) -> Iterator[None]:
-    """Lay a figure out once for all that is written of it; Matplotlib would draw all of it once more to do so."""
+    """Lay a figure out once for all files written of it; Matplotlib would draw it once more for each."""
     engine = figure.get_layout_engine()
     if engine is None:
         yield
@@ -119,7 +119,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def figure_png_svg(figure: Figure) -> tuple[bytes, str]:
-    """Return a figure as the content of a PNG file and as `figure_svg` does, laid out once."""
+    """Return a figure as the content of a PNG file and as by `figure_svg`, laid out once."""
     content = io.BytesIO()
     with in_style(), _in_words(figure), _laid_out(figure):
         figure.savefig(content, format="png", metadata=_METADATA[".png"])
@@ -139,7 +139,7 @@ def _svg(figure: Figure) -> str:
 
 
 GivenAxes = Axes | Sequence[Axes] | NDArray[np.object_] | None
-"""One Axes, or as many as the figure has panels in the order of their letters (row by row); None makes a figure."""
+"""One Axes, or one for each panel in the order of their letters (row by row); None makes a figure."""
 
 _LINE_INCHES = 0.67
 _LETTER_INCHES = 0.058
@@ -149,8 +149,8 @@ _LETTER_INCHES = 0.058
 class Panels:
     """The panels of one drawing.
 
-    Somebody else's axes get lines, scales, limits and labels; their titles, figure and neighbours stay as they are, and
-    the legend stands in the first panel.
+    Given axes get lines, scales, limits and labels; their titles, figure and neighbours stay as they are, and the
+    legend stands in the first panel.
 
     Attributes:
         figure: the figure that holds them.
@@ -166,16 +166,16 @@ class Panels:
     def of(
         cls, given: GivenAxes, titles: Sequence[str], height_inches: float, make: Callable[[Figure], Iterable[Axes]]
     ) -> Panels:
-        """Take the axes that were given, or make a figure.
+        """Use the given axes, or make a figure.
 
         Args:
-            given: what the caller of a drawing function gave as `axes`.
+            given: `axes` of the drawing function.
             titles: of the panels.
             height_inches: of an own figure.
             make: makes the axes of an own figure.
 
         Raises:
-            InputError: other things than axes, or another number of them than there are panels.
+            InputError: other objects than axes, or a number of them other than that of the panels.
         """
         if given is None:
             figure = Figure(figsize=(WIDTH_INCHES, height_inches), layout="constrained")
@@ -201,7 +201,7 @@ class Panels:
         return cls(holder, found, own=False)
 
     def legend(self, handles: Iterable[Any], labels: Iterable[str], columns: int, title: str | None = None) -> None:
-        """Put a legend below an own figure, or into the first of somebody else's axes."""
+        """Put a legend below an own figure, or into the first of the given axes."""
         if self.own:
             texts = list(labels)
             while columns > 1 and _legend_inches(texts, columns) > self.figure.get_figwidth():
@@ -212,6 +212,6 @@ class Panels:
 
 
 def _legend_inches(labels: Sequence[str], columns: int) -> float:
-    """Return about how wide a legend is."""
+    """Return the approximate width of a legend."""
     longest = [max(map(len, part), default=0) for part in np.array_split(np.array(labels, dtype=object), columns)]
     return sum(_LINE_INCHES + _LETTER_INCHES * length for length in longest)

@@ -35,10 +35,10 @@ _ENLARGED = 3.0
 
 @styled
 def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
-    """Draw what the hand meets without coupling, by the closed form and by the delivered gains, and these gains.
+    """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains.
 
     Args:
-        comparison: what is drawn.
+        comparison: of the methods.
         axes: 5 axes (6 in the damped structure) to draw in, row by row; None makes a figure.
 
     Raises:
@@ -60,7 +60,7 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     shown = ("closed-form", comparison.delivered)
     _magnitude(panels["a"], comparison, shown)
     _enlarged(panels["b"], panels["a"], comparison, shown)
-    # Of what turns a wall is tenths of a N.m/rad.
+    # A rotary wall has tenths of a N.m/rad.
     stiffness = (1e-3, "k (kN/m)") if spoken().linear else (1.0, "k (N/m)")
     gains = [
         (panels["c"], "damping_ns_per_m", 1.0, f"b ({IMPEDANCE_UNIT})"),
@@ -89,7 +89,7 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
 
 
 def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, ComplexArray, BoolArray]]:
-    """Return each curve with where it can be had."""
+    """Return each curve with the frequencies at which it exists."""
     everywhere = np.ones(comparison.frequency_hz.shape, dtype=bool)
     lines = method_lines(comparison)
     return [
@@ -110,7 +110,7 @@ def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
 
 
 def enlarged_range(comparison: Comparison) -> tuple[float, float]:
-    """Return the part worth enlarging, Hz: about the largest relative difference between the curves."""
+    """Return the enlarged range, Hz: about the largest relative difference between the curves."""
     frequency, desired = comparison.frequency_hz, np.abs(comparison.target)
     curves = [comparison.methods["closed-form"].impedance, comparison.without_coupling]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -148,7 +148,7 @@ def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, 
         lines[name].draw_where(gains.usable, axes, comparison.frequency_hz, drawn[-1])
     frequency_axis(axes, comparison.frequency_hz)
     value_axis(axes, *drawn, wide=1.2)
-    if axes.get_yscale() != "log":  # where 0 has no place, and would move the limits
+    if axes.get_yscale() != "log":  # 0 has no place here, and would move the limits
         axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
 
 

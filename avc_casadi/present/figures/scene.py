@@ -1,4 +1,4 @@
-"""Runs of a scene: position and force over time, force against penetration, energy."""
+"""Simulated runs of a scene: position and force over time, force against penetration, energy."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def draw_traces(
     Args:
         runs: at most three runs by name.
         axes: axes to draw in, two for each run: all positions, then all forces; None makes a figure.
-        from_s: where the time axis begins.
-        deepest_mm: extent of the axis of penetration either way; what leaves it is cut.
+        from_s: start of the time axis.
+        deepest_mm: extent of the penetration axis either way; curves are cut there.
 
     Raises:
         InputError: another number of axes.
@@ -80,9 +80,9 @@ _LINES: tuple[tuple[str, Any, float], ...] = (
     ("#8a0f5c", (0, (1, 1.4)), 1.6),
 )
 _OUTCOMES = {"asymptotic": "stable", "held-by-friction": "held by friction", "unstable": "unstable"}
-# A run that flies off would flatten all others: axes follow it no further than this multiple of the target's travel.
+# An unstable run would flatten all others: axes follow it no further than this multiple of the target's travel.
 _SHOWN_TRAVEL = 2.0
-# Room above the calm runs, in which one that does not rest is seen to leave.
+# Room above the settled runs, in which one that does not settle is seen to leave.
 _VEIL_ROOM = 1.6
 
 
@@ -91,8 +91,8 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
     """Draw up to four runs of scenes with one motion in the same four panels.
 
     Args:
-        runs: the runs, the one to be seen best first.
-        names: what the legend calls them; None takes the coupling of each.
+        runs: the runs, the most important first.
+        names: in the legend; None takes the coupling of each.
         axes: 4 axes to draw in, row by row; None makes a figure.
 
     Raises:
@@ -115,7 +115,7 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
         colour, style, width = _LINES[index % len(_LINES)]
         line: dict[str, Any] = {"color": colour, "linestyle": style, "linewidth": width, "zorder": 6 - index}
         if not run.stable:
-            # Thousands of turns: a thin line, and a grey veil behind those that rest.
+            # Thousands of cycles: a thin line, and a grey veil behind the runs that settle.
             line |= {"linestyle": "-", "linewidth": 0.35} | ({"color": "0.55", "zorder": 2} if some_rest else {})
         label = f"{name}: {_OUTCOMES[run.claim]}{', buzzes' if run.buzzing else ''}"
         kept = slice(0, run.samples_in_reach)
@@ -143,7 +143,7 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
 
 
 def _limits(position: Axes, force: Axes, loop: Axes, energy: Axes, runs: Sequence[Run]) -> None:
-    """Keep a run that does not rest from flattening the others."""
+    """Keep a run that does not settle from flattening the others."""
     calm = [run for run in runs if run.stable] or list(runs)
     above = _VEIL_ROOM if any(run not in calm for run in runs) else 1.0
     aim = runs[0].target_m
@@ -152,7 +152,7 @@ def _limits(position: Axes, force: Axes, loop: Axes, energy: Axes, runs: Sequenc
     shown = depth[np.abs(depth - np.clip(depth, aim.min(), aim.max())) <= travel]
     contact = np.concatenate([_contact(run) for run in calm])
     deepest = float(contact.max(initial=0.0))
-    if 0 < deepest < shown.max():  # the wall's surface and what lies behind it, not where the hand would like to be
+    if 0 < deepest < shown.max():  # the wall's surface and its inside, not the target of the hand
         _span(position, 1e3 * max(-deepest, min(run.position_m.min() for run in runs)), 1.3e3 * deepest)
     else:
         _span(position, 1e3 * shown.min(), 1e3 * shown.max())

@@ -1,4 +1,4 @@
-"""The look of all figures, in one place: lines differ in style and marker, so that they can be told apart in grey."""
+"""The style of all figures: lines differ in dash and marker, so that they are distinguishable in grey."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ GRID = "0.88"
 # Values below this share of the largest count as 0 when an axis chooses its scale.
 _NEGLIGIBLE = 1e-10
 _DECADE = 10.0
-# So many points are read one by one: the first and the last stand clear of the ends of the axis.
+# Up to so many points are read one by one: the first and the last stand clear of the ends of the axis.
 _FEW_POINTS = 25
 _ROOM = 0.03
 _DASH_POINTS = 22.0
@@ -69,7 +69,7 @@ _RC: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class Line:
-    """How one quantity is drawn wherever it appears.
+    """The line of one quantity in all figures.
 
     Attributes:
         label: in the legend.
@@ -114,7 +114,7 @@ class Line:
         )
 
     def draw_where(self, usable: BoolArray, axes: Axes, x: ArrayLike, y: ArrayLike, **changes: Any) -> None:
-        """Draw a line where gains can be had; what is asked for elsewhere are points, never a line."""
+        """Draw a line where gains exist; wanted values elsewhere are points, never a line."""
         values = np.asarray(y, dtype=float)
         asked = np.where(usable, np.nan, values)
         points = bool(np.isfinite(asked).any())
@@ -151,7 +151,7 @@ METHODS: dict[str, Line] = {
         (name for name, one in registry.METHODS.items() if one.pointwise), cycle(_LINES), strict=False
     )
 }
-"""The lines of the methods that are compared."""
+"""The lines of the compared methods."""
 # The pointwise gains, where the device gets those of another scope.
 POINTWISE = Line("direct, pointwise, for reference", "#6f94c4", (0, (2, 1.2)), "x", 1.1, 5, 0.5)
 MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
@@ -171,7 +171,7 @@ def method_lines(comparison: Comparison) -> dict[str, Line]:
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in the house style without leaving it behind in matplotlib's settings."""
+    """Draw in this style without changing matplotlib's settings."""
 
     @wraps(draw)
     def with_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -209,7 +209,7 @@ def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0, most_ticks: i
 
     Args:
         axes: the axes.
-        curves: everything drawn on them.
+        curves: all curves drawn on them.
         wide: a logarithmic scale is taken if the largest value exceeds the lower quartile by this factor.
         most_ticks: labels on a scale with two sides.
     """

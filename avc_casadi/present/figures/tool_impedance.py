@@ -1,4 +1,4 @@
-"""What a hand feels of a simulation or of a follower, against what is wanted: free motion, and a rigid object."""
+"""Rendered impedance of a simulation or a follower against the wanted one: free motion, and a rigid object."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def draw_felt(band: FeltBand, axes: GivenAxes = None) -> Figure:
     """Draw impedance in free motion against that of device and other end as one body, and stiffness against K.
 
     Args:
-        band: what is felt and wanted.
-        axes: 2 axes to draw in, 1 where nothing moves; None makes a figure.
+        band: rendered and wanted impedance.
+        axes: 2 axes to draw in, 1 where the other end is fixed; None makes a figure.
 
     Raises:
         InputError: another number of axes.

@@ -1,4 +1,4 @@
-"""Which springs and dampers to a virtual tool are stable: K against B, a curve for each engine rate."""
+"""Stable springs and dampers to a virtual tool: K against B, a curve for each engine rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Z-width: which walls a device renders passively or stably, where solved gains lie, and what Llewellyn allows."""
+"""Z-width: walls that a device renders passively or stably, the solved gains, and Llewellyn's limit."""
 
 from __future__ import annotations
 
@@ -35,10 +35,11 @@ _COLOURS = 12
 def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> Figure:
     """Draw maps of the stiffest wall, a row each, a panel for each normal; grey is out of the mechanism's reach.
 
-    Of a device in space a plane is drawn through the middle of the shortest side of the workspace; its place is told.
+    For a spatial device a plane is drawn through the middle of the shortest side of the workspace, and its place is
+    stated.
 
     Args:
-        maps: by what tells them apart, for the titles.
+        maps: by their distinguishing label, for the titles.
         axes: one axes a panel to draw in; None makes a figure.
 
     Raises:
@@ -65,7 +66,7 @@ def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> 
             one.grid(visible=False)
             if panels.own:
                 one.set_aspect("equal")
-            # A colour stands for a place of the grid; nothing is said of what lies beyond the workspace.
+            # A colour stands for a grid point; nothing is known beyond the workspace.
             one.set_xlim(1e3 * grid[0][0], 1e3 * grid[0][-1])
             one.set_ylim(1e3 * grid[1][0], 1e3 * grid[1][-1])
             if row == len(maps) - 1:
@@ -124,7 +125,7 @@ def draw_zwidth(
     Args:
         region: curves of the device.
         llewellyn: second panel, left out where None (a device without damping).
-        rendered: by name of a method, (B, K) of the walls rendered at each frequency.
+        rendered: by method, (B, K) of the walls rendered at each frequency.
         axes: one axes a panel to draw in; None makes a figure.
 
     Raises:
@@ -152,7 +153,7 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
         label = f"{curve.claim} (of {region.hands})" if curve.key == "stable-hands" else curve.claim
         if not (stiffness > 0).any():
             label = f"{label}: no wall"
-        # A region ends at the last damping that has a wall.
+        # A region ends at the largest damping that has a wall.
         ends = np.flatnonzero(np.isfinite(stiffness[:-1]) & np.isnan(stiffness[1:])) + 1
         x, y = np.insert(damping, ends, damping[ends - 1]), np.insert(stiffness, ends, 0.0)
         axes.plot(x, y, color=colour, linestyle=style, linewidth=width, label=label)
@@ -204,7 +205,7 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
 
 
 def _bounds(axes: Axes, region: ZWidth) -> None:
-    """Draw what the literature knows, with its source."""
+    """Draw the bounds of the literature, with their sources."""
     thin: dict[str, Any] = {"color": "0.45", "linewidth": 1.0}
     if np.isfinite(region.rule_n_per_m).any():
         rule = "linear rule (b + b_h + B)/(T/2 + t_d), Gil, Hulin et al. 2009"

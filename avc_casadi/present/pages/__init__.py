@@ -1,1 +1,1 @@
-"""What each verb prints: a headline and rows, a file a group of verbs."""
+"""Printed output of each command: a headline and rows, a file a group of commands."""

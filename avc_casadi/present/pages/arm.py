@@ -1,4 +1,4 @@
-"""A device of several axes at a glance: what it weighs at its tip, which walls it renders, its gains."""
+"""Summary of a device of several axes: effective mass at its tip, walls, gains."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import number, text_table
 from avc_casadi.present.terminal import Mark, Page, Row
 
-# A device written from a workspace of which more is out of reach is warned of.
+# A workspace with a larger share out of reach is warned of.
 _MUCH_OUT_OF_REACH = 0.1
 
 
@@ -19,7 +19,7 @@ def arm_page(document: dict[str, Any], page: Page, at: str | None, normal: str |
     Args:
         document: of `avc arm --json`.
         page: where it is printed.
-        at: place of the tip as the user gave it; None is the workspace.
+        at: position of the tip as the user gave it; None is the workspace.
         normal: of the wall as the user gave it; None is every direction.
     """
     free, held = document["home_free_kg"], document["home_held_kg"]
@@ -61,7 +61,7 @@ def _workspace(document: dict[str, Any], along: str) -> list[Row]:
 
 
 def _map(found: dict[str, Any]) -> list[Row]:
-    """Tell the stiffest wall over the workspace, a normal each."""
+    """Describe the stiffest wall over the workspace, for each normal."""
     rows = []
     for column, label in enumerate(found["labels"]):
         walls = [row[column] for row in found["stiffness_n_per_m"] if row[column] is not None]
@@ -71,7 +71,7 @@ def _map(found: dict[str, Any]) -> list[Row]:
 
 
 def _gains(found: dict[str, Any]) -> list[Row]:
-    """Tell the span of the gains, and what the coupled loop keeps with them."""
+    """Describe the span of the gains, and the margins of the coupled loop."""
     claim, regions, worst = found["claim"], found["regions"], found["claim"]["worst"]
     across = [_span(regions, key, unit) for key, unit in (("stiffness_n_per_m", "N/m"), ("damping_ns_per_m", "N.s/m"))]
     surface = [
@@ -106,7 +106,7 @@ def _span(regions: Sequence[dict[str, Any]], key: str, unit: str) -> str:
 
 
 def arm_lines(document: dict[str, Any]) -> list[str]:
-    """Return what the arm is from, and its gains by region and normal.
+    """Return the sources of the arm, and its gains by region and normal.
 
     Args:
         document: of `avc arm --json`.

@@ -1,4 +1,4 @@
-"""A recommendation beside what other laws render on the same device: a row each."""
+"""A recommendation beside other control laws on the same device: a row each."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def baselines_page(document: dict[str, Any], problem: Problem, page: Page, shown
 
     Args:
         document: of `avc recommend --compare --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
     """

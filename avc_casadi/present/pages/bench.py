@@ -1,4 +1,4 @@
-"""What is done with a device at its port, at a glance: excited, commissioned, limited, pushed to, streamed to."""
+"""Summaries of work with a device at its port: excited, commissioned, limited, pushed to, streamed to."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def plan_page(plan: Mapping[str, Any], units: Units, page: Page, shown: str, por
         units: of the device's motion.
         page: where it is printed.
         shown: the device as the user names it.
-        port: where it is played.
+        port: of the device.
     """
     told, forecast, centring, force = quantities(units), plan["forecast"], plan["centring"], units.key("force")
     corners = "worst of its ranges" if plan["devices"] > 1 else "declared device"
@@ -54,7 +54,7 @@ def _label(word: str, units: Units) -> str:
 
 
 def log_rows(log: Mapping[str, Any], units: Units) -> list[Row]:
-    """Return what was recorded while a device was excited.
+    """Return the rows of the log of an excitation.
 
     Args:
         log: ``log`` of `avc excite --json`.
@@ -115,7 +115,7 @@ def faults_page(document: Mapping[str, Any], advice: Sequence[str], page: Page) 
 
     Args:
         document: of `avc device --clear --json`.
-        advice: on each fault.
+        advice: by fault.
         page: where it is printed.
     """
     rows = [Row("Fault", line, Mark.CAUTION) for line in advice] or [Row("Faults", "none was latched", Mark.PASS)]
@@ -135,7 +135,7 @@ def commission_page(document: Mapping[str, Any], units: Units, page: Page, onwar
         document: of `avc commission --json`.
         units: of the device's motion.
         page: where it is printed.
-        onwards: what to type next.
+        onwards: next commands.
     """
     told = quantities(units)
     moved = "no pulse" if document["pulse_m"] is None else told(document["pulse_m"], "m")
@@ -160,7 +160,7 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
 
     Args:
         document: of `avc push --json`.
-        coupling: what was pushed.
+        coupling: that was pushed.
         page: where it is printed.
         shown: the coupling as the user names it.
     """
@@ -196,7 +196,7 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
 
 
 def _in_the_loop(tried: Mapping[str, Any], coupling: Coupling) -> Row:
-    """Tell how the pushed coupling did with a hand on the emulated device."""
+    """Describe how the pushed coupling performed with a hand on the emulated device."""
     if "skipped" in tried:
         return Row("In the loop", f"not tried; {coupling.problem.units.text(tried['skipped'])}", Mark.CAUTION)
     told = quantities(coupling.problem.units)
@@ -213,7 +213,7 @@ def export_page(document: Mapping[str, Any], coupling: Coupling, page: Page, sho
 
     Args:
         document: of `avc export --json`.
-        coupling: what was exported.
+        coupling: that was exported.
         page: where it is printed.
         shown: the coupling as the user names it.
     """
@@ -239,7 +239,7 @@ def velocity_export_page(document: Mapping[str, Any], problem: Problem, page: Pa
 
     Args:
         document: of `avc export --velocity --json`.
-        problem: whose scene names the estimator.
+        problem: its scene names the estimator.
         page: where it is printed.
         shown: the problem as the user names it.
     """
@@ -261,7 +261,7 @@ def firmware_page(document: Mapping[str, Any], title: str, units: Units, page: P
         title: of the board.
         units: of the device's motion.
         page: where it is printed.
-        held: which gains it runs.
+        held: the gains that it runs.
     """
     told, limits = quantities(units), document["limits"]
     made = f"T {quantity(limits['sample_time_s'], 's')}, encoder steps of {told(limits['metres_per_count'], 'm')}"
@@ -278,7 +278,7 @@ def firmware_page(document: Mapping[str, Any], title: str, units: Units, page: P
 
 
 def _files(files: Sequence[str]) -> list[Row]:
-    """Tell what was written: all of it where it fits into a line or two, or the first and how many there are."""
+    """List the written files: all where they fit into a line or two, or the first and their number."""
     if len(files) <= 4:
         return [Row("Written", ", ".join(files))]
     return [Row("Written", f"{', '.join(files[:2])} and {len(files) - 2} more files")]
@@ -291,7 +291,7 @@ def stream_page(document: Mapping[str, Any], units: Units, page: Page, faults: S
         document: of `avc stream --json`.
         units: of the device's motion.
         page: where it is printed.
-        faults: what is not as it should be.
+        faults: deviations from the expected state.
     """
     median, longest = (quantity(document[key], "s") for key in ("round_trip_s", "round_trip_max_s"))
     mode = document["status"]["mode"]

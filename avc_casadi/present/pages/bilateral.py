@@ -1,4 +1,4 @@
-"""The coupling of a teleoperator at a glance: spring and dampers, what they render, what holds, what limits them."""
+"""Summary of the coupling of a teleoperator: spring and dampers, rendering, claims, limits."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 # A gain margin below which a row warns.
 _SAFE = 1.5
-# An impedance error in free motion from which both devices feel like something else than themselves.
+# An impedance error in free motion above which both devices feel distinctly altered.
 _DRAGS = 1.0
 
 
@@ -31,11 +31,11 @@ def bilateral_page(
 
     Args:
         document: of `avc recommend --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
         written: file of the coupling; None if none was written.
-        verbose: with all that is known below.
+        verbose: with all details below.
     """
     following = f"avc recommend {shown} -v" if written is None else f"avc export {written} --c DIR"
     text = page.rendered(bilateral_headline(problem, shown), bilateral_rows(document, problem), [following])
@@ -68,7 +68,7 @@ def bilateral_export_page(document: dict[str, Any], coupling: TeleoperatorCoupli
 
     Args:
         document: of `avc export --json`.
-        coupling: what was exported.
+        coupling: that was exported.
         page: where it is printed.
         shown: the coupling as the user names it.
     """
@@ -88,7 +88,7 @@ def bilateral_export_page(document: dict[str, Any], coupling: TeleoperatorCoupli
 
 
 def _set_by(found: dict[str, Any], unit: Callable[[str], str]) -> str:
-    """Tell which loop is the first to grow beyond the limit."""
+    """Describe which loop first exceeds the limit."""
     case = found["limited_by"]
     hand, touched = case["hand"], case["environment_n_per_m"]
     who = "the leader released"
@@ -105,7 +105,7 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
 
     Args:
         document: of `avc recommend --json`.
-        problem: what it was asked for.
+        problem: of the document.
     """
     found, unit = document["teleoperation"], problem.units.unit
     limit = Row("Linear limit", f"K {quantity(found['stiffest_n_per_m'], unit('N/m'))}, set by {_set_by(found, unit)}")

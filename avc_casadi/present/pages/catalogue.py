@@ -1,4 +1,4 @@
-"""A problem file or a device file at a glance: whether it is valid, and what it means."""
+"""Summary of a problem file or a device file: validity and meaning."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
 
     Args:
         document: of `avc check --json`.
-        problem: what was checked.
+        problem: that was checked.
         page: where it is printed.
         shown: the problem as the user names it.
     """
@@ -62,11 +62,11 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
 
 
 def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
-    """Return the `new` document as a headline and rows: what was written, what is not known and what is unlikely.
+    """Return the `new` document as a headline and rows: what was written, what is unknown and what is unlikely.
 
     Args:
         document: of `avc new --json`.
-        problem: what was written, read back.
+        problem: as written, read back.
         page: where it is printed.
         shown: the file as the user names it.
     """
@@ -118,7 +118,7 @@ def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
 
 
 def device_lines(document: dict[str, Any], units: Units) -> list[str]:
-    """Return where each value of a device is from, and the example of its SDK.
+    """Return the source of each value of a device, and the example of its SDK.
 
     Args:
         document: of `avc check --json`.
@@ -133,7 +133,7 @@ def device_lines(document: dict[str, Any], units: Units) -> list[str]:
 
 
 def _value(key: str, value: Any, units: Units) -> str:
-    """Tell a value in the unit that the ending of its key names."""
+    """Format a value in the unit of its key's ending."""
     if isinstance(value, Mapping):
         return ", ".join(f"{_word(name)} {_value(name, one, units)}" for name, one in value.items())
     if isinstance(value, bool) or not isinstance(value, int | float):

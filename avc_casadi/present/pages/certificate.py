@@ -1,4 +1,4 @@
-"""A certificate at a glance: deployable or not and what decides it, then what else is known; and all of it."""
+"""Summary of a certificate: deployable or not and the deciding claims, then the others; and all of it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from avc_casadi.present.terminal import Mark, Page, Row
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# What a claim on deployment is called, and how it is told that it fails.
+# Name of each deployment claim, and the text of its failure.
 _CLAIMS = {
     "hands": ("Every hand", "with hands"),
     "let-go": ("Released", "when released"),
@@ -30,7 +30,7 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
 
     Args:
         document: of `avc certify --json`; ``gains`` is None where they stand in no file.
-        problem: what it was judged against.
+        problem: of the certificate.
         page: where it is printed.
         shown: the problem as the user names it.
     """
@@ -53,7 +53,7 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
 
 
 def _verdict(verdict: Mapping[str, Any]) -> Row:
-    """Tell whether it may be deployed, and which claims fail."""
+    """State whether it may be deployed, and the failed claims."""
     if verdict["pass"]:
         return Row("Deployable", "yes: linearly stable with every hand and released", Mark.PASS)
     failed = dict.fromkeys(_named(one["name"])[1] for one in verdict.get("claims", ()) if not one["pass"])
@@ -62,7 +62,7 @@ def _verdict(verdict: Mapping[str, Any]) -> Row:
 
 
 def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any], problem: Problem) -> list[Row]:
-    """Tell each claim with its worst spectral radius; of those on detents the worst alone."""
+    """Describe each claim with its worst spectral radius; of those on detents the worst alone."""
     worst: dict[str, Mapping[str, Any]] = {}
     for claim in verdict.get("claims", ()):
         label, _ = _named(claim["name"])
@@ -91,7 +91,7 @@ def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], probl
 
 
 def _proof(name: str, level: Mapping[str, Any], problem: Problem, page: Page) -> Row:
-    """Tell what became of a proof, in one line."""
+    """Describe the result of a proof, in one line."""
     told = f"{level['outcome']}: {level['title'] if level['outcome'] == 'proved' else level['claim']}"
     return Row(
         name,
@@ -110,7 +110,7 @@ def _switching(hands: Mapping[str, Any]) -> list[Row]:
 
 
 def _per_frequency(levels: Mapping[str, Any]) -> Row:
-    """Tell the claims that deployment does not need: those of the paper, each row at its frequencies."""
+    """Describe the claims that deployment does not need: those of the paper, each row at its frequencies."""
     others = {name: level for name, level in levels.items() if not level["outcome"] and name != "L5"}
     words = {
         "met": [name for name, level in others.items() if level["pass"]],
@@ -122,7 +122,7 @@ def _per_frequency(levels: Mapping[str, Any]) -> Row:
 
 
 def answered(level: Mapping[str, Any]) -> str:
-    """Return whether a claim is met, in the words of the table.
+    """Return whether a claim is met, as text of the table.
 
     Args:
         level: of a certificate.
@@ -133,11 +133,11 @@ def answered(level: Mapping[str, Any]) -> str:
 
 
 def certificate_lines(document: dict[str, Any], problem: Problem) -> list[str]:
-    """Return all that the `certify` document says: the table of levels, each claim, what stands beside them.
+    """Return the full `certify` document: the table of levels, each claim, and related results.
 
     Args:
         document: of `avc certify --json`.
-        problem: what it was judged against.
+        problem: of the certificate.
     """
     table, hands, claimed = levels_table(document), document["levels"]["L5"], document["claimed"]
     scope = f"scope {problem.stability.scope}, model {problem.stability.model}"
@@ -153,7 +153,7 @@ def certificate_lines(document: dict[str, Any], problem: Problem) -> list[str]:
 
 
 def _cells(level: Mapping[str, Any]) -> Sequence[str]:
-    """Return what was proved over the whole ranges, where that was asked for."""
+    """Return the proofs over the whole ranges, where requested."""
     proof = level.get("proof")
     if proof is None:
         return ()
@@ -163,7 +163,7 @@ def _cells(level: Mapping[str, Any]) -> Sequence[str]:
 
 
 def beside_hands(level: Mapping[str, Any]) -> list[str]:
-    """Return what stands beside L5: the device released, and switching between neighbouring rows.
+    """Return the results related to L5: the device released, and switching between neighbouring rows.
 
     Args:
         level: L5 of a certificate.

@@ -1,4 +1,4 @@
-"""A comparison at a glance: the closed form, CasADi and the exact optimum; and all of it."""
+"""Summary of a comparison: the closed form, CasADi and the exact optimum; and all of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from avc_casadi.present.terminal import Mark, Page, Row
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# Frequencies at which direct and exact part that are listed.
+# Number of listed frequencies at which the direct and the exact solution differ.
 _PARTINGS = 5
 
 
@@ -25,7 +25,7 @@ def comparison_page(document: dict[str, Any], problem: Problem, page: Page, show
 
     Args:
         document: of `avc compare --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
         drawn: file of the picture, if one was drawn.
@@ -48,7 +48,7 @@ def comparison_page(document: dict[str, Any], problem: Problem, page: Page, show
 
 
 def _method(name: str, gains: dict[str, Any], document: dict[str, Any], problem: Problem) -> Row:
-    """Tell where a method has gains, and the first reason why not, or how near it is to the other optimum."""
+    """Describe where a method has gains, and the first reason why not, or its distance from the other optimum."""
     damping, check = gains["damping_ns_per_m"], document["cross_check"]
     missing = [row for row, b in enumerate(damping) if b is None]
     told = f"at {len(damping) - len(missing)} of {len(damping)} frequencies"
@@ -91,7 +91,7 @@ def _realism(document: dict[str, Any]) -> list[Row]:
 
 
 def _injection(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Tell what the closed form adds to the desired wall."""
+    """Describe what the closed form adds to the desired wall."""
     injection, told = document["damping_injection"], quantities(problem.units)
     delta = injection["injected_damping_ns_per_m"]
     needed = [row for row, value in enumerate(delta) if value > 0]
@@ -115,7 +115,7 @@ def _mine(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def comparison_lines(document: dict[str, Any]) -> list[str]:
-    """Return all that the `compare` document says: tables, counts with reasons, what the closed form is.
+    """Return the full `compare` document: tables, counts with reasons, the nature of the closed form.
 
     Args:
         document: of `avc compare --json`.

@@ -1,4 +1,4 @@
-"""What is said of a coupling to a simulation in each engine: its numbers, and what spoils them there."""
+"""Couplings to a simulation in the parameters of each engine, and their pitfalls there."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import ToolIntegrator
     from avc_casadi.other_end_coupling import ToolCoupling
 
-# Loads at which a contact is told in N/m: a light touch and a press.
+# Loads at which a contact stiffness is given in N/m: a light touch and a press.
 _LOADS_N = (0.2, 2.0)
 _OWN_VELOCITY = "take the difference of two positions, as avc_coupling_step does"
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an engine.
+    """One parameter of an engine.
 
     Attributes:
-        name: as the engine has it.
-        value: a number, or the words that stand there.
+        name: in the engine.
+        value: a number, or text.
         unit: of the engine; empty for none.
-        where: it goes.
+        where: place of the setting.
     """
 
     name: str
@@ -37,13 +37,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Said:
-    """A coupling in the words of an engine.
+    """A coupling in the parameters of an engine.
 
     Attributes:
-        parameters: its numbers there.
-        lines: what is done in each step, as code.
-        instead: what to do where the engine has no knob for something.
-        traps: what spoils the coupling there.
+        parameters: settings of the engine.
+        lines: code of each step.
+        instead: workarounds where the engine has no setting.
+        traps: pitfalls of the engine.
     """
 
     parameters: tuple[Parameter, ...]
@@ -54,14 +54,14 @@ class Said:
 
 @dataclass(frozen=True)
 class Engine:
-    """An engine that tools live in.
+    """A simulation engine.
 
     Attributes:
-        title: as it calls itself.
-        step: the call that makes its step.
-        integrators: what it calls each integrator that it has; empty where that is not known.
-        say: says a coupling in its words.
-        turns: whether it has words for a device that turns.
+        title: its name.
+        step: the call of its time step.
+        integrators: its names of the integrators; empty where unknown.
+        say: expresses a coupling in its parameters.
+        turns: whether it supports a rotary device.
     """
 
     title: str
@@ -72,7 +72,7 @@ class Engine:
 
 
 def number_text(value: float | str) -> str:
-    """Return a number to six digits, never with an exponent, which a settings page may not take; words as they are."""
+    """Return a number to six digits, never with an exponent, which a settings page may refuse; text unchanged."""
     if isinstance(value, str) or value == 0:
         return str(value) if isinstance(value, str) else "0"
     text = f"{value:.{max(0, 5 - math.floor(math.log10(abs(value))))}f}"
@@ -93,12 +93,12 @@ def _step(coupling: ToolCoupling, name: str, where: str) -> Parameter:
 
 
 def _gains(coupling: ToolCoupling) -> tuple[float, float]:
-    """Return K and B as the engine counts."""
+    """Return K and B in the units of the engine."""
     return coupling.in_scene.stiffness_n_per_m, coupling.in_scene.damping_ns_per_m
 
 
 def _device(coupling: ToolCoupling, loop: str) -> str:
-    """Return the call that makes the force on the device."""
+    """Return the call that applies the force to the device."""
     what = "force on the tool" if coupling.tool.exchange == "held-force" else "tool_x, tool_v"
     every = number_text(1e3 * coupling.problem.device.sample_time_s)
     return f"F = avc_coupling_step(&c, x, {what}) in {loop}, every {every} ms"
@@ -119,7 +119,7 @@ def _mujoco(coupling: ToolCoupling) -> Said:
     )
     damper = f"{number_text(b)}*({v} - data.qvel[dof])"
     if tool.integrator == "implicit-damping":
-        # The integrator knows the damper of a joint alone.
+        # The integrator treats only the damper of a joint implicitly.
         parameters += (Parameter("damping", b, "N.s/m", "<joint damping=.../> of the tool: B, seen by implicitfast"),)
         damper = f"{number_text(b)}*{v}"
     law = f"data.qfrc_applied[dof] = {number_text(k)}*({x} - data.qpos[dof]) + {damper}"
@@ -383,4 +383,4 @@ ENGINES: dict[str, Engine] = {
     "ros2": Engine("ROS 2", "the admittance_controller's update", _SEMI_IMPLICIT, _ros2),
     "pybullet": Engine("PyBullet", "stepSimulation", _SEMI_IMPLICIT, _pybullet),
 }
-"""Engines in whose words a coupling can be told."""
+"""Engines in whose parameters a coupling can be expressed."""

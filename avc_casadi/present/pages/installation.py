@@ -1,4 +1,4 @@
-"""An installation at a glance: solvers that really solve, packages, compilers, ports."""
+"""Summary of an installation: working solvers, packages, compilers, ports."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def installation_page(document: dict[str, Any], ports: Sequence[Row], page: Page
         document: of `avc doctor --json`.
         ports: rows of the ports.
         page: where it is printed.
-        needed: the solver without which nothing works.
+        needed: the required solver.
     """
     there = [trial for trial in document["solvers"] if trial["outcome"] != "absent"]
     solve = [trial["name"] for trial in there if trial["outcome"] == "solves"]
@@ -43,7 +43,7 @@ def installation_page(document: dict[str, Any], ports: Sequence[Row], page: Page
 
 
 def installation_lines(document: dict[str, Any]) -> list[str]:
-    """Return what became of each solver, and where the programs are.
+    """Return the result of each solver, and the paths of the programs.
 
     Args:
         document: of `avc doctor --json`.
@@ -68,8 +68,8 @@ def port_rows(ports: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:
     """Return the serial ports as rows, a port each.
 
     Args:
-        ports: of `avc doctor --json`, with ``avc_device`` where it was asked.
-        asked: whether each was asked which device is there.
+        ports: of `avc doctor --json`, with ``avc_device`` where it was queried.
+        asked: whether each port was queried for its device.
     """
     rows = [
         Row(
@@ -88,7 +88,7 @@ def _described(port: Mapping[str, Any]) -> list[str]:
 
 
 def _device(found: Mapping[str, Any] | None) -> str:
-    """Tell the avc device behind a port."""
+    """Describe the avc device behind a port."""
     if found is None:
         return "no avc device"
     own = " ".join(filter(None, (found["name"], found["unique_id"]))) or "without name and number"

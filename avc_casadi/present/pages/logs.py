@@ -1,4 +1,4 @@
-"""What logs tell of a device, and why a loop buzzes, at a glance."""
+"""Summaries of an identification and of a diagnosis."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 # Rows of a diagnosis: remedies, best first, and logs.
 _MOST_REMEDIES, _MOST_LOGS = 3, 10
-# Share of a swing from which the force limit bounds it; a misfit that no log tells from none.
+# Share of an oscillation from which the force limit bounds it; a misfit that is not significant.
 _CUT, _LEAST_MISFIT = 0.02, 1e-3
 # Values of a device that have a row of their own, and letters that fit beside the longest of their names.
 _MOST_VALUES, _LINE = 7, 76
-# What stands for itself, without a prefix.
+# Text without a prefix.
 _PLAIN = ("", "-", "samples")
 
 
@@ -35,7 +35,7 @@ def identification_page(
     """Return an identification as a headline and rows, a value of the device each.
 
     Args:
-        found: what the logs tell.
+        found: the identification.
         units: of the device's motion.
         page: where it is printed.
         logs: as the user names them.
@@ -61,7 +61,7 @@ def identification_page(
 
 
 def _estimates(found: Identification, units: Units) -> list[Row]:
-    """Tell each value with its interval; those of a resonance in one row."""
+    """Describe each value with its interval; those of a resonance in one row."""
     grouped: dict[str, list[str]] = {}
     for key, one in found.estimates.items():
         group, _, name = units.key(key).partition(".")
@@ -92,7 +92,7 @@ def diagnosis_page(found: Sequence[Diagnosis], units: Units, page: Page, command
         found: one a log.
         units: of the device's motion.
         page: where it is printed.
-        command: what tells all of it.
+        command: that prints all of it.
         written: files that were written.
     """
     beside = [Row("Written", ", ".join(written))] if written else []
@@ -116,7 +116,7 @@ def diagnosis_page(found: Sequence[Diagnosis], units: Units, page: Page, command
 
 
 def _conclusion(one: Diagnosis, units: Units) -> str:
-    """Tell the cause with its number in the units of the motion; what has none as it is concluded."""
+    """Describe the cause with its number in the units of the motion; one without a number as concluded."""
     told, law, measured = quantities(units), one.law, one.measured
     if one.cause == "delay" and measured is not None:
         late, meant = number(measured.delay_samples, 3), number(measured.declared_delay_samples, 3)
@@ -129,7 +129,7 @@ def _conclusion(one: Diagnosis, units: Units) -> str:
 
 
 def _remedy(cure: Cure, one: Diagnosis, units: Units) -> str:
-    """Tell a change with its number in the units of the motion, and what it does to the loop."""
+    """Describe a remedy with its number in the units of the motion, and its effect on the loop."""
     told, law, measured = quantities(units), one.law, one.measured
     change = units.text(cure.change)
     if cure.key == "stiffness_n_per_m" and law is not None:
@@ -158,7 +158,7 @@ def _swings(one: Diagnosis, units: Units) -> list[Row]:
 
 
 def _ticks(one: Diagnosis) -> list[Row]:
-    """Tell what is wrong with the ticks."""
+    """Describe the faults of the ticks."""
     ticks = one.ticks
     parts = [f"{percent(ticks.missed_share)} missing, at most {ticks.longest_gap} in a row"] * (ticks.missed_share > 0)
     parts += [f"a new value every {ticks.held} samples only"] * (ticks.held > 1)

@@ -1,4 +1,4 @@
-"""A recommendation at a glance: which coupling, what it renders, what holds, what limits it."""
+"""Summary of a recommendation: coupling, rendering, claims, limits."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from avc_casadi.recommendation.told import beyond_file_text
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-# An impedance error at 1 Hz from which motion is another matter than rest, and a tap this near to the limit is at it.
+# An impedance error at 1 Hz above which motion feels unlike a static press; a tap this near to the limit counts as
+# saturated.
 _SOFTER, _AT_LIMIT = 0.2, 0.97
-# Frequencies up to this are those of hands; what takes longer to settle is worth a mark.
+# Frequencies up to this are those of hands; a longer settling time is marked.
 _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
-# Half of what is usually asked for, 6 dB and 20 degrees.
+# Half of the usual margins, 6 dB and 20 degrees.
 _THIN_GAIN, _THIN_DEG = 10 ** (3 / 20), 10.0
-# The wall begins noticeably elsewhere than at its face, m; leaning on friction is worth a row.
+# A noticeable offset of the onset from the wall's face, m; a stiffness gain by friction that is worth a row.
 _ELSEWHERE_M, _STIFFER = 5e-4, 1.1
 _MOST_HELPS = 3
-# A wall that more hands than this share push through is told first.
+# A wall that a larger share of hands pushes through is named first.
 _PUSH_THROUGH = 0.5
-# Of those who are drawn along slowly so many may feel the steps of the encoder.
+# Share of the slowly led hands that may notice the encoder steps without a row.
 _FEW_FEEL = 0.1
-# Steps of the force, and handles that stay short of where they are led, are told from here on.
+# Steps of the force, and shortfalls of the handle, from which on they are printed.
 _NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
 _SHORT = {
     "half the sample time": "half T",
@@ -43,7 +44,7 @@ def recommendation_page(
 
     Args:
         document: of `avc recommend --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
         written: file that holds the coupling, if one was written.
@@ -66,8 +67,8 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
 
     Args:
         document: of `avc recommend --json`.
-        problem: what it was asked for.
-        briefly: what is recommended and what holds alone, without what limits it.
+        problem: of the document.
+        briefly: coupling and claims alone, without limits.
     """
     if document["coupling"] is None:
         none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
@@ -94,7 +95,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
 
 
 def _slips(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Tell values that are hardly meant before what follows from them."""
+    """Describe implausible values before their consequences."""
     told = [what.removeprefix(SLIP) for what in document["assumed"] if what.startswith(SLIP)]
     return [Row("Values", problem.units.text("; ".join(told)), Mark.CAUTION)] if told else []
 
@@ -122,7 +123,7 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
 
 
 def _without(document: dict[str, Any], problem: Problem) -> str:
-    """Name what is declared and not used: no claim holds for it."""
+    """Name what is declared and not used: no claim covers it."""
     if not document["not_used"]:
         return ""
     names = ", ".join(what.partition(" (")[0] for what in document["not_used"])
@@ -140,7 +141,7 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
             what = "nothing: no press ends below the force limit"
         return [Row("Rendered", what, Mark.FAIL)]
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
-    # The unit of the first number goes for those after it.
+    # The unit of the first number serves those after it.
     shown = quantity(sensed, unit("N/m")).partition(" ")[2]
     at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m')).removesuffix(f' {shown}')} at the handle"
     low, high = trial["stiffness_n_per_m"]["nine_in_ten"]
@@ -165,7 +166,7 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def _damped(margins: dict[str, Any], transient: dict[str, Any]) -> Row:
-    """Tell the smallest margins, released or with a hand, the time to settle and the least damped oscillation."""
+    """Describe the smallest margins, released or with a hand, the settling time and the least damped oscillation."""
     gain, phase, late = (
         min((one[key] for one in margins.values() if one[key] is not None), default=None)
         for key in ("gain", "phase_deg", "delay_samples")
@@ -230,7 +231,7 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
 
 
 def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
-    """Tell how many settle where the device is what its file does not say, beside a plain coupling."""
+    """Describe how many hands settle under model mismatch, beside a plain coupling."""
     if not found:
         return []
     settled, hands = [one["at_rest_without_friction"] for one in found], found[0]["hands"]
@@ -272,7 +273,7 @@ def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def _steps(felt: dict[str, Any], problem: Problem) -> str:
-    """Tell what a step of the encoder does to the force, where that is much or felt by hands that move slowly."""
+    """Describe the force of an encoder step, where it is large or noticed by slowly moving hands."""
     unit, ripple, steps = problem.units.unit, felt["ripple"], felt["encoder_step_n"]
     loud = ripple["hands"] - ripple["quiet"]
     noticed = sum(steps.values()) > _NOTICED_STEP_N * problem.device.metres_per_unit
@@ -334,7 +335,7 @@ def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown:
 
     Args:
         document: of `avc recommend --stiffest --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
     """

@@ -1,4 +1,4 @@
-"""All that is known of a recommendation, and of the stiffest wall: the conclusion, its claims, what was assumed."""
+"""Full text of a recommendation, and of the stiffest wall: conclusion, claims, assumptions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _RESTING = ("at_rest", "at_rest_without_friction")
 
 
 def recommendation_lines(document: dict[str, Any]) -> list[str]:
-    """Return all that is known of a recommendation, the conclusion first.
+    """Return the full text of a recommendation, the conclusion first.
 
     Args:
         document: of `avc recommend --json`.
@@ -40,7 +40,7 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
 
 
 def stiffest_lines(document: dict[str, Any]) -> list[str]:
-    """Return all that is known of the stiffest wall.
+    """Return the full text of the stiffest wall.
 
     Args:
         document: of `avc recommend --stiffest --json`.

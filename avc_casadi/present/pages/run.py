@@ -1,4 +1,4 @@
-"""The main job at a glance: the answers to the paper's question, the recommended coupling, what the device got."""
+"""Summary of a run: answers to the paper's question, the recommended coupling, what the device received."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def run_page(document: dict[str, Any], problem: Problem, page: Page, shown: str,
 
     Args:
         document: of `avc run --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
-        written: what was written, and where.
+        written: files by purpose.
     """
     rows = [
         *_question(document, problem),
@@ -72,7 +72,7 @@ def _question(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def _device(push: dict[str, Any], units: Units) -> Row:
-    """Tell what became of the push."""
+    """Describe the result of the push."""
     if "skipped" in push:
         return Row("Device", f"push skipped; {units.text(push['skipped'])}", Mark.CAUTION)
     if push.get("deployable") is False:

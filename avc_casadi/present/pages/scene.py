@@ -1,4 +1,4 @@
-"""A simulated scene at a glance, what each effect adds to it, and which effects it needs."""
+"""Summary of a simulated scene, the contribution of each effect, and the effects it needs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.model.problem import Problem
 
-# In m, N and J: less than any device could show, which only rounding leaves.
+# In m, N and J: below any device's resolution, left by rounding.
 _ROUND_OFF = 1e-12
 _MARKS = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
 _WORDS = {"asymptotic": "settles", "held-by-friction": "settles by dry friction alone", "unstable": "does not settle"}
@@ -25,7 +25,7 @@ def scene_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
 
     Args:
         document: of `avc simulate --json`, with ``against`` where other couplings were simulated.
-        problem: what was simulated.
+        problem: that was simulated.
         page: where it is printed.
         shown: the problem or coupling as the user names it.
         drawn: file of the picture, if one was drawn.
@@ -60,7 +60,7 @@ def scene_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
 
 
 def outcome(document: dict[str, Any]) -> str:
-    """Say what came of it, of the one hand that was simulated.
+    """Describe the outcome for the one simulated hand.
 
     Args:
         document: of `avc simulate --json`.
@@ -126,12 +126,12 @@ def _other(run: dict[str, Any], problem: Problem) -> Row:
 
 
 def _kept(value: float | None) -> float | None:
-    """Return a value; 0 for what rounding leaves."""
+    """Return a value; 0 for a rounding residue."""
     return 0.0 if value is not None and abs(value) < _ROUND_OFF else value
 
 
 def scene_lines(document: dict[str, Any]) -> list[str]:
-    """Return how a run was judged, and what each effect adds to a sample.
+    """Return the criteria of the verdict, and what each effect adds to a sample.
 
     Args:
         document: of `avc simulate --json`.
@@ -166,10 +166,10 @@ def explanation_lines(document: dict[str, Any]) -> list[str]:
 
 
 def nanoseconds(cost_ns: float | None, scatter_ns: float) -> str:
-    """Return a cost in ns; one that the scatter of the clock hides is below that.
+    """Return a cost in ns, or an upper bound within the scatter of the clock.
 
     Args:
-        cost_ns: None where there is none to tell.
+        cost_ns: None where there is none.
         scatter_ns: of the clock.
     """
     if cost_ns is None:
@@ -182,7 +182,7 @@ def screening_page(document: dict[str, Any], problem: Problem, page: Page, shown
 
     Args:
         document: of `avc simulate --screen --json`.
-        problem: what was simulated.
+        problem: that was simulated.
         page: where it is printed.
         shown: the problem or coupling as the user names it.
     """
@@ -215,13 +215,13 @@ def screening_page(document: dict[str, Any], problem: Problem, page: Page, shown
 
 
 def _changes(found: dict[str, Any], units: Units) -> str:
-    """Tell relative changes, rms over the run for position and force."""
+    """Describe relative changes, rms over the run for position and force."""
     told = (f"{units.key(name)} {percent(found[f'{name}_change'])}" for name in ("position", "force", "stiffness"))
     return ", ".join(told)
 
 
 def screening_lines(document: dict[str, Any]) -> list[str]:
-    """Return what leaving each effect out changes and saves.
+    """Return the change and the saving by leaving each effect out.
 
     Args:
         document: of `avc simulate --screen --json`.

@@ -1,4 +1,4 @@
-"""The gains of one method at a glance, and the rows of their table."""
+"""Summary of the gains of one method, and the rows of their table."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def solution_page(document: dict[str, Any], problem: Problem, page: Page, shown:
 
     Args:
         document: of `avc solve --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
         written: file that holds the gains, if one was written.
@@ -60,7 +60,7 @@ def solution_page(document: dict[str, Any], problem: Problem, page: Page, shown:
 
 
 def _errors(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Tell the largest errors of size and of the impedance, and where they stand."""
+    """Describe the largest errors of magnitude and impedance, and their frequencies."""
     told, frequency, rows = quantities(problem.units), document["frequency_hz"], []
     for label, key in (("Error of |Z|", "magnitude_error"), ("Impedance error", "complex_error")):
         found = zip(document[key], frequency, document["damping_ns_per_m"], strict=True)
@@ -79,7 +79,7 @@ def _realism(realism: dict[str, Any]) -> Row:
 
 
 def solution_lines(document: dict[str, Any]) -> list[str]:
-    """Return all that the `solve` document says: rows of gains, notes, levels, and the paper's errors.
+    """Return the full `solve` document: rows of gains, notes, levels, and the paper's errors.
 
     Args:
         document: of `avc solve --json`.

@@ -1,4 +1,4 @@
-"""What the pages share: a problem in a line, quantities of its motion, gains and limits in words."""
+"""Shared parts of the pages: a problem in a line, quantities of its motion, gains and limits in words."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ RIGID = 100.0
 _GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 
 Quantities = Callable[[float | None, str], str]
-"""From a value and its unit on a linear device to text."""
+"""Formatter of a value with its unit on a linear device."""
 
 
 def quantities(units: Units, digits: int = 3) -> Quantities:
-    """Return what tells values with a unit of a linear device in the units of a motion.
+    """Return a formatter of values in linear units as those of a motion.
 
     Args:
         units: of the motion.
@@ -67,13 +67,13 @@ def gains_text(table: Mapping[str, Sequence[float | None]], problem: Problem) ->
 
 
 def span(values: Sequence[float], told: Quantities, unit: str) -> str:
-    """Return the least and the largest value, or the one that there is."""
+    """Return the least and the largest value, or the only one."""
     low, high = told(min(values), unit), told(max(values), unit)
     return low if low == high else f"{low} to {high}"
 
 
 def passive_limit(limit_n_per_m: float | None, units: Units) -> Row:
-    """Return the largest static stiffness of any passive linear rendering as a row; not a number where none is known.
+    """Return the largest static stiffness of any passive linear rendering as a row; NaN where none is known.
 
     Args:
         limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges.
@@ -102,7 +102,7 @@ def deployable(verdict: dict[str, Any] | None, units: Units) -> Row:
 
 
 def counts(found: dict[str, int]) -> str:
-    """Return counts as "187 solved, 13 infeasible", without what does not occur."""
+    """Return counts as "187 solved, 13 infeasible", without zeros."""
     return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"
 
 
@@ -112,7 +112,7 @@ def plural(count: int, thing: str) -> str:
 
 
 def holes(schedule: GainSchedule) -> str:
-    """Say what runs at the frequencies without gains; nothing where there are none, or nothing but those."""
+    """Describe what runs at the frequencies without gains; empty where there are none, or no others."""
     usable = schedule.usable
     without = len(usable) - int(usable.sum())
     if without in {0, len(usable)}:

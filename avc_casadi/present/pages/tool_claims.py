@@ -1,4 +1,4 @@
-"""What is claimed of a coupling to a simulation, and which couplings are stable, at a glance."""
+"""Summary of the claims of a coupling to a simulation, and of its stability region."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 # A gain margin below which a row warns.
 _SAFE = 1.5
-# Travel below this is round-off.
+# Smaller travel is round-off.
 _ROUND_OFF = 1e-12
 # Dampers of a region that are printed.
 _DAMPERS_SHOWN = 9
@@ -31,12 +31,12 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
 
     Args:
         document: of `avc certify --json`.
-        problem: what is judged against.
+        problem: of the certificate.
         page: where it is printed.
         shown: the coupling as the user names it.
     """
     rows = [Row("Coupling", coupling_text(document, problem)), *stability_rows(document, problem)]
-    # Where the engine moves nothing it is no port.
+    # Where the tool is fixed the engine is no port.
     if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
         rows += passivity_rows(document["passivity"], problem)
     return page.rendered(headline(problem, shown), rows)
@@ -58,7 +58,7 @@ def coupling_text(gains: dict[str, Any], problem: Problem) -> str:
 
 
 def stability_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
-    """Return whether all loops are stable, with which margin, and the worst of them.
+    """Return whether all loops are stable, with their margins, and the worst of them.
 
     Args:
         found: certificate.
@@ -76,7 +76,7 @@ def stability_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def passivity_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
-    """Return whether the engine's port is passive, and for which engines that says something.
+    """Return whether the engine's port is passive, and the engines to which that applies.
 
     Args:
         found: of the certificate.
@@ -109,7 +109,7 @@ def passivity_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def case_text(case: dict[str, Any], problem: Problem) -> str:
-    """Return a loop in words: who holds the device, what the tool is and touches, how the engine steps.
+    """Return a loop in words: the hand, the tool and its contact, the integrator of the engine.
 
     Args:
         case: of a certificate.
@@ -132,7 +132,7 @@ def hand_text(hand: dict[str, float], problem: Problem) -> str:
     """Return a hand in words.
 
     Args:
-        hand: its numbers; all 0 for the device released.
+        hand: its parameters; all 0 for the device released.
         problem: for its units.
     """
     if not any(hand.values()):
@@ -147,7 +147,7 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
 
     Args:
         document: of `avc zwidth --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
         drawn: file of the picture, if one was drawn.
@@ -174,7 +174,7 @@ def region_lines(document: dict[str, Any], problem: Problem) -> list[str]:
 
     Args:
         document: of `avc zwidth --json`.
-        problem: what it was asked for.
+        problem: of the document.
     """
     unit, curves, damping = problem.units.unit, document["curves"], document["damping_ns_per_m"]
     table = Table(
@@ -197,14 +197,14 @@ def region_lines(document: dict[str, Any], problem: Problem) -> list[str]:
 
 
 def simulated_page(document: dict[str, Any], problem: Problem, page: Page, shown: str, plot: str | None = None) -> str:
-    """Return the `simulate` document of a problem with [simulation]: what came of one hand on its stiffest contact.
+    """Return the `simulate` document of a problem with [simulation]: the outcome of one hand on the stiffest contact.
 
     Args:
         document: of `avc simulate --json`.
-        problem: what was simulated.
+        problem: that was simulated.
         page: where it is printed.
         shown: the problem or coupling as the user names it.
-        plot: where the figure was drawn; None for none.
+        plot: file of the figure; None for none.
     """
     unit, metre, travel = problem.units.unit, problem.units.unit("m"), document["position_peak_to_peak_m"]
     outcomes = {
@@ -236,7 +236,7 @@ def check_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
 
     Args:
         document: of `avc check --json`.
-        problem: what was checked.
+        problem: that was checked.
         page: where it is printed.
         shown: the problem as the user names it.
     """

@@ -1,4 +1,4 @@
-"""A coupling to a simulation in the words and units of one engine: which number goes where, what spoils it there."""
+"""A coupling to a simulation in the parameters and units of one engine: settings, and pitfalls."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ _AHEAD = "its position and velocity lie in the future of the force that made the
 
 
 def tool_parameters(coupling: ToolCoupling, engine: str) -> Said:
-    """Return a coupling to a simulation in the words and units of an engine, scales and exchange among them.
+    """Return a coupling to a simulation in the parameters and units of an engine, scales and exchange included.
 
     Args:
         coupling: of a problem with [simulation].
         engine: one of `ENGINES`.
 
     Raises:
-        InputError: another engine, or one that has no words for a device that turns.
+        InputError: another engine, or one that does not support a rotary device.
     """
     if engine not in ENGINES:
         raise InputError.of(f"is {engine!r}; allowed: {', '.join(ENGINES)}", key=_KEY)
@@ -49,8 +49,8 @@ def parameters_document(said: Said, coupling: ToolCoupling, engine: str) -> dict
     """Return the parameters as JSON values.
 
     Args:
-        said: of the coupling in the engine.
-        coupling: whose they are.
+        said: the coupling in the engine.
+        coupling: with these parameters.
         engine: one of `ENGINES`.
     """
     return {
@@ -70,8 +70,8 @@ def parameters_page(said: Said, coupling: ToolCoupling, engine: str, page: Page,
     """Return the parameters as a headline and rows.
 
     Args:
-        said: of the coupling in the engine.
-        coupling: whose they are.
+        said: the coupling in the engine.
+        coupling: with these parameters.
         engine: one of `ENGINES`.
         page: where it is printed.
         shown: the file as the user names it.
@@ -97,7 +97,7 @@ def tool_export_page(document: Mapping[str, Any], coupling: ToolCoupling, page: 
 
     Args:
         document: of `avc export --json`.
-        coupling: what was exported.
+        coupling: that was exported.
         page: where it is printed.
         shown: the coupling as the user names it.
     """
@@ -130,7 +130,7 @@ def _integrator(coupling: ToolCoupling, engine: Engine) -> list[str]:
 
 
 def _exchange(coupling: ToolCoupling, engine: Engine) -> str:
-    """Say what to hand out and when."""
+    """Describe what to exchange and when."""
     step, late = engine.step, coupling.tool.steps_late
     later = f", {late} steps later" if late > 1 else ", one step later" if late else ""
     said = {

@@ -1,4 +1,4 @@
-"""How many simulated hands settle, at a glance."""
+"""Summary of a trial: how many simulated hands settle."""
 
 from __future__ import annotations
 

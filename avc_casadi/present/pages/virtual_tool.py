@@ -1,4 +1,4 @@
-"""A coupling to a simulation at a glance: spring and damper, what they feel like, what holds, what limits them."""
+"""Summary of a coupling to a simulation: spring and damper, rendering, claims, limits."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 # A gain margin below which a row warns.
 _SAFE = 1.5
 _MOST_HELPS = 3
-# An impedance error in free motion from which the tool feels like something else than itself.
+# An impedance error in free motion above which the tool feels distinctly altered.
 _DRAGS = 1.0
 
 
@@ -30,11 +30,11 @@ def tool_page(
 
     Args:
         document: of `avc recommend --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
         written: file that holds the coupling, if one was written.
-        verbose: with all that is known below.
+        verbose: with all details below.
     """
     commands = [f"avc recommend {shown} --out coupling.json" if written is None else f"avc export {written} --c DIR"]
     if document["coupling"] is None:
@@ -68,7 +68,7 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
 
     Args:
         document: of `avc recommend --json`.
-        problem: what it was asked for.
+        problem: of the document.
     """
     found = document["simulation"]
     if document["coupling"] is None:
@@ -157,7 +157,7 @@ def _force(document: dict[str, Any], problem: Problem) -> Row:
 
 
 def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
-    """Tell how light the tool, how slow the engine and which exchange may be for the same K."""
+    """Describe the lightest tool, the slowest engine and the exchange that allow the same K."""
     unit, parts = problem.units.unit, []
     if found["local_dampers_ns_per_m"] is not None:
         parts.append(f"a damper of its own of {_span(found['local_dampers_ns_per_m'], unit('N.s/m'))}")

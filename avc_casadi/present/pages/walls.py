@@ -1,4 +1,4 @@
-"""The walls that a device can render, at a glance and as tables."""
+"""Summary and tables of the walls that a device can render."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def walls_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
 
     Args:
         document: of `avc zwidth --json`.
-        problem: what it was asked for.
+        problem: of the document.
         page: where it is printed.
         shown: the problem as the user names it.
         drawn: file of the picture, if one was drawn.
@@ -45,7 +45,7 @@ def walls_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
 
 
 def _bare(document: dict[str, Any]) -> Row:
-    """Tell which claims the wall asked for meets without coupling."""
+    """Describe the claims that the wanted wall meets without coupling."""
     met = [curve["claim"] for curve in document["curves"].values() if curve["wanted_wall"]]
     if not met:
         return Row("Without coupling", "this wall is neither passive nor stable", Mark.CAUTION)
@@ -54,10 +54,10 @@ def _bare(document: dict[str, Any]) -> Row:
 
 
 def _curves(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Tell the stiffest wall without coupling of each claim."""
+    """Describe the stiffest wall without coupling for each claim."""
     told, damping, rows = quantities(problem.units), document["wall_damping_ns_per_m"], []
     for key, curve in document["curves"].items():
-        if key == "passive-delayed":  # of another device than this one: in the picture and with -v
+        if key == "passive-delayed":  # of another device: in the figure and with -v
             continue
         label = _SHORT[key].replace("\n", ", ").capitalize()
         known = [(k, b) for k, b in zip(curve["stiffness_n_per_m"], damping, strict=True) if k is not None]
@@ -70,7 +70,7 @@ def _curves(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def _bounds(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Tell what the literature knows, with its source."""
+    """Describe the bounds of the literature, with their sources."""
     told = quantities(problem.units)
     rows = [passive_limit(document["passive_limit_n_per_m"], problem.units)]
     if document["passive_spring_n_per_m"] is not None:
@@ -86,7 +86,7 @@ def _bounds(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def _constant(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Tell the best constant coupling for this wall, in both models."""
+    """Describe the best constant coupling for this wall, in both models."""
     told, rows = quantities(problem.units), []
     for one in document["static"]:
         if one["condition"] != "all":
@@ -102,7 +102,7 @@ def _constant(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 
 def walls_lines(document: dict[str, Any]) -> list[str]:
-    """Return all that the `zwidth` document says: the region as a table, Llewellyn's table, constant couplings.
+    """Return the full `zwidth` document: the region as a table, Llewellyn's table, constant couplings.
 
     Args:
         document: of `avc zwidth --json`.

@@ -1,4 +1,4 @@
-"""One self-contained HTML page: one head and one foot for whatever it tells."""
+"""Frame of a self-contained HTML page: common head and foot."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def page_html(title: str, source: str, body: str, versions: Mapping[str, str]) -
 
     Args:
         title: of the page, a text.
-        source: what it is about, a text.
+        source: its subject, a text.
         body: HTML.
         versions: versions by package.
     """
@@ -51,10 +51,10 @@ class Picture:
     """A figure for a page.
 
     Attributes:
-        caption: what it is, for everybody.
-        words: what it shows, in numbers, for who cannot see it.
+        caption: of the figure.
+        words: its content in numbers, as alternative text.
         wide: SVG text.
-        narrow: the same with its panels one below the other, for a phone.
+        narrow: the same with its panels in one column, for a phone.
     """
 
     caption: str
@@ -64,12 +64,12 @@ class Picture:
 
     @classmethod
     def of(cls, draw: Callable[..., Figure], result: Any, caption: str, words: str) -> Picture:
-        """Draw a result both ways."""
+        """Draw a result wide and narrow."""
         return cls(caption, words, figure_svg(draw(result)), figure_svg(stacked(draw, result)))
 
     @classmethod
     def with_png(cls, draw: Callable[..., Figure], result: Any, caption: str, words: str) -> tuple[bytes, Picture]:
-        """Draw a result both ways, and return the wide one as the content of a PNG file too."""
+        """Draw a result wide and narrow, and return the wide one as the content of a PNG file too."""
         png, wide = figure_png_svg(draw(result))
         return png, cls(caption, words, wide, figure_svg(stacked(draw, result)))
 
@@ -89,7 +89,7 @@ def table_html(table: Table, what: str = "") -> str:
 
     Args:
         table: the table.
-        what: what it tells, for a screen reader; empty takes its title.
+        what: label for a screen reader; empty takes its title.
     """
     told = f"<p>{escape(table.title)}</p>\n" if table.title else ""
     below = f"\n<ul>\n{items_html(table.notes)}\n</ul>" if table.notes else ""
@@ -123,7 +123,7 @@ def value_text(value: Any) -> str:
 
 
 def settings(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Return every value of nested tables beside its dotted key; what is not given is left out."""
+    """Return every value of nested tables beside its dotted key, without those not given."""
     rows = []
     for key, value in table.items():
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""The page of an identification: conclusion first, then the log beside the model."""
+"""Reports of a diagnosis and of an identification: conclusion first, then log and model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CAPTION = (
 
 
 def diagnosis_html(found: Sequence[Diagnosis], versions: Mapping[str, str]) -> str:
-    """Return the page, self-contained.
+    """Return the self-contained page of a diagnosis.
 
     Args:
         found: the diagnosis of each log.
@@ -66,7 +66,7 @@ def _body(found: Diagnosis) -> str:
 
 
 def identification_html(found: Identification, versions: Mapping[str, str]) -> str:
-    """Return the page, self-contained.
+    """Return the self-contained page of an identification.
 
     Args:
         found: the identification.

@@ -1,4 +1,4 @@
-"""The report of a coupling to a simulation or a second device: what to deploy first, then what is known of it."""
+"""The report of a coupling to a simulation or a second device: what to deploy first, then the details."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def other_end_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
 def other_end_html(
     document: dict[str, Any], problem: Problem, figures: Sequence[Picture], versions: Mapping[str, str]
 ) -> str:
-    """Return the page, self-contained.
+    """Return the self-contained page.
 
     Args:
         document: of `avc recommend --json`.
@@ -69,7 +69,7 @@ def other_end_html(
 
 
 def _verdict(document: dict[str, Any], rows: Sequence[Row]) -> str:
-    """Return the answer in a line: deploy this, with what to look at, or nothing."""
+    """Return the verdict in a line: deploy this, with cautions, or nothing."""
     if not document["deployable"]:
         return f'<p class="verdict fail">Deploy nothing: {escape(document["reason"].partition(";")[0])}.</p>'
     doubts = ", ".join(row.label for row in rows if row.mark is Mark.CAUTION)

@@ -1,4 +1,4 @@
-"""The report of a run: what to deploy first, then the paper's question and all that stands behind both."""
+"""The report of a run: what to deploy first, then the paper's question and the details."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def picture_words(comparison: Comparison) -> Mapping[str, str]:
     """Return a sentence for each of the figures boundaries, perceived and comparison.
 
     Args:
-        comparison: what they draw.
+        comparison: behind the figures.
     """
     band = f"from {_span(comparison.frequency_hz)} Hz"
     desired = np.abs(comparison.target)
@@ -88,13 +88,13 @@ def _least(values: ArrayLike) -> str:
     return number(min(_known(values), default=float("nan")), 3)
 
 
-# Shares of the wanted stiffness from which a wall is the one that was asked for, and below which it is hardly one.
+# Shares of the wanted stiffness from which a wall counts as the wanted one, and below which as hardly one.
 _THE_WALL, _NO_WALL = 0.9, 0.1
 
 
 @dataclass(frozen=True)
 class ReportContents:
-    """What the report tells.
+    """Contents of the report.
 
     Attributes:
         problem: the problem.
@@ -103,9 +103,9 @@ class ReportContents:
         certificate: the `certify` document.
         figures: the figures of the paper's question.
         versions: versions by package.
-        conclusion: what to deploy and why, or that nothing can be; one sentence a line.
+        conclusion: what to deploy and why, or that nothing is deployable; one sentence a line.
         deployment: the `recommend` document behind it.
-        deployed: the figures of the coupling, what it renders and its loop; none where nothing can be deployed.
+        deployed: the figures of the coupling, its rendering and its loop; none where nothing is deployable.
     """
 
     problem: Problem
@@ -165,7 +165,7 @@ def deployed_words(document: Mapping[str, Any], found: Deployed) -> Mapping[str,
 
     Args:
         document: the `recommend` document.
-        found: what they draw.
+        found: behind the figures.
     """
     felt, shaken, margins = document["felt"], found.shaken, document["margins"]
     hand = found.hands.values(found.worst)
@@ -208,12 +208,12 @@ def _limit(margin: float | None) -> str:
 
 
 def _file(problem: Problem) -> str:
-    """Return what a command calls the problem: its name in the catalogue, else its file beside the report's folder."""
+    """Return the problem's name in commands: in the catalogue, else its file beside the report's folder."""
     return problem.name if problem.name in catalogue_names() else f"{problem.name}.toml"
 
 
 def _verdict(found: Mapping[str, Any]) -> str:
-    """Return the answer in a line: deploy this, do not, or there is nothing to deploy."""
+    """Return the verdict in a line: deploy this, do not, or there is nothing to deploy."""
     if found["coupling"] is None:
         return f'<p class="verdict fail">Deploy nothing: {escape(found["reason"].partition(";")[0])}.</p>'
     if not found["deployable"]:
@@ -233,7 +233,7 @@ def _verdict(found: Mapping[str, Any]) -> str:
 
 
 def _undelivered(found: Mapping[str, Any], push: Mapping[str, Any]) -> list[str]:
-    """Return why the packaged firmware did not get a coupling that may be deployed."""
+    """Return why the packaged firmware did not receive a deployable coupling."""
     return (
         [device_line(push).replace("device:", "packaged firmware:", 1)]
         if found["coupling"] and "skipped" in push
@@ -242,14 +242,14 @@ def _undelivered(found: Mapping[str, Any], push: Mapping[str, Any]) -> list[str]
 
 
 def _conclusion(lines: Sequence[str]) -> str:
-    """Return the sentences of the conclusion, each under the word that it begins with."""
+    """Return the sentences of the conclusion, each under its leading term."""
     parts = (line.partition(": ") for line in lines)
     rows = (f"<dt>{escape(what)}</dt><dd>{escape(told)}</dd>" for what, _, told in parts)
     return "<dl>\n" + "\n".join(rows) + "\n</dl>"
 
 
 def _deployment(found: Mapping[str, Any]) -> str:
-    """Return how the coupling to deploy was tried, what was proved of it, what would help and what is assumed."""
+    """Return the trial of the coupling, its proofs, the sensitivity of the stiffness limit, and the assumptions."""
     claims = (found["certificate"] or {}).get("deployable", {}).get("claims", [])
     tried = {
         "the hands of the choice": found["trial"],

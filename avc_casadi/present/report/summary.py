@@ -1,4 +1,4 @@
-"""What an engineer wants to know first, as numbers and as ten lines."""
+"""The summary of a run, as numbers and as ten lines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.model.problem import Problem
 
-# What the summary tells of a level.
+# Fields of a level in the summary.
 _OF_A_LEVEL = ("pass", "title", "margin_ns_per_m", "frequency_hz", "model", "claim", "refused")
 
 
@@ -32,7 +32,7 @@ def summarise(
     Args:
         problem: the problem.
         comparison: its comparison, which is of the pointwise problem.
-        best: the gains that the device gets: those of the problem's own scope.
+        best: gains for the device: those of the problem's own scope.
         certificate: the `certify` document of these gains.
         push: the `push` document, or ``{"skipped": why}``, or ``{"refused": why}``.
     """
@@ -130,7 +130,7 @@ def _scope(summary: Mapping[str, Any]) -> str:
 
 
 def scope_line(summary: Mapping[str, Any]) -> str:
-    """Return what is compared, and what the device gets where that is something else."""
+    """Return the compared scope, and that of the device's gains where it differs."""
     line = "Verdicts and cross-check are pointwise: each frequency on its own, as (12) is in the paper."
     if summary["scope"] == "pointwise":
         return line
@@ -141,7 +141,7 @@ def scope_line(summary: Mapping[str, Any]) -> str:
 
 
 def injection_line(summary: Mapping[str, Any]) -> str:
-    """Return what the closed form really is."""
+    """Return the nature of the closed form."""
     if summary["injected_damping_ns_per_m"] == 0:
         return "the desired wall meets (12) everywhere, so that nothing is projected"
     return (
@@ -188,10 +188,10 @@ def _levels(levels: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def device_line(push: Mapping[str, Any]) -> str:
-    """Return what became of the push in one line."""
+    """Return the result of the push in one line."""
     if "skipped" in push:
         return f"device: push skipped; {push['skipped']}"
-    if push.get("deployable") is False:  # why not stands in the conclusion
+    if push.get("deployable") is False:  # the reason stands in the conclusion
         return "device: push refused, as the coupling is not deployable; avc push coupling.json --unsafe overrides"
     if "refused" in push:
         return f"device: push refused; {push['refused']}"

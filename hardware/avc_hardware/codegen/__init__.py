@@ -1,1 +1,1 @@
-"""From expressions to firmware: float programs, generated C, exported couplings, boards and images; knows no link."""
+"""Code generation: float programs, generated C, exported couplings, boards and images; independent of the link."""

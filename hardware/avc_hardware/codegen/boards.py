@@ -1,6 +1,6 @@
-"""The boards that firmware is built for: processor, memory, sources, and how an image gets there.
+"""Boards of the firmware: processor, memory, sources, and flashing.
 
-A board of one's own is a folder anywhere with its sources and a ``board.toml`` that says how they are built.
+A custom board is a folder anywhere with its sources and a ``board.toml`` that describes their build.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ class Target:
     """One board.
 
     Attributes:
-        title: what it is, for people.
-        folder: name of the one that holds board.h and the sources.
+        title: description.
+        folder: name of the folder with board.h and the sources.
         cpu: compiler flags of the core.
         flash: origin and size, bytes.
         ram: origin and size, bytes.
         extra: further sources, relative to firmware/boards.
         defines: compiler definitions.
         estimator: method; the fused one is too slow for floats in software.
-        commands: how to put an image on it, or to run it, with {name} for the file without its ending; empty for a
-            board of tests alone.
+        commands: to flash or to run an image, with {name} for the file without its ending; empty for a board of tests
+            alone.
         root: the folder of a board that is not in the package; None for firmware/boards/FOLDER.
         sources: in the folder.
         cortex_m: takes start, tick and linker script of the package.
         linker_script: in the folder; empty for that of the package.
         compiler: the cross compiler, a gcc.
-        install: how to get it.
+        install: how to install it.
     """
 
     title: str
@@ -62,7 +62,7 @@ class Target:
     install: str = ARM_INSTALL
 
 
-# Its last two sectors hold what is kept over a reset.
+# Its last two sectors are non-volatile storage.
 _STM32F405 = ((0x08000000, 0xC0000), (0x20000000, 0x20000))
 _KEEPS = "stm32f405/flash.c"
 _FLASHING = (
@@ -127,7 +127,7 @@ _VECTORS = 256
 
 @dataclass
 class _Reader:
-    """Takes keys out of a table and notes what is wrong with them."""
+    """Reader of the keys of a table that collects their faults."""
 
     file: str
     keys: dict[str, Any]
@@ -139,7 +139,7 @@ class _Reader:
         self.faults.append(Fault(self.file, None, self.place + key, message))
 
     def take(self, key: str, default: Any, allowed: str, accepts: Callable[[Any], bool]) -> Any:
-        """Return a key's value, or the default; None as default asks for the key."""
+        """Return a key's value, or the default; a default of None requires the key."""
         self.asked.append(key)
         if key not in self.keys:
             if default is None:
@@ -177,7 +177,7 @@ def _whole(low: int, high: int = 2**32) -> Callable[[Any], bool]:
 
 
 def _region(reader: _Reader, key: str, align: int) -> tuple[int, int] | None:
-    """Return first address and size, or None where one of them is at fault."""
+    """Return first address and size, or None where one of them is faulty."""
     table = reader.table(key)
     whole = _whole(0)
     told = f"the first address, a multiple of {align}"
@@ -194,7 +194,7 @@ def _region(reader: _Reader, key: str, align: int) -> tuple[int, int] | None:
 
 
 def _check_commands(reader: _Reader, commands: list[str]) -> None:
-    """Note every placeholder that nothing is put in for; {{ and }} are braces."""
+    """Report every unknown placeholder; {{ and }} are braces."""
     for command in commands:
         for whole, inside in re.findall(r"\{\{|\}\}|(\{([^{}]*)\}|[{}])", command):
             if whole and inside != "name":
@@ -218,7 +218,7 @@ def read_board(folder: Path) -> Target:
         folder: holds ``board.toml``.
 
     Raises:
-        InputError: no such file, or all that is wrong in it.
+        InputError: no such file, or every fault of it.
     """
     path = folder / MANIFEST
     try:

@@ -49,7 +49,7 @@ CORE = (
     "avc_keep.c",
     "avc_device.c",
 )
-# Generated; the numbers of the figures are in sources of their own.
+# Generated; the constants of the figures are in sources of their own.
 TICK = (
     "avc_guard_constants.c",
     "avc_couple_gated_constants.c",
@@ -60,7 +60,7 @@ TICK = (
     "avc_estimate_constants.c",
     "avc_figures.c",
 )
-# Of a coupling that is built in.
+# For a built-in coupling.
 BUILT_IN = ("avc_coupling.c", "avc_built_in.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 
@@ -78,7 +78,7 @@ def compiler(name: str, install: str) -> str:
 
 
 def _compiler_of(board: Target) -> str:
-    """Return the path of a board's compiler; that of a board of one's own is a value of its manifest.
+    """Return the path of a board's compiler; that of a custom board is a value of its manifest.
 
     Raises:
         InputError: the manifest names a program that is not there.
@@ -94,7 +94,7 @@ def _compiler_of(board: Target) -> str:
 
 
 def _run(command: list[str], board: Target | None = None) -> None:
-    """Run a compiler; what is wrong with a board of one's own is told by the keys of its manifest."""
+    """Run a compiler; faults of a custom board are reported by the keys of its manifest."""
     spoken = {**os.environ, "LC_ALL": "C"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=spoken)  # noqa: S603 - our own arguments
     if done.returncode == 0:
@@ -115,7 +115,7 @@ def source_hash(estimator: str = "fused", *further: bytes) -> str:
 
     Args:
         estimator: whose control tick is generated.
-        further: what a board of one's own and a coupling built in add.
+        further: sources of a custom board and of a built-in coupling.
     """
     digest = hashlib.sha256(b"".join(further))
     parts = [*(FIRMWARE / "core").rglob("*"), *(FIRMWARE / "boards").rglob("*")]
@@ -128,10 +128,10 @@ def source_hash(estimator: str = "fused", *further: bytes) -> str:
 
 
 def build_name(board: Target, generated: Mapping[str, str] | None = None) -> str:
-    """Return the name of the sources of an image, as HELLO tells it.
+    """Return the name of the sources of an image, as in HELLO.
 
     Args:
-        board: with the sources of a board of one's own.
+        board: with the sources of a custom board.
         generated: as for `build_image`; a coupling that is built in counts.
     """
     own = [] if board.root is None else [(board.root / source).read_bytes() for source in board.sources]
@@ -181,7 +181,7 @@ def build_image(
 
     Raises:
         UnsupportedError: unknown target, or the compiler refused the sources.
-        InputError: what it refused is the board's own: which key of its manifest, or which line of its sources.
+        InputError: it refused sources of a custom board: the key of its manifest, or the line of its sources.
         MissingExtraError: no cross compiler.
     """
     if isinstance(target, str) and target not in TARGETS:
@@ -211,7 +211,7 @@ def build_image(
                 _compiler_of(board),
                 *_common(made, build_name(board, generated)),
                 *board.cpu,
-                *EXACT_FLOAT,  # whatever the flags of a board of one's own say
+                *EXACT_FLOAT,  # whatever the flags of a custom board
                 *board.defines,
                 *(["-DAVC_BUILT_IN"] if built_in else []),
                 *([f"-DBOARD_BAUD={baud}u"] if baud else []),

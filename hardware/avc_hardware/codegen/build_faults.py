@@ -1,4 +1,4 @@
-"""What a compiler and a linker say of a board of one's own, by the keys of its manifest."""
+"""Errors of compiler and linker on a custom board, by the keys of its manifest."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ _ROOM = (
     "a table takes 80 bytes a row, an excitation 6 a record, the stack 2048: give more memory, or less "
     "capacity.rows and capacity.records"
 )
-# What the package brings itself.
+# Sources of the package itself.
 _OURS = {"main", "memcpy", "memset", "hal_limits", "avc_on_tick", "avc_on_byte", "avc_on_byte_lost"}
 
 
 def build_faults(said: str, board: Target) -> list[Fault]:
-    """Say what is wrong with a board, where it can be told.
+    """Return the faults of a board that can be attributed.
 
     Args:
-        said: what the compiler wrote to standard error, in the C locale.
+        said: standard error of the compiler, in the C locale.
         board: of a folder of its own.
 
     Returns:
-        A fault for each key of the manifest, symbol or line of a source; empty where nothing is understood.
+        A fault for each key of the manifest, symbol or line of a source; empty where none is attributed.
     """
     root = board.root or Path()
     manifest = str(root / MANIFEST)

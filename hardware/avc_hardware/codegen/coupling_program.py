@@ -1,7 +1,7 @@
-"""A whole coupling as programs of one precision: position as measured to force, by the scene's own effects.
+"""A whole coupling as programs of one precision: from measured position to force, by the scene's own effects.
 
-Constant gains are one program. Gains that follow the frequency are two, cut where the table is read: `before` gives the
-frequency of the look-up, `after` takes the gains looked up. Nothing of what runs is written a second time.
+Constant gains are one program. Gains that follow the frequency are two, cut at the table: `before` gives the frequency
+of the look-up, `after` takes the gains. Both reuse the code of the scene.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class CouplingProgram:
 
     Attributes:
         states: names.
-        initial: state before the first tick with the device at 0, at +1 and at -1: tells which states are positions.
+        initial: state before the first tick with the device at 0, at +1 and at -1, which identifies the positions.
         before: position_m and states -> frequency_hz, seen_m (the position as the coupling takes it), and the next
             values of the states of the names `early`; None for constant gains.
         after: position_m or seen_m, wanted gains, states -> command_n (before the limit), force_n and the next values
@@ -74,9 +74,9 @@ def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> Coupl
 
 
 def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
-    """Settle what runs on the control computer, by the rules of scenes, in the order of the loop.
+    """Select what runs on the control computer, by the rules of scenes, in the order of the loop.
 
-    The actuator's limit comes before the delay: what is asked for is what the actuator can do.
+    The actuator's limit comes before the delay: commands are what the actuator can do.
     """
     problem, constant = coupling.problem, coupling.table.constant
     device = problem.device
@@ -87,7 +87,7 @@ def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
     if device.encoder_resolution_m or "encoder" in own:
         listed.append(own.get("encoder", EncoderEffect()))
     remembers = not constant or coupling.runtime.observer_mass_kg is not None or coupling.runtime.guard is not None
-    if device.delay_samples and remembers:  # otherwise nothing asks which force acts now
+    if device.delay_samples and remembers:  # otherwise the force that acts now is unused
         listed.append(DelayEffect())
     if coupling.max_force_n is not None:
         listed.append(SaturationEffect())
@@ -176,14 +176,14 @@ class _Built:
         return CouplingProgram(names, initial, before, after, early)
 
     def _settled(self, results: list[Any]) -> list[Any]:
-        """Put numbers in the place of the tick's parameters."""
+        """Substitute the tick's parameters."""
         import casadi as ca  # noqa: PLC0415
 
         settled: list[Any] = ca.substitute(results, [slot.symbol for slot in self.tick.parameters], self._parameters())
         return settled
 
     def _parameters(self) -> list[float]:
-        """Return the numbers of the tick's parameters, in its order."""
+        """Return the values of the tick's parameters, in its order."""
         coupling, wall = self.coupling, self.coupling.wall
         gains = coupling.table.at_rest
         environment = Environment(wall.stiffness_n_per_m, wall.damping_ns_per_m, one_sided=True)
@@ -199,7 +199,7 @@ class _Built:
         }
         feedback = coupling.runtime.state_feedback
         given = [] if feedback is None else feedback.numbers().tolist()
-        # What runs before the wall has added its numbers before the wall's.
+        # Effects before the wall have added their parameters before the wall's.
         return [*given, *(known[slot.name] for slot in self.tick.parameters[len(given) :])]
 
 

@@ -1,4 +1,4 @@
-"""Firmware made for a device: its sample time, encoder and force limit built in, as files to flash."""
+"""Firmware for a device: its sample time, encoder and force limit built in, as files to flash."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 BOARDS = {name: target.title for name, target in TARGETS.items() if target.commands}
-"""Boards that firmware can be built for, and what each is."""
+"""Boards of the firmware, with descriptions."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class BuiltFirmware:
 
     Attributes:
         board: name.
-        title: what the board is.
-        build: name of the sources, as HELLO tells it.
+        title: description of the board.
+        build: name of the sources, as in HELLO.
         files: elf, bin and hex.
         address: of the first byte of the bin file.
         size: bytes in flash.
         limits: sample time, encoder and force built in.
-        figures: what its control tick was generated for.
-        commands: each of them flashes it, or runs it, from within the folder of the files.
+        figures: of its control tick.
+        commands: each flashes it, or runs it, from within the folder of the files.
     """
 
     board: str
@@ -85,11 +85,11 @@ def build_firmware(
     built_in: bool = False,
     unsafe: bool = False,
 ) -> BuiltFirmware:
-    """Build the firmware of a board for a device: no gains are in it, they are pushed; or with a coupling built in.
+    """Build the firmware of a board for a device: gains are pushed later; or with a coupling built in.
 
     Args:
-        of: a device or a problem, for sample time, encoder and force limit (where it says nothing 2 um and 50 N); or
-            a coupling, for its estimator, hold, slew, passive change and guard limit too.
+        of: a device or a problem, for sample time, encoder and force limit (by default 2 um and 50 N); or a coupling,
+            for its estimator, hold, slew, passive change and guard limit too.
         board: a key of `BOARDS`, or the folder of a board of your own with its ``board.toml`` (hardware/PORTING.md).
         out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
         baud: rate of the serial line, bits a second; None is 115200.
@@ -98,9 +98,9 @@ def build_firmware(
 
     Raises:
         InputError: unknown board, a rate that no port divides to, all faults of its manifest, or nothing to build in.
-        NotDeployableError: what is to be built in is not stable with every hand of ``[hands]`` and let go.
+        NotDeployableError: the built-in coupling is not stable with every hand of ``[hands]`` and released.
         FirmwareLacksError: the coupling needs what no firmware of this release has.
-        UnsupportedError: a sample time that no program is made for, or a coupling beside detents that is not built in.
+        UnsupportedError: no program exists for the sample time, or a coupling with detents is not built in.
         MissingExtraError: no cross compiler; says how to install it.
     """
     if baud is not None and not _BAUDS[0] <= baud <= _BAUDS[1]:
@@ -139,7 +139,7 @@ def build_firmware(
 
 
 def _coupling_sources(of: Coupling | Problem | Device, *, unsafe: bool) -> dict[str, str]:
-    """Return the exported C of a coupling, and what HELLO tells of it."""
+    """Return the exported C of a coupling, and its figures in HELLO."""
     if not isinstance(of, Coupling):
         raise InputError.of(
             "is no coupling, and nothing else can be built in; make one: avc recommend P --out coupling.json",

@@ -1,4 +1,4 @@
-"""Export: a whole coupling as C for firmware of one's own: one function from position to force."""
+"""Export of a whole coupling as C for custom firmware: one function from position to force."""
 
 from __future__ import annotations
 
@@ -146,14 +146,14 @@ void avc_coupling_start(avc_coupling_t *coupling)
 }}
 """
 
-# After a fault a movement is that of before, or has been seen twice.
+# After a fault a movement must match the previous one, or be seen twice.
 _DOUBT = """\
         if (coupling->started == 1u && within(position_m - coupling->position_before_m, {jump})) {{
             coupling->moved_before_m = position_m - coupling->position_before_m;
         }}
         coupling->wary = 2u;
 """
-# A coupling begins, in the beginning and after a fault, without energy that it has not got.
+# A coupling starts, initially and after a fault, without stored energy.
 _BEGIN = """\
     if (coupling->started == 0u) {{
         /* No deeper than it last was, at the depth that was seen; far away a difference is coarse. */
@@ -195,7 +195,7 @@ _BEGIN = """\
         coupling->wary--;
     }}
 """
-# Detents stand where they stand: behind a wall that has moved they would be others.
+# Detents have fixed positions: behind a moved wall they would differ.
 _BEGIN_OUTSIDE = """\
     if (coupling->started == 0u) {{
         if (position_m > {zero}) {{
@@ -315,23 +315,23 @@ def export_c(
 ) -> dict[str, str]:
     """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
 
-    The whole of it at its own sample time: observer, estimator, adaptation and table where it has them, wall, contact
-    damper, guard, force limit. Bit for bit `ReferenceCoupling`. Names and comments are those of the device: of one that
-    turns ``torque_nm`` and ``position_rad``.
+    The whole coupling at its own sample time: observer, estimator, adaptation and table where it has them, wall,
+    contact damper, guard, force limit. Bit for bit `ReferenceCoupling`. Names and comments are those of the device:
+    ``torque_nm`` and ``position_rad`` for a rotary one.
 
     Args:
-        coupling: any; what runs beside its gains needs no support by the packaged firmware.
+        coupling: any; its runtime needs no support by the packaged firmware.
         precision: ``single`` (float) or ``double``, for processors that have it in hardware.
-        packages: what stands round the two files, which then are in ``src``: ``arduino``, ``platformio``, ``cmake``,
-            ``esp-idf`` and ``zephyr`` libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
-        name: what the files, functions, types and macros (in capitals) begin with; two couplings of two names link into
-            one program.
+        packages: around the two files, which then are in ``src``: ``arduino``, ``platformio``, ``cmake``, ``esp-idf``
+            and ``zephyr`` libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
+        name: prefix of the files, functions, types and macros (in capitals); two couplings of two names link into one
+            program.
         unsafe: whether a coupling that is not deployable is written too.
 
     Raises:
-        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
-        InputError: another precision or package, a name that is none in C, the wall gives no force, the observer has
-            no encoder step to look between, a gain is too large for single precision, or two rows become one in it.
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and released.
+        InputError: another precision or package, a name invalid in C, a wall without force, an observer without an
+            encoder step for its dead zone, a gain too large for single precision, or two rows that become one in it.
     """
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
@@ -347,7 +347,7 @@ def export_c(
 
 
 def renamed(text: str, name: str) -> str:
-    """Return a path or a source in which all that has the usual name has another."""
+    """Return a path or a source with the usual name replaced."""
     plain = text.replace(NAME, name).replace(NAME.upper(), name.upper())
     return plain.replace(NAME.replace("_", "-"), name.replace("_", "-"))
 
@@ -408,7 +408,7 @@ def _bounds(problem: Problem) -> SensorBounds:
 
 
 def _unbelieved(bounds: SensorBounds) -> str:
-    """Return which positions are not believed."""
+    """Return the description of rejected positions."""
     return (
         f"Not believed is a position that is NaN, infinite or beyond {FARTHEST_M:.0e} m; one that is more than "
         f"{bounds.jump_m:.4g} m from the one before, {bounds.fastest_m_per_s:.4g} m/s, which no hand does; and one "
@@ -480,7 +480,7 @@ def _look_up(rows: NDArray[Any], precision: Precision) -> str:
 
 
 def _body(program: CouplingProgram, precision: Precision) -> list[str]:
-    """Return the statements of one sample; the states are read everywhere and written in the end."""
+    """Return the statements of one sample; states are read anywhere and written at the end."""
     gains = {f"wanted_{name}": f"gains[{index}]" for index, name in enumerate(GAINS)}
 
     def of_input(symbol: str) -> str:

@@ -1,4 +1,4 @@
-"""What a firmware is made for: the limits of its board, the figures of its control tick."""
+"""Figures of a firmware: the limits of its board, the parameters of its control tick."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
 
 
-# In the order of the numbers that HELLO gives them.
+# In the order of HELLO.
 ESTIMATOR_NUMBERS = ("zero-crossing", "spectral-peak", "adaptive-notch", "fused")
 
 
 @dataclass(frozen=True)
 class RuntimeFigures:
-    """What a firmware is generated for.
+    """Parameters for which a firmware is generated.
 
     Attributes:
         sample_time_s: T.
         metres_per_count: of the encoder; sets the estimator's floor.
         estimator: method.
-        hold_s: how long a lost estimate is kept.
+        hold_s: hold time of a lost estimate.
         slew_per_s: largest relative change of a gain, a second; None for no limit.
         passive: whether gains change without creating energy, with anchor and tank.
         guard_damping_ns_per_m: most that the guard adds: the device's own damping.
-        hand_m_per_unit: how far the hand moves for a unit of the position: 1, or the radius of a handle that turns;
-            what the estimator takes for motion is told there.
+        hand_m_per_unit: travel of the hand per unit of position: 1, or the handle radius of a rotary device; the
+            estimator's motion threshold applies there.
     """
 
     sample_time_s: float = 1e-3
@@ -42,7 +42,7 @@ class RuntimeFigures:
 
 @dataclass(frozen=True)
 class BoardLimits:
-    """What a board says of itself; the values of the netduinoplus2 board.
+    """Limits of a board; the values of the netduinoplus2 board.
 
     Attributes:
         sample_time_s: T.
@@ -51,10 +51,10 @@ class BoardLimits:
         max_damping_ns_per_m: of b, of the wall too.
         max_stiffness_n_per_m: of k, of the wall too.
         max_contact_damping_ns_per_m: of b_p.
-        max_speed_m_per_s: beyond it a fault is latched; 0, here and in what follows: not watched.
-        max_acceleration_m_per_s2: beyond it the encoder has jumped.
-        max_energy_j: that a coupling may give out within about a second without having got it.
-        stuck_swing_n: swings of the force so wide, four of them without one count, are an encoder that is stuck.
+        max_speed_m_per_s: above it a fault is latched; 0, here and below: not monitored.
+        max_acceleration_m_per_s2: above it the encoder has jumped.
+        max_energy_j: largest net energy that a coupling may deliver within about a second.
+        stuck_swing_n: force oscillations of this size, four of them without one count, indicate a stuck encoder.
         max_overruns: ticks in a row that took longer than T.
     """
 
@@ -76,9 +76,9 @@ class BoardLimits:
 
 
 def board_limits(device: Device) -> BoardLimits:
-    """Return the limits of a board for a device; where it says nothing, those of the boards."""
+    """Return the limits of a board for a device; by default those of the boards."""
     usual = BoardLimits()
-    # What no handle does is told at the handle.
+    # Implausible motion is defined at the handle.
     reach = device.metres_per_unit
     force = device.max_force_n or usual.max_force_n * reach
     share = 0.0 if device.resonance is None else device.resonance.mass_ratio
@@ -93,6 +93,6 @@ def board_limits(device: Device) -> BoardLimits:
         max_speed_m_per_s=usual.max_speed_m_per_s / reach,
         max_force_n=force,
         stuck_swing_n=force / 4,
-        # what the actuator alone does to the lighter part, four times over: hands and stops strike too
+        # four times the acceleration of the lighter part by the actuator alone: hands and stops strike too
         max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2 / reach, 4 * force / lightest),
     )

@@ -1,4 +1,4 @@
-"""Where the firmware's sources and its prebuilt image are."""
+"""Paths of the firmware's sources and its prebuilt image."""
 
 from __future__ import annotations
 

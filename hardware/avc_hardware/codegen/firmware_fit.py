@@ -1,4 +1,4 @@
-"""Whether a coupling runs on the packaged firmware, or on that of a certain device, and in which single numbers."""
+"""Compatibility of a coupling with the packaged firmware, or with that of a device, and its single-precision values."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from avc_casadi.model.runtime import StateFeedback
 
 FEEDBACK_STATES = 8
-"""Most states that the packaged firmware feeds back."""
+"""Largest number of observer states of the packaged firmware."""
 
 
 def wall_alone(coupling: Coupling) -> None:
-    """Refuse detents, which a table does not hold; the exported source has them.
+    """Refuse detents, which a table does not hold; the exported source does.
 
     Raises:
         UnsupportedError: the problem has some.
@@ -39,7 +39,7 @@ def single_rows(coupling: Coupling) -> Float32Array:
     """Return the rows of a coupling in single precision, shape (n, 4).
 
     Raises:
-        InputError: a number that single precision cannot hold, or two rows that become one in it.
+        InputError: a value beyond single precision, or two rows that become one in it.
     """
     feedback = coupling.runtime.state_feedback
     with np.errstate(over="ignore", under="ignore"):
@@ -61,7 +61,7 @@ def single_rows(coupling: Coupling) -> Float32Array:
 
 
 def single_feedback(feedback: StateFeedback) -> Float32Array:
-    """Return the numbers of an observer and its feedback in single precision, as `StateFeedback.numbers`."""
+    """Return the parameters of an observer and its feedback in single precision, as `StateFeedback.numbers`."""
     with np.errstate(over="ignore", under="ignore"):
         return feedback.numbers().astype("<f4")
 
@@ -71,7 +71,7 @@ _BUILD = "build it into firmware (avc firmware FILE --board B --built-in --out D
 
 
 class FirmwareLacksError(NotDeployableError, UnsupportedError):
-    """A coupling needs what the firmware on the device does not have: it may not go there (command line: exit code 1).
+    """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1).
 
     Example:
         >>> try:
@@ -82,7 +82,7 @@ class FirmwareLacksError(NotDeployableError, UnsupportedError):
 
 
 class RunningFirmware(Protocol):
-    """What a device tells of the firmware that it runs."""
+    """Firmware running on a device, as it reports it."""
 
     @property
     def built_in(self) -> bool:
@@ -91,30 +91,30 @@ class RunningFirmware(Protocol):
 
     @property
     def coupling_id(self) -> str:
-        """Of the coupling that runs."""
+        """Of the running coupling."""
         ...
 
     @property
     def capacity_states(self) -> int:
-        """Most states that it feeds back."""
+        """Largest number of observer states."""
         ...
 
     @property
     def figures(self) -> RuntimeFigures:
-        """What its control tick was generated for."""
+        """Figures of its control tick."""
         ...
 
 
 def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> None:
-    """Refuse a coupling that needs what the firmware does not have.
+    """Refuse a coupling that needs features that the firmware lacks.
 
     Args:
-        coupling: what is to run.
-        device: whose settings are compared too, as far as the coupling depends on them; None compares with none.
+        coupling: to be run.
+        device: its settings are compared too, as far as the coupling depends on them; None skips that.
 
     Raises:
-        FirmwareLacksError: names everything that the firmware lacks, and what to do.
-        InputError: it is no coupling.
+        FirmwareLacksError: names everything that the firmware lacks, and the remedy.
+        InputError: it is not a coupling.
     """
     require_coupling(coupling)
     runtime = coupling.runtime
@@ -174,7 +174,7 @@ def _same(one: Any, other: Any) -> bool:
 
 
 def figures_of(coupling: Coupling) -> RuntimeFigures:
-    """Return the figures of a firmware for a coupling; where its device says nothing, those of the boards."""
+    """Return the figures of a firmware for a coupling; by default those of the boards."""
     runtime, limits = coupling.runtime, board_limits(coupling.problem.device)
     reach = coupling.problem.device.metres_per_unit
     figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, hand_m_per_unit=reach)

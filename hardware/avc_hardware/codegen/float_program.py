@@ -26,14 +26,14 @@ class _Node:
 
 @dataclass
 class _Body:
-    """The statements of a C function as they grow.
+    """The statements of a C function under construction.
 
     Attributes:
-        of_input: where the function finds an input.
-        constants: by place, what stands for a constant instead of its number.
+        of_input: expression of an input.
+        constants: by place, the expression of a constant in place of its number.
         prefix: of the names of values.
-        names: of the values that are there, by place.
-        truths: which of them are truth values.
+        names: of the defined values, by place.
+        truths: places of the boolean ones.
         lines: the statements.
     """
 
@@ -55,7 +55,7 @@ class FloatProgram:
     """
 
     def __init__(self, function: Any, precision: Precision = SINGLE) -> None:
-        """Take the instructions of an SX function whose inputs and outputs are all scalars.
+        """Read the instructions of an SX function whose inputs and outputs are all scalars.
 
         Raises:
             UnsupportedError: an operation that has no form in C here.
@@ -93,14 +93,14 @@ class FloatProgram:
         self._needed = self._reachable()
 
     def _place_of(self, node: _Node) -> int:
-        """Return where a value is computed, once for all."""
+        """Return the place of a value, which is computed once."""
         if node not in self._known:
             self._known[node] = len(self._nodes)
             self._nodes.append(node)
         return self._known[node]
 
     def _written_out(self, operation: int, at: int) -> int:
-        """Return the place of a function that C has in a library only, as operations that have the same bits anywhere.
+        """Expand a library function of C into operations that have the same bits anywhere; return its place.
 
         The sine is that of the nearest turn, folded to a quarter of it, as a series.
         """
@@ -135,7 +135,7 @@ class FloatProgram:
         return TERMS[self.precision.bits]
 
     def _joined(self, node: _Node) -> _Node:
-        """Make (c ? a : 0) + (!c ? b : 0) one choice."""
+        """Join (c ? a : 0) + (!c ? b : 0) into one choice."""
         ca = self._ca
         if node.operation != ca.OP_ADD:
             return node
@@ -150,7 +150,7 @@ class FloatProgram:
         return node
 
     def _reachable(self, known: Container[int] = (), wanted: Iterable[int] | None = None) -> list[int]:
-        """Return the places that some results need, in order; what is known needs nothing."""
+        """Return the places that some results depend on, in order; known values have no dependencies."""
         needed = set(self._results.values() if wanted is None else wanted)
         for at in range(len(self._nodes) - 1, -1, -1):
             if at in needed and at not in known and self._nodes[at].operation in self._operations:
@@ -158,10 +158,10 @@ class FloatProgram:
         return sorted(needed)
 
     def knowing(self, truths: Mapping[str, bool]) -> FloatProgram:
-        """Return the program for inputs whose truth is known: the choices between values are made, all else stays.
+        """Return the program specialised to boolean inputs of known value: the choices are made, the rest is unchanged.
 
         Args:
-            truths: by name of the input. Places of constants stay what they are.
+            truths: by name of the input. Places of constants are unchanged.
         """
         ca = self._ca
         known: dict[int, bool] = {}
@@ -194,10 +194,10 @@ class FloatProgram:
         return made
 
     def constants_of(self, other: FloatProgram) -> dict[int, float] | None:
-        """Return the values that this program's constants have in another, by place.
+        """Return the values of this program's constants in another, by place.
 
         Returns:
-            None where the other is no program of the same form: other operations, or one constant with two values.
+            None where the other has another form: other operations, or one constant with two values.
         """
         found: dict[int, float] = {}
         seen: set[tuple[int, int]] = set()
@@ -221,7 +221,7 @@ class FloatProgram:
         return found
 
     def __call__(self, *values: Any) -> tuple[NDArray[Any], ...]:
-        """Run in the program's precision on scalars or arrays, one value an input."""
+        """Run in the program's precision on scalars or arrays, one value per input."""
         dtype = self.precision.dtype
         given = [np.asarray(value, dtype=dtype) for value in values]
         work: dict[int, Value] = {}
@@ -245,11 +245,11 @@ class FloatProgram:
         return array.astype(self.precision.dtype, copy=False)
 
     def settled_by(self, inputs: Collection[str], constants: Collection[int] = ()) -> tuple[int, ...]:
-        """Return the values that depend on some inputs alone and are asked for by what depends on others too.
+        """Return the values that depend on some inputs alone and are used with others too.
 
         Args:
             inputs: names; given once for many runs.
-            constants: places of constants that are to be kept like these inputs.
+            constants: places of constants that count as such inputs.
         """
         ca = self._ca
         known: set[int] = set()
@@ -281,17 +281,17 @@ class FloatProgram:
         """Return the statements of a C function; an output may share its place with an input, as a state does.
 
         Args:
-            of_input: where the function finds an input.
-            of_output: what an output is assigned to; None where it is not asked for.
-            constants: by place, what stands for a constant instead of its number.
-            kept: by place, where values are that were computed before (`settled_by`, `settling_lines`).
+            of_input: expression of an input.
+            of_output: target of an output; None where it is unused.
+            constants: by place, the expression of a constant in place of its number.
+            kept: by place, where precomputed values are stored (`settled_by`, `settling_lines`).
             prefix: of the names of values, for two programs in one function.
         """
         there = kept or {}
         real = self.precision.c_type
         body = _Body(of_input, constants or {}, prefix, dict(there))
         self._write(body, self._reachable(there))
-        # States are read all over the body: none is written before all is computed.
+        # States are read throughout the body: none is written before all is computed.
         late, stores = [], []
         for index, name in enumerate(self.outputs):
             place = of_output(name)
@@ -307,7 +307,7 @@ class FloatProgram:
     def settling_lines(
         self, of_input: Callable[[str], str], kept: Mapping[int, str], *, constants: Mapping[int, str] | None = None
     ) -> list[str]:
-        """Return the statements that compute the values to be kept, and put each where it is kept."""
+        """Return the statements that compute and store the values to be kept."""
         body = _Body(of_input, constants or {})
         self._write(body, self._reachable((), kept))
         return body.lines + [f"{place} = {self._value(body, at, truth=False)};" for at, place in kept.items()]
@@ -335,7 +335,7 @@ class FloatProgram:
                 body.lines.append(f"const {kind} {body.names[at]} = {text};")
 
     def _value(self, body: _Body, at: int, *, truth: bool) -> str:
-        """Return how a value is written, as a number or as a truth."""
+        """Return the expression of a value, as a number or as a boolean."""
         name, literal = body.names[at], self.precision.literal
         if truth == (at in body.truths):
             return name

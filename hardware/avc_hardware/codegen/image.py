@@ -1,4 +1,4 @@
-"""A firmware image: what an ELF file loads, where its symbols are, other numbers in it, files for flashing."""
+"""A firmware image: segments of an ELF file, its symbols, patched values, files for flashing."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ _LINE = 16
 
 
 def as_binary(image: Image) -> tuple[int, bytes]:
-    """Return the address of the first byte and all bytes from there on; gaps hold what erased flash holds."""
+    """Return the address of the first byte and all bytes from it; gaps hold the value of erased flash."""
     first = min(segment.address for segment in image.segments)
     last = max(segment.address + len(segment.data) for segment in image.segments)
     data = bytearray([_ERASED]) * (last - first)

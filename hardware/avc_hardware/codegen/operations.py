@@ -16,10 +16,10 @@ class Precision:
     """IEEE numbers of one size.
 
     Attributes:
-        name: as the user says it.
+        name: as users write it.
         c_type: of C.
         suffix: of a C literal.
-        ln: the natural logarithm that a device computes.
+        ln: natural logarithm as on the device.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Precision:
 
     @property
     def bits(self) -> int:
-        """Of a mantissa, the one that is not written down among them."""
+        """Bits of the mantissa, the implicit one included."""
         return int(np.finfo(self.dtype).nmant) + 1
 
     @property
@@ -55,18 +55,18 @@ SINGLE = Precision("single", "float", "f", single_ln)
 DOUBLE = Precision("double", "double", "", double_ln)
 PRECISIONS = {precision.name: precision for precision in (SINGLE, DOUBLE)}
 
-Value = Any  # an array of the program's precision, or of truths
+Value = Any  # an array of the program's precision, or of booleans
 
 
 @dataclass(frozen=True)
 class Operation:
-    """How an operation is written in C and done in numpy; the compiler must neither fuse nor reorder.
+    """An operation in C and in numpy; the compiler must neither fuse nor reorder.
 
     Attributes:
         c: with places for the arguments and the numbers zero and one.
         numpy: the same.
-        truth: whether the result is a truth value.
-        of_truth: which arguments are truth values.
+        truth: whether the result is boolean.
+        of_truth: indices of boolean arguments.
     """
 
     c: str
@@ -76,13 +76,13 @@ class Operation:
 
 
 SELECT = -1  # condition ? a : b, which CasADi writes as a sum of two halves
-NEAREST = -2  # the nearest whole number, as a sum too large to hold a fraction leaves it; none of those beyond it
+NEAREST = -2  # nearest whole number, by adding and subtracting a number too large for a fraction; not for larger values
 # Terms of the series of sin(2 pi u), u up to a quarter, by the bits of the precision.
 TERMS = {24: 7, 53: 12}
 
 
 def operations(ca: Any, precision: Precision) -> dict[int, Operation]:
-    """Return how each operation of CasADi is done in a precision, by its number."""
+    """Return each operation of CasADi in a precision, by its number."""
 
     def arithmetic(c: str, numpy: Callable[..., Value]) -> Operation:
         return Operation(c, numpy)
@@ -105,7 +105,7 @@ def operations(ca: Any, precision: Precision) -> dict[int, Operation]:
         ca.OP_SQ: arithmetic("{0} * {0}", lambda a: a * a),
         ca.OP_TWICE: arithmetic("{0} + {0}", lambda a: a + a),
         ca.OP_SIGN: arithmetic("{0} > {zero} ? {one} : ({0} < {zero} ? -{one} : {zero})", np.sign),
-        # IEEE asks for the nearest number, from C's library too.
+        # IEEE requires the nearest number, of C's library too.
         ca.OP_SQRT: arithmetic(f"sqrt{precision.suffix}({{0}})", np.sqrt),
         ca.OP_FABS: arithmetic("{0} < {zero} ? -{0} : {0}", lambda a: np.where(a < 0, -a, a)),
         ca.OP_FMAX: arithmetic("{0} > {1} ? {0} : {1}", lambda a, b: np.where(a > b, a, b)),

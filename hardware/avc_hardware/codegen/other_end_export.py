@@ -1,4 +1,4 @@
-"""What both exports of couplings to another end share: what is checked, what is judged, and how files are named."""
+"""Shared parts of the two exports of couplings to another end: checks, verdict, and names of files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 FADE_S = 0.05
-"""In which a force fades away, and comes back: long for a sample, short for a hand."""
+"""Fade time of a force, down and up: long for a sample, short for a hand."""
 
 
 class Loops(Protocol):
@@ -26,17 +26,17 @@ class Loops(Protocol):
         """Number of loops."""
 
     def stable(self, gains: ToolGains) -> bool:
-        """Whether every loop is."""
+        """Whether every loop is stable."""
 
     def radius(self, gains: ToolGains) -> tuple[float, Any]:
-        """Return the largest spectral radius and the loop that has it."""
+        """Return the largest spectral radius and its loop."""
 
 
 def checked(precision: str, name: str) -> Precision:
     """Return a precision by name.
 
     Raises:
-        InputError: there is none of that name, or the name of the files is none in C.
+        InputError: no such precision, or a name invalid in C.
     """
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
@@ -45,14 +45,14 @@ def checked(precision: str, name: str) -> Precision:
 
 
 def verdict(problem: Problem, loops: Loops, gains: ToolGains, *, unsafe: bool, also: str = "") -> str:
-    """Judge gains on the loops of their own problem, whatever a certificate beside them says; return a sentence.
+    """Judge gains on the loops of their own problem, independent of any certificate; return a sentence.
 
     Args:
         problem: for the message.
         loops: of the problem.
         gains: K, N/m, and dampers, N.s/m, at the device.
         unsafe: whether gains that are not stable are written too.
-        also: what else the loops hold for.
+        also: further validity of the loops.
 
     Raises:
         NotDeployableError: a loop is not stable.
@@ -68,6 +68,6 @@ def verdict(problem: Problem, loops: Loops, gains: ToolGains, *, unsafe: bool, a
 
 
 def named(problem: Problem, files: Mapping[str, str], name: str) -> dict[str, str]:
-    """Return files in the words of a device, called as asked."""
+    """Return files in the units of a device, under a given name."""
     made = {file: problem.units.code(text) for file, text in files.items()}
     return made if name == NAME else {renamed(file, name): renamed(text, name) for file, text in made.items()}

@@ -1,4 +1,4 @@
-"""What stands round exported C: libraries of build systems, examples in C++, gains of several axes.
+"""Packaging of exported C: libraries of build systems, examples in C++, gains of several axes.
 
 A comment and a name in generated C are made of allowed characters alone, so that no text becomes code.
 """
@@ -18,28 +18,28 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-# Neither * nor \ nor ?: without them no comment ends or begins, no line goes on in the next, no trigraph is either.
+# Excludes *, \ and ?: without them no comment ends or begins, no line continues in the next, and there is no trigraph.
 _FOREIGN = re.compile(r"[^A-Za-z0-9 .,:;()\[\]+=<>%_'/-]")
-# In small letters, since macros have its name in capitals; a linker of C99 may tell 31 characters apart.
+# Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
 _NAME = re.compile(r"[a-z]([a-z0-9_]{0,18}[a-z0-9])?")
 _WIDTH = 115
 
 
 def comment(text: str) -> str:
-    """Return any text as one line of a comment; what is not allowed there becomes a low line."""
+    """Return any text as one line of a comment; other characters become an underscore."""
     return _FOREIGN.sub("_", " ".join(text.split()))
 
 
 def comment_lines(text: str) -> str:
-    """Return any text as lines of a comment, each after the first behind a star."""
+    """Return any text as lines of a comment, each after the first behind an asterisk."""
     return "\n * ".join(textwrap.wrap(comment(text), _WIDTH))
 
 
 def checked_name(name: str) -> str:
-    """Return what the names of an exported coupling begin with.
+    """Return the prefix of the names of an exported coupling.
 
     Raises:
-        InputError: it is no beginning of a name in C.
+        InputError: it is no valid prefix in C.
     """
     if not _NAME.fullmatch(name):
         told = f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
@@ -49,10 +49,10 @@ def checked_name(name: str) -> str:
 
 _FOLDER = Path(__file__).resolve().parent.parent / "packaging"
 _SKETCH = {"examples/wall/wall.ino": "wall.ino"}
-# Whatever a registry asks for beside its manifest; the license is that of the project, whose words the C is made of.
+# Further files for a registry; the license is that of the project, whose text the C consists of.
 _PUBLISHED = {"README.md": "library.md", "LICENSE": "LICENSE", **_SKETCH}
 _WALL = {"examples/avc_wall.hpp": "avc_wall.hpp"}
-# Of each package, where a file goes and what it is called in the folder above.
+# For each package, path and source name of its files.
 _FILES = {
     "arduino": {"library.properties": "library.properties", "keywords.txt": "keywords.txt", **_PUBLISHED},
     "platformio": {"library.json": "library.json", **_PUBLISHED},
@@ -64,7 +64,7 @@ _FILES = {
     "haply": {"examples/haply.cpp": "haply.cpp", **_WALL},
 }
 PACKAGES = tuple(_FILES)
-# Of the sketch, where the device says nothing: the encoder's step and the force at full duty, at the handle.
+# Defaults of the sketch: encoder step and force at full duty, at the handle.
 _USUAL_STEP_M, _USUAL_FORCE_N = 2e-5, 10.0
 _OF_A_LINE = ("chai3d", "openhaptics", "haply")
 
@@ -74,14 +74,14 @@ def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str])
 
     Args:
         files: header and source, by name.
-        coupling: what they hold.
+        coupling: in these files.
         packages: of `PACKAGES`; none leaves the files as they are.
 
     Returns:
         All files by their path with ``/``: header and source in ``src``, the packages' own beside.
 
     Raises:
-        InputError: an unknown package, or an example for an arm of a device that turns.
+        InputError: an unknown package, or an example of an arm with a rotary device.
     """
     wanted = list(packages)
     unknown = [name for name in wanted if name not in _FILES]

@@ -1,6 +1,6 @@
-"""What exported C believes of a position: one rule for walls, tools and teleoperators, its bounds, its words, its C.
+"""Plausibility of positions in exported C: one rule for walls, tools and teleoperators; bounds, text, C code.
 
-A position that no hand brings about is a fault of the sensor. What a law remembers would take it for a motion.
+A position that no hand can cause is a sensor fault. The states of a law would take it for a motion.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.operations import Precision
 
 FARTHEST_M = 1e6
-"""No device measures more; beyond it a position is as good as infinite, and single precision might end."""
+"""Larger positions count as infinite, and single precision might end."""
 FASTEST_M_PER_S = 10.0
-"""No hand moves the handle faster: what goes farther in a sample is a fault of the sensor."""
+"""No hand moves the handle faster: a larger step in a sample is a sensor fault."""
 HAND_M_PER_S2 = 100.0
-"""No hand accelerates the handle more in front of a wall, where nothing else does: ten times what a fast tap takes."""
+"""No hand accelerates the handle more outside the wall, where nothing else does: ten times that of a fast tap."""
 # Six standard deviations of a second difference, in which noise of 1 has sqrt(1 + 4 + 1).
 _NOISE = 15.0
-# A second difference has two steps by rounding, and two more where a count flickers.
+# A second difference has two steps of rounding, and two more of a flickering count.
 _STEPS = 4
 
 
 @dataclass(frozen=True)
 class SensorBounds:
-    """How far a position may be from what the ones before let expect, in the device's own units.
+    """Bounds of a position about its prediction, in the device's own units.
 
     Attributes:
-        fastest_m_per_s: the handle's fastest, by the radius of one that turns.
-        outside_m_per_s2: what a hand alone gives the handle.
-        acceleration_m_per_s2: beyond it the encoder has jumped: what firmware watches, `board_limits`.
+        fastest_m_per_s: largest speed of the handle, by the radius of a rotary one.
+        outside_m_per_s2: acceleration of the handle by a hand alone.
+        acceleration_m_per_s2: above it the encoder has jumped: as monitored by firmware, `board_limits`.
         jump_m: farthest from the position before; the fastest and a step of the encoder at both ends.
-        outside_m: farthest that a movement from outside differs from the one before; a hand's, steps and noise.
-        change_m: the same from inside, where actuator and hand strike.
+        outside_m: largest change of movement outside the wall; a hand's, steps and noise.
+        change_m: the same inside, where actuator and hand act.
     """
 
     fastest_m_per_s: float
@@ -48,7 +48,7 @@ class SensorBounds:
 
     @classmethod
     def of(cls, device: Device, *, detents: bool = False) -> Self:
-        """Return those of a device; detents move it in front of a wall too."""
+        """Return the bounds of a device; detents move it outside a wall too."""
         time, step = device.sample_time_s, device.encoder_resolution_m or 0.0
         fastest = FASTEST_M_PER_S / device.metres_per_unit
         most = board_limits(device).max_acceleration_m_per_s2

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.other_end_coupling import TeleoperatorCoupling
 
-# A link that has missed so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.
+# A link without so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.
 _MESSAGES = 5
 
 _HEADER = """\
@@ -282,17 +282,17 @@ def export_teleoperator_c(
 ) -> dict[str, str]:
     """Return a coupling between two devices as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
 
-    Both ends: spring, dampers, force limit, scales, what is believed of a message, watchdog of the link.
+    Both ends: spring, dampers, force limit, scales, plausibility of a message, watchdog of the link.
 
     Args:
         coupling: of a problem with [follower].
         precision: ``single`` (float) or ``double``.
-        name: what the files, functions, types and macros (in capitals) begin with.
+        name: prefix of the files, functions, types and macros (in capitals).
         unsafe: whether a coupling that is not stable is written too.
 
     Raises:
         NotDeployableError: a loop of the problem is not stable with it.
-        InputError: another precision, or a name that is none in C.
+        InputError: another precision, or a name invalid in C.
     """
     chosen = checked(precision, name)
     judged = verdict(
@@ -311,7 +311,7 @@ def export_teleoperator_c(
 
 
 def _numbers(coupling: TeleoperatorCoupling, precision: Precision) -> dict[str, str]:
-    """Return what both files need of a coupling as literals."""
+    """Return the literals of a coupling for both files."""
     literal = precision.literal
     return {
         "id": coupling.id,
@@ -328,7 +328,7 @@ def _numbers(coupling: TeleoperatorCoupling, precision: Precision) -> dict[str, 
 
 
 def _silence_samples(coupling: TeleoperatorCoupling, own: Device, far: Device, delay_s: float) -> int:
-    """Return after how many samples without a new message the link to one end is silent."""
+    """Return the number of samples without a new message after which the link to one end is silent."""
     late = 2 * coupling.follower.jitter * delay_s
     return math.ceil((_MESSAGES * max(own.sample_time_s, far.sample_time_s) + late) / own.sample_time_s - 1e-9)
 
@@ -368,7 +368,7 @@ def _end(
     feels: bool,
 ) -> str:
     silence, fade = _silence_samples(coupling, own, far, delay_s), _fade_samples(own)
-    # What comes after a longer silence is believed whatever its number.
+    # After a longer silence any message number is accepted.
     most = math.ceil(((silence + fade) * own.sample_time_s + delay_s) / far.sample_time_s) + 1
     bounds, fastest = SensorBounds.of(own), SensorBounds.of(far).fastest_m_per_s
     step = 2 * (far.encoder_resolution_m or 0.0)
@@ -389,7 +389,7 @@ def _end(
 
 
 def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
-    """Return what the header alone tells; every text passes the allow-list of comments."""
+    """Return the comments of the header; every text passes the allow-list of comments."""
     problem, follower, gains, far = coupling.problem, coupling.follower, coupling.gains, coupling.at_follower
     device = problem.device
     to_leader, to_follower = _delays(coupling)

@@ -1,4 +1,4 @@
-"""The generated C of the control tick: a header, a source and the numbers of each part."""
+"""The generated C of the control tick: header, source and constants of each part."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ _BANNER = "/* Generated from the scene's CasADi expressions when firmware is bui
 
 
 def c_sources(template: Template) -> dict[str, str]:
-    """Return the sources of one part by file name; its numbers are in `constants_sources`.
+    """Return the sources of one part by file name; its constants are in `constants_sources`.
 
-    The estimator is a function. What is short is compiled into the tick: the guard, and of the coupling for each law
-    one header for gains that change and one for gains that stay, with the same states.
+    The estimator is a function. Short parts are compiled into the tick: the guard, and for each contact law of the
+    coupling one header for varying and one for constant gains, with the same states.
     """
     name = template.part.name
     kind, _, law = name.partition("_")
@@ -74,7 +74,7 @@ def _signature(types: str, name: str) -> str:
 def _step(
     template: Template, types: str, name: str, *, told: str = "One tick.", truths: dict[str, bool] | None = None
 ) -> list[str]:
-    """Return one tick; of a state that is known to be true nothing is written."""
+    """Return one tick; nothing is written of a state that is known to be true."""
     known = truths or {}
     places = {place: f"avc_{template.part.name}_constants[{index}]" for index, place in enumerate(template.constants)}
     stays = {f"next_{symbol.removeprefix('state_')}" for symbol, truth in known.items() if truth}
@@ -85,7 +85,7 @@ def _step(
 
 
 def _steps(template: Template, types: str, name: str) -> list[str]:
-    """Return the first tick, those that follow, and the choice between them: none of the two asks for it in between."""
+    """Return the first tick, the following ones, and the choice between them: neither uses it in between."""
     (started,) = (state for state in template.part.states if state.endswith("_started"))
     first, later = (
         _step(template, types, f"{name}_{when}", told=told, truths={f"state_{started}": truth})
@@ -124,7 +124,7 @@ def _function(template: Template) -> dict[str, str]:
 
 
 def _steady(template: Template) -> list[str]:
-    """Return what is computed once for gains that stay, and the step with it."""
+    """Return the precomputation for constant gains, and the step with it."""
     part, name = template.part, f"avc_{template.part.name}"
     numbers = {place: f"{name}_constants[{index}]" for index, place in enumerate(template.constants)}
     given = tuple(symbol for symbol in part.inputs if symbol != "position_m")
@@ -188,7 +188,7 @@ _MADE_FOR = """\
 
 
 def made_for(limits: BoardLimits) -> str:
-    """Return the header that says which sample time, encoder and force a firmware is made for."""
+    """Return the header of the sample time, encoder and force of a firmware."""
     return _MADE_FOR.format(
         banner=_BANNER,
         time=SINGLE.literal(limits.sample_time_s),
@@ -212,7 +212,7 @@ def _whole(value: float, scale: float) -> int:
 
 
 def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
-    """Return the numbers of all parts, and what they were made for, by file name.
+    """Return the constants of all parts, and their figures, by file name.
 
     Raises:
         UnsupportedError: figures that would need another program.
@@ -251,10 +251,10 @@ def constants_sources(figures: RuntimeFigures) -> dict[str, str]:
 
 
 def sources_for(limits: BoardLimits, figures: RuntimeFigures) -> dict[str, str]:
-    """Return every generated source of a firmware that is made for one device, by file name.
+    """Return every generated source of a firmware for one device, by file name.
 
     Raises:
-        UnsupportedError: a sample time, or other figures, that no program is made for.
+        UnsupportedError: no program exists for the sample time or other figures.
     """
     return all_sources(figures) | {MADE_FOR: made_for(limits)}
 
@@ -279,7 +279,7 @@ def start_lines(
     starts: dict[int, str] | None = None,
     precision: Precision = SINGLE,
 ) -> list[str]:
-    """Return the statements that set the states of a device at rest; ``starts`` stand for numbers, by state."""
+    """Return the statements that set the states of a device at rest; ``starts`` replace numbers, by state."""
     places = starts or {}
     lines = []
     for index, (name, (middle, high, low)) in enumerate(zip(states, initial, strict=True)):

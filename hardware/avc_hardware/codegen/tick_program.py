@@ -1,14 +1,13 @@
 """The firmware's control tick: the scene's own effects with gains and wall as inputs, as single-precision programs.
 
 A scene reads its gains from a table that is part of the expression; a device receives table and wall by message. So the
-tick is cut where the table is: `estimate` gives the frequency of the look-up, `couple` takes the gains looked up, and
-`guard` acts on the force. The contact law is an input of `couple`; for each law there is a program that is made for it
-alone, and one for gains that are constant, where nothing adapts: what a processor runs. All come from the code that
-scenes run; nothing of them is written a second time.
+tick is cut at the table: `estimate` gives the frequency of the look-up, `couple` takes the gains, and `guard` acts on
+the force. The contact law is an input of `couple`; for each law there is a specialised program, and one for constant
+gains without adaptation: these run on a processor. All come from the code of scenes.
 
-The numbers that depend on the figures are found by building the same expressions for two sets of figures without any
+Constants that depend on the figures are found by building the same expressions for two sets of figures without any
 round number: where the constants differ they go into an array, one for each part, in place of the literal, so that an
-image can be given those of another device.
+image can be patched for another device.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class RuntimeProgram:
         states: names.
         inputs: names.
         outputs: names.
-        initial: state before the first tick with the device at 0, at +1 and at -1: tells which states are positions.
+        initial: state before the first tick with the device at 0, at +1 and at -1, which identifies the positions.
         program: inputs then states -> outputs then next states.
     """
 
@@ -60,7 +59,7 @@ class RuntimeProgram:
     program: FloatProgram
 
     def start(self, position_m: Float32Array) -> dict[str, Float32Array]:
-        """Return the states of a device that has always rested at a position, each of its shape."""
+        """Return the states of a device that has always been at rest at a position, each of its shape."""
         return states_at_rest(self.states, self.initial, position_m)
 
     def __call__(
@@ -76,7 +75,7 @@ class RuntimeProgram:
 def states_at_rest(
     states: tuple[str, ...], initial: tuple[tuple[float, float, float], ...], position_m: NDArray[Any]
 ) -> dict[str, NDArray[Any]]:
-    """Return the states of a device that has always rested at a position, each of its shape.
+    """Return the states of a device that has always been at rest at a position, each of its shape.
 
     Args:
         states: names.
@@ -99,7 +98,7 @@ def states_at_rest(
 
 @dataclass(frozen=True)
 class _AnyWall(Environment):
-    """A wall whose numbers, and whose contact law, are symbols: it may have a damper."""
+    """A wall with symbolic parameters and contact law: it may have a damper."""
 
     @property
     def present(self) -> bool:
@@ -112,7 +111,7 @@ class _AnyWall(Environment):
 
 @dataclass
 class AnyTable:
-    """A gain table that is not known: the look-up is an input."""
+    """A symbolic gain table: the look-up is an input."""
 
     rest_hz: Any
     rest_stiffness_n_per_m: Any
@@ -120,7 +119,7 @@ class AnyTable:
     frequency: list[Any] = field(default_factory=list)
 
     def expressions(self, frequency_hz: Any) -> list[Any]:
-        """Note where the table would be read."""
+        """Record the frequency of the look-up."""
         self.frequency.append(frequency_hz)
         return self.wanted
 
@@ -128,7 +127,7 @@ class AnyTable:
 def runtime_programs(figures: RuntimeFigures) -> tuple[RuntimeProgram, ...]:
     """Return the parts estimate, couple, guard; of each law couple_LAW and steady_LAW."""
     parts = []
-    # CasADi asks Python for shapes while it builds an expression, and passes over what is raised then.
+    # CasADi calls Python for shapes while it builds an expression, and ignores exceptions then.
     with HeldInterrupt():
         ticks = [_ticks(figures, start) for start in (0.0, 1.0, -1.0)]
         for name, (tick, inputs, outputs) in ticks[0].items():
@@ -184,18 +183,18 @@ def _ticks(figures: RuntimeFigures, start_m: float) -> dict[str, _Part]:
 
 
 def _couple(adaptation: Adaptation, estimate: Tick, gains: dict[str, Any], *, clips_last: bool | None) -> _Part:
-    """Build coupling and wall with gains that may change; a law of None is an input."""
+    """Build coupling and wall with varying gains; a law of None is an input."""
     import casadi as ca  # noqa: PLC0415
 
     couple = Tick(estimate.sample_time_s, estimate.start_m, adapt=estimate.adapt)
-    # The adaptation keeps its states in the tick that it was made for: it is made once more for this one.
+    # The adaptation keeps its states in the tick that it was made for: it is built anew for this one.
     couple.position = ca.SX.sym("position_m")
     couple.frequency_hz = couple.frequency_valid = ca.SX(0)
     hold_states = len(couple.states)
     adaptation.sample(couple)
     del couple.states[hold_states:]
     wall: dict[str, Any] = {name: ca.SX.sym(name) for name in _WALL}
-    # Gains that do not vary leave nothing to relax out of contact: their scene has no adaptation.
+    # With constant gains nothing relaxes out of contact: their scene has no adaptation.
     relaxes = {"relaxes": ca.SX.sym("relaxes")}
     laws = {"clips_last": ca.SX.sym("clips_last")} if clips_last is None else {}
     given = {"position_m": couple.position} | gains | wall | relaxes | laws
@@ -219,7 +218,7 @@ def _couple(adaptation: Adaptation, estimate: Tick, gains: dict[str, Any], *, cl
 
 
 def _steady(sample_time_s: float, start_m: float, *, clips_last: bool) -> _Part:
-    """Build coupling and wall with gains that stay as they are."""
+    """Build coupling and wall with constant gains."""
     import casadi as ca  # noqa: PLC0415
 
     gains: dict[str, Any] = {f"wanted_{name}": ca.SX.sym(name) for name in GAINS}
@@ -264,9 +263,9 @@ def _program(
 
 
 SAMPLE_TIMES_S = (5e-5, 1 / 300)
-"""Sample times that one program serves: below, a tick has too few cycles; above, the estimator has fewer resonators."""
+"""Range of sample times of one program: below, a tick has too few cycles; above, the estimator has fewer resonators."""
 
-# No two numbers of the tick are equal by chance at these: T, encoder step, hold, slew, guard, reach of the handle.
+# No two constants of the tick coincide by chance at these: T, encoder step, hold, slew, guard, reach of the handle.
 _GENERIC = (
     (1.03719e-3, 5.3713e-5, 0.21371, 19.3717, 2.17137, 0.87731),
     (0.71933e-3, 8.1371e-5, 0.17933, 23.1733, 3.31973, 1.13937),
@@ -275,12 +274,12 @@ _GENERIC = (
 
 @dataclass(frozen=True)
 class Template:
-    """A part of the tick without its figures.
+    """A part of the tick with its figures left open.
 
     Attributes:
-        part: the program, with figures that stand for any.
-        constants: place in the program of each number of the array.
-        starts: index of the state whose start is each number that follows in the array.
+        part: the program, with placeholder figures.
+        constants: places in the program of the numbers of the array.
+        starts: indices of the states whose initial values follow in the array.
     """
 
     part: RuntimeProgram
@@ -289,11 +288,11 @@ class Template:
 
     @property
     def size(self) -> int:
-        """How many numbers the array has."""
+        """Length of the array."""
         return len(self.constants) + len(self.starts)
 
     def numbers(self, part: RuntimeProgram) -> Float32Array | None:
-        """Return the array of a program for certain figures, shape (size,); None where its form is another."""
+        """Return the array of a program for given figures, shape (size,); None where its form differs."""
         found = self.part.program.constants_of(part.program)
         if found is None or part.states != self.part.states:
             return None
@@ -305,7 +304,7 @@ class Template:
 
 
 def templates(figures: RuntimeFigures) -> tuple[Template, ...]:
-    """Return the parts that a processor runs, whatever the numbers of the figures."""
+    """Return the parts that run on a processor, for any figures."""
     return _templates(figures.estimator, figures.slew_per_s is not None, figures.passive)
 
 

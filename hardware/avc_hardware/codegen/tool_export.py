@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
     from avc_casadi.other_end_coupling import ToolCoupling
 
-# An engine that has missed so many of its longest steps hangs.
+# An engine that has missed so many of its longest steps counts as hanging.
 _STEPS = 5
 _EXCHANGES: tuple[Exchange, ...] = ("on-time", "late", "ahead", "held-force")
 
@@ -245,12 +245,12 @@ def export_tool_c(
     Args:
         coupling: of a problem with [simulation].
         precision: ``single`` (float) or ``double``.
-        name: what the files, functions, types and macros (in capitals) begin with.
+        name: prefix of the files, functions, types and macros (in capitals).
         unsafe: whether a coupling that is not stable is written too.
 
     Raises:
         NotDeployableError: a loop of the problem is not stable with it.
-        InputError: another precision, or a name that is none in C.
+        InputError: another precision, or a name invalid in C.
     """
     chosen = checked(precision, name)
     judged = verdict(coupling.problem, ToolLoops(coupling.problem), coupling.gains, unsafe=unsafe)
@@ -263,7 +263,7 @@ def export_tool_c(
 
 
 def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
-    """Return what both files need of a coupling as literals."""
+    """Return the literals of a coupling for both files."""
     device, tool, literal = coupling.problem.device, coupling.tool, precision.literal
     bounds = SensorBounds.of(device)
     samples = math.ceil(max(tool.step_s) / device.sample_time_s - 1e-9)
@@ -300,7 +300,7 @@ def _clip(limit: str) -> str:
 
 
 def _law(coupling: ToolCoupling, precision: Precision, fastest: float) -> dict[str, str]:
-    """Return the force on the device as expressions: spring, what the dampers take off, which numbers are good."""
+    """Return the force on the device as expressions: spring, dampers, valid inputs."""
     gains, tool, literal = coupling.gains, coupling.tool, precision.literal
     local = f"{literal(gains.local_damping_ns_per_m)} * coupling->velocity_m_per_s"
     if tool.exchange == "held-force":
@@ -312,7 +312,7 @@ def _law(coupling: ToolCoupling, precision: Precision, fastest: float) -> dict[s
             "dampers": local,
         }
     scale = literal(tool.position_scale)
-    # A tool may go as far in a step of the engine as in a sample.
+    # A tool may move as far in a step of the engine as in a sample.
     farthest = fastest * tool.position_scale * max(*tool.step_s, coupling.problem.device.sample_time_s)
     kept = ("tool_position_m", "tool_velocity_m_per_s")
     spring = f"coupling->position_m - coupling->tool_position_m / {scale}"
@@ -330,7 +330,7 @@ def _law(coupling: ToolCoupling, precision: Precision, fastest: float) -> dict[s
 
 
 def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
-    """Return names of what the device's loop is given: the tool's state, or the force on it."""
+    """Return names of the inputs of the device's loop: the tool's state, or the force on it."""
     real = precision.c_type
     if tool.exchange == "held-force":
         return {
@@ -356,7 +356,7 @@ def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
 
 
 def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
-    """Return what the header alone tells; every text passes the allow-list of comments."""
+    """Return the comments of the header; every text passes the allow-list of comments."""
     problem, tool, gains, scene = coupling.problem, coupling.tool, coupling.gains, coupling.in_scene
     device = problem.device
     bounds = SensorBounds.of(device)
@@ -404,7 +404,7 @@ def _engine(tool: VirtualTool) -> str:
 
 
 def _order(tool: VirtualTool) -> list[str]:
-    """Return what is done in a sample of the exchange, one after the other."""
+    """Return the operations of a sample of the exchange, in order."""
     engine = "where the engine steps: force = avc_coupling_tool_force(its state), then the step"
     late = tool.queued
     age = f" {_steps(late)} before this one" if late else ""
@@ -425,7 +425,7 @@ def _order(tool: VirtualTool) -> list[str]:
 
 
 def _otherwise(coupling: ToolCoupling) -> str:
-    """Say which other exchanges these gains hold with, and what each of them is."""
+    """Describe the other exchanges for which these gains hold."""
     used = coupling.tool.exchange
     held = {
         one: ToolLoops(coupling.problem.changed(simulation={"exchange": one})).stable(coupling.gains)

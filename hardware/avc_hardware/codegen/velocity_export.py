@@ -1,4 +1,4 @@
-"""Export of a velocity estimator for a wall of one's own: the expressions that scenes run, as C."""
+"""Export of a velocity estimator for a custom wall: the expressions of scenes, as C."""
 
 from __future__ import annotations
 
@@ -82,18 +82,18 @@ void avc_coupling_velocity_init(avc_coupling_velocity_t *of, {real} position_m)
 
 
 def export_velocity_c(problem: Problem, *, precision: str = "single", name: str = NAME) -> dict[str, str]:
-    """Return header and source of the estimator that the effect velocity-filter of a problem's scene names.
+    """Return header and source of the estimator of a scene's effect velocity-filter.
 
     Args:
         problem: with the effect in its scene.
         precision: ``single`` or ``double``.
-        name: what files, functions, types and macros begin with.
+        name: prefix of files, functions, types and macros.
 
     Returns:
         Header and source by file name.
 
     Raises:
-        InputError: the scene has no such effect, a number of it is missing, or there is no such precision or name.
+        InputError: the scene has no such effect, one of its parameters is missing, or no such precision or name.
     """
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
@@ -142,7 +142,7 @@ def export_velocity_c(problem: Problem, *, precision: str = "single", name: str 
 
 
 def _step(found: VelocityEstimator, sample_time_s: float) -> tuple[dict[str, float], Any]:
-    """Return the states with what they are at rest at 1 m, and a sample as a CasADi function of scalars."""
+    """Return the states with their values at rest at 1 m, and a sample as a CasADi function of scalars."""
     import casadi as ca  # noqa: PLC0415
 
     x = ca.SX.sym("position_m")
@@ -163,7 +163,7 @@ def _step(found: VelocityEstimator, sample_time_s: float) -> tuple[dict[str, flo
         "position_out": position,
     }
     inputs = {f"kept_{name}": symbols[name] for name in states} | {"position_m": x}
-    # A state is an input and an output of one name, so that outputs are told apart.
+    # A state is an input and an output of one name, to distinguish outputs.
     names = [f"next_{name}" for name in outputs]
     function = ca.Function("velocity", [*inputs.values()], [*outputs.values()], [*inputs], names)
     return {f"kept_{name}": at for name, at in states.items()}, function

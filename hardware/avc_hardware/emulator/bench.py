@@ -1,7 +1,7 @@
-"""A device on an emulated board: linear mechanics, dry friction that sticks, delay, encoder and noise.
+"""A device on an emulated board: linear mechanics, dry friction with sticking, delay, encoder and noise.
 
-It may be wired wrongly, and held by the hand that commissioning asks for. What it leaves out: backlash, friction that
-depends on speed or direction, gravity, cable and gear ripple, heat.
+Wiring may be faulty, and the hand of commissioning may hold it. Left out are backlash, friction that depends on speed
+or direction, gravity, cable and gear ripple, heat.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _CODE_ZERO, _CODE_FULL = 2048, 2047
 # Parts of a sample in which the velocity changes evenly.
 _PARTS = 16
-# A share of a sample that is none.
+# A share of a sample that counts as 0.
 _NOTHING = 1e-9
 
 
@@ -45,7 +45,7 @@ class _Part:
 
 
 class BenchPlant:
-    """Moves from sample to sample under the force that has arrived.
+    """A device that moves from sample to sample under the force that has arrived.
 
     Attributes:
         state: position and velocity of the device first, shape (states,).
@@ -54,7 +54,7 @@ class BenchPlant:
     def __init__(
         self, plant: LinearPlant, sample_time_s: float, *, friction_n: float = 0.0, delay_samples: float = 0.0
     ) -> None:
-        """Discretise exactly, but for friction inside a sixteenth of a sample.
+        """Discretise exactly, but for friction within a sixteenth of a sample.
 
         Args:
             plant: the linear part.
@@ -65,7 +65,7 @@ class BenchPlant:
         whole = int(delay_samples)
         late = delay_samples - whole
         self._friction_n = friction_n
-        # Until the newer force arrives, and after: in one step, and in the short ones in which friction turns over.
+        # Until the newer force arrives, and after: in one step, and in short ones in which friction reverses.
         self._halves = [
             (_parts(plant, share * sample_time_s, 1)[0], _parts(plant, share * sample_time_s, _PARTS), newer)
             for share, newer in ((late, False), (1.0 - late, True))
@@ -76,12 +76,12 @@ class BenchPlant:
         self._asked = [0.0] * (whole + 2)
 
     def place(self, position_m: float) -> None:
-        """Put every body there, at rest: nothing between them is stretched."""
+        """Put every body at a position, at rest, without stretch between them."""
         self.state[:] = 0.0
         self.state[self._positions] = position_m
 
     def hold(self, force_n: float) -> None:
-        """Ask for a force, positive against +x, from now on."""
+        """Command a force, positive against +x, from now on."""
         self._asked = [*self._asked[1:], force_n]
 
     def advance(self, target: FloatArray) -> None:
@@ -105,7 +105,7 @@ class BenchPlant:
 
 
 def _friction(before: float, free: float, ease: float, most_n: float) -> float:
-    """Return the mean friction over a part, against +x: it slides, or stops inside and is held or goes the other way.
+    """Return the mean friction over a part, against +x: sliding, or stopping inside and sticking or reversing.
 
     Args:
         before: velocity at the beginning.
@@ -130,10 +130,10 @@ def _parts(plant: LinearPlant, seconds: float, count: int) -> list[_Part]:
 
 
 class BenchDevice:
-    """A device without a hand on it: `count` is its encoder, read once a tick, `hold` its actuator.
+    """A device without a hand on it: `count` reads its encoder, once a tick, `hold` drives its actuator.
 
     Attributes:
-        plant: what moves.
+        plant: the mechanics.
         travel_m, speed_m_per_s: true positions and velocities at every tick so far.
     """
 
@@ -155,7 +155,7 @@ class BenchDevice:
         self.speed_m_per_s: list[float] = []
 
     def count(self) -> int:
-        """Move to the next tick; return what the encoder shows."""
+        """Move to the next tick; return the encoder count."""
         self.plant.advance(self._still)
         seen = float(self.plant.state[self._seen])
         self.travel_m.append(seen)
@@ -165,7 +165,7 @@ class BenchDevice:
         return round(seen / self.limits.metres_per_count)
 
     def hold(self, force_n: float) -> None:
-        """Take the force of this tick, positive against +x."""
+        """Apply the force of this tick, positive against +x."""
         self.plant.hold(force_n)
 
     def board(self) -> EmulatedBoard:
@@ -191,13 +191,13 @@ def force_of_code(code: Any, full_n: float) -> Any:
     return (code - _CODE_ZERO) / _CODE_FULL * full_n
 
 
-# The hand: when it is where, as shares of the way that it makes; then it lets go.
+# The hand: instants and positions as shares of its travel; then it releases the device.
 _TIMES_S = (0.0, 0.8, 1.6, 2.8, 3.6, 5.2)
 _SHARES = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
 
 
 class Wiring(StrEnum):
-    """How a device on the bench is wired."""
+    """Wiring of a device on the bench."""
 
     RIGHT = "right"
     ENCODER_REVERSED = "encoder-reversed"
@@ -207,7 +207,7 @@ class Wiring(StrEnum):
 
 
 class WiredBench:
-    """A device that a hand first pushes into the wall and draws back, and then lets go.
+    """A device that a hand pushes into the wall, draws back, and then releases.
 
     Attributes:
         device: on the bench.
@@ -217,9 +217,9 @@ class WiredBench:
         """Put a device at rest at 0.
 
         Args:
-            declared: what moves.
+            declared: the device.
             wiring: of motor and encoder.
-            way_m: that the hand makes into the wall.
+            way_m: travel of the hand into the wall.
         """
         self.device = BenchDevice(declared)
         self._wiring = wiring
@@ -228,7 +228,7 @@ class WiredBench:
         self._ticks = 0
 
     def count(self) -> int:
-        """Move to the next tick; return what the encoder shows."""
+        """Move to the next tick; return the encoder count."""
         time_s = self._ticks * self._period_s
         self._ticks += 1
         shown = self.device.count()
@@ -241,7 +241,7 @@ class WiredBench:
         return -shown if self._wiring is Wiring.ENCODER_REVERSED else shown
 
     def hold(self, force_n: float) -> None:
-        """Take the force of this tick, positive against +x."""
+        """Apply the force of this tick, positive against +x."""
         gain = {Wiring.MOTOR_REVERSED: -1.0, Wiring.MOTOR_DEAD: 0.0}.get(self._wiring, 1.0)
         self.device.hold(gain * force_n)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
 
 
-# The firmware needs so long to clear its memory and to switch the serial port on; bytes before that are lost.
+# Time in which the firmware clears its memory and switches the serial port on; earlier bytes are lost.
 _BOOT_S = 2e-3
 
 
@@ -30,10 +30,10 @@ def tapping_hand(time_s: float) -> float:
 
 
 class EmulatedBoard:
-    """A `ByteLink` to the firmware: time passes only while something waits for an answer.
+    """A `ByteLink` to the firmware: time passes only while waiting for an answer.
 
     Attributes:
-        limits: what the board says of itself.
+        limits: of the board.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class EmulatedBoard:
         Args:
             image: ELF file of the netduinoplus2 board.
             limits: sample time, encoder and limits; None are those of the image.
-            figures: what the control tick is made for; None are those of the limits.
+            figures: of the control tick; None are those of the limits.
             motion_m: position of the encoder at a time, metres.
             encoder: in place of that, position in counts at a cycle; called once a tick.
             on_force_code: takes the 12-bit code of the force output at every tick.
@@ -83,7 +83,7 @@ class EmulatedBoard:
         self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
 
     def restart(self) -> None:
-        """Switch it off and on: it starts anew with what it keeps."""
+        """Power-cycle it: it restarts with its stored content."""
         self.machine.reset()
         self.machine.received.clear()
         self.machine.sent.clear()
@@ -91,7 +91,7 @@ class EmulatedBoard:
 
     @property
     def name(self) -> str:
-        """How the user calls it."""
+        """Its name as a port."""
         return "emulator"
 
     def now_s(self) -> float:
@@ -99,11 +99,11 @@ class EmulatedBoard:
         return self.machine.cycle / CLOCK_HZ
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the virtual wire."""
+        """Send bytes over the virtual wire."""
         self.machine.send(data)
 
     def read(self, timeout_s: float) -> bytes:
-        """Let virtual time pass until the firmware has sent something, at most ``timeout_s``."""
+        """Advance virtual time until the firmware has sent something, at most ``timeout_s``."""
         machine = self.machine
         machine.run_until(machine.cycle + max(1, round(timeout_s * CLOCK_HZ)), stop=lambda: bool(machine.sent))
         data = bytes(machine.sent)
@@ -111,14 +111,14 @@ class EmulatedBoard:
         return data
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing: there is no resource."""
 
 
 def emulated_board(coupling: Coupling, **options: Any) -> EmulatedBoard:
     """Return a fresh emulated board with the sample time, encoder, force and settings of a coupling.
 
     Args:
-        coupling: what will be pushed to it.
+        coupling: to be pushed.
         options: of `EmulatedBoard`.
 
     Raises:

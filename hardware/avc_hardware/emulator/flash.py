@@ -1,8 +1,8 @@
-"""The flash controller of an emulated STM32F405, with the two sectors that hold what is kept over a reset.
+"""The flash controller of an emulated STM32F405, with its two sectors of non-volatile storage.
 
-What the reference manual (RM0090, 3.6 and 3.9) says: two keys unlock it, other ones lock it until the next reset; a
-sector is erased as a whole, to ones; a word that is written turns ones to zeros alone; what is wrong sets a bit of the
-status and does nothing. While it is busy the flash cannot be read.
+By the reference manual (RM0090, 3.6 and 3.9): two keys unlock it, other ones lock it until the next reset; a sector is
+erased as a whole, to ones; writing a word only clears bits; an error sets a bit of the status and has no other effect.
+While it is busy the flash cannot be read.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ class FlashController:
 
     Attributes:
         memory: of the two sectors.
-        left: operations (erases, words) until the power is cut in the middle of one; None: it is not.
-        powered: false once it was cut, until the next reset.
-        busy_until: the cycle at which the operation that runs has ended.
+        left: operations (erases, words) until a power cut in the middle of one; None: no cut.
+        powered: false after the cut, until the next reset.
+        busy_until: cycle at which the running operation ends.
     """
 
     def __init__(self, memory: bytes = b"\xff" * (_SECTORS * SECTOR_BYTES)) -> None:
-        """Take a content, or begin erased."""
+        """Start with a content, or erased."""
         self.memory = bytearray(memory)
         self.left: int | None = None
         self.reset()
 
     def reset(self) -> None:
-        """Lock it; what it keeps is kept."""
+        """Lock it; its content is kept."""
         self.powered = True
         self.busy_until = 0
         self._keys: tuple[int, ...] = ()
@@ -54,7 +54,7 @@ class FlashController:
         return cycle < self.busy_until
 
     def read_register(self, address: int, cycle: int) -> int:
-        """Return what a register says."""
+        """Return the value of a register."""
         match address - BASE:
             case 0x0C:
                 return self._status | (_BUSY if self.busy(cycle) else 0)
@@ -63,7 +63,7 @@ class FlashController:
         return 0
 
     def write_register(self, address: int, value: int, cycle: int) -> None:
-        """Take a key, forget errors, or begin to erase."""
+        """Accept a key, clear errors, or start to erase."""
         register = address - BASE
         if register == _KEY:
             self._keys = (*self._keys, value)
@@ -80,7 +80,7 @@ class FlashController:
                 self._erase((value >> 3 & 0xF) - _FIRST_SECTOR, cycle)
 
     def read(self, offset: int, size: int) -> int:
-        """Return what stands at an offset behind `KEPT`."""
+        """Return the bytes at an offset from `KEPT`."""
         return int.from_bytes(self.memory[offset : offset + size], "little")
 
     def write(self, offset: int, size: int, value: int, cycle: int) -> None:
@@ -100,7 +100,7 @@ class FlashController:
 
     def _erase(self, index: int, cycle: int) -> None:
         if not 0 <= index < _SECTORS:
-            self._status |= _WRITE_PROTECTED  # there is the program
+            self._status |= _WRITE_PROTECTED  # the program is there
             return
         place = slice(index * SECTOR_BYTES, (index + 1) * SECTOR_BYTES)
         if self._takes():
@@ -111,7 +111,7 @@ class FlashController:
         self.busy_until = cycle + _ERASE_CYCLES
 
     def _takes(self) -> bool:
-        """Whether the power lasts for one more operation."""
+        """Return whether the power lasts for one more operation."""
         if self.left is None:
             return True
         self.left -= 1

@@ -1,4 +1,4 @@
-"""An emulated STM32F405: Unicorn runs the core, this file adds what it lacks: SysTick, interrupts and the peripherals.
+"""An emulated STM32F405: core by Unicorn; SysTick, interrupts and peripherals here.
 
 Time is counted in cycles of the core's clock. A slice of the main loop runs until the next event (timer, byte received,
 byte sent) and takes the time until then; waiting for an interrupt, for the transmitter or for the flash ends the
@@ -26,14 +26,14 @@ _RAM, _RAM_SIZE = 0x20000000, 0x20000
 _SYSTEM, _APB1, _TIMERS, _SERIAL = 0xE000E000, 0x40007000, 0x40010000, 0x40011000
 _WATCHDOG, _PORTS, _RESETS = 0x40003000, 0x40020000, 0x40023000
 _PAGE = 0x1000
-# Where interrupt handlers return to: a page of its own, never executed.
+# Return address of interrupt handlers: a page of its own, never executed.
 _RETURN = 0x1FFF0000
 _STACKED_BYTES = 26 * 4
 _SYSTICK_VECTOR, _SERIAL_VECTOR = 15, 16 + 37
 _RECEIVED, _OVERRUN, _TRANSMIT_EMPTY, _TRANSMITTED = 1 << 5, 1 << 3, 1 << 7, 1 << 6
 _RECEIVE_INTERRUPT = 1 << 5
 _COUNTED = 1 << 16
-# Reasons of a reset as RCC_CSR tells them, and what forgets them; the clock of the watchdog.
+# Reset causes of RCC_CSR, and their clear bit; the clock of the watchdog.
 BY_WATCHDOG, BY_POWER_ON, BY_BROWN_OUT = 1 << 29, 1 << 27, 1 << 25
 _FORGET = 1 << 24
 _SLOW_HZ = 32_000
@@ -42,11 +42,11 @@ _HANDLER_LIMIT = 1_680_000
 
 
 class Machine:
-    """The board: `run_until` lets time pass; bytes and positions go in, bytes and forces come out.
+    """The board: `run_until` advances time; bytes and positions go in, bytes and forces come out.
 
     Attributes:
         enabled: whether the enable line is closed.
-        flash: its controller, and what is kept over a reset.
+        flash: its controller, with the non-volatile storage.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Machine:
             MissingExtraError: Unicorn is not installed.
         """
         try:
-            # On import it passes over whatever goes wrong with a copy of its library, Ctrl-C included.
+            # On import it ignores any fault of a copy of its library, Ctrl-C included.
             with HeldInterrupt():
                 unicorn: Any = importlib.import_module("unicorn")
                 arm_const: Any = importlib.import_module("unicorn.arm_const")
@@ -111,7 +111,7 @@ class Machine:
         """Start the firmware anew; memory outside .data and .bss keeps its content, time goes on.
 
         Args:
-            why: bits of RCC_CSR; switching on by default.
+            why: bits of RCC_CSR; power-on by default.
         """
         for segment in self._image.segments:
             self._core.mem_write(segment.address, segment.data)
@@ -136,7 +136,7 @@ class Machine:
 
     @property
     def baud(self) -> float:
-        """Rate that the firmware has set, bits a second; the wire runs at it."""
+        """Baud rate set by the firmware, bits a second, also that of the wire."""
         divisor = self._registers.get(_SERIAL + 0x8, 0)
         return CLOCK_HZ / 2 / divisor if divisor else 115200.0
 
@@ -146,7 +146,7 @@ class Machine:
         return round(10 * CLOCK_HZ / self.baud)
 
     def send(self, data: bytes) -> None:
-        """Put bytes on the wire to the firmware, behind those that are still on it."""
+        """Send bytes to the firmware, behind those that are still on the wire."""
         if not self.received:
             self._next_byte = max(self._next_byte, self.cycle + self.byte_cycles)
         self.received.extend(data)
@@ -166,7 +166,7 @@ class Machine:
         return bytes(self._core.mem_read(address, size))
 
     def run_until(self, cycle: int, *, stop: Callable[[], bool] = lambda: False) -> None:
-        """Let time pass until a cycle, or until ``stop`` says so between two events."""
+        """Advance time until a cycle, or until ``stop`` is true between two events."""
         with HeldInterrupt() as interrupt:
             while self.cycle < cycle and not interrupt.came and not stop():
                 if not self.flash.powered:
@@ -196,20 +196,20 @@ class Machine:
 
     def _run_main(self, count: int) -> None:
         if self.flash.busy(self.cycle) and self._pc < _RAM:
-            self._busy = False  # what is to run cannot be read
+            self._busy = False  # the code to run cannot be read
             return
         self._waits = self._polled = False
         self._in_main = True
         self._execute(self._pc | 1, 0, max(count, 2))
         self._in_main = False
         self._pc = self._core.reg_read(self._arm.UC_ARM_REG_PC)
-        # Nothing stands before the first instruction that runs from memory.
+        # Nothing precedes the first instruction that runs from memory.
         waiting = self._pc != _RAM and bytes(self._core.mem_read(self._pc - 2, 2)) == b"\x30\xbf"  # wfi
         self._busy = not (waiting or self._waits)
 
     def _execute(self, start: int, until: int, count: int) -> None:
         try:
-            # An exception that is raised in a callback of the emulator is lost, and Ctrl-C with it.
+            # An exception in a callback of the emulator is lost, and Ctrl-C with it.
             with HeldInterrupt():
                 self._core.emu_start(start, until, count=count)
         except self._error as error:
@@ -217,7 +217,7 @@ class Machine:
             raise LinkError(f"the emulated firmware crashed at {place:#010x}: {error}") from error
 
     def _deliver(self) -> None:
-        """Let the events of this cycle happen, the timer first, as the interrupt priorities say."""
+        """Process the events of this cycle, the timer first, by interrupt priority."""
         if self._bites is not None and self.cycle >= self._bites:
             self.reset(BY_WATCHDOG)
         self._held = self.flash.busy(self.cycle) or bool(self._core.reg_read(self._arm.UC_ARM_REG_PRIMASK))
@@ -247,7 +247,7 @@ class Machine:
             self._pending.add(vector)
             return
         core = self._core
-        core.context_update(self._saved)  # the registers that the hardware and the handler would stack
+        core.context_update(self._saved)  # the registers stacked by hardware and handler
         stack = core.reg_read(self._arm.UC_ARM_REG_SP)
         core.reg_write(self._arm.UC_ARM_REG_SP, (stack - _STACKED_BYTES) & ~7)
         core.reg_write(self._arm.UC_ARM_REG_LR, _RETURN | 1)
@@ -273,7 +273,7 @@ class Machine:
                 return 0 if self.enabled else 1
             case 0x40023C0C | 0x40023C10 as address:
                 if self._in_main and self.flash.busy(self.cycle):
-                    if self._polled:  # once round in a slice: the loop feeds the watchdog
+                    if self._polled:  # once per slice: the loop feeds the watchdog
                         self._waits = True
                         self._core.emu_stop()
                     self._polled = True

@@ -1,4 +1,4 @@
-"""Bytes: what a link is to the layers above, and the serial port as one."""
+"""Byte streams: the interface of a link to the layers above, and the serial port as one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import serial
 
 from avc_casadi import LinkError, PortError
 
-# Longest a single write may block: a device that takes no bytes for so long is gone.
+# Longest block of a single write: a device that takes no bytes for so long is gone.
 WRITE_TIMEOUT_S = 2.0
 
 
@@ -18,7 +18,7 @@ class ByteLink(Protocol):
 
     @property
     def name(self) -> str:
-        """How the user calls it."""
+        """Its name as a port."""
         ...
 
     def now_s(self) -> float:
@@ -30,11 +30,11 @@ class ByteLink(Protocol):
         ...
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has arrived, waiting at most ``timeout_s`` for the first byte; empty when nothing came."""
+        """Return the bytes that have arrived, waiting at most ``timeout_s`` for the first; empty when nothing came."""
         ...
 
     def close(self) -> None:
-        """Give the link back; harmless when repeated."""
+        """Close the link; harmless when repeated."""
         ...
 
 
@@ -45,7 +45,7 @@ class SerialLink:
         """Open ``port`` (a device path or a pyserial URL) at ``baud`` bits a second.
 
         Raises:
-            PortError: it cannot be opened; says what to do.
+            PortError: it cannot be opened; with advice.
         """
         self._name = port
         try:
@@ -57,7 +57,7 @@ class SerialLink:
                 exclusive=True,
                 do_not_open=True,
             )
-            # Some USB devices send only to a reader that shows itself; others are reset by that, and HELLO asks again.
+            # Some USB devices send only with DTR set; others are reset by that, and HELLO is repeated.
             self._port.dtr, self._port.rts = True, False
             self._port.open()
             self._port.reset_input_buffer()
@@ -83,7 +83,7 @@ class SerialLink:
             ) from error
 
     def read(self, timeout_s: float) -> bytes:
-        """Return what has arrived, waiting at most ``timeout_s`` for the first byte."""
+        """Return the bytes that have arrived, waiting at most ``timeout_s`` for the first."""
         try:
             self._port.timeout = max(timeout_s, 0.0)
             first = self._port.read(1)

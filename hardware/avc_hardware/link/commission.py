@@ -1,17 +1,17 @@
-"""Commission: find by a hand and by a small pulse whether a device is wired rightly, and where its wall shall begin.
+"""Commissioning: check the wiring of a device by a hand and by a small pulse, and set the position of its wall.
 
-Nothing pushes until the encoder is known to count up on the way into the wall. The pulse is open-loop, within limits of
-force, speed and travel that the device keeps by itself. What is wrong is latched on the device, which then takes no
-table; what is right ends with a low force limit for the first touch.
+There is no force until the encoder is known to count up on the way into the wall. The pulse is open-loop, within limits
+of force, speed and travel that the device monitors by itself. Faults are latched on the device, which then takes no
+table; correct wiring ends with a low force limit for the first touch.
 
-How far a pulse moves a device, against mass, damping and dry friction: how long it lasts, how weak it may be.
+The response of a device to a pulse, by mass, damping and dry friction, gives its duration and its least force.
 
 The pulse is one period of a sine. From rest, with t = omega time, speed u in F/(m omega), beta = damping/(m omega) and
 phi = friction/F the way into the wall obeys
 
     u' = sin(t) - phi - beta u    from sin(t) = phi on, until u = 0
 
-a linear equation: u is the sum of what answers the sine, what answers the friction, and what dies out.
+a linear equation: u is the sum of the response to the sine, the response to the friction, and a decaying part.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ if TYPE_CHECKING:
 
 __all__ = ["LEAST_COUNTS", "Moved"]
 
-# The way that a pulse shall make at the hand, and the counts of the encoder above which a device has moved.
+# Travel of a pulse at the hand, and encoder counts above which a device has moved.
 _WAY_M, LEAST_COUNTS = 1e-3, 5
-# A pulse is planned for so many times these counts; one that makes fewer than that however long it lasts is too weak.
+# A pulse is planned for so many times these counts; one below that at any duration is too weak.
 _PLANNED, _ACCEPTED = 4, 2
 _SHORTEST_S, _LONGEST_S = 0.02, 1.0
-# What a pulse has beyond the dry friction moves the device: a fifth of it, which a little more friction leaves some of.
+# Only the excess over dry friction moves the device: a fifth of the force, with a margin for a little more friction.
 _OVER_FRICTION = 1.25
 _TIMES, _HALVINGS = 1000, 50
 
@@ -61,13 +61,13 @@ def _most(nominal: float, stated: tuple[float, float] | None) -> float:
 
 @dataclass(frozen=True)
 class Moved:
-    """What a pulse moves: the device as declared, each value at the end of its range that holds it back most.
+    """The device under a pulse: as declared, each value at the least favourable end of its range.
 
     Attributes:
         mass_kg: what the hand moves.
         damping_ns_per_m: viscous.
         friction_n: dry.
-        reach_m: how far the hand moves for a unit of the position: 1, or the radius of the handle of what turns.
+        reach_m: travel of the hand per unit of position: 1, or the handle radius of a rotary device.
     """
 
     mass_kg: float
@@ -77,7 +77,7 @@ class Moved:
 
     @classmethod
     def of(cls, declared: DeclaredDevice) -> Moved:
-        """Return the upper end of each range, where one is stated."""
+        """Return it with the upper end of each range, where one is given."""
         ends = declared.range
         return cls(
             _most(declared.mass_kg, ends.mass_kg),
@@ -87,7 +87,7 @@ class Moved:
         )
 
     def way_m(self, force_n: float, seconds: float) -> float:
-        """Return how far a pulse moves it into the wall, from rest; 0 where the friction holds it."""
+        """Return the travel of a pulse into the wall, from rest; 0 where friction holds the device."""
         if force_n <= self.friction_n:
             return 0.0
         rad_s = 2 * math.pi / seconds
@@ -102,7 +102,7 @@ class Moved:
         return force_n / (self.mass_kg * rad_s**2) * float(speed.mean() * since[-1])
 
     def seconds(self, force_n: float, metres_per_count: float) -> float:
-        """Return how long a pulse lasts that makes the way, or the longest one."""
+        """Return the duration of a pulse with the travel, or the longest one."""
         wanted_m = max(_WAY_M / self.reach_m, _PLANNED * LEAST_COUNTS * metres_per_count)
         low, high = _SHORTEST_S, _LONGEST_S
         for _ in range(_HALVINGS):
@@ -111,10 +111,10 @@ class Moved:
         return high
 
     def least_n(self, metres_per_count: float) -> float:
-        """Return the weakest force whose pulse is seen: above the friction, and far enough in the longest time.
+        """Return the least force of a visible pulse: above the friction, and far enough at the longest duration.
 
         Args:
-            metres_per_count: of the encoder; 0 asks for what the friction alone asks for.
+            metres_per_count: of the encoder; 0 considers the friction alone.
         """
         above_friction_n = _OVER_FRICTION * self.friction_n
         wanted_m = _ACCEPTED * LEAST_COUNTS * metres_per_count
@@ -136,29 +136,29 @@ class Moved:
 INTO_WALL = "1. push it by hand INTO the wall, the way in which it shall be stopped, {mm:g} mm or more; hold it there"
 BACK = "2. draw it back to where the face of the wall shall be, and hold it still there"
 HANDS_OFF = "3. hands off: in {wait:g} s a pulse of {force:g} N for {time:.0f} ms, into the wall and back"
-# What the steps take: rate of looking, stillness, patience, pause before the pulse.
+# Parameters of the steps: polling rate, stillness, patience, pause before the pulse.
 _RATE_HZ, _STILL_S, _PATIENCE_S, _WAIT_S = 100.0, 0.5, 30.0, 2.0
-# Still: within this share of the way that was asked for.
+# Still: within this share of the requested travel.
 _STILL = 0.05
-# The pulse's limits of speed and travel at the hand, and what the firmware takes as one of speed in the device's unit.
+# The pulse's limits of speed and travel at the hand, and the firmware's range of speed limits in the device's unit.
 _SPEED_M_PER_S, _TRAVEL_M, _MOST_RATE = 0.3, 0.01, 10.0
 _FIRST_TOUCH = 0.1
-# The way of a hand: counts that make stillness seen, what is usual, and what is still a way on a desk.
+# Travel of the hand: counts that show stillness, the default, and the largest on a desk.
 _LEAST_WAY_COUNTS, _USUAL_WAY_M, _LONGEST_WAY_M = 20, 5e-3, 0.1
 
 
 @dataclass(frozen=True)
 class Commissioned:
-    """What commissioning found.
+    """Result of commissioning.
 
     Attributes:
-        port: as the user named it.
-        found: faults of the wiring, latched on the device; none where all is right.
-        sentence: the same for people.
-        by_hand_m: how far the encoder moved on the way into the wall, by its own sign.
+        port: as given.
+        found: faults of the wiring, latched on the device; none where it is correct.
+        sentence: the same as text.
+        by_hand_m: travel of the encoder on the way into the wall, by its own sign.
         pulse_n: force of the pulse.
-        pulse_m: how far it moved the device along +position; not a number where there was none.
-        zero: whether position 0 is now where the device was held.
+        pulse_m: travel of the device along +position; NaN where there was none.
+        zero: whether position 0 was set to where the device was held.
         limits: at run time, from now on.
     """
 
@@ -192,25 +192,25 @@ def commission(
 ) -> Commissioned:
     """Check the signs of encoder and motor, set position 0, and limit the force for a first touch.
 
-    A coupling that ran before is gone; after that a push finds a device that gives at most ``first_touch_n`` until
-    `set_limits` raises it.
+    A running coupling is removed; after that a push finds a device limited to ``first_touch_n`` until `set_limits`
+    raises it.
 
     Args:
-        declared: what is known of the device: its mass, friction and force say how long the pulse lasts.
+        declared: the device: its mass, friction and force give the duration of the pulse.
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        force_n: of the pulse, 1.25 times the dry friction or more, and what the damping leaves a way that is seen;
-            default three times the friction, at least a tenth of the device's force.
+        force_n: of the pulse, at least 1.25 times the dry friction, and enough for a visible travel against the
+            damping; default three times the friction, at least a tenth of the device's force.
         first_touch_n: force limit at the end; default a tenth of the device's force.
-        by_hand_m: least way of the hand into the wall, 20 counts of the encoder to 0.1 m at the hand; default 5 mm
+        by_hand_m: least travel of the hand into the wall, 20 counts of the encoder to 0.1 m at the hand; default 5 mm
             there.
-        on_bench: wiring of the emulated board, whose hand does what is asked.
+        on_bench: wiring of the emulated board, whose hand follows the instructions.
         baud: rate of a serial port.
-        on_step: takes what the person at the device is to do next.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        on_step: receives the next instruction to the operator.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
-        InputError: a force or a way out of range, all at once.
-        LinkError: no device, other faults latched, or the hand did not do what was asked.
+        InputError: a force or a travel out of range, all at once.
+        LinkError: no device, other faults latched, or the hand did not follow the instructions.
         MissingExtraError: ``emulator`` without its extra.
     """
     moved_by = Moved.of(declared)
@@ -249,7 +249,7 @@ def commission(
         if back > -by_hand_m / 2:
             raise LinkError(f"{link.name}: nobody drew it back in {_PATIENCE_S:g} s; commission again")
         connection.run(connection.session.ask(Kind.ZERO, b"", m.Zeroed))
-        # What commissioning set before is no limit of this pulse.
+        # An earlier commissioning's limits do not apply to this pulse.
         limit_over(connection, replace(limits, force_n=max(pulse_n, touch_n)))
         plan = pulse_plan(moved_by, device, pulse_n)
         on_step(HANDS_OFF.format(wait=_WAIT_S, force=pulse_n, time=1e3 * plan.seconds))
@@ -270,7 +270,7 @@ def commission(
 
 
 def _check_asked(force_n: float | None, moved_by: Moved, by_hand_m: float) -> None:
-    """Refuse what no device could do, before a port is opened."""
+    """Refuse impossible arguments, before a port is opened."""
     faults = []
     longest_m = _LONGEST_WAY_M / moved_by.reach_m
     if force_n is not None and not force_n >= moved_by.least_n(0.0):
@@ -288,7 +288,7 @@ def _check_asked(force_n: float | None, moved_by: Moved, by_hand_m: float) -> No
 def _weak(force_n: float, moved_by: Moved, metres_per_count: float) -> Fault:
     least_n = moved_by.least_n(metres_per_count)
     damped = f" and a damping of {moved_by.damping_ns_per_m:g} N.s/m" if least_n > moved_by.least_n(0.0) else ""
-    # Three digits, rounded up: what is told is allowed.
+    # Three digits, rounded up: the printed value is allowed.
     grain = 10.0 ** (math.floor(math.log10(least_n)) - 2)
     least_n = math.ceil(least_n / grain - 1e-6) * grain
     message = (
@@ -299,7 +299,7 @@ def _weak(force_n: float, moved_by: Moved, metres_per_count: float) -> Fault:
 
 
 def _check_of_device(device: Device, pulse_n: float, touch_n: float, moved_by: Moved, by_hand_m: float) -> None:
-    """Refuse what this device cannot do, before it is touched."""
+    """Refuse arguments impossible for this device, before it is touched."""
     most, step_m = device.max_force_n, device.metres_per_count
     faults = [
         Fault("", None, key, f"{value:g} N; allowed: above 0, at most the device's {most:g} N")
@@ -320,7 +320,7 @@ def _check_of_device(device: Device, pulse_n: float, touch_n: float, moved_by: M
 
 
 def _begin(connection: Connection, limits: Limits) -> None:
-    """No force from here on: what ran before is gone, and what an earlier commissioning found."""
+    """Remove the running coupling, so that there is no force, and the findings of an earlier commissioning."""
     name, ask = connection.link.name, connection.session.ask
     status = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
     others = DeviceFault(status.faults) & ~(WIRED_WRONGLY | DeviceFault.STUCK)
@@ -333,7 +333,7 @@ def _begin(connection: Connection, limits: Limits) -> None:
 
 
 def _by_hand(connection: Connection, far: Callable[[float], bool], asked_m: float) -> float:
-    """Wait until the device has gone far and stands still; return its way, also where that never came."""
+    """Wait until the device has moved far enough and stands still; return its travel, also if that never came."""
     start: float | None = None
     way = furthest = 0.0
     recent: deque[float] = deque(maxlen=round(_STILL_S * _RATE_HZ))
@@ -351,7 +351,7 @@ def _by_hand(connection: Connection, far: Callable[[float], bool], asked_m: floa
 
 
 def pulse_plan(moved_by: Moved, device: Device, force_n: float) -> Plan:
-    """Plan one period of a sine: a free mass goes one way and stands still at its end."""
+    """Plan one period of a sine: a free mass moves one way and stands still at its end."""
     speed_m_per_s = min(_SPEED_M_PER_S / moved_by.reach_m, _MOST_RATE)
     seconds = moved_by.seconds(force_n, device.metres_per_count)
     ticks = max(round(seconds / device.sample_time_s), 8)
@@ -372,13 +372,13 @@ def pulse_plan(moved_by: Moved, device: Device, force_n: float) -> Plan:
 
 
 def _answer(log: ExcitationLog) -> float:
-    """Return the furthest way along +position since the pulse began, m."""
+    """Return the largest travel along +position since the pulse began, m."""
     way = log.position_m - log.position_m[0]
     return float(way[np.argmax(np.abs(way))])
 
 
 def _wrong(connection: Connection, found: Commissioned, fault: DeviceFault, said: str) -> Commissioned:
-    """Latch what was found on the device, so that no coupling gives a force."""
+    """Latch the findings on the device, so that no coupling gives a force."""
     ask = connection.session.ask
     connection.run(ask(Kind.LATCH, m.latch(fault), m.ClearAsked))
     connection.run(pause(5 * connection.device.sample_time_s))

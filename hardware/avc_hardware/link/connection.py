@@ -1,4 +1,4 @@
-"""Connection: serial ports and the one of a known USB device; dialogues of a session over a link, by its own clock."""
+"""Connection: serial ports, also that of a known USB device; dialogues of a session over a link, by its own clock."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Port:
 
     Attributes:
         device: path to give as ``--port``.
-        description: what the system calls it.
+        description: of the operating system.
         manufacturer: None where unknown.
         vendor_id: USB vendor, None for a port that is not USB.
         product_id: USB product.
-        serial_number: of the USB device: the same board has the same number on any socket.
+        serial_number: of the USB device, independent of the socket.
         accessible: whether this user may open it.
     """
 
@@ -69,10 +69,10 @@ def list_ports() -> tuple[Port, ...]:
 
 
 def find_port(serial_number: str) -> str:
-    """Return the path that the USB device with this serial number has now; it may change with every plugging in.
+    """Return the present path of the USB device with this serial number; it may change with every plugging in.
 
     Raises:
-        PortError: it is not there.
+        PortError: it is not connected.
     """
     ports = list_ports()
     for port in ports:
@@ -84,7 +84,7 @@ def find_port(serial_number: str) -> str:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Facts and advice.
+    """Facts about the installation, and advice.
 
     Attributes:
         emulator: version of Unicorn, or None: then ``--port emulator`` is not available.
@@ -92,7 +92,7 @@ class Diagnosis:
         c_compiler: path of gcc, clang or cc, or None.
         arm_compiler: path of the cross compiler, or None.
         ports: serial ports.
-        advice: what to install or change; empty when all is there.
+        advice: what to install or change; empty where complete.
     """
 
     emulator: str | None
@@ -104,7 +104,7 @@ class Diagnosis:
 
 
 def diagnose() -> Diagnosis:
-    """Look, without opening a port."""
+    """Inspect the installation, without opening a port."""
     try:
         emulator: str | None = importlib.metadata.version("unicorn")
     except importlib.metadata.PackageNotFoundError:
@@ -144,7 +144,7 @@ DEFAULT_BAUD = 115200
 # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
 _BYTES_ON_THE_WAY = 1536 + 1024
 _THINKING_S = 0.15
-# A board that starts anew when its port is opened is quiet for longer than it takes to answer.
+# A board that restarts when its port is opened is silent for longer than it takes to answer.
 _SILENCE_S = 1.0
 _DEADLINE_S = 15.0
 
@@ -163,7 +163,7 @@ class Connection:
         on_wait: Callable[[], None] | None = None,
         on_silence: Callable[[str], None] | None = None,
     ) -> None:
-        """Take over a link and say hello.
+        """Take over a link and send HELLO.
 
         Args:
             link: bytes; closed with this connection.
@@ -171,9 +171,9 @@ class Connection:
             deadline_s: longest that one dialogue may last, on the link's clock; default 15 s and four times the
                 time of a full table on the wire.
             session: number of this host; random by default.
-            on_log: takes the lines of text that the firmware sends.
-            on_wait: called when a table waits for the device to be let go.
-            on_silence: told once what is waited for, and how long, where the device does not answer at once.
+            on_log: receives the firmware's lines of text.
+            on_wait: called when a table waits for the device to be released.
+            on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
         Raises:
             LinkError: no answer, or firmware of another version.
@@ -203,7 +203,7 @@ class Connection:
     def _told_of_silence(
         self, dialogue: Generator[Exchange, Answer, T], baud: int, on_silence: Callable[[str], None] | None
     ) -> Generator[Exchange, Answer, T]:
-        """Run a dialogue, and say once that nothing has answered for a while."""
+        """Run a dialogue, and report once that nothing has answered for a while."""
         begun, told = self.link.now_s(), on_silence is None
         exchange = next(dialogue)
         try:
@@ -247,7 +247,7 @@ class Connection:
             return result
 
     def heartbeat(self, within_s: float) -> str:
-        """Say that this host is alive, and that it will say so again in time; without that the device fades its force.
+        """Send a heartbeat with the time to the next one, without which the device fades its force.
 
         Args:
             within_s: longest time to the next heartbeat, at most 5 s; 0 ends the supervision.
@@ -298,7 +298,7 @@ class Connection:
         return self._telemetry.popleft()
 
     def _read(self, timeout_s: float) -> None:
-        """Sort what comes in: answers, what is pushed, lines of text."""
+        """Sort incoming messages: answers, telemetry, lines of text."""
         for frame in self._decoder.feed(self.link.read(timeout_s)):
             message = parse(frame)
             if isinstance(message, Log):
@@ -331,9 +331,9 @@ def open_link(port: str, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None 
 
     Raises:
         InputError: another rate than that of the emulated board.
-        PortError: it is not there or cannot be opened.
+        PortError: it is not connected or cannot be opened.
         UnsupportedError: the emulated board cannot be made for this coupling.
-        MissingExtraError: the emulator is asked for and not installed.
+        MissingExtraError: the emulator is wanted and not installed.
     """
     if port == EMULATOR:
         if baud != DEFAULT_BAUD:

@@ -1,4 +1,4 @@
-"""What a device tells of itself: what it is (HELLO) and how it does (STATUS)."""
+"""What a device reports: its identity (HELLO) and its state (STATUS)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _STATUS = struct.Struct("<II9fi18I8B3f")
 
 @dataclass(frozen=True)
 class Device:
-    """What HELLO answers.
+    """Answer to HELLO.
 
     Attributes:
         interface_version: of the messages' meaning; must equal this program's.
         capacity_rows: rows that a table may have; 0 where a coupling is built in.
-        window_bytes: bytes that may be on the way unanswered.
+        window_bytes: bytes that may be in transit unanswered.
         chunk_bytes: largest part of a table in one message.
         build: name of the firmware's sources.
         serial: number of the device, 0 where it has none.
-        boot_id: changes when the device starts anew.
+        boot_id: changes with each start.
         sample_time_s: of the control loop.
         metres_per_count: of the encoder.
         max_force_n: limit of the output.
@@ -36,31 +36,31 @@ class Device:
         table_id: of the running table, 0 without one.
         table_crc32: of the running table.
         table_rows: of the running table.
-        transfer_open: whether some host is sending a table.
-        figures: what its control tick was generated for.
-        capacity_states: states that a table may feed back.
-        table_states: that the running table feeds back.
+        transfer_open: whether a host is sending a table.
+        figures: of its control tick.
+        capacity_states: largest number of observer states of a table.
+        table_states: observer states of the running table.
         capacity_tones: sines that an excitation may have.
-        kept_records: of an excitation, that wait for the host.
+        kept_records: records of an excitation that wait for the host.
         coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
         wall_damping_ns_per_m: of the running wall; 0 without one.
         wall_stiffness_n_per_m: of the running wall.
         force_limit_n: in force with the running table.
-        max_speed_m_per_s: beyond it a fault is latched; 0, here and in what follows: not watched.
-        max_acceleration_m_per_s2: beyond it the encoder counts as having jumped.
-        max_energy_j: that a coupling may give out within about a second without having got it.
-        stuck_swing_n: of the force, under which an encoder moves.
-        max_overruns: ticks in a row that are too long.
+        max_speed_m_per_s: above it a fault is latched; 0, here and below: not monitored.
+        max_acceleration_m_per_s2: above it the encoder counts as having jumped.
+        max_energy_j: largest net energy that a coupling may deliver within about a second.
+        stuck_swing_n: oscillation of the force under which a working encoder moves.
+        max_overruns: consecutive ticks that may be too long.
         faults: codes of `DeviceFault`.
         lowered_force_n: limit at run time, at most `max_force_n`.
         lowered_speed_m_per_s: the same of `max_speed_m_per_s`.
         lowered_energy_j: the same of `max_energy_j`.
-        unique_id: number that no other chip has, hexadecimal; empty where it has none.
-        flash_bytes: of each slot of the memory that lasts; 0 without one.
-        kept_number: how often something was stored there; 0: nothing is.
-        kept_coupling_id: of the coupling that is kept; empty without one.
+        unique_id: unique number of the chip, hexadecimal; empty where it has none.
+        flash_bytes: of each slot of non-volatile storage; 0 without one.
+        kept_number: how often something was stored there; 0 where empty.
+        kept_coupling_id: of the stored coupling; empty without one.
         kept_acts: whether it takes over after a reset.
-        name: that a user gave it; empty without one.
+        name: given by a user; empty without one.
     """
 
     interface_version: int
@@ -107,7 +107,7 @@ class Device:
 
     @property
     def built_in(self) -> bool:
-        """Whether its coupling is part of the firmware, so that it takes no other."""
+        """Whether its coupling is built into the firmware, so that it takes no other."""
         return self.capacity_rows == 0
 
     @classmethod
@@ -139,20 +139,20 @@ class Device:
 
 @dataclass(frozen=True)
 class DeviceStatus:
-    """One STATUS sample; ``frequency_hz`` is not a number at rest.
+    """One STATUS sample; ``frequency_hz`` is NaN at rest.
 
     Attributes:
         ticks: control ticks since the start.
-        overruns: ticks that came due before the one before had ended.
+        overruns: ticks that came due before the previous one had ended.
         frequency_hz: estimate of the interaction frequency.
-        lookup_hz: where the table is read: the estimate, held a while when it is lost, then falling to the lowest row.
-        damping_ns_per_m: b in force.
-        stiffness_n_per_m: k in force.
-        contact_damping_ns_per_m: b_p in force.
+        lookup_hz: frequency of the table look-up: the estimate, held a while when lost, then falling to the lowest row.
+        damping_ns_per_m: present b.
+        stiffness_n_per_m: present k.
+        contact_damping_ns_per_m: present b_p.
         force_n: last output, positive out of the wall.
         position_m: positive into the wall.
         velocity_m_per_s: backward difference.
-        energy_j: that the hand has given (positive) since the start: sum of the held force times the next displacement.
+        energy_j: delivered by the hand (positive) since the start: sum of the held force times the next displacement.
         encoder_count: raw position.
         table_id: of the running table.
         table_crc32: of the running table.
@@ -161,24 +161,24 @@ class DeviceStatus:
         frames_bad: received with an error and dropped.
         bytes_lost: by the receiver.
         saturated: ticks at the force limit.
-        not_finite: ticks whose force was not a number and was set to 0.
+        not_finite: ticks whose force was NaN or infinite and was set to 0.
         heartbeats_missed: times that the host fell silent.
-        swaps: tables taken over.
-        stream_number: of the last SET_GAINS taken.
-        stream_stale: SET_GAINS refused because a newer one was there.
-        stream_missing: numbers that never came.
-        stream_expired: times that the device went back to its table.
-        boot_id: changes when the device starts anew.
+        swaps: accepted tables.
+        stream_number: of the last accepted SET_GAINS.
+        stream_stale: SET_GAINS refused as older than another.
+        stream_missing: numbers never received.
+        stream_expired: number of fallbacks to the table.
+        boot_id: changes with each start.
         faults: codes of `DeviceFault`, all that are latched, and whether the host is silent.
-        first_faults: the codes that were latched first.
-        fault_tick: when that was.
+        first_faults: codes that were latched first.
+        fault_tick: tick of these.
         mode: table | ramp | safe | fault.
-        streaming: whether streamed gains are in force.
-        contact: whether the wall is touched.
+        streaming: whether streamed gains are active.
+        contact: whether the device is in contact with the wall.
         has_table: whether there is a table.
-        waits: whether another table waits for the device to be let go.
-        has_zero: whether its position was set to 0 since it started; otherwise 0 is where it stood then.
-        limits_wait: whether higher limits wait for it to be let go.
+        waits: whether another table waits for the device to be released.
+        has_zero: whether its position was set to 0 since it started; otherwise 0 is its position then.
+        limits_wait: whether higher limits wait for its release.
         lowered_force_n: limit at run time.
         lowered_speed_m_per_s: limit at run time.
         lowered_energy_j: limit at run time.
@@ -245,5 +245,5 @@ def _name(data: bytes) -> str:
 
 
 def _meant(value: float) -> float:
-    """1e-3 travels as 0.0010000000475: say what was meant."""
+    """Return the decimal value meant: 1e-3 travels as 0.0010000000475."""
     return float(str(np.float32(value)))

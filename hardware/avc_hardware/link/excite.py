@@ -1,4 +1,4 @@
-"""Excite: a plan played by the device, its records read while it plays; stopped first, whatever happens here."""
+"""Excitation: a plan played by the device, its records read meanwhile; the device is stopped first in any error."""
 
 from __future__ import annotations
 
@@ -44,31 +44,31 @@ ENDS = {
     6: "stopped: the speed limit was exceeded",
     7: "stopped: the device latched a fault (avc monitor)",
 }
-"""How an excitation ends, by the number that the device gives."""
+"""Ends of an excitation, by the device's number."""
 _PLAYED = 2
-# Records that are worth a question, and how long to wait for them at most.
+# Records that are worth a request, and how long to wait for them at most.
 _WORTH = 200
 _WAIT_S = 0.1
-# Bytes of a full answer and the question for it, ten bits each on a serial line; and what a host needs to think.
+# Bytes of a full answer and its request, ten bits each on a serial line; and the processing time of a host.
 _ANSWER_BYTES, _ANSWER_RECORDS, _THINKS_S = 1050, 246, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class ExcitationLog:
-    """What a device did while it was excited.
+    """Log of an excitation.
 
     Attributes:
-        plan: what it was asked for.
-        port: link that it was asked over.
+        plan: as played.
+        port: of the device.
         end: how it ended, in words.
         whole: whether it played to the end.
-        start_tick: the device's tick of the first record.
+        start_tick: device tick of the first record.
         index: of each record since then, shape (records,); it jumps where records were lost.
-        position_m: as the encoder shows it, shape (records,).
+        position_m: as measured, shape (records,).
         force_n: along +position, from this tick to the next, the centring included, shape (records,).
         lost: records that the host came too late for.
-        output_n: step of the output that the forces are rounded to; 0 where they are as commanded, and what the output
-            makes of them is not known here.
+        output_n: step of the output to which the forces are rounded; 0 where they are as commanded, with an unknown
+            rounding.
     """
 
     plan: Plan
@@ -83,7 +83,7 @@ class ExcitationLog:
     output_n: float = 0.0
 
     def through(self, full_n: float) -> ExcitationLog:
-        """Return the log with the forces that a 12-bit output of this range gives."""
+        """Return the log with the forces rounded by a 12-bit output of this range."""
         given = -force_of_code(code_of_force(-self.force_n, full_n), full_n)
         return replace(self, force_n=given, output_n=float(force_of_code(1 + code_of_force(0.0, full_n), full_n)))
 
@@ -105,7 +105,7 @@ class ExcitationLog:
         }
 
     def csv(self) -> str:
-        """Return the log as `avc identify` reads it: tick, time, position, force; '#' before what is said of it."""
+        """Return the log as `avc identify` reads it: tick, time, position, force; remarks after '#'."""
         plan = self.plan
         units = units_for(plan.motion)
         columns = "position_um,force_N" if units.linear else "angle_urad,torque_Nm"
@@ -148,22 +148,22 @@ def excite(
 ) -> ExcitationLog:
     """Play a plan on a device and read the records.
 
-    The device checks force, speed and travel at every tick by itself. After the end, a limit exceeded, the host silent
-    for a second or a stop there is no force, until a coupling is pushed; a coupling that ran before is gone.
+    The device checks force, speed and travel at every tick by itself. After the end, an exceeded limit, a second
+    without the host or a stop there is no force, until a coupling is pushed; a running coupling is removed.
 
     Args:
         plan: of `plan_excitation`.
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
         on_bench: the device on the emulated board.
         baud: rate of a serial port.
-        progress: who is told.
-        cut: takes what was recorded until Ctrl-C, before it goes on its way.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        progress: of the records.
+        cut: receives the records up to Ctrl-C, before it is raised.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
         InputError: the link is too slow for the plan.
         KeyboardInterrupt: Ctrl-C; the device is stopped.
-        LinkError: no device, refused, lost on the way, or not the device of the plan.
+        LinkError: no device, refused, lost during the excitation, or not the device of the plan.
         MissingExtraError: ``emulator`` without its extra.
     """
     if not isinstance(port, str):
@@ -176,7 +176,7 @@ def excite(
         _check_device(plan, connection.device, link.name)
         _check_rate(plan, connection.device, baud)
         log = excite_over(connection, plan, progress=progress, cut=cut)
-        # Of a board on a wire nobody here knows the output's step.
+        # The output's step of a wired board is unknown here.
         return log.through(connection.device.max_force_n) if port == EMULATOR else log
 
 
@@ -187,7 +187,7 @@ def excite_over(
     progress: Progress = SILENT,
     cut: Callable[[ExcitationLog], None] | None = None,
 ) -> ExcitationLog:
-    """Do the same over an open connection, with a plan that fits its device."""
+    """Play a plan over an open connection to a device that it fits."""
     number = secrets.randbits(32) or 1
     records = _Records(plan, connection.link.name)
     try:
@@ -204,7 +204,7 @@ def excite_over(
 
 
 def plan_bytes(plan: Plan, number: int) -> bytes:
-    """Return a plan as it travels."""
+    """Return a plan as sent."""
     signal = plan.signal
     head = _HEAD.pack(
         *(number, plan.ticks, plan.ramp_ticks, plan.silent_ticks, signal.growth),
@@ -218,7 +218,7 @@ def plan_bytes(plan: Plan, number: int) -> bytes:
 
 @dataclass
 class _Records:
-    """Records as they come in."""
+    """Received records."""
 
     plan: Plan
     port: str
@@ -229,7 +229,7 @@ class _Records:
 
     @property
     def following(self) -> int:
-        """The record that is asked for next."""
+        """Index of the next record to request."""
         return self.index[-1] + 1 if self.index else 0
 
     def take(self, part: m.Records) -> None:
@@ -240,7 +240,7 @@ class _Records:
         self.last = part
 
     def log(self, end: str | None = None) -> ExcitationLog:
-        """Return the log of what has come in, at least one answer; `end` says why no more did."""
+        """Return the log of the received records, at least one answer; `end` is the reason for the end."""
         part = self.last
         assert part is not None  # noqa: S101 - the caller has seen it
         at = np.array(self.index, dtype=np.int64)
@@ -258,7 +258,7 @@ class _Records:
 
 
 def _read(connection: Connection, records: _Records, number: int, progress: Progress) -> ExcitationLog:
-    """Ask for records until the last; every question tells the device that this host is there."""
+    """Request records until the last; every request shows the device that this host is alive."""
     plan = records.plan
     while True:
         following = records.following
@@ -273,7 +273,7 @@ def _read(connection: Connection, records: _Records, number: int, progress: Prog
 
 
 def _check_rate(plan: Plan, device: Device, baud: int) -> None:
-    """Refuse a plan whose records would be lost on the way."""
+    """Refuse a plan whose records the link is too slow for."""
     carried = _ANSWER_RECORDS / (_ANSWER_BYTES * 10 / baud + _THINKS_S)
     surplus = 1 / plan.sample_time_s - carried
     if surplus > 0 and surplus * plan.seconds > device.kept_records:

@@ -1,4 +1,4 @@
-"""Refusals and faults: why a device takes no message, and why it has stopped; as numbers on the wire and in words."""
+"""Refusals and faults: reasons of a device to refuse a message, or to stop; as numbers on the wire and in words."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from avc_hardware.link.frames import PROTOCOL_VERSION
 
 
 class DeviceFault(IntFlag):
-    """What a device has latched until it is cleared; HEARTBEAT alone ends by itself.
+    """Faults latched until they are cleared; HEARTBEAT alone ends by itself.
 
     Example:
         >>> [fault.word for fault in DeviceFault(5)]
@@ -33,12 +33,12 @@ class DeviceFault(IntFlag):
 
     @property
     def word(self) -> str:
-        """Return it in a few words, several of them with commas."""
+        """Return the faults in a few words, separated by commas."""
         return ", ".join(_WORDS[fault] for fault in type(self)(self))
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """Return what each of them means and what to look at, a sentence each."""
+        """Return meaning and remedy of each, a sentence each."""
         return tuple(f"{_WORDS[fault]}: {_ADVICE[fault]}" for fault in type(self)(self))
 
 
@@ -75,14 +75,14 @@ _ADVICE = {
     "wires, and whether friction holds it (--force-n), then commission again",
 }
 WIRED_WRONGLY = DeviceFault.ENCODER_REVERSED | DeviceFault.MOTOR_REVERSED | DeviceFault.MOTOR_DEAD
-"""What commissioning may find; with any of them a device takes no table."""
+"""Faults found by commissioning; with any of them a device takes no table."""
 
 INTERFACE_VERSION = 9  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 
 class Reason(IntEnum):
-    """Why the device refuses."""
+    """Reasons of a refusal."""
 
     VERSION = 1
     MESSAGE = 2

@@ -1,4 +1,4 @@
-"""Messages: what a frame's payload means. Little-endian; floats are IEEE 754 single precision."""
+"""Messages: the meaning of a frame's payload. Little-endian; floats are IEEE 754 single precision."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ KEEPS_COUPLING, COUPLING_ACTS = 1, 2
 
 
 class Kind(IntEnum):
-    """Type of a message; the answer to each carries the same with bit 7 set."""
+    """Type of a message; its answer carries the same with bit 7 set."""
 
     HELLO = 0x01
     BEGIN = 0x02
@@ -61,7 +61,7 @@ _STORE = struct.Struct("<I16s")
 
 @dataclass(frozen=True)
 class Acknowledged:
-    """BEGIN, CHUNK or ABORT taken: bytes of the table received in order so far."""
+    """BEGIN, CHUNK or ABORT accepted: bytes of the table received in order so far."""
 
     table_id: int
     received: int
@@ -95,7 +95,7 @@ class HeartbeatSeen:
 
 @dataclass(frozen=True)
 class ClearAsked:
-    """CLEAR taken, for the next tick: the faults before it, and the mode."""
+    """CLEAR accepted, for the next tick: the faults before it, and the mode."""
 
     faults: int
     mode: str
@@ -103,7 +103,7 @@ class ClearAsked:
 
 @dataclass(frozen=True)
 class GainsTaken:
-    """SET_GAINS ``number`` is in force; with the device's estimate at that tick (not a number at rest)."""
+    """SET_GAINS ``number`` is active; with the device's estimate at that tick (NaN at rest)."""
 
     number: int
     ticks: int
@@ -114,7 +114,7 @@ class GainsTaken:
 
 @dataclass(frozen=True)
 class Excited:
-    """EXCITE or STOP taken: number of the excitation and how it stands."""
+    """EXCITE or STOP accepted: number and state of the excitation."""
 
     number: int
     state: int
@@ -126,9 +126,9 @@ class Records:
 
     Attributes:
         number: of the excitation.
-        state: how it stands.
+        state: of the excitation.
         start_tick: tick of its first record.
-        made: records so far.
+        made: number of records so far.
         first: index of the first record here.
         counts: encoder.
         units: force along +position, of the plan's largest divided by 32767.
@@ -145,14 +145,14 @@ class Records:
 
 @dataclass(frozen=True)
 class Zeroed:
-    """ZERO taken, for the next tick after ``ticks``."""
+    """ZERO accepted, for the next tick after ``ticks``."""
 
     ticks: int
 
 
 @dataclass(frozen=True)
 class LimitsTaken:
-    """LIMITS taken: they hold from the next tick on, a higher force from the next one out of contact."""
+    """LIMITS accepted: they hold from the next tick on, a higher force from the next one out of contact."""
 
     force_n: float
     speed_m_per_s: float
@@ -161,7 +161,7 @@ class LimitsTaken:
 
 @dataclass(frozen=True)
 class StoreTaken:
-    """STORE done: how often something was stored, and what was."""
+    """STORE done: count and content of the storage."""
 
     number: int
     flags: int
@@ -169,7 +169,7 @@ class StoreTaken:
 
 @dataclass(frozen=True)
 class Subscribed:
-    """SUBSCRIBE taken at tick ``ticks``: a record every so many ticks (0: none)."""
+    """SUBSCRIBE accepted at tick ``ticks``: a record every so many ticks (0: none)."""
 
     every: int
     ticks: int
@@ -254,7 +254,7 @@ def limits(force_n: float, speed_m_per_s: float, energy_j: float) -> bytes:
 
 
 def store(flags: int, name: str) -> bytes:
-    """Payload of STORE: 1 keeps the coupling, 2 lets it act after a reset; the name of the device."""
+    """Payload of STORE: 1 keeps the coupling, 2 activates it after a reset; the name of the device."""
     return _STORE.pack(flags, name.encode())
 
 
@@ -330,7 +330,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
 
 
 def parse(frame: Frame) -> Message | None:
-    """Return the message of a device's frame; None where this program does not understand it."""
+    """Return the message of a device's frame; None for an unknown one."""
     if frame.version != PROTOCOL_VERSION and frame.type != Kind.REFUSED:
         return Refusal(Reason.VERSION, frame.version)
     try:

@@ -1,4 +1,4 @@
-"""Monitor: what the device pushes of itself, the heartbeat of the host that watches, and a window that shows it."""
+"""Monitor: telemetry of the device, the heartbeat of the watching host, and a live plot."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from avc_hardware.link.telemetry import Samples, TelemetrySample
 
 LONGEST_HEARTBEAT_S = 5.0
 """Longest time from one heartbeat to the next that a device allows."""
-# How often to look whether an unplugged device is back.
+# Polling interval for an unplugged device.
 _LOOK_AGAIN_S = 0.2
-# A subscription holds so long without being renewed; heartbeats come three times as often as they must.
+# A subscription holds so long without renewal; heartbeats come three times as often as necessary.
 _HOLDS_S, _RENEW_S, _BEATS = 2.0, 0.5, 3
 # A heartbeat, its answer and the head of a message of telemetry: a delimiter first, their contents, ten bytes of frame
 # and COBS each. The records of that message.
@@ -45,19 +45,19 @@ def monitor(
     on_end: Callable[[DeviceStatus], None] | None = None,
     on_silence: Callable[[str], None] | None = None,
 ) -> Generator[TelemetrySample, None, None]:
-    """Yield what the device pushes, a record every so many ticks, until ``seconds`` are over or the caller stops.
+    """Yield telemetry, a record every so many ticks, until ``seconds`` are over or the caller stops.
 
     Args:
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        rate_hz: records a second, as near as whole ticks come; what the line is too slow for is told as `lost`.
+        rate_hz: records a second, rounded to whole ticks; those that the line is too slow for are counted as `lost`.
         seconds: duration; without it for ever.
-        heartbeat_s: say that this host is alive, at least so often; when it ends, falls silent or is killed, the force
-            falls to 0 within 0.1 s and the device waits for a heartbeat (mode safe). None leaves the device alone.
+        heartbeat_s: longest interval of the heartbeat; when it ends, or the host falls silent or is killed, the force
+            falls to 0 within 0.1 s and the device waits for a heartbeat (mode safe). None sends no heartbeat.
         baud: rate of a serial port.
-        reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` it may come back elsewhere.
-        on_device: takes what the device says of itself, at the beginning and after each time it was unplugged.
-        on_end: takes its state at the end, after the force has fallen.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` on any socket.
+        on_device: receives the device's HELLO, at the beginning and after each reconnection.
+        on_end: receives its state at the end, after the force has fallen.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
         InputError: a rate or a heartbeat out of range.
@@ -106,7 +106,7 @@ def monitor(
 def watch(
     connection: Connection, rate_hz: float, heartbeat_s: float | None = None, *, paced: bool = False
 ) -> Iterator[TelemetrySample]:
-    """Keep subscription and heartbeat alive over an open connection; yield for ever."""
+    """Maintain subscription and heartbeat over an open connection; yield for ever."""
     link, device = connection.link, connection.device
     every = _every(device, rate_hz)
     subscribe = m.subscribe(every, math.ceil(_HOLDS_S / device.sample_time_s))
@@ -130,7 +130,7 @@ def watch(
 
 
 def _check_heartbeat(heartbeat_s: float, rate_hz: float, device: Device, baud: int) -> None:
-    """Refuse one that this line cannot keep: a question may come in between, and its answer after a message."""
+    """Refuse a heartbeat too fast for this line: a request may intervene, with its answer after a message."""
     byte_s = 10 / baud
     records = 1
     while records < _MOST_RECORDS and records < rate_hz * (_BEAT_BYTES + records * _RECORD_BYTES) * byte_s:
@@ -146,12 +146,12 @@ def _check_heartbeat(heartbeat_s: float, rate_hz: float, device: Device, baud: i
 
 
 def _every(device: Device, rate_hz: float) -> int:
-    """Return the ticks from one record to the next: no more than one record a tick."""
+    """Return the ticks from one record to the next, at least 1."""
     return max(1, round(1 / (rate_hz * device.sample_time_s)))
 
 
 def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[DeviceStatus], None] | None) -> None:
-    """End what was begun; a device that is gone needs no more."""
+    """End subscription and heartbeat; a lost device needs neither."""
     with suppress(LinkError):
         connection.run(connection.session.ask(Kind.SUBSCRIBE, m.subscribe(0, 0), m.Subscribed))
         if heartbeat_s is not None:
@@ -161,7 +161,7 @@ def _end(connection: Connection, heartbeat_s: float | None, on_end: Callable[[De
 
 
 def pause(seconds: float) -> Generator[Exchange, Answer, None]:
-    """Let time pass, whatever arrives."""
+    """Wait, whatever arrives."""
     if seconds > 0:
         yield Exchange(b"", seconds)
 
@@ -178,7 +178,7 @@ _ROWS: tuple[tuple[str, Callable[[TelemetrySample], float]], ...] = (
 
 
 class LivePlot:
-    """A window that follows samples; use as a context manager.
+    """A live plot of samples; use as a context manager.
 
     Attributes:
         figure: the matplotlib figure.
@@ -189,8 +189,8 @@ class LivePlot:
         """Open the window.
 
         Args:
-            span_s: how many seconds are shown.
-            figure: draw into this one in place of a window.
+            span_s: seconds shown.
+            figure: to draw into in place of a window.
 
         Raises:
             UnsupportedError: this machine has no display, or matplotlib no way to open a window.
@@ -210,7 +210,7 @@ class LivePlot:
         self._axes[-1].set_xlabel("time since the device started, s")
 
     def take(self, sample: TelemetrySample) -> None:
-        """Add a sample; the window is drawn anew a few times a second."""
+        """Add a sample; the window is redrawn a few times a second."""
         self._samples.append(sample)
         now = time.monotonic()
         if now - self._drawn >= _EVERY_S:
@@ -218,7 +218,7 @@ class LivePlot:
             self._drawn = time.monotonic()
 
     def draw(self) -> None:
-        """Draw what is known."""
+        """Redraw."""
         if not self._samples or self.closed:
             return
         end = self._samples[-1].time_s

@@ -1,4 +1,4 @@
-"""Push: the table of a coupling to the device, checked before and read back after."""
+"""Push of a coupling's table to the device, checked before and read back after."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PushResult:
-    """What a push came to.
+    """Result of a push.
 
     Attributes:
-        port: as the user named it.
+        port: as given.
         coupling_id: name of the coupling, 8 hexadecimal digits.
         table_id: name of the table, made from its content.
-        rows: that the device now holds.
+        rows: that the device now has.
         crc32: of the table's bytes.
         readback_equal: whether the bytes read back are those sent.
-        attempts: how often the transfer was begun.
+        attempts: number of starts of the transfer.
         seconds: by the link's clock (virtual for the emulator), from opening the port to the end of the read-back.
         rounding_max: largest relative change of a gain by rounding to single precision.
         left_out: rows of the schedule without usable gains.
-        max_force_n: at which the device limits the force now.
-        notes: where the device differs from the loop that was certified, a sentence each.
-        device: what the device said of itself.
+        max_force_n: present force limit of the device.
+        notes: differences of the device from the certified loop, a sentence each.
+        device: its HELLO.
     """
 
     port: str
@@ -92,26 +92,28 @@ def push(
 ) -> PushResult:
     """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks.
 
-    It takes over out of contact, where it begins with no force; a device that is held in its wall for 10 s keeps what
-    it runs.
+    It takes over out of contact, where it begins with no force; a device that is pressed into its wall for 10 s keeps
+    its old table.
 
     Args:
-        coupling: what is to run.
+        coupling: to be run.
         port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
         baud: rate of a serial port.
         safe: gains after a lost heartbeat, b and k, judged as the coupling's are; None is no force.
         deadline_s: longest duration on the link's clock.
-        unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
-        device_id: name of the device that it is for, or number of its chip; another device is refused.
-        on_log: takes the firmware's lines of text.
-        on_wait: called when the table waits for the device to be let go.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        unsafe: whether a coupling that is not deployable, or was made for a higher force than the device's, is sent
+            too.
+        device_id: name of the intended device, or number of its chip; another device is refused.
+        on_log: receives the firmware's lines of text.
+        on_wait: called when the table waits for the device to be released.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
-        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go, or its safe gains are not.
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and released, or its safe gains are not.
         InputError: the table cannot be sent, or safe gains have a contact damper, which no firmware keeps.
-        FirmwareLacksError: the coupling needs what the firmware does not have.
-        LinkError: no device, refused, or lost on the way; the device then runs its old table or the new one, whole.
+        FirmwareLacksError: the coupling needs features that the firmware lacks.
+        LinkError: no device, refused, or lost during the transfer; the device then runs its old table or the new one,
+            whole.
         MissingExtraError: ``emulator`` without its extra.
     """
     require_deployable(coupling, unsafe=unsafe)
@@ -137,7 +139,7 @@ def push_over(
     start_s: float | None = None,
     unsafe: bool = False,
 ) -> PushResult:
-    """Do the same over an open connection; a force limit above the device's becomes the device's where unsafe."""
+    """Push over an open connection; a force limit above the device's becomes the device's where unsafe."""
     start = connection.link.now_s() if start_s is None else start_s
     device = connection.device
     table = TableImage.of(coupling, safe=safe)
@@ -164,7 +166,7 @@ def push_over(
 
 
 def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
-    """Judge safe gains as the device runs them: alone, on the loop of the coupling's problem."""
+    """Check safe gains as the device runs them: alone, on the loop of the coupling's problem."""
     if safe.contact_damping_ns_per_m:
         raise InputError.of(
             f"has a contact damper of {safe.contact_damping_ns_per_m:g} N.s/m; allowed: b and k", key="safe"
@@ -184,7 +186,7 @@ def _require_device(connection: Connection, device_id: str) -> None:
 
 
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
-    """Say where the device is not the one that the coupling was made for."""
+    """Describe where the device differs from the one that the coupling was made for."""
     notes = []
     if device.faults:
         word = DeviceFault(device.faults).word
@@ -214,12 +216,12 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     return tuple(notes)
 
 
-# A limit that travels in single precision is the same one.
+# Limits that agree in single precision are equal.
 _ROUNDED = 1 + 1e-6
 
 
 def check_limits(coupling: Coupling, table: TableImage, device: Device, port: str) -> None:
-    """Refuse a table that the device would refuse, naming everything that is wrong with it.
+    """Refuse a table that the device would refuse, with every reason.
 
     Raises:
         LinkError: sample time, rows, gains, wall or force limit outside what the device reports.

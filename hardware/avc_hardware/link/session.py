@@ -22,13 +22,13 @@ T = TypeVar("T")
 
 RETRIES = 4
 ATTEMPTS = 5
-# The device lets go of a transfer that another host left two seconds ago; four waits are longer.
+# The device drops a transfer that another host abandoned two seconds ago; four waits are longer.
 BUSY_WAIT_S = 0.7
-# A table takes over out of contact: how often to ask whether it has, and how many times before it is given up.
+# A table takes over out of contact: polling interval, and number of polls before it is given up.
 CONTACT_WAIT_S = 0.25
 CONTACT_TRIALS = 40
 _ANEW = {Reason.SIZE, Reason.BUSY, Reason.NO_TRANSFER, Reason.OFFSET, Reason.CRC, Reason.NO_TABLE}
-"""What a transfer that is begun anew may get over."""
+"""Refusals after which a transfer is started anew."""
 
 
 class NoAnswerError(LinkError):
@@ -44,7 +44,7 @@ class RefusedError(LinkError):
 
 
 class InContactError(LinkError):
-    """The device was not let go, so that the new table was taken back."""
+    """The device was not released, so that the new table was withdrawn."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ Answer = tuple[int, Message] | None
 
 @dataclass(frozen=True)
 class Upload:
-    """What a push came to.
+    """Result of a push.
 
     Attributes:
         device: as HELLO described it.
         image: the table read back.
-        attempts: how often the transfer was begun.
-        ticks: number of the tick that swapped.
-        waited: ticks that the table had waited for the device to be out of contact.
+        attempts: number of starts of the transfer.
+        ticks: tick of the swap.
+        waited: ticks that the table waited for the end of contact.
     """
 
     device: Device
@@ -78,15 +78,15 @@ class Upload:
 
 
 class Session:
-    """Numbers the messages of one host and knows how to ask again."""
+    """Numbers and repeats the messages of one host."""
 
     def __init__(self, number: int, *, timeout_s: float, on_wait: Callable[[], None] | None = None) -> None:
         """Start a session.
 
         Args:
-            number: random, tells this host from others.
+            number: random, identifies this host.
             timeout_s: longest wait for an answer; more than a full window takes on the wire.
-            on_wait: called once when a table waits for the device to be let go.
+            on_wait: called once when a table waits for the device to be released.
         """
         self.number = number
         self.timeout_s = timeout_s
@@ -95,7 +95,7 @@ class Session:
 
     @property
     def patience_s(self) -> float:
-        """How long one question is asked at most, without any answer."""
+        """Longest repetition of one message without an answer."""
         return self.timeout_s * RETRIES * (RETRIES + 1) / 2
 
     def message(self, kind: Kind, payload: bytes) -> tuple[int, bytes]:
@@ -104,10 +104,10 @@ class Session:
         return self._sequence, encode(Frame(kind, self._sequence, payload))
 
     def request(self, kind: Kind, payload: bytes) -> Generator[Exchange, Answer, Message]:
-        """Send one message until it is answered; a refusal is returned like any answer."""
+        """Repeat one message until it is answered; a refusal is returned like any answer."""
         sequence, data = self.message(kind, payload)
         for trial in range(RETRIES):
-            # Half a frame may be in the pipe: a delimiter ends it.
+            # A partial frame may be in the pipe: a delimiter ends it.
             answer = yield Exchange(DELIMITER + data, self.timeout_s * (1 + trial))
             while answer is not None:
                 if answer[0] == sequence:
@@ -116,7 +116,7 @@ class Session:
         raise NoAnswerError(f"no answer to {kind.name} after {RETRIES} trials")
 
     def hello(self) -> Generator[Exchange, Answer, Device]:
-        """Ask who is there, and refuse firmware of another interface."""
+        """Identify the device, and refuse firmware of another interface."""
         answer = yield from self.request(Kind.HELLO, m.hello(self.number))
         if isinstance(answer, Refusal):
             raise RefusedError(answer)
@@ -139,7 +139,7 @@ class Session:
         return answer
 
     def read_table(self, size: int, part: int) -> Generator[Exchange, Answer, tuple[int, bytes]]:
-        """Read ``size`` bytes of the running table in parts; returns its id and the bytes."""
+        """Read ``size`` bytes of the running table in parts; return its id and the bytes."""
         image = b""
         table_id = 0
         while len(image) < size:
@@ -154,7 +154,7 @@ class Session:
         return table_id, image
 
     def push(self, table: TableImage, device: Device) -> Generator[Exchange, Answer, Upload]:
-        """Send a table, have it swapped in, read it back; begun anew when the device was reset or is busy."""
+        """Send a table, have it swapped in, read it back; restarted when the device was reset or is busy."""
         failure: LinkError | None = None
         for attempt in range(1, ATTEMPTS + 1):
             try:
@@ -182,7 +182,7 @@ class Session:
         return (yield from self._commit(table))
 
     def _commit(self, table: TableImage) -> Generator[Exchange, Answer, m.Committed]:
-        """Have the table swapped in; while the device is in contact, wait, and in the end take it back."""
+        """Have the table swapped in; wait while the device is in contact, and finally withdraw it."""
         payload = m.commit(self.number, table.table_id, table.crc32)
         for trial in range(CONTACT_TRIALS):
             try:
@@ -194,7 +194,7 @@ class Session:
                 self.on_wait()
             yield from _wait(CONTACT_WAIT_S)
         yield from self.ask(Kind.ABORT, m.abort(self.number), m.Acknowledged)
-        device = yield from self.hello()  # it may have been let go at the last moment
+        device = yield from self.hello()  # it may have been released at the last moment
         if (device.table_id, device.table_crc32) == (table.table_id, table.crc32):
             return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
         raise InContactError(
@@ -203,7 +203,7 @@ class Session:
         )
 
     def _chunks(self, image: bytes, table_id: int, received: int, device: Device) -> Generator[Exchange, Answer, None]:
-        """Keep the device's window full; after a loss go back to the first byte that it misses."""
+        """Keep the device's window full; after a loss go back to the first missing byte."""
         sent = received
         on_the_way: dict[int, tuple[int, int]] = {}  # sequence -> end in the table, bytes on the wire
         silent = 0

@@ -1,4 +1,4 @@
-"""What a host changes on a device beside its coupling: faults cleared, limits at run time, what it keeps over a reset.
+"""Settings of a device beside its coupling: faults cleared, limits at run time, non-volatile storage.
 
 Limits of force, speed and energy are lowered below those of the board, never above them.
 """
@@ -18,20 +18,20 @@ from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.monitor import pause
 
-# Ticks until what has been cleared and is still wrong shows again.
+# Ticks until a persisting fault shows again after clearing.
 _TICKS_UNTIL_LATCHED = 5
 
 
 @dataclass(frozen=True)
 class Cleared:
-    """What clearing came to.
+    """Result of clearing faults.
 
     Attributes:
-        port: as the user named it.
+        port: as given.
         were: faults before it.
-        left: faults after it, which are still there.
-        first: the ones that were latched first.
-        tick: when that was.
+        left: persisting faults.
+        first: faults that were latched first.
+        tick: of these.
         status: of the device afterwards.
     """
 
@@ -46,14 +46,14 @@ class Cleared:
 def clear_faults(
     port: str | ByteLink, *, baud: int = DEFAULT_BAUD, on_silence: Callable[[str], None] | None = None
 ) -> Cleared:
-    """Clear the faults of a device: those that it tells, and none that come meanwhile.
+    """Clear the reported faults of a device, not those that occur meanwhile.
 
-    Its table then takes over out of contact, as after a lost heartbeat. What is still wrong is latched again.
+    Its table then takes over out of contact, as after a lost heartbeat. Persisting faults are latched again.
 
     Args:
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
         baud: rate of a serial port.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
         LinkError: no device, or no answer.
@@ -70,7 +70,7 @@ def clear_faults(
 
 
 _UNITS = {"force_n": "N", "speed_m_per_s": "m/s", "energy_j": "J"}
-# Ticks until limits hold that need not wait.
+# Ticks until immediate limits hold.
 _TICKS = 5
 
 
@@ -80,8 +80,8 @@ class Limits:
 
     Attributes:
         force_n: of the output, N.
-        speed_m_per_s: beyond it a fault is latched; 0: not watched.
-        energy_j: that a coupling may give out within about a second without having got it; 0: not watched.
+        speed_m_per_s: above it a fault is latched; 0: not monitored.
+        energy_j: largest net energy that a coupling may deliver within about a second; 0: not monitored.
     """
 
     force_n: float
@@ -94,11 +94,11 @@ class DeviceLimits:
     """The limits of a device.
 
     Attributes:
-        port: as the user named it.
+        port: as given.
         boards: built in; no limit rises above them.
-        asked: what was asked for, or what holds where nothing was.
-        hold: what holds now.
-        waits: whether a higher force waits for the device to be let go.
+        asked: as requested, or the present ones where nothing was.
+        hold: present ones.
+        waits: whether a higher force waits for the device to be released.
     """
 
     port: str
@@ -120,20 +120,20 @@ def set_limits(
 ) -> DeviceLimits:
     """Set limits of a device until it starts anew, or read them.
 
-    A lower force holds from the next tick on; a higher one from the next time out of contact, so that it is never felt
-    as a kick.
+    A lower force holds from the next tick on; a higher one from the next time out of contact, so that it never steps in
+    contact.
 
     Args:
         port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        force_n: of the output; None leaves it, here and in what follows.
-        speed_m_per_s: beyond it a fault is latched.
-        energy_j: given out within about a second without having been taken in.
-        built_in: begin from those of the board in place of those that hold.
+        force_n: of the output; None keeps the present one, here and below.
+        speed_m_per_s: above it a fault is latched.
+        energy_j: net energy delivered within about a second.
+        built_in: start from the board's limits in place of the present ones.
         baud: rate of a serial port.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
-        InputError: a limit that is none, or above the board's.
+        InputError: an invalid limit, or one above the board's.
         LinkError: no device, or no answer.
     """
     link = open_link(port, baud=baud) if isinstance(port, str) else port
@@ -149,7 +149,7 @@ def set_limits(
 
 
 def limit_over(connection: Connection, limits: Limits) -> None:
-    """Set limits over an open connection, and wait until those hold that need not wait."""
+    """Set limits over an open connection, and wait until the immediate ones hold."""
     payload = m.limits(limits.force_n, limits.speed_m_per_s, limits.energy_j)
     connection.run(connection.session.ask(Kind.LIMITS, payload, m.LimitsTaken))
     connection.run(pause(_TICKS * connection.device.sample_time_s))
@@ -175,21 +175,21 @@ def _wanted(device: Device, wanted: tuple[float | None, ...], *, built_in: bool)
 
 NAME_BYTES = 16
 """Longest name of a device, UTF-8."""
-# A sector of 128 KB may take four seconds to erase, in which no byte is heard.
+# Erasing a sector of 128 KB may take four seconds, in which no byte is received.
 _ERASES_S = 5.0
 
 
 @dataclass(frozen=True)
 class Stored:
-    """What a device keeps.
+    """Content of a device's non-volatile storage.
 
     Attributes:
-        port: as the user named it.
-        number: how often it was stored.
-        coupling_id: of the coupling that is kept; empty without one.
-        acts: whether that takes over after a reset, out of contact.
+        port: as given.
+        number: how often something was stored.
+        coupling_id: of the stored coupling; empty without one.
+        acts: whether it takes over after a reset, out of contact.
         name: of the device; empty without one.
-        force_n: limit at run time that is kept.
+        force_n: stored limit at run time.
     """
 
     port: str
@@ -209,22 +209,22 @@ def store(
     baud: int = DEFAULT_BAUD,
     on_silence: Callable[[str], None] | None = None,
 ) -> Stored:
-    """Have a device keep its running coupling, its limits and a name over a reset.
+    """Store a device's running coupling, its limits and a name over a reset.
 
-    It gives no force meanwhile, and takes its coupling up again out of contact. Where the power is cut, what was kept
-    before or this is whole.
+    It gives no force meanwhile, and resumes its coupling out of contact. After a power cut, the old or the new content
+    is whole.
 
     Args:
         port: device path, pyserial URL, ``usb:NUMBER``, or an open link.
-        coupling: whether the running coupling is kept; without it none is.
-        acts: whether it takes over after a reset, as soon as the device is out of contact. An encoder that counts from
-            where it stood then has its wall there, until position 0 is set.
+        coupling: whether to store the running coupling; else none is.
+        acts: whether it takes over after a reset, as soon as the device is out of contact. With an incremental encoder
+            the wall is relative to the position then, until position 0 is set.
         name: of the device; None keeps the one it has.
         baud: rate of a serial port.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
-        InputError: a name that is too long, or a coupling that acts and is not kept.
+        InputError: a name that is too long, or a coupling that acts and is not stored.
         LinkError: no device, one without such a memory, without a coupling, or in contact.
     """
     if acts and not coupling:
@@ -246,7 +246,7 @@ def store(
 
 
 def stored_of(device: Device, port: str) -> Stored:
-    """Return what a device says that it keeps."""
+    """Return the content of the storage as the device reports it."""
     return Stored(
         port, device.kept_number, device.kept_coupling_id, device.kept_acts, device.name, device.lowered_force_n
     )

@@ -1,4 +1,4 @@
-"""Stream: the host chooses the gains live, from the frequency that the device reports; the table is the safety net."""
+"""Streaming: the host selects the gains live, by the frequency that the device reports; the table is the fallback."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 
 MIN_RATE_HZ, MAX_RATE_HZ = 1.0, 100.0
-# A stream that lost or was late with more than this share of its messages has failed.
+# A stream with a larger share of lost or late messages has failed.
 _SHARE_LOST = 0.1
-# Streamed gains hold for so many periods; after that the device goes back to its table.
+# Streamed gains hold for so many periods; after that the device falls back to its table.
 HOLD_PERIODS = 3
-# Refusals that a stream outlives: what came of them is told at its end.
+# Refusals that do not end a stream: their effects are reported at its end.
 _KEPT = {Reason.STALE, Reason.NO_TABLE, Reason.MODE, Reason.OTHER_COUPLING}
-# How many such times to wait for that at the end.
+# Number of such periods to wait for that at the end.
 _PATIENCE = 20
-# When the host itself is late: still give the answer a chance.
+# When the host itself is late: still allow time for the answer.
 _LEAST_WAIT_S = 2e-3
 
 
@@ -47,13 +47,13 @@ class StreamSample:
     Attributes:
         number: of the message.
         time_s: since the start, link's clock.
-        frequency_hz: the device's estimate in the answer; not a number at rest or without an answer.
-        lookup_hz: where the device would read its table; the next gains are chosen for it.
+        frequency_hz: the device's estimate in the answer; NaN at rest or without an answer.
+        lookup_hz: frequency of the device's look-up; the next gains are those for it.
         damping_ns_per_m: b sent.
         stiffness_n_per_m: k sent.
         contact_damping_ns_per_m: b_p sent.
-        force_n: output in the answer; not a number without one.
-        round_trip_s: not a number without an answer.
+        force_n: output in the answer; NaN without one.
+        round_trip_s: NaN without an answer.
     """
 
     number: int
@@ -72,20 +72,20 @@ class StreamResult:
     """A whole stream.
 
     Attributes:
-        port: as the user named it.
-        rate_hz: asked for.
-        seconds: that it lasted, link's clock.
+        port: as given.
+        rate_hz: requested.
+        seconds: duration, link's clock.
         sent: SET_GAINS messages.
-        taken: answered as taken.
-        late: refused by the device, because a newer one was there.
+        taken: accepted ones.
+        late: refused by the device as older than another.
         lost: without an answer within their period.
-        fell_back: times that the device went back to its table in mid-stream (from its own counter).
+        fell_back: number of fallbacks to the table during the stream (by the device's counter).
         round_trip_s: median.
         round_trip_max_s: largest.
         samples: every message.
         push: of the table underneath.
-        status: of the device after the stream has run out: back on its table.
-        faults: what was not as it should be, a sentence each: gains lost, the device on another table, or started anew.
+        status: of the device after the stream has expired: back on its table.
+        faults: a sentence each: gains lost, the device on another table, or restarted.
     """
 
     port: str
@@ -123,14 +123,15 @@ def stream(
         rate_hz: messages a second, 1 to 100.
         seconds: duration.
         baud: rate of a serial port.
-        unsafe: whether a coupling that is not deployable, or was made for more force than the device gives, goes too.
+        unsafe: whether a coupling that is not deployable, or was made for a higher force than the device's, is sent
+            too.
         on_sample: called after each message.
-        on_silence: told once what is waited for, and how long, where the device does not answer at once.
+        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
     Raises:
-        NotDeployableError: it is not stable with every hand of ``[hands]`` and let go.
+        NotDeployableError: it is not stable with every hand of ``[hands]`` and released.
         InputError: rate or duration out of range, or the table cannot be sent.
-        FirmwareLacksError: the coupling needs what the firmware does not have.
+        FirmwareLacksError: the coupling needs features that the firmware lacks.
         LinkError: no device, refused, unplugged.
     """
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
@@ -201,7 +202,7 @@ def stream(
 
 
 def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> list[str]:
-    """Say where a device does not run the table that was pushed to it."""
+    """Describe how the device's table differs from the pushed one."""
     faults = []
     if device.boot_id != pushed.device.boot_id:
         faults.append("the device has started anew since the push")
@@ -219,7 +220,7 @@ def _faults_of_end(pushed: PushResult, status: DeviceStatus, device: Device) -> 
 
 
 def faults_on_the_way(sent: int, lost: int, late: int, refusals: list[Refusal]) -> list[str]:
-    """Say where more messages than a few did not get through, or were not taken."""
+    """Describe losses and refusals above a small share of the messages."""
     faults = []
     if lost + late > _SHARE_LOST * sent:
         faults.append(f"{lost} of {sent} messages were lost, {late} late")

@@ -1,4 +1,4 @@
-"""TableImage: the gain table of a coupling as it travels and as the device holds it, in single precision."""
+"""TableImage: the gain table of a coupling as sent and as stored on the device, in single precision."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def lookup(rows: Float32Array, frequency_hz: ArrayLike) -> Float32Array:
-    """Gains at frequencies: linear in ln(frequency), the end rows beyond the ends, the first row where undefined (NaN).
+    """Return gains at frequencies: linear in ln(frequency), the end rows beyond the ends, the first row where NaN.
 
     Args:
         rows: shape (n, 4), single precision: frequency_hz, b, k, b_p, rising in frequency.
@@ -51,19 +51,19 @@ class TableImage:
 
     Attributes:
         rows: single precision, shape (n, 4): frequency_hz, b, k, b_p; rising in frequency.
-        sample_time_s: that the gains were designed for.
+        sample_time_s: of the design.
         wall_damping_ns_per_m: b_e of the one-sided wall at position 0 behind the coupling.
         wall_stiffness_n_per_m: k_e.
         coupling_id: name of the coupling, 32 bits.
         max_force_n: limit of the force, at most the board's; 0 is the board's own.
         safe_damping_ns_per_m: b after a lost heartbeat.
         safe_stiffness_n_per_m: k after a lost heartbeat; 0 means no force.
-        guard: whether the firmware's passivity controller watches the energy.
+        guard: whether the firmware's passivity controller is active.
         damped: whether b_p is in use.
         varies: whether the gains follow the frequency.
         clips_last: the contact law: clip-last; otherwise gated.
         rounding_max: largest relative change of a gain by rounding to single precision.
-        feedback: observer and feedback, which follow the only row; None for the measured position as it is.
+        feedback: observer and feedback, with a single row; None without.
     """
 
     rows: Float32Array
@@ -86,11 +86,11 @@ class TableImage:
         """Take the table of a coupling, row by row, with its wall, guard and force limit.
 
         Args:
-            coupling: what is to run.
+            coupling: to be run.
             safe: gains after a lost heartbeat; None is no force.
 
         Raises:
-            InputError: a number that single precision cannot hold, or two rows that become one in it.
+            InputError: a value beyond single precision, or two rows that become one in it.
             UnsupportedError: detents.
         """
         wall_alone(coupling)
@@ -116,12 +116,12 @@ class TableImage:
 
     @property
     def states(self) -> int:
-        """Number of states that are fed back; 0 without feedback."""
+        """Number of observer states; 0 without feedback."""
         return 0 if self.feedback is None else self.feedback.states
 
     @property
     def image(self) -> bytes:
-        """The bytes that travel, that are checked, and that are read back."""
+        """The bytes that are sent, checked and read back."""
         flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
         flags |= FLAG_CLIPS * self.clips_last | self.states << STATES_BIT
         header = HEADER.pack(
@@ -149,7 +149,7 @@ class TableImage:
 
 
 def _feedback_image(feedback: StateFeedback | None) -> bytes:
-    """Return what follows the rows: which states are positions, dead zone, face, then A by rows, B, L and R."""
+    """Return the bytes after the rows: which states are positions, dead zone, face, then A by rows, B, L and R."""
     if feedback is None:
         return b""
     *matrices, dead_zone_m, face_m = single_feedback(feedback)

@@ -1,8 +1,8 @@
-"""Telemetry: records that a device makes at its own ticks and pushes, and the log of them that a host writes.
+"""Telemetry: records of a device at its own ticks, and the host's log of them.
 
-A log is written as it goes, so that a program that is killed leaves a readable file. Both formats count the force along
-+position (of a device that turns: the torque along +angle), as logs of `avc excite` do and `avc identify` and
-`avc diagnose` expect; samples count it out of the wall, against +position.
+A log is written continuously, so that a killed program leaves a readable file. Both formats count the force along
++position (of a rotary device: the torque along +angle), as logs of `avc excite` do and `avc identify` and `avc
+diagnose` expect; samples count it out of the wall, against +position.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ _RECORD = struct.Struct("<Ii7fI4B")
 
 @dataclass(frozen=True)
 class Record:
-    """The state of a device at the end of one of its ticks, as it travels.
+    """The state of a device at the end of a tick, as sent.
 
     Attributes:
         ticks: since the device started.
         encoder_count: raw position.
         velocity_m_per_s: backward difference over one tick.
         force_n: output, positive out of the wall.
-        frequency_hz: estimate of the interaction frequency; not a number at rest.
-        damping_ns_per_m: b in force.
-        stiffness_n_per_m: k in force.
-        contact_damping_ns_per_m: b_p in force.
-        energy_j: that the hand has given (positive) since the start.
+        frequency_hz: estimate of the interaction frequency; NaN at rest.
+        damping_ns_per_m: present b.
+        stiffness_n_per_m: present k.
+        contact_damping_ns_per_m: present b_p.
+        energy_j: delivered by the hand (positive) since the start.
         faults: codes of `DeviceFault`.
         mode: table | ramp | safe | fault.
-        streaming: whether streamed gains are in force.
-        contact: whether the wall is touched.
+        streaming: whether streamed gains are active.
+        contact: whether the device is in contact with the wall.
         has_table: whether there is a table.
     """
 
@@ -64,13 +64,13 @@ class Record:
 
 @dataclass(frozen=True)
 class Telemetry:
-    """A message that the device has pushed.
+    """A telemetry message.
 
     Attributes:
         number: of the message since the subscription began; a lost one leaves a gap.
-        dropped: records since then for which the line was too slow.
+        dropped: records since then that the line was too slow for.
         every: ticks from one record to the next.
-        boot_id: changes when the device starts anew.
+        boot_id: changes with each start.
         coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
         records: in the order of their ticks.
     """
@@ -96,14 +96,14 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class TelemetrySample(Record):
-    """A record with what the host knows of it beside.
+    """A record with the host's derived values.
 
     Attributes:
         time_s: ticks in seconds, by the device's sample time.
         position_m: positive into the wall.
         coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
-        boot_id: changes when the device starts anew.
-        lost: records between the one before and this one that never came.
+        boot_id: changes with each start.
+        lost: records missing before this one.
     """
 
     time_s: float
@@ -114,7 +114,7 @@ class TelemetrySample(Record):
 
 
 class Samples:
-    """Turns messages into samples; a record that never came is seen by the ticks of those round it."""
+    """Converts messages to samples; missing records are detected by the ticks around them."""
 
     def __init__(self, sample_time_s: float, metres_per_count: float) -> None:
         self._sample_time_s = sample_time_s
@@ -128,7 +128,7 @@ class Samples:
     def _sample(self, message: Telemetry, record: Record) -> TelemetrySample:
         ticks, lost = record.ticks, 0
         if self._last is not None and self._last[0] == message.boot_id:
-            # Counted in 32 bits; the first record after a subscription that ran out may come sooner.
+            # Counted in 32 bits; the first record after an expired subscription may come sooner.
             lost = max(((ticks - self._last[1]) & 0xFFFFFFFF) // max(message.every, 1) - 1, 0)
         self._last = (message.boot_id, ticks)
         return TelemetrySample(
@@ -160,7 +160,7 @@ _COLUMNS = {
     "boot": "integer",
     "lost": "integer",
 }
-# As `avc excite` calls them for a device that turns.
+# As in `avc excite` for a rotary device.
 _ROTARY = {"position_um": "angle_urad", "force_N": "torque_Nm"}
 
 
@@ -181,10 +181,10 @@ class TelemetryLog(Protocol):
 
 
 def open_log(path: Path, motion: MotionKind = "linear") -> TelemetryLog:
-    """Begin a log: ``.csv``, or ``.mcap`` for Foxglove, PlotJuggler and the like (JSON messages on topic ``/avc``).
+    """Open a log: ``.csv``, or ``.mcap`` for Foxglove, PlotJuggler and the like (JSON messages on topic ``/avc``).
 
     Args:
-        path: file to write; what it held is gone.
+        path: file to write; existing content is lost.
         motion: of the device; a rotary one's columns are angles in urad, torques in N.m and so on.
 
     Raises:
@@ -206,7 +206,7 @@ def open_log(path: Path, motion: MotionKind = "linear") -> TelemetryLog:
 
 
 def _columns(motion: MotionKind) -> dict[str, str]:
-    """Return the columns as they are called for a motion, each with its kind of value."""
+    """Return the columns of a kind of motion, each with its kind of value."""
     if motion == "linear":
         return _COLUMNS
     units = units_for(motion)
