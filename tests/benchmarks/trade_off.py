@@ -42,6 +42,7 @@ SHARES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 HERE = Path(__file__).parent
 OUT, PAGE = HERE / "results" / "trade_off.json", HERE / "RESULTS_trade_off.md"
 FIGURE = HERE / "figures" / "trade_off.png"
+MARKERS = {"spring and damper": "s", "contact damper": "^", "adaptive schedule": "D", "recommended": "o"}
 Kind = Callable[[Problem, Problem], Iterator[Coupling]]
 
 
@@ -155,7 +156,7 @@ def _draw(cells: Mapping[str, Mapping[str, Any]]) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt  # noqa: PLC0415 - after the backend is chosen
 
-    colours = dict(zip(KINDS, ("#7a9cc6", "#b0b0b0", "#e1903e", "#2a8f5c"), strict=True))
+    colours = dict(zip(KINDS, ("#3566a8", "#7a7a7a", "#e1903e", "#2a8f5c"), strict=True))
     figure, grid = plt.subplots(2, len(PROBLEMS), figsize=(11.0, 5.2), layout="constrained", sharex=True, sharey=True)
     for column, (name, one) in enumerate(cells.items()):
         for row, hz in enumerate((1, 10)):
@@ -163,8 +164,9 @@ def _draw(cells: Mapping[str, Mapping[str, Any]]) -> None:
             for kind, colour in colours.items():
                 found = [each for each in one[kind].values() if each is not None]
                 x = [100 * each["at_rest_n_per_m"] / one["wall_n_per_m"] for each in found]
-                axes.plot(x, [100 * each["error"][row] for each in found], "o-", color=colour, ms=4, lw=1.2, label=kind)
-            axes.set(xscale="log", yscale="log")
+                y = [100 * each["error"][row] for each in found]
+                axes.plot(x, y, "-", marker=MARKERS[kind], color=colour, mfc="none", ms=7, lw=1.2, label=kind)
+            axes.set(xlim=(0, 105), ylim=(0, 100))
             axes.grid(alpha=0.25)
             axes.spines[["top", "right"]].set_visible(False)
             axes.set_title(f"{name}, {hz} Hz", fontsize=9)
