@@ -152,3 +152,24 @@ def test_no_filter_is_told_above_the_nyquist_frequency():
     ]
     assert cut[0] == pytest.approx(400)
     assert cut[1] is None
+
+
+@pytest.mark.parametrize("every", [12, 33])
+def test_a_force_computed_every_so_many_ticks_is_read_with_that_period(every):
+    held = [0.0]
+
+    def law(tick, z, u):
+        if tick % every == 0:
+            held[0] = -400 * z - 2 * u
+        return held[0]
+
+    log = held_log(law, mass=0.3, damping=0.8, friction=0.05, ticks=3000, delay=1, start=2e-3)
+    assert diagnose(log, device=declared(mass_kg=0.3, delay_samples=1)).ticks.held == every
+
+
+def test_a_log_beyond_the_force_limit_leaves_the_declared_ranges_as_they_are():
+    wall = lambda _, z, u: -max(0.0, 6000 * z + 2 * u)  # noqa: E731
+    log = held_log(wall, mass=0.12, damping=0.6, friction=0.05, spring=200, delay=2, ticks=2000, start=2e-3, limit=20)
+    found = diagnose(log, device=declared(range={"delay_samples": [0.0, 3.0]})).measured
+    assert found is not None
+    assert (found.least_declared_delay_samples, found.declared_delay_samples) == (0, 3)

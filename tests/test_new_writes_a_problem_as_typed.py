@@ -83,6 +83,8 @@ def test_what_is_printed_may_be_typed(value, unit):
         ("20 counts/mm", "m", 5e-5),
         ("4096 counts", "rad", 2 * math.pi / 4096),
         ("4096 counts/turn", "rad", 2 * math.pi / 4096),
+        ("14-bit", "rad", 2 * math.pi / 2**14),
+        ("2 lbf/in", "N/m", 2 * 4.4482216152605 / 0.0254),
         ("2 samples", "samples", 2.0),
         ("-1e-3", "m", -1e-3),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
@@ -126,5 +127,5 @@ def _judged(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupli
         return (problem, found.schedule, found, notes) if isinstance(found, Coupling) else (problem, found, None, notes)
     if not is_coupling(args.problem):
         raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="GAINS")
-    coupling = read_subject("certify", args.problem, beside=f"avc certify P {args.problem}")
+    coupling = read_subject("certify", args.problem, beside=f"avc certify P {quote(args.problem)}")
     return coupling.problem, coupling.schedule, coupling, []

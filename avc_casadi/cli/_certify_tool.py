@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from shlex import quote
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
@@ -17,7 +18,7 @@ def certify_tool(args: argparse.Namespace, console: Console) -> Answer:
     refuse(args, ("requested", "prove", "proof_out"))
     problem, gains = problem_and_gains(args.problem, args.gains)
     if gains is None:
-        make = f"avc recommend {args.problem} --out c.json"
+        make = f"avc recommend {quote(args.problem)} --out c.json"
         raise avc.InputError.of(f"is missing; give a coupling to the simulation: {make}", key="GAINS")
     file = args.problem if args.gains is None else args.gains
     with console.step("certificate"):

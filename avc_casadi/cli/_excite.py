@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Mapping
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
@@ -125,7 +126,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         rows.append(Row("Written", str(out)))
     complaint = f"{log.end}; {_advice(log)}" if not log.whole else _too_little(document["log"], device)
     if out is not None and not complaint:
-        onwards.append(f"avc identify {out} --device {args.device} --out mine.toml")
+        onwards.append(f"avc identify {quote(str(out))} --device {quote(args.device)} --out mine.toml")
     text = console.page.rendered(f"{args.device}   {args.signal} on {log.port}", rows, onwards)
     return Answer(document, text, 1 if complaint else 0, f"avc: {log.port}: {complaint}" * bool(complaint))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
@@ -63,7 +64,9 @@ def run_to_other_end(
     title = headline(problem, args.problem) if problem.follower is None else bilateral_headline(problem, args.problem)
     written = Row("Written", f"{shown / 'report.html'} and {len(files) - 1} files beside it")
     following = (
-        f"avc recommend {args.problem} -v" if coupling is None else f"avc export {shown / 'coupling.json'} --c DIR"
+        f"avc recommend {quote(args.problem)} -v"
+        if coupling is None
+        else f"avc export {quote(str(shown / 'coupling.json'))} --c DIR"
     )
     text = console.page.rendered(title, [*other_end_rows(document, problem), written], [following])
     lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]

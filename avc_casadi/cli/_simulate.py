@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
@@ -119,7 +120,7 @@ def _subject(
         return problem, *gains_of(args.gains, problem, console)
     if args.gains is not None:
         raise avc.InputError.of("does not go with a coupling file; give the problem instead", key="--gains")
-    coupling = read_subject("simulate", args.problem, beside=f"avc simulate P --gains {args.problem}")
+    coupling = read_subject("simulate", args.problem, beside=f"avc simulate P --gains {quote(args.problem)}")
     return coupling.problem, coupling, []
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
@@ -101,7 +102,7 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
         why = f"is a coupling to a simulation; {verb} takes one to a wall in the device's own loop: {TOOL_VERBS}"
         raise avc.InputError.of(why, file=file)
     if not is_coupling(file) and _is_problem(file):
-        make = f"avc recommend {file} --out c.json"
+        make = f"avc recommend {quote(file)} --out c.json"
         raise avc.InputError.of(f"is a problem; {verb} takes a coupling: {make}", file=file)
     if problem is not None:
         return avc.read_coupling(Path(file), load_problem(problem))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
@@ -63,7 +64,7 @@ def problem_and_gains(
     problem = load_problem(source)
     if gains is not None:
         if not is_tool_coupling(gains):
-            make = f"avc recommend {source} --out c.json"
+            make = f"avc recommend {quote(source)} --out c.json"
             raise avc.InputError.of(f"is no coupling to a simulation; make one: {make}", file=gains)
         return problem, read_tool(gains).gains
     return problem, None if console is None else _designed(problem, source, console)

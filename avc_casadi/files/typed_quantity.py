@@ -17,6 +17,9 @@ _SYMBOLS = {
 _ALONE = {
     "in": (0.0254, (0, 1, 0, 0)),
     "dpi": (1 / 0.0254, (0, -1, 0, 0)),
+    "lb": (0.45359237, (1, 0, 0, 0)),
+    "lbf": (4.4482216152605, (1, 1, -2, 0)),
+    "ozf": (0.27801385095378, (1, 1, -2, 0)),
     **dict.fromkeys(("deg", "degrees", "\N{DEGREE SIGN}"), (math.pi / 180, (0, 0, 0, 1))),
     **dict.fromkeys(("turn", "turns", "rev"), (2 * math.pi, (0, 0, 0, 1))),
     **dict.fromkeys(("count", "counts", "step", "steps", "sample", "samples"), (1.0, (0, 0, 0, 0))),
@@ -24,6 +27,7 @@ _ALONE = {
 _TYPED_PREFIXES = {"": 0, "k": 3, "M": 6, "G": 9, "c": -2, "m": -3, "u": -6, "n": -9}
 # Units typed without a sign between them.
 _GLUED = ((r"Nms\b", "N.m.s"), (r"Nm\b", "N.m"), (r"Ns\b", "N.s"), (r"g(?=[cm]?m2)", "g."))
+_BITS = re.compile(r"\s*(\d{1,2})[\s-]*bits?\s*")
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
 
 
@@ -32,12 +36,14 @@ def read_quantity(text: str, unit: str) -> float:
 
     Args:
         text: a number, and its unit; without one it is in SI units. A number per length or time, in place of the length
-            or time itself, is inverted; counts alone are those of a turn.
+            or time itself, is inverted; counts alone are those of a turn, and so are those of an encoder's bits.
         unit: that is wanted, such as ``N.m/rad`` or ``samples``.
 
     Raises:
         ValueError: it is not a number, or of another unit.
     """
+    if bits := _BITS.fullmatch(text):
+        text = f"{2 ** int(bits[1])} counts"
     found = _NUMBER.fullmatch(text)
     typed, wanted = None if found is None else _unit(found[2]), _unit(unit)
     if found is None or typed is None or wanted is None or not math.isfinite(number := float(found[1])):
@@ -52,7 +58,7 @@ def read_quantity(text: str, unit: str) -> float:
         value = 1 / value
     # N.m/rad typed without the angle is meant with it.
     elif powers != wanted[1] and not (any(powers[:3]) and powers[:3] == wanted[1][:3]):
-        raise ValueError(f"{text!r} has another unit")
+        raise ValueError(f"{' '.join(text.split())!r} is in another unit than {unit}")
     return float(f"{value:.15g}")
 
 

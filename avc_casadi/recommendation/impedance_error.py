@@ -26,6 +26,8 @@ TOLERANCE = 0.10
 GRID_HZ = np.geomspace(0.5, 200.0, 241)
 # A rigid coupling in numbers, far above any wall's spring or damper.
 _RIGID = 1e15
+# Samples of a period, for the wall's own force.
+_A_PERIOD = 1024
 # A smaller share of the wall counts as zero.
 _NOTHING = 1e-9
 
@@ -89,8 +91,8 @@ class Rendered:
     Attributes:
         stiffness_n_per_m: |Z_h - Z_d| omega.
         error: as `ErrorCurve.physical`.
-        mismatch: |ln((Z_h - Z_d)/Z_e)| with the wall's own impedance Z_e = b_e + k_e/s: symmetric in too soft and too
-            stiff, and finite where device and wall resonate and |Z| nearly vanishes.
+        mismatch: |ln((Z_h - Z_d)/Z_e)| with the impedance Z_e of the wall itself, which never pulls: symmetric in too
+            soft and too stiff, and finite where device and wall resonate and |Z| nearly vanishes.
     """
 
     stiffness_n_per_m: FloatArray
@@ -98,12 +100,15 @@ class Rendered:
     mismatch: FloatArray
 
 
-def of_force(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatArray) -> Rendered:
+def of_force(
+    problem: Problem, force_n_per_m: ComplexArray, wall_n_per_m: ComplexArray, frequency_hz: FloatArray
+) -> Rendered:
     """Return what a transfer from measured position to force renders at the handle of the declared device.
 
     Args:
         problem: device and wall.
         force_n_per_m: commanded force over position, before delay and amplifier, shape (n,).
+        wall_n_per_m: force of the wall itself over position in the same motion, shape (n,).
         frequency_hz: of the motion, shape (n,).
     """
     stated, device, s = _stated(problem), problem.device, 2j * np.pi * frequency_hz
@@ -111,10 +116,27 @@ def of_force(problem: Problem, force_n_per_m: ComplexArray, frequency_hz: FloatA
     # The impedance of a spring of 1 N/m turns force over position into one over velocity.
     unit = environment_impedance(angle, "sampled-data", 0.0, 1.0)
     felt = _at_handle(stated, perceived_impedance(loop.device, loop.hold, force_n_per_m * unit), frequency_hz)
-    wanted, wall = _physical(device, problem.environment, s), problem.environment
-    alone = device.mass_kg * s + device.damping_ns_per_m
-    rendered, behind = felt - alone, wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    return Rendered(np.abs(rendered * s), _relative(felt, wanted), _log_ratio(rendered, behind))
+    wanted = _physical(device, problem.environment, s)
+    rendered = felt - (device.mass_kg * s + device.damping_ns_per_m)
+    return Rendered(np.abs(rendered * s), _relative(felt, wanted), _log_ratio(rendered * s, wall_n_per_m))
+
+
+def wall_over_position(wall: Impedance, depth_m: float, amplitude_m: float, frequency_hz: FloatArray) -> ComplexArray:
+    """Return max(0, k_e x + b_e dx/dt) over x, N/m, at the frequency of a sine about a depth, shape (n,).
+
+    A wall never pulls: of a damper alone that leaves the half of b_e (describing function: Gelb and Vander Velde 1968).
+
+    Args:
+        wall: k_e and b_e.
+        depth_m: mean depth.
+        amplitude_m: of the sine.
+        frequency_hz: of the motion, shape (n,).
+    """
+    angle = 2 * np.pi * np.arange(_A_PERIOD) / _A_PERIOD
+    moved, speed = amplitude_m * np.sin(angle), 2 * np.pi * frequency_hz[:, None] * amplitude_m * np.cos(angle)
+    force = np.maximum(0.0, wall.stiffness_n_per_m * (depth_m + moved) + wall.damping_ns_per_m * speed)
+    wave = np.exp(-1j * angle)
+    return np.asarray((force @ wave) / (moved @ wave))
 
 
 def _log_ratio(rendered: ComplexArray, wanted: NDArray[np.complexfloating[Any, Any]]) -> FloatArray:

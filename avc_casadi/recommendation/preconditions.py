@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.detent import detent_verdict
+from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
 from avc_casadi.files.plausibility import plausibility
-from avc_casadi.model.corners import LINEAR_KEYS
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import turned_gains
@@ -39,6 +40,12 @@ def hopeless(problem: Problem) -> str:
         )
     if not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
         return "the wall gives no force: there is nothing to couple to; give [environment] a stiffness or a damping"
+    slowest = max(one.delay_samples for one in device_corners(device, ("delay_samples",)))
+    if slowest > MAX_DELAY_SAMPLES:
+        return (
+            f"no coupling is judged: linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not "
+            f"{slowest:g} (device.delay_samples); shorten the delay, or state a longer sample time"
+        )
     if problem.detent is not None:
         passed, sentence, advice, _ = detent_verdict(problem)
         if not passed:

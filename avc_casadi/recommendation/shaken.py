@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
-from avc_casadi.recommendation.impedance_error import of_force
+from avc_casadi.recommendation.impedance_error import of_force, wall_over_position
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.population.prepared import prepared
 from avc_casadi.simulation.population.trial import engine_for, on_device
@@ -104,7 +104,9 @@ def shaken(
     mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2
     depth = mean_n / felt_n_per_m if felt_n_per_m > 0 else _DEPTH_M / device.metres_per_unit
     force = force_over_position(coupling, depth, _SHARE * depth, heard, effects)
-    found = of_force(wanted or coupling.problem, force, heard)
+    problem = wanted or coupling.problem
+    wall = wall_over_position(problem.environment, depth, _SHARE * depth, heard)
+    found = of_force(problem, force, wall, heard)
     return Shaken(depth, _SHARE * depth, heard, **vars(found))
 
 

@@ -15,7 +15,6 @@ from avc_casadi._util.text import number
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.causes import weigh
 from avc_casadi.identification.diagnosis.evidence import felt, law_sentence, oscillation_sentence, ticks_sentence
-from avc_casadi.identification.diagnosis.hypothesis import device_as
 from avc_casadi.identification.diagnosis.intended import Declared, law_differs, other_unit
 from avc_casadi.identification.diagnosis.law import Law, find_law, without_repeats
 from avc_casadi.identification.diagnosis.log import Log, log_of
@@ -86,7 +85,9 @@ def diagnose(
     limit_n = declared.device.max_force_n
     if limit_n is not None and exceeded(grid, limit_n):
         # The declared limit does not apply to this log.
-        declared = replace(declared, device=device_as(declared.device, {"max_force_n": None}))
+        ranges = declared.device.range.model_copy(update={"max_force_n": None})
+        unlimited = declared.device.model_copy(update={"max_force_n": None, "range": ranges})
+        declared = replace(declared, device=unlimited)
         most = number(float(np.abs(grid.force_n).max()), 3)
         said = f"the log commands up to {most} N, and max_force_n declares {number(limit_n, 3)} N"
         notes = [*notes, f"{said}, beyond which it may not have acted: is the limit, or a unit, another one?"]

@@ -72,6 +72,12 @@ class Declared:
         most = self.device.range.delay_samples
         return float(self.device.delay_samples if most is None else most[1])
 
+    @property
+    def shortest_delay(self) -> float:
+        """Declared delay, samples of the device: the lower end of a range."""
+        least = self.device.range.delay_samples
+        return float(self.device.delay_samples if least is None else least[0])
+
     def delay_prior(self) -> tuple[float, float]:
         """Return mean and standard deviation of the declared delay, samples; uniform within a range."""
         ends = self.device.range.delay_samples

@@ -157,7 +157,8 @@ def _held(position: FloatArray, force: FloatArray) -> int:
     if np.count_nonzero(new & moved) < 20:
         return 1
     change = np.flatnonzero(new) + 1
-    for held in range(_MOST_HELD, 1, -1):
+    # A divisor of the hold has one phase too: the usual distance is looked at first.
+    for held in range(max(_MOST_HELD, round(float(np.median(np.diff(change))))), 1, -1):
         phase = np.bincount(change % held, minlength=held)
         # New forces come in one phase of the period only, although the position moves in every one.
         if phase.max() >= _HELD * phase.sum() and np.count_nonzero(moved) > 1.3 * np.count_nonzero(new):

@@ -40,7 +40,8 @@ class Measured:
     Attributes:
         delay_samples, delay_error_samples: from the measured position to the motion that its force makes, in samples
             of the log, and the standard error.
-        declared_delay_samples: as declared, or assumed, in the same samples.
+        declared_delay_samples: as declared, or assumed, in the same samples: of a range the upper end.
+        least_declared_delay_samples: the lower end.
         lag_samples: its part between position and logged force.
         device: mass_kg and damping_ns_per_m of the device: as declared where a hand is on a declared one, else
             identified.
@@ -53,6 +54,7 @@ class Measured:
     delay_samples: float
     delay_error_samples: float
     declared_delay_samples: float
+    least_declared_delay_samples: float
     lag_samples: int
     device: Mapping[str, float]
     hand: Mapping[str, float] | None

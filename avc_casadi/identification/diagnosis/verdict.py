@@ -318,6 +318,7 @@ def _measured(answer: Hypothesis, fit: Fit, law: Law, log: Log, declared: Declar
         delay_samples=float(answer.device.delay_samples) + law.lag,
         delay_error_samples=float(np.std([float(draw.device.delay_samples) for draw in fit.draws])),
         declared_delay_samples=declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s,
+        least_declared_delay_samples=declared.shortest_delay * declared.device.sample_time_s / log.ticks.period_s,
         lag_samples=law.lag,
         device={"mass_kg": answer.device.mass_kg, "damping_ns_per_m": answer.device.damping_ns_per_m},
         hand=None if answer.hand is None else answer.hand.values(0),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
@@ -37,7 +38,7 @@ def baselines_page(document: dict[str, Any], problem: Problem, page: Page, shown
     what = "stiffest wall with which all hands settle without friction (its damping), impedance error at 1 and 10 Hz,"
     more = "ripple of the force at 20 mm/s; how many settle at the wall that is asked for"
     rows.append(Row("Told", f"{what} {more}"))
-    return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown}"])
+    return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)}"])
 
 
 def _recommended(document: dict[str, Any], problem: Problem) -> Row:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
@@ -37,7 +38,7 @@ def bilateral_page(
         written: file of the coupling; None if none was written.
         verbose: with all details below.
     """
-    following = f"avc recommend {shown} -v" if written is None else f"avc export {written} --c DIR"
+    following = f"avc recommend {quote(shown)} -v" if written is None else f"avc export {quote(written)} --c DIR"
     text = page.rendered(bilateral_headline(problem, shown), bilateral_rows(document, problem), [following])
     if verbose:
         lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
@@ -58,7 +59,7 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
         Row("Warning", problem.units.text(f"{one['key']} {one['message']}"), Mark.CAUTION)
         for one in document["warnings"]
     ]
-    return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
+    return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
 
 def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
@@ -88,7 +89,7 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
         *(Row("Not known", units.text(one), Mark.CAUTION) for one in not_known),
         *(Row("Warning", units.text(f"{one['key']} {one['message']}"), Mark.CAUTION) for one in document["warnings"]),
     ]
-    return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown} --out coupling.json"])
+    return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
 
 def device_page(document: dict[str, Any], units: Units, page: Page) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number, rows_text
@@ -46,9 +47,9 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
     ]
     if document["proof_files"]:
         rows.append(Row("Written", ", ".join(document["proof_files"])))
-    onwards = [] if verdict["pass"] else [f"avc recommend {shown} --out coupling.json"]
+    onwards = [] if verdict["pass"] else [f"avc recommend {quote(shown)} --out coupling.json"]
     if file is not None:
-        onwards = [*(onwards or [f"avc export {file} --c DIR"]), f"avc certify {file} -v"]
+        onwards = [*(onwards or [f"avc export {quote(file)} --c DIR"]), f"avc certify {quote(file)} -v"]
     return page.rendered(headline(problem, file or shown), rows, onwards)
 
 

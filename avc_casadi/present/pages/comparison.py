@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from shlex import quote
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +45,9 @@ def comparison_page(document: dict[str, Any], problem: Problem, page: Page, show
         rows.append(Row("Not compared", own, Mark.CAUTION))
     if drawn is not None:
         rows.append(Row("Drawn", drawn))
-    return page.rendered(headline(problem, shown), rows, [f"avc recommend {shown}", f"avc compare {shown} -v"])
+    return page.rendered(
+        headline(problem, shown), rows, [f"avc recommend {quote(shown)}", f"avc compare {quote(shown)} -v"]
+    )
 
 
 def _method(name: str, gains: dict[str, Any], document: dict[str, Any], problem: Problem) -> Row:

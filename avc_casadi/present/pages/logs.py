@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.quantity import percent, quantity
@@ -56,7 +57,7 @@ def identification_page(
         rows.append(Row("Notes", f"{plural(len(found.notes), 'note')} on what this is worth: -v", Mark.CAUTION))
     if written:
         rows.append(Row("Written", ", ".join(written), Mark.PASS))
-    commands = [f"avc check {written[0]}"] if written and found.device is not None else []
+    commands = [f"avc check {quote(written[0])}"] if written and found.device is not None else []
     return page.rendered(headline, rows, [*commands, f"avc identify {' '.join(logs)} -v"])
 
 
@@ -180,7 +181,8 @@ def _measured(one: Diagnosis, units: Units) -> list[Row]:
     if found is None:
         return []
     late = f"{number(found.delay_samples, 3)} ± {number(found.delay_error_samples, 1)} samples"
-    rows = [Row("Delay", f"{late}; declared or assumed {number(found.declared_delay_samples, 3)}")]
+    ends = dict.fromkeys((number(found.least_declared_delay_samples, 3), number(found.declared_delay_samples, 3)))
+    rows = [Row("Delay", f"{late}; declared or assumed {' to '.join(ends)}")]
     if found.hand is None:
         return [*rows, Row("Hand", "none: the device is released")]
     parts = zip(found.hand.values(), ("kg", "N.s/m", "N/m"), strict=True)

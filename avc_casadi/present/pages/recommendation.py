@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
@@ -53,13 +54,13 @@ def recommendation_page(
     if written is not None:
         rows.append(Row("Written", written))
     if document["coupling"] is None:
-        onwards = f"avc check {shown}"
+        onwards = f"avc check {quote(shown)}"
     elif written is None:
-        onwards = f"avc recommend {shown} --out coupling.json"
+        onwards = f"avc recommend {quote(shown)} --out coupling.json"
     else:
-        onwards = f"avc export {written} --c DIR"
+        onwards = f"avc export {quote(written)} --c DIR"
     spare = (_force_label(problem), "With friction", "Linear limit")
-    return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {shown} -v"], spare)
+    return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {quote(shown)} -v"], spare)
 
 
 def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: bool = False) -> list[Row]:
@@ -72,7 +73,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
     """
     if document["coupling"] is None:
         none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
-        return [none] if briefly else [none, *_limit(document, problem)]
+        return [none] if briefly else [*_slips(document, problem), none, *_limit(document, problem)]
     rows = [
         *_slips(document, problem),
         _coupling(document, problem),
@@ -85,7 +86,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         return rows
     return [
         *rows,
-        *_beyond_file(document["beyond_file"]),
+        *_beyond_file(document["beyond_file"], problem),
         *_outside(document),
         *_force(document, problem),
         *_onset(document, problem),
@@ -177,13 +178,14 @@ def _damped(margins: dict[str, Any], transient: dict[str, Any]) -> Row:
         "phase unlimited" if phase is None else f"phase {phase:.2g} deg",
         "delay unlimited" if late is None else f"delay {late:.2g} T",
     ]
-    settles = "never settles" if free["settling_s"] is None else f"settles in {quantity(free['settling_s'], 's')}"
-    ringing = f"damping {held['damping_ratio']:.2g} at {quantity(held['frequency_hz'], 'Hz')}"
+    rings = "for ever" if free["settling_s"] is None else quantity(free["settling_s"], "s")
+    ringing = f"damping {held['damping_ratio']:.2g} at {quantity(held['frequency_hz'], 'Hz')} held"
     if held["frequency_hz"] == 0:
-        ringing = "no oscillation"
+        ringing = "no oscillation held"
     slow = free["settling_s"] is None or free["settling_s"] > _SLOW_S
     thin = (gain is not None and gain < _THIN_GAIN) or (phase is not None and phase < _THIN_DEG)
-    return Row("Margins", f"{', '.join(told)}; {settles}, {ringing}", Mark.CAUTION if slow or thin else Mark.NONE)
+    mark = Mark.CAUTION if slow or thin else Mark.NONE
+    return Row("Margins", f"{', '.join(told)}; rings {rings} released, {ringing}", mark)
 
 
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
@@ -230,12 +232,12 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
+def _beyond_file(found: list[dict[str, Any]], problem: Problem) -> list[Row]:
     """Describe how many hands settle under model mismatch, beside a plain coupling."""
     if not found:
         return []
     settled, hands = [one["at_rest_without_friction"] for one in found], found[0]["hands"]
-    names = [beyond_file_text(one) for one in found]
+    names = [problem.units.text(beyond_file_text(one)) for one in found]
     if min(settled) == hands:
         return [Row("Unmodelled", f"{hands} of {hands} settle with {', '.join(names)}", Mark.PASS)]
     told = ", ".join(f"{count} with {name}" for count, name in zip(settled, names, strict=True))
@@ -282,7 +284,7 @@ def _steps(felt: dict[str, Any], problem: Problem) -> str:
     force = next(iter(ripple["force_n"].values()))
     noticed_by = f", noticed by {loud} of {ripple['hands']}" if loud else ""
     moving = f"ripple {quantity(force, unit('N'))}{noticed_by}"
-    return f"; encoder step {quantity(steps['spring'], unit('N'))}, {moving}"
+    return f"; encoder step {quantity(sum(steps.values()), unit('N'))}, {moving}"
 
 
 def _force_label(problem: Problem) -> str:
@@ -353,7 +355,7 @@ def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown:
         rows.append(Row("Linear limit", f"plain coupling {told(plain, 'N/m')}, with {low} to {high} of damping"))
     else:
         rows.append(Row("Linear limit", "a plain coupling is stable at no wall", Mark.CAUTION))
-    onwards = [f"avc recommend {shown} --out coupling.json", f"avc recommend {shown} --stiffest -v"]
+    onwards = [f"avc recommend {quote(shown)} --out coupling.json", f"avc recommend {quote(shown)} --stiffest -v"]
     return page.rendered(headline(problem, shown), rows, onwards)
 
 

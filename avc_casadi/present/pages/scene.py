@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
@@ -55,7 +56,7 @@ def scene_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
     if written:
         rows.append(Row("Written", ", ".join(written)))
     return page.rendered(
-        headline(problem, shown), rows, [f"avc simulate {shown} --explain", f"avc simulate {shown} -v"]
+        headline(problem, shown), rows, [f"avc simulate {quote(shown)} --explain", f"avc simulate {quote(shown)} -v"]
     )
 
 
@@ -211,7 +212,7 @@ def screening_page(document: dict[str, Any], problem: Problem, page: Page, shown
         rows.append(Row("Not needed", f"at a tolerance of {tolerance}: {', '.join(document['unneeded'])}"))
         rows.append(Row("Without these", f"{_changes(together, problem.units)}, {_WORDS[together['outcome']]}"))
     rows += [Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]]
-    return page.rendered(headline(problem, shown), rows, [f"avc simulate {shown} --screen -v"])
+    return page.rendered(headline(problem, shown), rows, [f"avc simulate {quote(shown)} --screen -v"])
 
 
 def _changes(found: dict[str, Any], units: Units) -> str:

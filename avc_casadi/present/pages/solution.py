@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
@@ -52,11 +53,11 @@ def solution_page(document: dict[str, Any], problem: Problem, page: Page, shown:
         told = f"{len(document['paper_errors'])} in the printed paper; these gains have those of (10) and (17)"
         rows.append(Row("Paper's errors", told, Mark.CAUTION))
     printed = " --as-printed" if "paper_errors" in document else ""
-    again = f"avc solve {shown} --method {document['method']}{printed}"
+    again = f"avc solve {quote(shown)} --method {document['method']}{printed}"
     if written is None:
         return page.rendered(headline(problem, shown), rows, [f"{again} --out gains.json", f"{again} -v"])
     rows.append(Row("Written", written))
-    return page.rendered(headline(problem, shown), rows, [f"avc certify {written}", f"{again} -v"])
+    return page.rendered(headline(problem, shown), rows, [f"avc certify {quote(written)}", f"{again} -v"])
 
 
 def _errors(document: dict[str, Any], problem: Problem) -> list[Row]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
@@ -166,7 +167,7 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
         rows.append(Row(quantity(one["rate_hz"], "Hz"), told, mark))
     if drawn is not None:
         rows.append(Row("Drawn", drawn))
-    return page.rendered(headline(problem, shown), rows, [f"avc zwidth {shown} -v"])
+    return page.rendered(headline(problem, shown), rows, [f"avc zwidth {quote(shown)} -v"])
 
 
 def region_lines(document: dict[str, Any], problem: Problem) -> list[str]:
@@ -265,7 +266,7 @@ def check_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
         ),
         *(Row("Unusual", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]),
     ]
-    next_ = [f"avc recommend {shown} --out c.json", f"avc zwidth {shown}"]
+    next_ = [f"avc recommend {quote(shown)} --out c.json", f"avc zwidth {quote(shown)}"]
     return page.rendered(headline(problem, shown), rows, next_)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import InputError
@@ -89,7 +90,7 @@ def parameters_page(said: Said, coupling: ToolCoupling, engine: str, page: Page,
     rows += [Row("" if number else "Each step", text(line)) for number, line in enumerate(said.lines)]
     rows += [Row("Instead", text(one)) for one in said.instead]
     rows += [Row("Trap", text(one), Mark.CAUTION) for one in said.traps]
-    return page.rendered(headline, rows, [f"avc export {shown} --c DIR"])
+    return page.rendered(headline, rows, [f"avc export {quote(shown)} --c DIR"])
 
 
 def tool_export_page(document: Mapping[str, Any], coupling: ToolCoupling, page: Page, shown: str) -> str:
@@ -108,7 +109,7 @@ def tool_export_page(document: Mapping[str, Any], coupling: ToolCoupling, page: 
         Row("C", f"{document['precision']} precision, {rate}, exchange {document['exchange']}, both ends"),
         Row("Written", ", ".join(document["files"])),
     ]
-    commands = [f"avc export {shown} --parameters ENGINE"]
+    commands = [f"avc export {quote(shown)} --parameters ENGINE"]
     return page.rendered(tool_headline(coupling.problem, shown), rows, commands)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
@@ -36,9 +37,13 @@ def tool_page(
         written: file that holds the coupling, if one was written.
         verbose: with all details below.
     """
-    commands = [f"avc recommend {shown} --out coupling.json" if written is None else f"avc export {written} --c DIR"]
+    commands = [
+        f"avc recommend {quote(shown)} --out coupling.json"
+        if written is None
+        else f"avc export {quote(written)} --c DIR"
+    ]
     if document["coupling"] is None:
-        commands = [f"avc check {shown}"]
+        commands = [f"avc check {quote(shown)}"]
     text = page.rendered(headline(problem, shown), tool_rows(document, problem), commands)
     if verbose:
         text = "\n".join([text, "", problem.units.text("\n".join(_all(document, problem)))])
@@ -73,7 +78,10 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     found = document["simulation"]
     if document["coupling"] is None:
         none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
-        return [none, *_needed(found, problem), _limit(document, problem)]
+        # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
+        wanted = problem.simulation and problem.simulation.stiffness_n_per_m
+        refuted = wanted is not None and wanted <= found["stiffest_n_per_m"]
+        return [none, *([] if refuted else _needed(found, problem)), _limit(document, problem)]
     return [
         _coupling(found, problem),
         *_felt(found, problem),

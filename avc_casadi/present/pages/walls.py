@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent
@@ -40,7 +41,7 @@ def walls_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
     rows += [Row("Not judged", problem.units.text(why), Mark.CAUTION) for why in document["refused"]]
     if drawn is not None:
         rows.append(Row("Drawn", drawn))
-    onwards = [f"avc recommend {shown} --stiffest", f"avc zwidth {shown} -v"]
+    onwards = [f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v"]
     return page.rendered(headline(problem, shown), rows, onwards)
 
 
