@@ -8,9 +8,11 @@ import numpy as np
 
 from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
+from avc_casadi.claims.stability.stiffest_wall import damping_range, softest_wall_n_per_m
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
+from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import turned_gains
 from avc_casadi.recommendation.shaken import PRESS_N
@@ -46,6 +48,14 @@ def hopeless(problem: Problem) -> str:
             f"no coupling is judged: linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not "
             f"{slowest:g} (device.delay_samples); shorten the delay, or state a longer sample time"
         )
+    if wall.stiffness_n_per_m == 0:
+        people = with_let_go(hand_corners(problem.hands))
+        most = damping_range(device, people, softest_wall_n_per_m(device)).highest_ns_per_m
+        if wall.damping_ns_per_m > most:
+            return (
+                f"a damper above {most:.3g} N.s/m is not linearly stable with every hand and released, and "
+                f"{wall.damping_ns_per_m:g} N.s/m are wanted (environment.damping_ns_per_m): ask for less"
+            )
     if problem.detent is not None:
         passed, sentence, advice, _ = detent_verdict(problem)
         if not passed:

@@ -50,7 +50,10 @@ def _bare(document: dict[str, Any]) -> Row:
     met = [curve["claim"] for curve in document["curves"].values() if curve["wanted_wall"]]
     if not met:
         return Row("Without coupling", "this wall is neither passive nor stable", Mark.CAUTION)
-    every = len(met) == len(document["curves"])
+    curves = document["curves"]
+    every = len(met) == len(curves)
+    if curves["stable-hands"]["wanted_wall"] and not curves["stable-released"]["wanted_wall"]:
+        met.append("unstable when released")
     return Row("Without coupling", f"this wall is {'; '.join(met)}", Mark.PASS if every else Mark.CAUTION)
 
 
