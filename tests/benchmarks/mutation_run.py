@@ -57,10 +57,11 @@ def copied(folder: Path) -> Path:
     return root
 
 
-def passes(root: Path, tests: Iterable[str], longest_s: int | None = LONGEST_S) -> tuple[bool, str]:
+def passes(root: Path, tests: Iterable[str], longest_s: int | None = LONGEST_S, *, thorough: bool) -> tuple[bool, str]:
     """Run tests in a copy until the first fails; return whether all pass, and what failed."""
     path = os.pathsep.join((str(root), str(root / "hardware")))
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", *tests]
+    command += ["-m", "not exhaustive"] if thorough else []
     environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     with subprocess.Popen(  # noqa: S603 - ours
         command, cwd=root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
@@ -90,7 +91,7 @@ def tried(root: Path, edit: Edit) -> dict[str, Any]:
     before, started = whole.read_text(encoding="utf-8"), time.perf_counter()
     try:
         whole.write_text(broken, encoding="utf-8")
-        passed, by = passes(root, edit.tests)
+        passed, by = passes(root, edit.tests, thorough=edit.thorough)
     finally:
         whole.write_text(before, encoding="utf-8")
     seconds = round(time.perf_counter() - started, 2)
@@ -173,7 +174,8 @@ def run(area: str) -> list[dict[str, Any]]:
     records = []
     with tempfile.TemporaryDirectory(prefix="avc-mutation-") as folder:
         root = copied(Path(folder))
-        passed, by = passes(root, sorted({test for edit in listed for test in edit.tests}), None)
+        every, thorough = sorted({test for edit in listed for test in edit.tests}), any(one.thorough for one in listed)
+        passed, by = passes(root, every, None, thorough=thorough)
         if not passed:
             sys.exit(f"the tests of {area} fail without any edit: {by}")
         for number, edit in enumerate(listed, start=1):
