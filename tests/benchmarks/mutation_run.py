@@ -174,10 +174,11 @@ def run(area: str) -> list[dict[str, Any]]:
     records = []
     with tempfile.TemporaryDirectory(prefix="avc-mutation-") as folder:
         root = copied(Path(folder))
-        every, thorough = sorted({test for edit in listed for test in edit.tests}), any(one.thorough for one in listed)
-        passed, by = passes(root, every, None, thorough=thorough)
-        if not passed:
-            sys.exit(f"the tests of {area} fail without any edit: {by}")
+        for thorough in sorted({edit.thorough for edit in listed}):
+            every = sorted({test for edit in listed if edit.thorough == thorough for test in edit.tests})
+            passed, by = passes(root, every, None, thorough=thorough)
+            if not passed:
+                sys.exit(f"the tests of {area} fail without any edit: {by}")
         for number, edit in enumerate(listed, start=1):
             records.append(tried(root, edit))
             last = records[-1]
