@@ -91,16 +91,17 @@ def test_a_tool_that_stands_still_is_a_spring_and_a_damper(ratio):
     assert found == pytest.approx(800.0 + 8.0 * (1 - turn) / T)
 
 
-def test_what_is_ahead_is_handed_out_a_step_earlier_than_what_is_on_time():
-    """Of a free tool on a soft coupling: its position lags by one step more."""
+@pytest.mark.parametrize(("sooner", "later"), [("ahead", "on-time"), ("on-time", "late")])
+def test_an_exchange_hands_out_a_tool_one_step_before_the_next(sooner, later):
+    """Of a free tool on a soft coupling: its position lags by a step more."""
     free, gains, hz = tool_states(engine(), 0.0)[-1], ToolGains(300.0, 4.0), 10.0
     clock = clocks(4e-3, T)[0]
-    ahead, late = (
+    before, after = (
         LiftedLoop(driven_plant(T), clock, engine(exchange=one)).force_per_metre(gains, free, hz)
-        for one in ("ahead", "on-time")
+        for one in (sooner, later)
     )
     spring = gains.stiffness_n_per_m + gains.damping_ns_per_m * 2j * np.pi * hz
-    turned = np.angle((spring - ahead) / (spring - late))
+    turned = np.angle((spring - before) / (spring - after))
     assert turned == pytest.approx(2 * np.pi * hz * 4e-3, rel=0.2)
 
 

@@ -32,7 +32,7 @@ from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing, 
 from avc_casadi.identification.diagnosis.plant import Search
 from avc_casadi.identification.diagnosis.relay import find_relay, find_two_rates
 from avc_casadi.identification.record import Columns
-from avc_casadi.model.device import Device
+from avc_casadi.model.device import Device, Resonance
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.problem import Hands
 from avc_casadi.simulation.effects.filters import Notch
@@ -218,6 +218,38 @@ def test_the_lag_before_a_logged_force_is_part_of_the_declared_delay():
     declared = Declared.of(device, BOX, T)
     begins = [Search((), log(TIME, 1.0), declared, lag, False, "none", False, 50.0)._middle[0] for lag in (0, 1, 5)]
     assert begins == pytest.approx([3.0, 2.0, 0.0])
+
+
+@pytest.mark.parametrize(("mode", "against"), [("none", 0.0), ("declared", 0.0), ("found", 12.0)])
+def test_a_resonance_that_nobody_declared_has_to_be_worth_its_three_numbers(mode, against, monkeypatch):
+    """Odds of e^4 against each of them, beside what is left and what the log leaves of what was possible."""
+    device = DEVICE.model_copy(update={"resonance": Resonance(frequency_hz=90.0, damping_ratio=0.05, mass_ratio=0.4)})
+    search = Search((), log(TIME, 1.0), Declared.of(device, BOX, T), 0, False, mode, False, 50.0)
+    point = search._middle
+    solved = SimpleNamespace(x=point, jac=np.eye(point.size), cost=3.0)
+    monkeypatch.setattr(search, "_solve", lambda *_: solved)
+    monkeypatch.setattr(search, "left", lambda _: {0: np.ones(4)})
+    found = search.finish(point, None, 1.0, 0, 0)
+    assert found.cost == pytest.approx(3.0 + found.volume + against)
+
+
+@pytest.mark.parametrize(("cause", "verdict"), [("delay", "cannot tell"), ("stiffness", "named")])
+def test_a_tremor_is_taken_for_a_delay_and_for_nothing_else(cause, verdict, monkeypatch):
+    """A fifth of a millimetre at 9 Hz in a loop that a delay explains: a hand trembles so of its own."""
+    found = swing(0, 3000, hertz=9.0, size=2e-4)
+    measured = SimpleNamespace(
+        frequency_hz=9.0, growth_per_s=0.1, misfit=1.0, delay_samples=1.2, declared_delay_samples=1.0
+    )
+    plain = {"settled": lambda asked, *_: asked, "unlimited": lambda *_: False, "_together": lambda _: None}
+    plain |= {"shares_of": lambda _: {cause: 1.0}, "_measured": lambda *_: measured, "cures_of": lambda *_: ()}
+    plain |= {"_likeliest": lambda *_: (None, SimpleNamespace(at_end=())), "measured_sentences": lambda *_: []}
+    plain |= {"named_sentence": lambda *_: "named", "deciding_log": lambda *_, **__: ""}
+    for name, one in plain.items():
+        monkeypatch.setattr(_verdict, name, one)
+    judge = _verdict.Judge(log(TIME, 1.0), found, LAW, Declared.of(DEVICE, BOX, T), [], [])
+    told = judge.judged(LAW, [], [])
+    assert told.verdict == verdict
+    assert ("a hand trembles" in told.conclusion) == (cause == "delay")
 
 
 def test_a_force_that_a_position_switches_has_half_of_its_swing():
