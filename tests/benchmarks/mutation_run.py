@@ -1,10 +1,10 @@
 """Break the code in small ways, one at a time, and see whether the tests that should notice do.
 
 The edits stand in mutations/*.toml: file, old text, new text, tests to run (with `thorough = true` those too that are
-marked so) and why it matters. They are made in a copy of the tree below a temporary folder. An edit is killed when a listed test fails or takes far too long; it survived when
-all pass; it is stale when its old text does not stand exactly once in its file. An edit that no test can notice says
-why in its table. The run ends with 1 where an edit is stale, survived unexplained or is explained and killed, or where
-fewer than 90 % are killed.
+marked so) and why it matters. They are made in a copy of the tree below a temporary folder. An edit is killed when a
+listed test fails or takes far too long; it survived when all pass; it is stale when its old text does not stand exactly
+once in its file. An edit that no test can notice says why in its table. The run ends with 1 where an edit is stale,
+survived unexplained or is explained and killed, or where fewer than 90 % are killed.
 
 A whole run took 52 minutes on two cores that ten other processes used as well. It overwrites
 results/mutation.json and RESULTS_mutation.md beside this file; --only runs one table and overwrites its part of both.
