@@ -1,6 +1,5 @@
 """Which couplings are tried, and in which order: those that stand in stable intervals, the stiffest that is held."""
 
-import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -96,9 +95,11 @@ def test_of_the_walls_of_a_climb_the_stiffest_is_asked_about_first(held, asked):
     assert met == asked
 
 
-def test_between_what_is_held_and_what_is_not_the_way_is_halved_towards_the_limit(monkeypatch):
+@pytest.mark.parametrize("share", [0.16, 0.2, 0.23])
+def test_the_way_from_what_is_held_to_what_is_not_is_halved(share, monkeypatch):
+    """From 0.15 of what springs hold the next wall that was looked at stands at 0.24 of it."""
     problem, limit = before(2 * LIMIT.stiffness_n_per_m), LIMIT.stiffness_n_per_m
-    held, met = 0.87 * limit, [0.82 * limit]
+    held, met = share * limit, []
     monkeypatch.setattr(search_schedule, "softened_to", lambda _, __, felt: felt)
 
     class Hands:
@@ -111,9 +112,12 @@ def test_between_what_is_held_and_what_is_not_the_way_is_halved_towards_the_limi
             met.append(felt)
 
         def reached_n_per_m(self):
-            return met[0]
+            return 0.15 * limit
 
     search_schedule._closer(problem, Hands(), LIMIT)
-    # From 0.82 the next wall stands at 0.9: their geometric mean is held, and what is left is near enough.
-    assert met[1] == pytest.approx(np.sqrt(0.82 * 0.9) * limit)
-    assert all(below < above for below, above in itertools.pairwise(met))
+    low, high = 0.15 * limit, 0.24 * limit
+    for felt in met:
+        assert felt == pytest.approx(np.sqrt(low * high))
+        low, high = (felt, high) if felt <= held else (low, felt)
+    assert len(met) == 3
+    assert low <= held < high
