@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._util.progress import SILENT
 from avc_casadi.claims.stability import tool_region as _region
 from avc_casadi.claims.stability.tool_loop import ToolLoops, contact_stiffnesses_n_per_m
 from avc_casadi.model.bilateral_loop import BilateralLoop, link_clocks
@@ -177,7 +176,7 @@ def tried(lean, free, first, wanted=None):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_tool, "try_tool", trial)
-        gains, _ = _tool._tried(stated, search, first, 4, 0, SILENT, _tool.OPTIONS, local=False)
+        gains, _ = _tool._tried(stated, search, first, 4, 0, _tool.SILENT, _tool.OPTIONS, local=False)
     return None if gains is None else gains.stiffness_n_per_m
 
 

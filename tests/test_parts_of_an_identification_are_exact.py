@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from avc_casadi._errors import InputError
+import avc_casadi as avc
 from avc_casadi.identification import device as _device
 from avc_casadi.identification import estimates as _estimates
 from avc_casadi.identification import lag_vs_resonance as _lag
@@ -231,7 +231,7 @@ def test_the_slope_by_a_delay_is_that_inside_its_own_sample(at, near):
 
 def test_a_log_of_every_second_tick_is_refused():
     base = SimpleNamespace(name="mine", device=Device(mass_kg=0.1, damping_ns_per_m=1.0, sample_time_s=T))
-    with pytest.raises(InputError, match=r"2 times device\.sample_time_s"):
+    with pytest.raises(avc.InputError, match=r"2 times device\.sample_time_s"):
         check_against([Record("log", 2 * T, np.zeros(300), np.zeros(300))], base)
     for period in (T, 1.5 * T, T / 2):
         check_against([Record("log", period, np.zeros(300), np.zeros(300))], base)

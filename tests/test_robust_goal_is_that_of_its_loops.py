@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.progress import SILENT
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import Laws, state_feedback_loop
 from avc_casadi.design.robust import solve
@@ -145,12 +143,12 @@ def test_of_the_walls_that_searches_reach_the_stiffest_is_refined_and_none_begin
     monkeypatch.setattr(solve, "continuation", climbed)
     monkeypatch.setattr(solve, "refined", lambda _, step: step)
     softer = PROBLEM.changed(environment={"stiffness_n_per_m": wanted})
-    assert solve._stiffest(softer, SILENT).stiffness_n_per_m == 90.0
+    assert solve._stiffest(softer, solve.SILENT).stiffness_n_per_m == 90.0
     assert asked == [(wanted, wanted)] * 3
 
 
 def test_a_device_whose_force_comes_too_late_has_no_law_and_says_so():
     late = PROBLEM.changed(device={"delay_samples": 9})
-    with pytest.raises(UnsupportedError, match="delay of 9 samples"):
+    with pytest.raises(avc.UnsupportedError, match="delay of 9 samples"):
         avc.solve(late, "robust")
     assert not why_no_law(PROBLEM.changed(device={"delay_samples": 8}))

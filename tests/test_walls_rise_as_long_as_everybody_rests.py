@@ -1,6 +1,7 @@
 """Walls are raised while laws are searched, as long as everybody who is simulated comes to rest."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import Laws, largest_radius, state_feedback_loop
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust import cma_continuation
 from avc_casadi.design.robust.cma_continuation import continuation, refined, weighed
 from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
@@ -92,6 +94,18 @@ def test_a_continuation_ends_at_the_wanted_wall(step):
     costs = [[one.cost.total for one in wall.candidates] for wall in held]
     assert costs == [sorted(some) for some in costs]
     assert max(map(len, costs)) > 1
+
+
+def test_a_wall_is_raised_by_two_fifths_at_most_and_by_as_much_where_laws_are_found_at_once(monkeypatch):
+    def held(point, wall):
+        return SimpleNamespace(stiffness_n_per_m=wall, best=SimpleNamespace(logarithms=point)), 1
+
+    monkeypatch.setattr(cma_continuation, "_Search", lambda *_: SimpleNamespace(held=held))
+    walls = [step.stiffness_n_per_m for step in continuation(PROBLEM, None, (100.0, 5000.0))]
+    rises = np.divide(walls[1:], walls[:-1])
+    assert walls[-1] == 5000.0
+    assert rises.max() == pytest.approx(1.4)
+    np.testing.assert_allclose(rises[1:-1], 1.4)
 
 
 @pytest.mark.thorough
