@@ -69,6 +69,15 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     assert 0 < sum(expected) < len(expected)
 
 
+def test_each_number_is_a_tenth_off_up_or_down():
+    device = before(WALL_N_PER_M).device
+    values = linear_values(device)
+    keys = tuple(key for key, value in values.items() if value > 0)
+    drawn = [one for seed in range(4) for one in _off(device, keys, seed)]
+    for key in keys:
+        assert {round(linear_values(one)[key] / values[key], 9) for one in drawn} == {0.9, 1.1}
+
+
 def test_numbers_with_a_range_stay_and_none_is_left_where_all_have_one():
     some = off_file(rigid(before(WALL_N_PER_M, range={"mass_kg": (0.09, 0.12)})))
     assert "mass_kg" not in some.keys

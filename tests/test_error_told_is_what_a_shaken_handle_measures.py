@@ -92,6 +92,16 @@ def test_of_a_law_with_a_dead_zone(hz):
     assert abs(found - linear.error[0]) > 0.1 * found, "the dead zone has a part in it"
 
 
+def test_what_is_rendered_is_felt_beside_the_mass_and_the_damping_of_the_device():
+    """Of a wall as soft as the device's own damper is at 50 Hz."""
+    hz, wall = 50.0, 400.0
+    told = shaken(Coupling.constant(problem(wall), Gains(0.0, 1e12), "mine"), wall, [hz])
+    s = 2j * np.pi * hz
+    felt = measured(lambda x: wall * x, told.depth_m, told.amplitude_m, hz) - MASS * s - DAMPING
+    assert told.stiffness_n_per_m[0] == pytest.approx(abs(felt * s), rel=0.01)
+    assert told.mismatch[0] == pytest.approx(abs(np.log(felt * s / wall)), rel=0.02)
+
+
 def test_of_a_damper_that_never_pulls():
     damper = 15.0
     coupling = Coupling.constant(problem(wall=0.0, damper=damper), Gains(0.0, 1e12), "mine")

@@ -1,5 +1,8 @@
 """Laws known from other devices: judged like any other law, and nothing hangs on their table."""
 
+import csv
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -22,11 +25,27 @@ def test_known_points_lie_in_the_space_of_a_device(name):
     assert np.all((low <= points) & (points <= high))
 
 
+@pytest.mark.parametrize(("name", "resonant"), [("figure5", False), ("reference-r1", True)])
+def test_known_points_are_those_of_devices_of_the_same_structure_as_far_from_where_searches_begin(name, resonant):
+    problem = avc.load_problem(name)
+    space = Space(problem.device, problem.hands)
+    with Path(known_laws.__file__).with_name("known_laws.csv").open(encoding="utf-8") as table:
+        rows = [row for row in csv.DictReader(table) if bool(row["believed frequency of the resonance"]) == resonant]
+    points, (low, high) = known_laws.known_points(space), space.bounds
+    assert len(points) == len(rows)
+    inside = (low < points) & (points < high)
+    away = np.array([[float(row[knob.name]) for knob in space.knobs] for row in rows])
+    np.testing.assert_allclose((points - space.starts[0])[inside], away[inside], atol=1e-12)
+    assert inside.mean() > 0.9
+
+
 @pytest.mark.parametrize("name", ["figure5", "reference-r1"])
 def test_a_known_law_that_is_taken_is_deployable_on_this_device(name):
     problem = avc.load_problem(name)
     step = known_laws.from_known(problem, problem.environment.stiffness_n_per_m)
     assert step is not None
+    away = [one.cost.distance for one in step.candidates]
+    assert away == sorted(away)
     for one in step.candidates:
         runtime = Runtime(state_feedback=one.law)
         assert deployable(Coupling.constant(problem, step.gains, "robust", runtime)).passed

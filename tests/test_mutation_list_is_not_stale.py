@@ -35,5 +35,6 @@ def test_listed_tests_exist_and_every_edit_says_what_it_breaks(area):
 
 
 def test_every_part_of_the_core_has_edits():
-    assert set(areas()) == {"certificates", "coupling", "equations", "hardware", "runtime", "scene", "schedule"}
+    core = {"certificates", "coupling", "equations", "hardware", "runtime", "scene", "schedule"}
+    assert set(areas()) == core | {"diagnose", "identify", "other_ends", "recommend", "robust"}
     assert all(len(edits(area)) >= 10 for area in areas())

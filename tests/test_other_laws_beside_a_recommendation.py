@@ -2,13 +2,17 @@
 
 import itertools
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
 from avc_casadi.present.terminal import MOST_LINES
+from avc_casadi.recommendation import baselines as _baselines
 from avc_casadi.recommendation.baselines import baselines
 
 MASS_KG, DAMPING, PERIOD_S = 0.15, 0.8, 1e-3
@@ -49,6 +53,27 @@ def stiffest_linear_wall():
         middle = np.sqrt(low * high)
         low, high = (middle, high) if min(radius(middle, one) for one in dampings) < 1 else (low, middle)
     return low
+
+
+@pytest.mark.parametrize("limit", [60.0, 330.0, 990.0, 2000.0])
+def test_the_stiffest_wall_is_approached_to_a_fifth_from_below(limit, monkeypatch):
+    """Hands settle up to a limit; 1 kN/m is asked for."""
+    problem = wall_of(1000.0)
+    law = _baselines._Law(problem, "backward difference", None, 10, 0)
+    walls = {}
+
+    def held(stiffness):
+        walls[stiffness] = Coupling.constant(problem, Gains(0.0, 1e8, 1.0), "none")
+        return walls[stiffness] if stiffness <= limit else None
+
+    seen = []
+    monkeypatch.setattr(law, "_held", held)
+    monkeypatch.setattr(law, "_settled", lambda wall, count: seen.append(wall) or count)
+    monkeypatch.setattr(_baselines, "shaken", lambda *_, **__: SimpleNamespace(errors=dict))
+    monkeypatch.setattr(_baselines, "ripple_n", lambda *_: 0.0)
+    found = law.stiffest()
+    assert found.stiffness_n_per_m <= min(limit, 1000.0) < 1.2 * found.stiffness_n_per_m
+    assert seen[-1] is walls[found.stiffness_n_per_m]
 
 
 @pytest.mark.thorough

@@ -69,6 +69,24 @@ def test_what_a_press_has_not_reached_yet_is_not_counted():
     assert at_the_limit.felt_n_per_m == pytest.approx(0.8 * WALL)
 
 
+def test_of_equally_safe_ones_what_is_quiet_wins_over_what_is_nearer_and_the_simpler_one_of_equals():
+    near, quiet = (
+        Judged(Coupling.constant(PROBLEM, Gains(0.0, spring_before(PROBLEM, share * WALL), damping), "x"), tried, order)
+        for order, (share, damping, tried) in enumerate(((0.5, 50.0, trial(10, 10, 8)), (0.2, 20.0, trial(10, 10, 10))))
+    )
+    assert near.distance < 0.5 * quiet.distance
+    assert best_of([near, quiet]) is quiet
+    assert best_of([replace(near, trial=trial(10, 10, 9)), quiet]).order == 0
+    simpler, other = judged(0, 0.5, 10, 10, 10), judged(1, 0.5, 10, 10, 10)
+    assert best_of([other, simpler]) is best_of([simpler, other]) is simpler
+
+
+def test_who_moves_on_a_device_that_is_asked_for_beyond_the_file_makes_a_coupling_unsafe():
+    one, rest = judged(0, 0.5, 10, 10, 10), np.ones(6, dtype=bool)
+    assert replace(one, beyond=(rest, rest)).safety == 0
+    assert replace(one, beyond=(rest, np.arange(6) > 0)).safety == 2
+
+
 COUNTS = st.sampled_from([0, 5, 8, 9, 10])
 CANDIDATES = st.lists(
     st.tuples(st.sampled_from([0.2, 0.5, 0.8, 0.95]), COUNTS, COUNTS, COUNTS), min_size=1, max_size=6

@@ -113,6 +113,7 @@ def test_where_the_device_has_ranges_some_try_a_law_on_light_devices_and_on_some
     assert len(within) == 2
     for key, (low, high) in (("mass_kg", (0.05, 0.2)), ("damping_ns_per_m", (0.0, 2.0)), ("delay_samples", (0, 3))):
         assert all(low < getattr(one, key) < high for one in within)
+    assert len({tuple(group.people.mass_kg) for group in groups}) == len(groups)
     corner_hands = set(people.mass_kg[:16])
     assert all(0 < sum(mass in corner_hands for mass in group.people.mass_kg) < len(group.people) for group in groups)
 
@@ -185,10 +186,11 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
             return np.array([[law + 0.001 * hand for hand in range(self.people)] for law in laws])
 
     monkeypatch.setattr(_asked_first, "ends_of", lambda _, people, **__: Known(len(people)))
-    found = hall.screening().ends(coupling(300.0))([0.1, 2.0, 0.2])
+    found = hall.screening().ends(coupling(300.0))([0.1, 2.0, 0.2, 0.99])
     first, others = 16 + HANDS // 4, HANDS - HANDS // 4
-    assert asked == [(first, 3), (others, 2)]
-    assert found.shape == (3, first + others)
+    # With the last one some of the first rest, and some do not.
+    assert asked == [(first, 4), (others, 2)]
+    assert found.shape == (4, first + others)
     np.testing.assert_allclose(found[0], [*(0.1 + 0.001 * np.arange(first)), *(0.1 + 0.001 * np.arange(others))])
     np.testing.assert_allclose(found[1], 2.0 + 0.001 * (np.arange(first + others) % first))
     assert (found[2] < 1).all()

@@ -1,6 +1,7 @@
 """Walls are raised while laws are searched, as long as everybody who is simulated comes to rest."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +10,11 @@ from robust_steps import step_at
 import avc_casadi as avc
 from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
-from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
+from avc_casadi.claims.stability.state_feedback import Laws, largest_radius, state_feedback_loop
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.robust.cma_continuation import continuation, refined
-from avc_casadi.design.robust.goal import cost_of
+from avc_casadi.design.robust import cma_continuation
+from avc_casadi.design.robust.cma_continuation import continuation, refined, weighed
+from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
@@ -89,6 +91,29 @@ def test_a_continuation_ends_at_the_wanted_wall(step):
     held = continuation(BEFORE_FAR, start_of(step), (3000.0, 3900.0), hand.at)
     assert held[-1].stiffness_n_per_m == pytest.approx(3900)
     assert max(hand.walls) == pytest.approx(3900)
+    costs = [[one.cost.total for one in wall.candidates] for wall in held]
+    assert costs == [sorted(some) for some in costs]
+    assert max(map(len, costs)) > 1
+
+
+def test_a_wall_is_raised_by_two_fifths_at_most_and_by_as_much_where_laws_are_found_at_once(monkeypatch):
+    def held(point, wall):
+        return SimpleNamespace(stiffness_n_per_m=wall, best=SimpleNamespace(logarithms=point)), 1
+
+    monkeypatch.setattr(cma_continuation, "_Search", lambda *_: SimpleNamespace(held=held))
+    walls = [step.stiffness_n_per_m for step in continuation(PROBLEM, None, (100.0, 5000.0))]
+    rises = np.divide(walls[1:], walls[:-1])
+    assert walls[-1] == 5000.0
+    assert rises.max() == pytest.approx(1.4)
+    np.testing.assert_allclose(rises[1:-1], 1.4)
+
+
+@pytest.mark.thorough
+def test_halfway_to_a_wall_that_is_not_held_is_no_wall_beyond_it(step):
+    hand = OneHand(lambda wall, _: 0.2 if wall < 3200 else 2.0)
+    held = continuation(BEFORE_FAR, start_of(step), (3000.0, 3300.0), hand.at)
+    assert 3000 <= held[-1].stiffness_n_per_m < 3200
+    assert max(hand.walls) == pytest.approx(3300)
 
 
 @pytest.mark.thorough
@@ -111,6 +136,16 @@ def test_the_speed_of_the_hands_leads_the_search(step):
 def test_a_simulation_that_ends_in_no_number_is_no_rest(step):
     hand = OneHand(lambda *_: np.nan)
     assert continuation(BEFORE_FAR, start_of(step), (3000.0, 3000.0), hand.at, softer=0) == []
+
+
+def test_a_law_that_ends_in_no_number_is_worth_less_than_one_with_which_somebody_moves(step):
+    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM.device, PROBLEM.hands)
+    three = Laws.of(step.best.law).pick(np.zeros(3, dtype=int))
+    costs = costs_of(three, frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m), loops)
+    ends = np.array([[0.2, np.nan], [0.2, 2.0], [0.2, 0.2]])
+    value, settled = weighed(space, three, costs, lambda _: ends)
+    assert value[0] > value[1] > value[2]
+    assert settled == [2]
 
 
 def test_laws_of_one_scene_end_as_each_alone(step):

@@ -1,10 +1,10 @@
 """Break the code in small ways, one at a time, and see whether the tests that should notice do.
 
-The edits stand in mutations/*.toml: file, old text, new text, tests to run and why it matters. They are made in a copy
-of the tree below a temporary folder. An edit is killed when a listed test fails or takes far too long; it survived when
-all pass; it is stale when its old text does not stand exactly once in its file. An edit that no test can notice says
-why in its table. The run ends with 1 where an edit is stale, survived unexplained or is explained and killed, or where
-fewer than 90 % are killed.
+The edits stand in mutations/*.toml: file, old text, new text, tests to run (with `thorough = true` those too that are
+marked so) and why it matters. They are made in a copy of the tree below a temporary folder. An edit is killed when a
+listed test fails or takes far too long; it survived when all pass; it is stale when its old text does not stand exactly
+once in its file. An edit that no test can notice says why in its table. The run ends with 1 where an edit is stale,
+survived unexplained or is explained and killed, or where fewer than 90 % are killed.
 
 A whole run took 52 minutes on two cores that ten other processes used as well. It overwrites
 results/mutation.json and RESULTS_mutation.md beside this file; --only runs one table and overwrites its part of both.
@@ -57,10 +57,11 @@ def copied(folder: Path) -> Path:
     return root
 
 
-def passes(root: Path, tests: Iterable[str], longest_s: int | None = LONGEST_S) -> tuple[bool, str]:
+def passes(root: Path, tests: Iterable[str], longest_s: int | None = LONGEST_S, *, thorough: bool) -> tuple[bool, str]:
     """Run tests in a copy until the first fails; return whether all pass, and what failed."""
     path = os.pathsep.join((str(root), str(root / "hardware")))
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--tb=no", *tests]
+    command += ["-m", "not exhaustive"] if thorough else []
     environment = {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
     with subprocess.Popen(  # noqa: S603 - ours
         command, cwd=root, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
@@ -90,7 +91,7 @@ def tried(root: Path, edit: Edit) -> dict[str, Any]:
     before, started = whole.read_text(encoding="utf-8"), time.perf_counter()
     try:
         whole.write_text(broken, encoding="utf-8")
-        passed, by = passes(root, edit.tests)
+        passed, by = passes(root, edit.tests, thorough=edit.thorough)
     finally:
         whole.write_text(before, encoding="utf-8")
     seconds = round(time.perf_counter() - started, 2)
@@ -173,9 +174,11 @@ def run(area: str) -> list[dict[str, Any]]:
     records = []
     with tempfile.TemporaryDirectory(prefix="avc-mutation-") as folder:
         root = copied(Path(folder))
-        passed, by = passes(root, sorted({test for edit in listed for test in edit.tests}), None)
-        if not passed:
-            sys.exit(f"the tests of {area} fail without any edit: {by}")
+        for thorough in sorted({edit.thorough for edit in listed}):
+            every = sorted({test for edit in listed if edit.thorough == thorough for test in edit.tests})
+            passed, by = passes(root, every, None, thorough=thorough)
+            if not passed:
+                sys.exit(f"the tests of {area} fail without any edit: {by}")
         for number, edit in enumerate(listed, start=1):
             records.append(tried(root, edit))
             last = records[-1]

@@ -94,7 +94,7 @@ class Cost:
     @property
     def holds(self) -> bool:
         """Whether all loops evaluated are damped, and presses settle."""
-        return self.radius < 1 and self.radius_any_share < 1 and self.lacks_per_s <= 0
+        return self.lacks_per_s <= 0
 
     @property
     def distance(self) -> float:

@@ -1,0 +1,123 @@
+"""Which couplings are tried, and in which order: those that stand in stable intervals, the stiffest that is held."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.recommendation import search_schedule
+from avc_casadi.recommendation.evaluate import likeliest
+from avc_casadi.recommendation.generate import (
+    felt_at_rest_n_per_m,
+    plain_candidates,
+    softened_to,
+    stiffer_n_per_m,
+)
+
+PROBLEM = avc.load_problem("figure5")
+CORNERS = hand_corners(PROBLEM.hands)
+LIMIT = stiffest_wall(PROBLEM.device, with_let_go(CORNERS))
+
+
+def before(stiffness_n_per_m, damping_ns_per_m=0.0):
+    wall = {"stiffness_n_per_m": stiffness_n_per_m, "damping_ns_per_m": damping_ns_per_m}
+    return PROBLEM.changed(environment=wall)
+
+
+def test_a_contact_damper_leaves_what_the_wall_damps_of_itself():
+    """Both together are what a bare wall of the same stiffness is given."""
+    wall = 0.5 * LIMIT.stiffness_n_per_m
+
+    def dampers(damping):
+        found = [one for some in plain_candidates(before(wall, damping), CORNERS, LIMIT) for one in some]
+        return [one.table.at_rest.contact_damping_ns_per_m for one in found if one.method == "contact damper"]
+
+    bare = dampers(0.0)
+    own = float(np.mean(bare))
+    assert len(bare) > 2
+    assert dampers(own) == pytest.approx([max(0.0, one - own) for one in bare])
+
+
+def test_springs_that_are_as_stiff_stand_from_the_least_damped_on_within_what_is_stable():
+    problem, felt = before(4 * LIMIT.stiffness_n_per_m), 0.6 * LIMIT.stiffness_n_per_m
+    alike = next(iter(softened_to(problem, CORNERS, felt)))
+    assert [felt_at_rest_n_per_m(one) for one in alike] == pytest.approx([felt] * len(alike))
+    dampings = [one.table.at_rest.contact_damping_ns_per_m for one in alike]
+    stable = damping_range(problem.device, with_let_go(CORNERS), felt)
+    assert stable.lowest_ns_per_m <= dampings[0] < dampings[-1] <= stable.highest_ns_per_m
+    assert dampings == sorted(dampings)
+
+
+def test_the_next_stiffer_wall_is_never_far():
+    """From the softest on, the walls that are looked at follow each other until the one that is wanted."""
+    wanted = 1.5 * LIMIT.stiffness_n_per_m
+    felt, passed = 0.2 * LIMIT.stiffness_n_per_m, []
+    while (following := stiffer_n_per_m(before(wanted), LIMIT, felt)) is not None:
+        assert following > felt
+        felt = following
+        passed.append(felt / LIMIT.stiffness_n_per_m)
+    assert passed[-1] == pytest.approx(1.5)
+    assert set(np.round(passed, 9)) >= {0.75, 0.82, 0.9, 1.0}
+
+
+def test_whoever_leans_on_friction_rests_with_room_to_spare():
+    """At 0.8 of the speed of rest: enough without friction, too fast for who needs it."""
+    feedback = StateFeedback(((1.0,),), (0.0,), (1.0,), (1.0,), (0,), 0)
+    law = Coupling.constant(PROBLEM, Gains(0.0, 500.0), "robust", Runtime(state_feedback=feedback))
+    people = SimpleNamespace(unrest=lambda some, **_: np.full((len(some), 3), 0.8))
+    assert likeliest([law], (people,), lean_on_friction=False) == ([law], True)
+    assert likeliest([law], (people,), lean_on_friction=True) == ([law], False)
+
+
+@pytest.mark.parametrize(("held", "asked"), [(250.0, [400.0, 300.0, 200.0]), (1e3, [400.0])])
+def test_of_the_walls_of_a_climb_the_stiffest_is_asked_about_first(held, asked):
+    climb = [SimpleNamespace(stiffness_n_per_m=wall) for wall in (100.0, 200.0, 300.0, 400.0)]
+    met = []
+
+    class Hands:
+        """Everybody rests at walls up to one."""
+
+        def holds(self, wall):
+            return any(wall <= one <= held for one in met)
+
+        def finds(self, _, wall, __):
+            met.append(wall)
+            return wall <= held
+
+    laws = SimpleNamespace(alternatives=lambda step: [step])
+    search_schedule._stiffest_held(Hands(), laws, climb)
+    assert met == asked
+
+
+@pytest.mark.parametrize("share", [0.16, 0.2, 0.23])
+def test_the_way_from_what_is_held_to_what_is_not_is_halved(share, monkeypatch):
+    """From 0.15 of what springs hold the next wall that was looked at stands at 0.24 of it."""
+    problem, limit = before(2 * LIMIT.stiffness_n_per_m), LIMIT.stiffness_n_per_m
+    held, met = share * limit, []
+    monkeypatch.setattr(search_schedule, "softened_to", lambda _, __, felt: felt)
+
+    class Hands:
+        """Everybody rests at springs up to one."""
+
+        def holds(self, felt):
+            return felt <= held
+
+        def ask(self, felt, _):
+            met.append(felt)
+
+        def reached_n_per_m(self):
+            return 0.15 * limit
+
+    search_schedule._closer(problem, Hands(), LIMIT)
+    low, high = 0.15 * limit, 0.24 * limit
+    for felt in met:
+        assert felt == pytest.approx(np.sqrt(low * high))
+        low, high = (felt, high) if felt <= held else (low, felt)
+    assert len(met) == 3
+    assert low <= held < high

@@ -1,0 +1,321 @@
+"""Each part of a coupling to an engine or a second device against integrators, clocks and loops written out."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.claims.stability import tool_region as _region
+from avc_casadi.claims.stability.tool_loop import ToolLoops, contact_stiffnesses_n_per_m
+from avc_casadi.model.bilateral_loop import BilateralLoop, link_clocks
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks, driven_plant
+from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolState, VirtualTool, tool_states
+from avc_casadi.recommendation import bilateral as _bilateral
+from avc_casadi.recommendation import tool_impedance as _impedance
+from avc_casadi.recommendation import tool_sensitivity as _sensitivity
+from avc_casadi.recommendation import virtual_tool as _tool
+
+T = 1e-3
+DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
+
+
+def problem(simulation, device=DEVICE, table="simulation"):
+    return avc.parse_problem(f"{device}[{table}]\n{simulation}")
+
+
+def engine(**keys):
+    return VirtualTool.model_validate({"tool_mass_kg": 0.2, "step_s": 4e-3} | keys)
+
+
+def test_only_what_is_ahead_of_its_force_or_holds_one_is_damped_by_the_device():
+    """An implicit engine damps of itself; where nothing moves, nothing is ahead."""
+    assert [engine(exchange=one).damped_locally for one in ("on-time", "late", "ahead", "held-force")] == [0, 0, 1, 1]
+    assert not engine(exchange="ahead", integrator="implicit").damped_locally
+    assert engine(exchange="held-force", integrator="implicit").damped_locally
+    assert not engine(exchange="ahead", tool_mass_kg=None).damped_locally
+
+
+def test_a_contact_without_a_damper_of_its_own_is_damped_critically():
+    (state,) = tool_states(engine(), 1500.0)
+    assert (state.mass_kg, state.contact_stiffness_n_per_m) == (0.2, 1500.0)
+    discriminant = state.contact_damping_ns_per_m**2 - 4 * state.mass_kg * state.contact_stiffness_n_per_m
+    assert discriminant == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("ratio", [2.5, 1.5, 0.5, 10 / 3])
+def test_every_phase_of_two_clocks_is_one_of_the_patterns(ratio):
+    """Samples between two steps of the engine, and whether a step falls on one: counted for phases drawn at random."""
+
+    def turned(pattern):
+        pairs = list(zip(*pattern, strict=True))
+        return min(tuple(pairs[at:] + pairs[:at]) for at in range(len(pairs)))
+
+    found = {turned((one.samples, one.aged)) for one in clocks(ratio * T, T)}
+    random, steps = np.random.default_rng(2), 12
+    for phase in (0.0, *random.uniform(0, 1, 30)):
+        times = phase + ratio * np.arange(steps * 6 + 1)
+        first = np.ceil(times - 1e-9)
+        aged = tuple(bool(one) for one in np.abs(times - np.round(times)) > 1e-9)
+        period = next(n for n in range(1, 9) if abs(n * ratio - round(n * ratio)) < 1e-9)
+        counts = tuple(int(one) for one in np.diff(first))[:period]
+        assert turned((counts, aged[:period])) in found
+
+
+INTEGRATORS = {
+    "semi-implicit": lambda m, c, k, t: np.array(
+        [[1 - t**2 * k / m, t * (1 - t * c / m)], [-t * k / m, 1 - t * c / m]]
+    ),
+    "explicit": lambda m, c, k, t: np.array([[1, t], [-t * k / m, 1 - t * c / m]]),
+    "implicit": lambda m, c, k, t: np.linalg.inv([[1, -t], [t * k / m, 1 + t * c / m]]),
+}
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_a_tool_in_contact_moves_as_its_integrator_has_it(integrator):
+    tool, step_s = ToolState(0.2, 0.7, 900.0, 5.0), 4e-3
+    loop = LiftedLoop(driven_plant(T), clocks(step_s, T)[0], engine(integrator=integrator))
+    np.testing.assert_allclose(loop.tool_alone(tool), INTEGRATORS[integrator](0.2, 5.7, 900.0, step_s), rtol=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 4.0, 2.5])
+def test_a_tool_that_stands_still_is_a_spring_and_a_damper(ratio):
+    loop = LiftedLoop(driven_plant(T), clocks(ratio * T, T)[-1], engine())
+    rigid = tool_states(engine(), RIGID_N_PER_M)[-1]
+    turn = np.exp(-2j * np.pi * 12.0 * T)
+    found = loop.force_per_metre(ToolGains(800.0, 6.0, 2.0), rigid, 12.0)
+    assert found == pytest.approx(800.0 + 8.0 * (1 - turn) / T)
+
+
+@pytest.mark.parametrize(("sooner", "later"), [("ahead", "on-time"), ("on-time", "late")])
+def test_an_exchange_hands_out_a_tool_one_step_before_the_next(sooner, later):
+    """Of a free tool on a soft coupling: its position lags by a step more."""
+    free, gains, hz = tool_states(engine(), 0.0)[-1], ToolGains(300.0, 4.0), 10.0
+    clock = clocks(4e-3, T)[0]
+    before, after = (
+        LiftedLoop(driven_plant(T), clock, engine(exchange=one)).force_per_metre(gains, free, hz)
+        for one in (sooner, later)
+    )
+    spring = gains.stiffness_n_per_m + gains.damping_ns_per_m * 2j * np.pi * hz
+    turned = np.angle((spring - before) / (spring - after))
+    assert turned == pytest.approx(2 * np.pi * hz * 4e-3, rel=0.2)
+
+
+def test_loops_are_those_of_all_hands_tools_contacts_steps_and_of_the_released_device():
+    stated = problem("tool_mass_kg = [0.1, 0.3]\nstep_s = [0.0025, 0.004]\ncontact_stiffness_n_per_m = [10.0, 500.0]")
+    loops = ToolLoops(stated)
+    assert set(loops.hands.values(len(loops.hands) - 1).values()) == {0.0}
+    assert {one.clock.step_s for one in loops.patterns} == {0.0025, 0.004}
+    touched = contact_stiffnesses_n_per_m(stated.simulation)
+    assert touched[0] == 0.0
+    assert touched[-1] == RIGID_N_PER_M
+    assert {10.0, 500.0} <= set(np.round(touched, 9))
+    for gains, several in ((ToolGains(3000.0, 2.0), True), (ToolGains(8000.0, 30.0), False)):
+        radii = {}
+        for place, loop in enumerate(loops.patterns):
+            each = np.abs(np.linalg.eigvals(loop.monodromy(gains, loops.tools))).max(axis=-1)
+            radii |= {(place, at): each[at] for at in np.ndindex(each.shape)}
+        # The one that grows fastest in time, told by one step of its engine.
+        place, at = max(radii, key=lambda one: math.log(radii[one]) / loops.patterns[one[0]].period_s)
+        tool, _, hand = at
+        worst, case = loops.radius(gains)
+        assert (len(loops.patterns[place].clock.samples) > 1) == several
+        assert worst == pytest.approx(radii[place, at] ** (1 / len(loops.patterns[place].clock.samples)), rel=1e-6)
+        assert (case.tool, case.hand) == (loops.tools[tool], loops.hands.values(hand))
+
+
+def test_an_engine_whose_stiffest_contact_leaves_its_place_is_unstable_by_itself():
+    for stiffest, stable in ((1e3, True), (1e6, False)):
+        text = f"tool_mass_kg = 0.1\nstep_s = 0.005\ncontact_stiffness_n_per_m = [0.0, {stiffest}]"
+        undamped = problem(f"{text}\ncontact_damping_ns_per_m = 0.0")
+        # dt sqrt(k/m) of the stiffest is 0.5, and 16.
+        assert ToolLoops(undamped).engine_alone_stable() == stable
+
+
+@pytest.mark.parametrize(("limit", "near"), [(777.0, 10.0), (777.0, 5000.0), (5.0, 10.0), (1e9, 10.0)])
+def test_a_limit_is_found_to_two_per_cent_from_below(limit, near):
+    found = _region._limit(lambda k: k <= limit, 10.0, near, 1e5)
+    expected = 0.0 if limit < 10 else min(limit, 1e5)
+    assert found <= expected <= 1.02 * found or found == expected
+
+
+def test_the_region_reckons_with_the_lightest_device_and_its_own_damping(monkeypatch):
+    ranged = DEVICE + "[device.range]\nmass_kg = [0.06, 0.2]\ndamping_ns_per_m = [0.5, 1.0]\n"
+    stated = problem('tool_mass_kg = 0.2\nstep_s = 0.004\nexchange = "ahead"', device=ranged)
+    asked = []
+
+    class Loops:
+        def __init__(self, _):
+            pass
+
+        def stable(self, gains):
+            asked.append(gains)
+            return gains.stiffness_n_per_m < 300 + 1e3 * min(gains.damping_ns_per_m, 1.0)
+
+    monkeypatch.setattr(_region, "ToolLoops", Loops)
+    found = _region.tool_region(stated)
+    assert found.damping_ns_per_m[-1] == pytest.approx(0.06 / T)
+    for gains in asked:
+        critical = 2 * math.sqrt(gains.stiffness_n_per_m * 0.06)
+        assert gains.local_damping_ns_per_m == pytest.approx(max(0.0, critical - 0.5))
+    curve = found.document()["curves"][0]
+    assert curve["stiffest_n_per_m"] == max(curve["stiffness_n_per_m"]) > min(curve["stiffness_n_per_m"])
+
+
+def tried(lean, free, first, wanted=None):
+    """Choose where hands settle with friction up to one stiffness, and without up to another."""
+    stated = problem("tool_mass_kg = 0.2\nstep_s = 0.004" + (f"\nstiffness_n_per_m = {wanted}" if wanted else ""))
+    search = SimpleNamespace(damped=lambda k, **_: [ToolGains(k, 1.0)])
+
+    def trial(_, gains, *__):
+        k = gains.stiffness_n_per_m
+        return SimpleNamespace(settled_with_friction=k <= lean, settled=k <= min(lean, free))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_tool, "try_tool", trial)
+        gains, _ = _tool._tried(stated, search, first, 4, 0, _tool.SILENT, _tool.OPTIONS, local=False)
+    return None if gains is None else gains.stiffness_n_per_m
+
+
+def test_softer_couplings_are_tried_until_hands_settle_and_some_for_rest_without_friction():
+    assert tried(500.0, 500.0, 1000.0) == pytest.approx(1000 * 0.8**4)
+    assert tried(900.0, 600.0, 800.0) == pytest.approx(800 * 0.8**2)
+    assert tried(900.0, 0.0, 800.0) == 800.0
+    assert tried(900.0, 900.0, 1000.0, wanted=1000.0) is None
+
+
+def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
+    first, gains = [], ToolGains(5000.0, 8.0)
+    loops = SimpleNamespace(radius=lambda _: (0.9, None))
+    search = SimpleNamespace(stiffest=lambda: gains, holds=lambda *_, **__: True, loops=loops)
+    monkeypatch.setattr(_tool, "ToolSearch", lambda _: search)
+    monkeypatch.setattr(_tool, "_tried", lambda _, __, k, *___, **____: first.append(k) or (None, None))
+    for name in ("_hopeless", "_why_none"):
+        monkeypatch.setattr(_tool, name, lambda *_: "")
+    for name in ("least_tool_mass_kg", "slowest_step_s", "what_would_help", "exchanges_that_hold"):
+        monkeypatch.setattr(_tool, name, lambda *_, **__: ())
+    for more in ("", "\nstiffness_n_per_m = 3000.0"):
+        _tool.recommend_tool(problem(f"tool_mass_kg = 0.2\nstep_s = 0.004{more}"))
+    assert first == pytest.approx([0.6 * 5000.0, 3000.0])
+
+
+def test_the_motion_that_is_hardest_for_hands_is_told():
+    rests = {"free": [True, True, True], "touch": [False, False, True], "press": [False, True, True]}
+    trial = SimpleNamespace(hands=3, stable=np.zeros(3), by_motion={name: np.array(one) for name, one in rests.items()})
+    told = _tool._why_none(problem("tool_mass_kg = 0.2\nstep_s = 0.004"), None, 1e3, trial)
+    assert "hardest for them: touch, 1 settle" in told
+
+
+def test_what_helps_most_comes_first_and_what_helps_nothing_is_left_out(monkeypatch):
+    def stiffest(stated, _):
+        tool = stated.simulation
+        k = 1500.0 if tool.step_s[0] < 0.004 else 3000.0 if tool.integrator == "implicit" else 1000.0
+        return SimpleNamespace(stiffest=lambda: ToolGains(k, 1.0))
+
+    monkeypatch.setattr(_sensitivity, "ToolSearch", stiffest)
+    stated = problem("tool_mass_kg = 0.2\nstep_s = 0.004")
+    found = _sensitivity.what_would_help(stated, 1000.0, local=True)
+    assert [one.stiffest_n_per_m for one in found] == [3000.0, 1500.0]
+
+
+def test_limits_of_mass_and_step_are_where_a_stiffness_holds_no_more(monkeypatch):
+    def search(_, tool_mass_kg=1.0, step_s=T, exchange="on-time"):
+        holds = tool_mass_kg >= 0.033 and step_s < 13.5 * T
+        return SimpleNamespace(holds=lambda _, *, local: holds and (local or exchange == "on-time"))
+
+    monkeypatch.setattr(_sensitivity, "_search", search)
+    stated = problem("tool_mass_kg = 0.2\nstep_s = 0.004")
+    lightest = _sensitivity.least_tool_mass_kg(stated, 1e3, local=False)
+    assert 0.033 <= lightest < 1.02 * 0.033
+    assert _sensitivity.slowest_step_s(stated, 1e3, local=False) == pytest.approx(13 * T)
+    # A held force has a damper of the device's own loop beside it in any case.
+    found = _sensitivity.exchanges_that_hold(stated, 1e3, local=False)
+    assert found == {"on-time": True, "late": False, "ahead": False, "held-force": True}
+
+
+def test_other_devices_are_a_tenth_off_and_a_quarter_of_a_sample_late(monkeypatch):
+    seen = []
+    monkeypatch.setattr(_sensitivity, "ToolLoops", lambda one: seen.append(one) or SimpleNamespace(stable=bool))
+    _sensitivity.stable_on_other_devices(problem("tool_mass_kg = 0.2\nstep_s = 0.004"), ToolGains(1e3, 1.0))
+    known = seen[0].device.range
+    assert known.mass_kg == pytest.approx((0.9 * 0.12, 1.1 * 0.12))
+    assert known.damping_ns_per_m == pytest.approx((0.9 * 0.8, 1.1 * 0.8))
+    assert known.delay_samples == pytest.approx((1.0, 1.25))
+
+
+@pytest.mark.parametrize("late", [0, 4])
+def test_a_late_force_of_a_spring_takes_the_drag_that_its_delay_makes_of_it(late):
+    """K at the angle omega (d + 1/2) T: a damper of -K (d + 1/2) T."""
+    stiffness, hz = 400.0, 1.0
+    device = problem(
+        "tool_mass_kg = 0.2\nstep_s = 0.004", device=DEVICE.replace("samples = 1", f"samples = {late}")
+    ).device
+    found = _impedance._felt(device, ToolGains(stiffness, 0.0), hz, (0.0, 0.0), stiffness, stiffness)
+    assert found.drag_ns_per_m == pytest.approx(0.8 - stiffness * (late + 0.5) * T, rel=0.01)
+    assert found.stiffness_n_per_m == pytest.approx(stiffness, rel=0.01)
+
+
+def test_what_arrives_over_a_link_is_the_newest_that_had_the_time():
+    """At each sample: how many of the sender's samples lie between its newest and the one that has arrived."""
+    there, back = 2.5, 1.2
+    for clock in link_clocks(T, T, there * T, back * T)[:1]:
+        assert clock.follower_sees == (3,)
+        assert clock.leader_sees == (2,)
+    assert len(link_clocks(T, T, 0.6 * T, 0.6 * T)) > 1
+    assert [one.events for one in link_clocks(T, 2 * T, 0.0, 0.0)[:1]] == [((True, True), (True, False))]
+
+
+def pair(architecture, force, stiffness, damping, ratio=1.0):
+    """A leader that is led, and a follower of another sample time before a spring and a damper."""
+    follower = problem(
+        f"mass_kg = 0.3\ndamping_ns_per_m = 1.0\nsample_time_s = {ratio * T!r}", table="follower"
+    ).follower
+    touched = Hand(np.zeros(1), np.array([damping]), np.array([stiffness]))
+    plant = sampled_plant(follower.at_leader(), touched)
+    clock = link_clocks(T, ratio * T, 0.0, 0.0)[-1]
+    ends = np.array([stiffness]), np.array([damping])
+    return BilateralLoop(driven_plant(T), plant, *ends, clock, architecture, force)
+
+
+def test_what_a_follower_measures_is_the_spring_and_the_damper_that_it_touches():
+    gains, s = ToolGains(3000.0, 30.0), 2j * np.pi * 0.5
+    loop = pair("position-force", "measured", 500.0, 40.0)
+    touched, coupled = 500.0 + 40.0 * s, 3000.0 + 30.0 * s
+    # The follower between what it touches and the leader, its mass and drag beside them.
+    moved = coupled / (coupled + touched + 0.3 * s**2 + 1.0 * s)
+    found = loop.force_per_metre(gains, 0, 0.5)
+    assert found.real == pytest.approx((touched * moved).real, rel=0.02)
+    assert found.imag == pytest.approx((touched * moved).imag, rel=0.1)
+
+
+def test_two_ends_that_move_evenly_side_by_side_pull_nothing_whatever_their_clocks():
+    loop = pair("position-position", "commanded", 0.0, 0.0, ratio=2.0)
+    # What each end has sent, the newest first: all of it at 1 m/s, and both at 0 now.
+    state = np.zeros(loop.size)
+    for side, period in enumerate((T, 2 * T)):
+        first, count = loop._sent[side], loop._kept[side]
+        state[first : first + count] = -period * np.arange(count)
+    for row in loop._asked(ToolGains(1000.0, 50.0), [0, 0])[:2]:
+        assert row @ state == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 2.0, 1.5])
+def test_a_period_of_two_clocks_is_as_long_as_its_samples_of_the_leader(ratio):
+    loop = pair("position-position", "commanded", 0.0, 0.0, ratio=ratio)
+    assert loop.period_s == pytest.approx(math.lcm(2, round(2 * ratio)) / 2 * T)
+
+
+def test_messages_wait_for_whole_samples_and_the_longest_delay_asks_for_most(monkeypatch):
+    asked = []
+    monkeypatch.setattr(_bilateral, "passivity_margin", lambda one, _: asked.append(one) or (0.0, 0.0))
+    monkeypatch.setattr(_bilateral, "damping_needed_ns_per_m", lambda one, _: one.there_samples)
+    text = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = [0.0013, 0.0043]\nreturn_delay_s = [0.0012, 0.002]"
+    _, needed = _bilateral._passivity(problem(text, table="follower"), ToolGains(1e3, 1.0))
+    for one, (there, back) in zip(asked, ((1.3, 1.2), (4.3, 2.0)), strict=True):
+        # Up to the next whole sample, and one more.
+        assert one.there_samples + one.back_samples == pytest.approx(math.ceil(there + back) + 1)
+        assert one.there_samples - there == pytest.approx(one.back_samples - back)
+    assert needed == max(one.there_samples for one in asked) > min(one.there_samples for one in asked)
