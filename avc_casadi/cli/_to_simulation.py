@@ -71,10 +71,10 @@ def problem_and_gains(
 
 def _designed(problem: avc.Problem, source: str, console: Console) -> ToolGains:
     """Return a coupling that is linearly stable, with a margin; no hand has tried it."""
-    from avc_casadi.design.virtual_tool import designed
+    from avc_casadi.design.virtual_tool import ToolSearch, designed
 
     with console.step("coupling"):
-        found = designed(problem)
+        found = designed(ToolSearch(problem))
     if found is None:
         why = f"no spring and damper is stable with every hand, released, tool and contact: avc recommend {source}"
         raise avc.InputError.of(why, file=source)
