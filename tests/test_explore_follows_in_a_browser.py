@@ -204,7 +204,7 @@ def test_faults_are_told_in_the_unit_of_the_field_and_open_its_group(page):
     typed(page, "f-device-sample_time_s", "-3")
     told = until(lambda: by_id(page, "f-device-sample_time_s-error").text)
     assert "allowed: 0.0001 to 10000 ms" in told
-    assert "reversed" in until(lambda: by_id(page, "f-device-range-mass_kg-0-error").text)
+    assert "reversed" in until(lambda: by_id(page, "f-device-range-mass_kg-1-error").text)  # beside what was typed
     typed(page, "f-device-sample_time_s", "1")
     typed(page, "f-device-range-mass_kg-1", "0.2")
     until(lambda: by_id(page, "f-device-range-mass_kg-0").get_attribute("value") == "0.1")
