@@ -3,6 +3,7 @@
 import base64
 import json
 import shutil
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -86,3 +87,31 @@ def printed_pages(driver):
         "Page.printToPDF", {"paperWidth": 8.27, "paperHeight": 11.69, "printBackground": False}
     )
     return base64.b64decode(found["data"])
+
+
+def until(question, seconds=600.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if found := question():
+            return found
+        time.sleep(0.03)
+    raise AssertionError("it did not happen in time")
+
+
+def by_id(driver, name):
+    return driver.find_element("id", name)
+
+
+def typed(driver, name, text):
+    by_id(driver, name).send_keys("\ue009a\ue000", text)  # all of it is selected, and typed over
+
+
+def state(driver):
+    return driver.execute_script(
+        "return location.hash ? JSON.parse(decodeURIComponent(location.hash.slice(1))) : {a: {values: {}}}"
+    )
+
+
+def shown(driver, figure):
+    # In one go: the picture is drawn anew while it is asked for.
+    return driver.execute_script(f"return document.querySelector('#{figure} svg')?.getAttribute('aria-label') ?? ''")

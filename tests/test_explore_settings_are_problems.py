@@ -13,7 +13,8 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.present.explore.answers import PARTS, answer
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.fields import FIELDS
-from avc_casadi.present.explore.settings import LIVE, problem_of_settings, settings_of, values_of
+from avc_casadi.present.explore.forms import WALL as FORM
+from avc_casadi.present.explore.settings import problem_of_settings, settings_of, values_of
 
 BASE = avc.load_problem("figure5").changed(frequency={"points": 30})
 WALL = {"environment.stiffness_n_per_m": 5e3}
@@ -106,7 +107,7 @@ def test_the_files_of_two_columns_have_two_names(kind):
     assert second == first.replace("figure5-explored.", "figure5-explored-b.").replace("explored-c", "explored-b-c")
 
 
-@pytest.mark.parametrize("method", [method for method in LIVE if method != "constant"])
+@pytest.mark.parametrize("method", [method for method in FORM.live if method != "constant"])
 def test_the_picture_shows_what_solve_gives(method):
     found = told("now", method=method)["gains"]
     gains = avc.solve(BASE, method)

@@ -154,10 +154,10 @@ def test_a_method_is_one_file(tmp_path):
         """
 from avc_casadi.cli import main
 from avc_casadi.model.scene import Scene
-from avc_casadi.present.explore.settings import LIVE
+from avc_casadi.present.explore.forms import WALL
 from studies.designs import COUPLINGS, design
 from avc_casadi.files.problem_file import load_problem
-assert "toy" in LIVE and list(COUPLINGS)[2:5] == ["static-sampled", "direct", "toy"], list(COUPLINGS)
+assert "toy" in WALL.live and list(COUPLINGS)[2:5] == ["static-sampled", "direct", "toy"], list(COUPLINGS)
 assert Scene(coupling="toy").coupling == "toy"
 assert design(load_problem("soft"), "toy").gains.stiffness_n_per_m == 100.0
 try:

@@ -151,7 +151,7 @@ def test_check_warns_of_what_costs_most(tmp_path, capsys):
 
 def test_verbs_of_walls_say_which_verbs_answer(tmp_path, capsys):
     file = coupling_file(tmp_path, "tool/mujoco-500hz", ToolGains(5000.0, 20.0))
-    for words in (["trial", file], ["push", file, "--port", "emulator"], ["explore", "tool/mujoco-500hz"]):
+    for words in (["trial", file], ["push", file, "--port", "emulator"]):
         assert main(words) == 2
         assert "avc recommend, certify" in capsys.readouterr().err
     for words in (["solve", "tool/mujoco-500hz"], ["compare", "tool/mujoco-500hz"]):

@@ -1,4 +1,4 @@
-"""Turn knobs on a local page: device, wall and hands as sliders beside what they make of a coupling.
+"""Turn knobs on a local page: device, hands, and wall or engine as sliders beside what they make of a coupling.
 
 The page is served to this machine alone (127.0.0.1, a random token in its address), needs no network and ends with
 Ctrl-C. Its settings stand in its address; it saves problem and coupling as files, and shows the commands for the same.
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._subject import TOOL_VERBS, load_problem
+from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
 
@@ -35,8 +35,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.explore.server import ExploreServer
 
     problem = load_problem(args.problem)
-    if problem.simulation is not None:
-        raise avc.InputError.of(f"has a [simulation], and the page has a wall alone; {TOOL_VERBS}", file=args.problem)
+    if problem.follower is not None:
+        message = "has a [follower], and the page has a wall or a [simulation]; avc recommend, run and export know it"
+        raise avc.InputError.of(message, file=args.problem)
     explorer = Explorer(problem, args.problem, package_versions())
     try:
         server = ExploreServer(explorer, args.port)

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._to_simulation import problem_and_gains, refuse
 
-if TYPE_CHECKING:
-    from avc_casadi.model.lifted_loop import ToolGains
-
 
 def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Simulate the scene with engine and tool; without gains a coupling is designed first; 1 if it does not settle."""
+    from avc_casadi.model.declared import with_gains
     from avc_casadi.present.pages.tool_claims import simulated_page
 
     refuse(args, ("against", "explain", "screen", "tolerance"))
@@ -47,20 +44,3 @@ def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
     page = simulated_page(document, problem, console.page, args.problem, args.plot)
     complaint = "" if found.stable else f"avc: {problem.name}: with this hand the device does not settle"
     return Answer(document, page, code=1 if complaint else 0, complaint=complaint)
-
-
-def with_gains(problem: avc.Problem, gains: ToolGains) -> avc.Problem:
-    """Return the problem with a scene in which these gains couple engine and device.
-
-    Args:
-        problem: with [simulation]; a scene without a list of effects takes all that is declared.
-        gains: for those that the scene leaves out.
-    """
-    from avc_casadi.model.declared import scene_effects
-    from avc_casadi.model.effects import SimulationEffect
-
-    joined = tuple(
-        one.model_copy(update=vars(gains)) if isinstance(one, SimulationEffect) and not one.stiffness_n_per_m else one
-        for one in scene_effects(problem)
-    )
-    return problem.changed(scene={"effects": joined, "coupling": "none"})

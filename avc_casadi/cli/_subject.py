@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from avc_casadi.files.device_file import DeviceFile
 
 _FILES = (".json", ".csv")
-TOOL_VERBS = "avc recommend, certify, zwidth, simulate, run, check and export know a [simulation]"
+TOOL_VERBS = "avc recommend, certify, zwidth, explore, simulate, run, check and export know a [simulation]"
 
 
 def load_problem(source: str) -> avc.Problem:

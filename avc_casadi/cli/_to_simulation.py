@@ -72,10 +72,10 @@ def problem_and_gains(
 
 def _designed(problem: avc.Problem, source: str, console: Console) -> ToolGains:
     """Return a linearly stable coupling, with a margin; not tried with simulated hands."""
-    from avc_casadi.design.virtual_tool import designed
+    from avc_casadi.design.virtual_tool import ToolSearch, designed
 
     with console.step("coupling"):
-        found = designed(problem)
+        found = designed(ToolSearch(problem))
     if found is None:
         why = f"no spring and damper is stable with every hand, released, tool and contact: avc recommend {source}"
         raise avc.InputError.of(why, file=source)

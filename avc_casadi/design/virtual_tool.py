@@ -294,6 +294,18 @@ class ToolSearch(CouplingSearch):
         self.loops = ToolLoops(problem)
         super().__init__(self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options)
 
+    @cached_property
+    def limit(self) -> tuple[ToolGains, bool]:
+        """The stiffest that is stable, and whether a damper of the device's own loop belongs to it.
+
+        It does where the exchange asks for it, and where a stiffness is wanted that is not to be had without: it drags.
+        """
+        tool, local = self.loops.tool, self.loops.tool.damped_locally
+        stiffest = self.stiffest_beside_local_damper() if local else self.stiffest()
+        if not local and tool.stiffness_n_per_m is not None and tool.stiffness_n_per_m > stiffest.stiffness_n_per_m:
+            return self.stiffest_beside_local_damper(), True
+        return stiffest, local
+
 
 def _dampers(gains: ToolGains) -> float:
     return gains.damping_ns_per_m + gains.local_damping_ns_per_m
@@ -324,21 +336,19 @@ def _edge(stable: Callable[[float], bool], low: float, high: float, precision: f
     return low
 
 
-def designed(problem: Problem, share_of_limit: float = 0.6, gain_margin: float = 1.5) -> ToolGains | None:
+def designed(search: ToolSearch, share_of_limit: float = 0.6, gain_margin: float = 1.5) -> ToolGains | None:
     """Return a coupling that is linearly stable: the wanted stiffness, or a share of the stiffest; else None.
 
     It is not tried with simulated hands, unlike `recommend_tool`'s.
 
     Args:
-        problem: with [simulation].
+        search: of the problem.
         share_of_limit: of the stiffest, where no stiffness is wanted.
         gain_margin: required, where a damper reaches it.
     """
-    search = ToolSearch(problem)
-    tool, local = search.loops.tool, search.loops.tool.damped_locally
-    wanted = tool.stiffness_n_per_m
+    stiffest, local = search.limit
+    wanted = search.loops.tool.stiffness_n_per_m
     if wanted is None:
-        stiffest = search.stiffest_beside_local_damper() if local else search.stiffest()
         wanted = share_of_limit * stiffest.stiffness_n_per_m
     found = search.damped(wanted, local=local, gain_margin=gain_margin) if wanted > 0 else []
     return found[0] if found else None

@@ -22,6 +22,7 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.registries import EFFECTS
 
 if TYPE_CHECKING:
+    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
 
 
@@ -85,6 +86,20 @@ def declared_effects(problem: Problem) -> tuple[Effect, ...]:
 def scene_effects(problem: Problem) -> tuple[Effect, ...]:
     """Return the effects that a scene lists, or if it lists none all declared ones."""
     return problem.scene.effects or declared_effects(problem)
+
+
+def with_gains(problem: Problem, gains: ToolGains) -> Problem:
+    """Return the problem with a scene in which the engine is joined to the device by these gains.
+
+    Args:
+        problem: with [simulation]; a scene without a list of effects takes all that is declared.
+        gains: in place of those that the scene leaves out.
+    """
+    joined = tuple(
+        one.model_copy(update=vars(gains)) if isinstance(one, SimulationEffect) and not one.stiffness_n_per_m else one
+        for one in scene_effects(problem)
+    )
+    return problem.changed(scene={"effects": joined, "coupling": "none"})
 
 
 def left_out(problem: Problem) -> tuple[str, ...]:

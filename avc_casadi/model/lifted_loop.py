@@ -187,12 +187,14 @@ class LiftedLoop:
         powers: dict[tuple[bool, int], FloatArray] = {}
         found = []
         for tool in tools:
-            whole = None
+            whole, steps = None, {}
             for samples, aged in zip(self.clock.samples, self.clock.aged, strict=True):
                 key = (tool.fixed, samples)
                 if key not in powers:
                     powers[key] = np.linalg.matrix_power(fixed if tool.fixed else loose, samples)
-                step = powers[key] @ self._step(gains, tool, aged=aged)
+                if (samples, aged) not in steps:
+                    steps[samples, aged] = powers[key] @ self._step(gains, tool, aged=aged)
+                step = steps[samples, aged]
                 whole = step if whole is None else step @ whole
             found.append(whole)
         return np.stack([one for one in found if one is not None])

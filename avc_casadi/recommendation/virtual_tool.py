@@ -191,13 +191,9 @@ def recommend_tool(
         InputError: the problem has no [simulation].
     """
     tool, search = required_tool(problem), ToolSearch(problem)
-    local, wanted = tool.damped_locally, tool.stiffness_n_per_m
-    stiffest = search.stiffest_beside_local_damper() if local else search.stiffest()
-    if not local and wanted is not None and wanted > stiffest.stiffness_n_per_m:
-        # It drags in free motion, so it serves only a stiffness that is unreachable without.
-        local, stiffest = True, search.stiffest_beside_local_damper()
+    (stiffest, local), wanted = search.limit, tool.stiffness_n_per_m
     limit = stiffest.stiffness_n_per_m
-    why = _hopeless(problem, search, limit)
+    why = hopeless(problem, search)
     gains, trial = None, None
     if not why and (wanted is None or search.holds(wanted, local=local)):
         first = options.share_of_limit * limit if wanted is None else wanted
@@ -274,12 +270,17 @@ def _tried(
     return leaning or (None, trial)
 
 
-def _hopeless(problem: Problem, search: ToolSearch, limit_n_per_m: float) -> str:
-    """Return why no coupling is stable at all; empty where one is."""
+def hopeless(problem: Problem, search: ToolSearch) -> str:
+    """Return why no coupling is stable at all; empty where one is.
+
+    Args:
+        problem: with [simulation].
+        search: of it.
+    """
     tool = required_tool(problem)
     if problem.device.mass_kg == 0:
         return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
-    if limit_n_per_m > 0:
+    if search.limit[0].stiffness_n_per_m > 0:
         return ""
     if not search.loops.engine_alone_stable():
         unit, lightest = problem.units.unit, min(tool.tool_mass_kg or (math.inf,))

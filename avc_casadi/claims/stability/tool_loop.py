@@ -85,6 +85,18 @@ class ToolLoops(PeriodicLoops):
         place, row, radius = self.worst(gains)
         return radius ** (1 / len(self.patterns[place].clock.samples)), self._case(place, row)
 
+    def radii(self, gains: ToolGains) -> FloatArray:
+        """Return the spectral radius of each loop, counted by one step of the engine, the largest of all clocks.
+
+        Returns:
+            Shape (tools, devices, hands); the device released is the last of the hands.
+        """
+        each = [
+            np.abs(self.eigenvalues(place, gains)).max(axis=-1) ** (1 / len(loop.clock.samples))
+            for place, loop in enumerate(self.patterns)
+        ]
+        return np.asarray(np.max(each, axis=0).reshape(len(self.tools), self._devices, len(self.hands)))
+
     def engine_alone_stable(self) -> bool:
         """Return whether the tool in contact is stable without any coupling, a property of the engine alone."""
         touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]

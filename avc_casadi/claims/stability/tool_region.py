@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # Nonzero dampers, as shares of m/T, spaced logarithmically.
 _DAMPERS, _LIGHTEST, _HEAVIEST = 24, 1e-3, 1.0
 # Engine rates, as factors of the declared step.
-_STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
+_RATES = (0.25, 0.5, 1.0, 2.0, 4.0)
 # Damping ratio of the released device with the damper of the device's own loop.
 _LOCAL_RATIO = 1.0
 # Softest spring, as a share of m/T_s^2, and stiffest, as one of m/T^2.
@@ -57,7 +57,7 @@ class ToolRegion(Comparable):
         problem: name of the problem.
         damping_ns_per_m: B, shape (n,), the first 0.
         local_damping_ratio: of a damper in the device's loop: of the released device on each K; 0 without such a
-            damper.
+            damper, or with a given one.
         curves: one for each engine rate, fastest first.
         chosen: a coupling to mark in the figure; None marks none.
     """
@@ -103,7 +103,13 @@ def _stiffest(damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray) -> di
     }
 
 
-def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
+def tool_region(
+    problem: Problem,
+    progress: Progress = SILENT,
+    *,
+    rates: Sequence[float] = _RATES,
+    local_damping_ns_per_m: float | None = None,
+) -> ToolRegion:
     """Return the region at the declared step of the engine, and at 2 and 4 times faster and slower ones.
 
     Each curve is followed from the softest spring up to the first that is unstable, at 25 dampers; K is right to 2 %.
@@ -113,6 +119,8 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
     Args:
         problem: with [simulation].
         progress: reported over the curves.
+        rates: steps beside the declared one, as factors of it.
+        local_damping_ns_per_m: a damper of the device's loop in place of that one, the same on each K.
     """
     tool, device = required_tool(problem), problem.device
     t, declared = device.sample_time_s, max(tool.step_s)
@@ -120,9 +128,9 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
     least = device.damping_ns_per_m if device.range.damping_ns_per_m is None else device.range.damping_ns_per_m[0]
     mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
     damping = np.concatenate([[0.0], mass / t * np.geomspace(_LIGHTEST, _HEAVIEST, _DAMPERS)])
-    steps = {round(factor * declared / t) * t: False for factor in _STEPS if round(factor * declared / t) >= 1}
+    steps = {round(factor * declared / t) * t: False for factor in rates if round(factor * declared / t) >= 1}
     steps = {step: False for step in steps if not math.isclose(step, declared, rel_tol=0.1)} | {declared: True}
-    ratio = _LOCAL_RATIO if tool.damped_locally else 0.0
+    ratio = _LOCAL_RATIO if tool.damped_locally and local_damping_ns_per_m is None else 0.0
     curves = []
     for place, step_s in enumerate(sorted(steps)):
         progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")
@@ -132,7 +140,8 @@ def tool_region(problem: Problem, progress: Progress = SILENT) -> ToolRegion:
         for row, b in enumerate(damping.tolist()):
 
             def stable(k: float, b: float = b, loops: ToolLoops = loops) -> bool:
-                local = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
+                critical = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
+                local = critical if local_damping_ns_per_m is None else local_damping_ns_per_m
                 return loops.stable(ToolGains(k, b, local))
 
             limits[row] = _limit(stable, softest, near, _STIFFEST * mass / t**2)

@@ -30,12 +30,9 @@ from avc_casadi.files.problem_document import dump_problem
 from avc_casadi.model.hands import hand_corners, with_let_go
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
-from avc_casadi.present.explore.fields import KEYS, dotted_units, fields_document, labels_of, words_document
+from avc_casadi.present.explore.fields import dotted_units, fields_document, labels_of, words_document
 from avc_casadi.present.explore.requests import RequestError
 from avc_casadi.present.explore.settings import (
-    GAINS,
-    LIVE,
-    SLOW,
     Settings,
     dropped_ranges,
     kept_of,
@@ -63,29 +60,41 @@ _TRACE_POINTS = 1200
 _METHOD = re.compile(r"`?avc (?:recommend P|solve P --method ([a-z-]+))`?(?! --)")
 
 
+def asked_settings(explorer: Explorer, asked: Mapping[str, Any]) -> Settings:
+    """Read the settings of a question.
+
+    Raises:
+        RequestError: it has none, or names what the page does not have.
+    """
+    return settings_of(asked.get("settings"), explorer.form)
+
+
 def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
     """Return what the page is built from: words, fields, devices, methods and the base."""
-    base = explorer.base.device
+    base, form = explorer.base.device, explorer.form
+    own = explorer.source not in catalogue_names()
     return {
+        "end": form.end,
         "words": words_document(base.units),
-        "fields": fields_document(base),
+        "fields": fields_document(base, form.fields),
+        "gains": fields_document(base, form.gains),
         "values": values_of(explorer.base),
         "devices": [
             {"name": file.name, "title": file.title, "gaps": labels_of(file.gaps, base.units)}
             for file in device_catalogue()
             if file.device.motion == base.motion
         ],
-        "live": list(LIVE),
-        "slow": list(SLOW),
+        "live": list(form.live),
+        "slow": list(form.slow),
         # A file of one's own is asked about for what to deploy; the catalogue shows the paper's question.
-        "opens": "direct" if explorer.source in catalogue_names() else "recommend",
+        "opens": "recommend" if own or form.end != "wall" else "direct",
         "papers": [name for name, one in METHODS.items() if one.answers_paper],
     }
 
 
 def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return impedances and gains against frequency."""
-    settings = settings_of(asked.get("settings"))
+    settings = asked_settings(explorer, asked)
     problem = explorer.problem(settings)
     frequency = problem.frequencies_hz()
     loop = loop_at(problem, frequency)
@@ -95,11 +104,11 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         "values": values_of(problem),
         "kept": kept_of(problem),
         "dropped": dropped_ranges(explorer.base, settings, problem),
-        "frequency_hz": _short(frequency),
+        "frequency_hz": short(frequency),
         "desired": _impedance(np.asarray(loop.target)),
         "without": _impedance(np.asarray(loop.without_coupling)),
-        "upper": _short(np.abs(upper)),
-        "lower": _short(np.abs(lower)),
+        "upper": short(np.abs(upper)),
+        "lower": short(np.abs(lower)),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(problem.device)),
         "gains": _gains(explorer.schedule(settings), problem.units),
     }
@@ -107,7 +116,7 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the certificate, the verdict on deployment and the stiffest wall of a spring and damper."""
-    settings = settings_of(asked.get("settings"))
+    settings = asked_settings(explorer, asked)
     problem, coupling = explorer.problem(settings), explorer.coupling(settings)
     low_high = explorer.heavy(
         f"stiffest {problem.device!r} {problem.hands!r}",
@@ -137,25 +146,25 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def touch(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return a simulated hand that presses, taps or holds the wall."""
-    settings = settings_of(asked.get("settings"))
+    settings = asked_settings(explorer, asked)
     problem, coupling = explorer.problem(settings), explorer.coupling(settings)
     if coupling is None:
         return {"touch": None}
     run = explorer.heavy(f"touch {settings.key}", lambda: simulate(problem, coupling.on(problem)))
-    return {"touch": _traces(run)}
+    return {"touch": traces(run)}
 
 
 def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the K-B region of the device with its hands, and the wall that is wanted."""
-    problem = explorer.problem(settings_of(asked.get("settings")))
+    problem = explorer.problem(asked_settings(explorer, asked))
     found = explorer.regions(f"region {problem.device!r} {problem.hands!r}", lambda: zwidth(problem))
     return {
-        "damping_ns_per_m": _short(found.damping_ns_per_m),
+        "damping_ns_per_m": short(found.damping_ns_per_m),
         "curves": [
             {
                 "key": curve.key,
-                "claim": _told(explorer, curve.claim),
-                "stiffness_n_per_m": _short(curve.stiffness_n_per_m),
+                "claim": told_on_page(explorer, curve.claim),
+                "stiffness_n_per_m": short(curve.stiffness_n_per_m),
             }
             for curve in found.curves
         ],
@@ -165,23 +174,23 @@ def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def toy(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the numbers with which the page moves the device itself."""
-    settings = settings_of(asked.get("settings"))
+    settings = asked_settings(explorer, asked)
     without = bool(asked.get("without_coupling"))
     return toy_document(explorer.problem(settings), None if without else explorer.coupling(settings))
 
 
 def work(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Begin a slow method, or say how far it is."""
-    settings = settings_of(asked.get("settings"))
+    settings = asked_settings(explorer, asked)
     told = explorer.work(settings, begin=bool(asked.get("begin")))
-    saved = f"{_stem(explorer.problem(settings), asked)}.toml" if _changed(settings) else explorer.source
+    saved = f"{stem_of(explorer.problem(settings), asked)}.toml" if changed(settings) else explorer.source
     told["lines"] = [with_problem(line, shlex.quote(saved)) for line in told.get("lines", [])]
-    return told | {key: _told(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
+    return told | {key: told_on_page(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
 
 
 def cancel(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """End a slow method."""
-    return explorer.cancel(settings_of(asked.get("settings")))
+    return explorer.cancel(asked_settings(explorer, asked))
 
 
 def device(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -200,10 +209,10 @@ def device(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the problem or the coupling as a file, or both as commands to type."""
-    settings, kind = settings_of(asked.get("settings")), asked.get("kind")
+    settings, kind = asked_settings(explorer, asked), asked.get("kind")
     problem = explorer.problem(settings)
     whole = problem_of_settings(explorer.base, settings, to_save=True)
-    stem = _stem(problem, asked)
+    stem = stem_of(problem, asked)
     if kind == "problem":
         return {"name": f"{stem}.toml", "text": dump_problem(whole)}
     if kind == "command":
@@ -218,7 +227,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     verdict = deployable(coupling).document()
     certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
     text = json_text(coupling_document(coupling.with_certificate(certificate)))
-    return {"name": f"{stem}-coupling.json", "text": text, "told": _told(explorer, verdict["sentence"])}
+    return {"name": f"{stem}-coupling.json", "text": text, "told": told_on_page(explorer, verdict["sentence"])}
 
 
 Part = Callable[["Explorer", Mapping[str, Any]], dict[str, Any]]
@@ -243,19 +252,19 @@ def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str
     except RequestError:
         raise
     except AvcError as error:
-        return {"refused": _told(explorer, str(error))}
+        return {"refused": told_on_page(explorer, str(error))}
 
 
 def _fault(explorer: Explorer, fault: dict[str, Any]) -> dict[str, Any]:
-    of_field = fault["key"] in KEYS or fault["key"].removeprefix("gains.") in GAINS
+    of_field = fault["key"] in explorer.form.keys or fault["key"].removeprefix("gains.") in explorer.form.gain_names
     key = fault["key"] if of_field else explorer.base.units.text(fault["key"])
-    return fault | {"key": key, "message": _told(explorer, fault["message"])}
+    return fault | {"key": key, "message": told_on_page(explorer, fault["message"])}
 
 
 def _on_page(explorer: Explorer, verdict: dict[str, Any]) -> dict[str, Any]:
     """Return a verdict whose advice is what to choose on the page, in place of a command."""
     claims = [one | {"advice": _METHOD.sub(_chosen, one["advice"])} for one in verdict["claims"]]
-    told: dict[str, Any] = _told(explorer, verdict | {"claims": claims})
+    told: dict[str, Any] = told_on_page(explorer, verdict | {"claims": claims})
     return told
 
 
@@ -263,24 +272,30 @@ def _chosen(found: re.Match[str]) -> str:
     return f"{found[1] or 'recommend'}, under Method"
 
 
-def _told(explorer: Explorer, told: Any) -> Any:
+def told_on_page(explorer: Explorer, told: Any) -> Any:
     """Return a text, or every text of an answer, in the words and with the units of the page."""
     if isinstance(told, str):
         return dotted_units(explorer.base.units.text(told))
     if isinstance(told, Mapping):
-        return {key: _told(explorer, one) for key, one in told.items()}
-    return [_told(explorer, one) for one in told] if isinstance(told, list | tuple) else told
+        return {key: told_on_page(explorer, one) for key, one in told.items()}
+    return [told_on_page(explorer, one) for one in told] if isinstance(told, list | tuple) else told
+
+
+def to_type(explorer: Explorer, settings: Settings, problem: Problem, stem: str) -> tuple[list[str], str, str]:
+    """Return what to type before a verb, and how that takes problem and coupling: the file, where it is none yet."""
+    stem = f"./{stem}" if stem.startswith("-") else stem  # no option
+    name, out = (shlex.quote(f"{stem}{ending}") for ending in (".toml", "-coupling.json"))
+    if not changed(settings):
+        return [], shlex.quote(explorer.source), out
+    return [f"cat > {name} <<'AVC_PROBLEM'", dump_problem(problem).rstrip(), "AVC_PROBLEM"], name, out
 
 
 def _command(explorer: Explorer, settings: Settings, problem: Problem, stem: str) -> str:
     """Return what to type for the same: the problem as a file where it is none yet, then the verb."""
-    changed, stem = _changed(settings), f"./{stem}" if stem.startswith("-") else stem  # no option
-    name, out = (shlex.quote(f"{stem}{ending}") for ending in (".toml", "-coupling.json"))
-    lines = [f"cat > {name} <<'AVC_PROBLEM'", dump_problem(problem).rstrip(), "AVC_PROBLEM"] if changed else []
-    which = name if changed else shlex.quote(explorer.source)
+    lines, which, out = to_type(explorer, settings, problem, stem)
     if settings.method == "recommend":
         lines.append(f"avc recommend {which} --out {out}")
-    elif settings.method == "constant" and settings.gains.get(GAINS[2]):
+    elif settings.method == "constant" and settings.gains.get("contact_damping_ns_per_m"):
         return f"avc certify {out}  # the file of Save coupling\n"
     elif settings.method == "constant":
         given = [f"{settings.gains.get(key, 0.0):.15g}" for key in (_K, _B)]
@@ -290,11 +305,12 @@ def _command(explorer: Explorer, settings: Settings, problem: Problem, stem: str
     return "\n".join(lines) + "\n"
 
 
-def _changed(settings: Settings) -> bool:
+def changed(settings: Settings) -> bool:
+    """Whether the settings mean another problem than the base."""
     return bool(settings.values) or settings.device is not None
 
 
-def _stem(problem: Problem, asked: Mapping[str, Any]) -> str:
+def stem_of(problem: Problem, asked: Mapping[str, Any]) -> str:
     """Return how the files of one column are named; those of the second, which stand beside the first's, otherwise."""
     stem = problem.name.replace("/", "-") or "problem"
     return f"{stem}-b" if asked.get("column") == "b" else stem
@@ -307,9 +323,9 @@ def _gains(schedule: GainSchedule | None, units: Units) -> dict[str, Any] | None
     return {
         "method": schedule.method,
         "constant": bool(usable.all()) and bool(np.ptp(schedule.stiffness_n_per_m) == 0),
-        "damping_ns_per_m": _short(schedule.damping_ns_per_m),
-        "stiffness_n_per_m": _short(schedule.stiffness_n_per_m),
-        "contact_damping_ns_per_m": _short(schedule.contact_damping_ns_per_m),
+        "damping_ns_per_m": short(schedule.damping_ns_per_m),
+        "stiffness_n_per_m": short(schedule.stiffness_n_per_m),
+        "contact_damping_ns_per_m": short(schedule.contact_damping_ns_per_m),
         **_impedance(np.where(usable, schedule.impedance, np.nan)),
         "counts": schedule.counts(),
         "reasons": [units.text(reason) for reason in dict.fromkeys(filter(None, schedule.reason))][:3],
@@ -317,19 +333,19 @@ def _gains(schedule: GainSchedule | None, units: Units) -> dict[str, Any] | None
 
 
 def _impedance(values: Any) -> dict[str, Any]:
-    return {"magnitude": _short(np.abs(values)), "real": _short(np.real(values))}
+    return {"magnitude": short(np.abs(values)), "real": short(np.real(values))}
 
 
-def _traces(run: Run) -> dict[str, Any]:
+def traces(run: Run) -> dict[str, Any]:
     """Return the traces with their peaks kept, and what became of the run."""
     kept = slice(0, run.samples_in_reach)
     rows = _peaks(run.force_n[kept], run.position_m[kept])
     found = run.judgement
     return {
-        "time_s": _short(run.time_s[kept][rows]),
-        "position_m": _short(run.position_m[kept][rows]),
-        "target_m": _short(run.target_m[kept][rows]),
-        "force_n": _short(run.force_n[kept][rows]),
+        "time_s": short(run.time_s[kept][rows]),
+        "position_m": short(run.position_m[kept][rows]),
+        "target_m": short(run.target_m[kept][rows]),
+        "force_n": short(run.force_n[kept][rows]),
         "claim": run.claim,
         "buzzing": run.buzzing,
         "stiffness_n_per_m": plain(run.apparent_stiffness_n_per_m),
@@ -352,7 +368,7 @@ def _peaks(*traces: Any) -> Any:
     return np.array(sorted(found))
 
 
-def _short(values: ArrayLike) -> list[float | None]:
+def short(values: ArrayLike) -> list[float | None]:
     """Return numbers to so many significant digits; None where there is none."""
     return [
         float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None

@@ -18,13 +18,17 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.present.explore.forms import WALL, Form, form_of
 from avc_casadi.present.explore.requests import RequestError
-from avc_casadi.present.explore.settings import LIVE, Settings, constant_gains, problem_of_settings
+from avc_casadi.present.explore.settings import Settings, constant_gains, problem_of_settings
+from avc_casadi.present.pages.virtual_tool import tool_rows
 from avc_casadi.recommendation.recommend import Recommendation, recommend
 from avc_casadi.recommendation.told import conclusion_lines
+from avc_casadi.recommendation.virtual_tool import recommend_tool
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
+    from avc_casadi.other_end_coupling import ToolCoupling
 
 T = TypeVar("T")
 
@@ -32,6 +36,7 @@ _KEPT = 24
 _AT_ONCE = 2
 # A page that was closed no longer asks: its work ends.
 _UNASKED_S = 15.0
+_IN_TABLE = {"Coupling", "Rigid object", "Free motion", "Stability"}
 
 
 @dataclass
@@ -82,6 +87,11 @@ class Explorer:
     _tasks: dict[str, _Task] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
+    @property
+    def form(self) -> Form:
+        """What the page asks."""
+        return form_of(self.base)
+
     def problem(self, settings: Settings) -> Problem:
         """Return the problem that the settings mean.
 
@@ -89,29 +99,36 @@ class Explorer:
             InputError: with every fault.
         """
         return self.problems(
-            f"{settings.method in LIVE} {settings.method == 'constant' and settings.gains} {settings.stated}",
+            f"{settings.method in WALL.live} {settings.method == 'constant' and settings.gains} {settings.stated}",
             lambda: problem_of_settings(self.base, settings),
         )
 
     def schedule(self, settings: Settings) -> GainSchedule | None:
         """Return the gains of the settings; None where they come from work that is not done."""
-        if settings.method not in LIVE:
+        if settings.method not in WALL.live:
             coupling = self.coupling(settings)
             return None if coupling is None else self.schedules(settings.key, lambda: _at_all_frequencies(coupling))
         return self.schedules(settings.key, lambda: _live(self.problem(settings), settings))
 
     def coupling(self, settings: Settings) -> Coupling | None:
         """Return the coupling of the settings; None where no row has gains, or its work is not done."""
-        if settings.method in LIVE:
+        if settings.method in WALL.live:
             gains, problem = self.schedule(settings), self.problem(settings)
             if gains is None or not gains.usable.any():
                 return None
             return self.heavy(f"coupling {settings.key}", lambda: Coupling.of(problem, gains, versions=self.versions))
-        task = self._tasks.get(settings.run)
-        if task is None or task.of.result is None:
-            return None
-        found: Coupling | None = task.of.result[0]
+        found: Coupling | None = self.found(settings)
         return None if found is None else replace(found, problem=self.problem(settings), versions=self.versions)
+
+    def done(self, settings: Settings) -> bool:
+        """Whether the work of the settings is done."""
+        task = self._tasks.get(settings.run)
+        return task is not None and task.of.result is not None
+
+    def found(self, settings: Settings) -> Any:
+        """Return the coupling that work has found; None where it found none, or is not done."""
+        task = self._tasks.get(settings.run)
+        return None if task is None or task.of.result is None else task.of.result[0]
 
     def work(self, settings: Settings, *, begin: bool) -> dict[str, Any]:
         """Say how far the work of the settings is; begin it where it is asked to.
@@ -120,7 +137,7 @@ class Explorer:
             InputError: the settings mean no problem.
             RequestError: too much is under way.
         """
-        if settings.method in LIVE:
+        if settings.method in self.form.live:
             raise RequestError(400, f"{settings.method} follows at once and is no work")
         problem, key = self.problem(settings), settings.run
         with self._lock:
@@ -176,8 +193,8 @@ def _state(work: Background) -> dict[str, Any]:
 def _live(problem: Problem, settings: Settings) -> GainSchedule:
     if settings.method != "constant":
         return solve(problem, settings.method)
-    rows, gains = len(problem.frequencies_hz()), constant_gains(settings)
-    every = tuple(np.full(rows, value) for value in vars(gains).values())
+    rows = len(problem.frequencies_hz())
+    every = tuple(np.full(rows, value) for value in constant_gains(settings, WALL).values())
     return gain_schedule(problem, "constant", (every[0], every[1], every[2]), (Status.SOLVED,) * rows)
 
 
@@ -203,9 +220,15 @@ def _helpful(document: Mapping[str, Any]) -> list[str]:
     return [f"what would help a plain spring and damper, which holds {now} N/m: {'; '.join(walls)}"] if walls else []
 
 
-def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[str]]:
+def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | ToolCoupling | None, list[str]]:
     """Return the coupling of a slow method and what is to be told of it."""
     problem, method = task
+    if problem.simulation is not None:
+        tool = recommend_tool(problem, progress=progress)
+        rows = tool_rows(tool.document(), problem)
+        # What is known of any pair stands in the table of the page.
+        told = rows if tool.coupling is None else [row for row in rows if row.label not in _IN_TABLE]
+        return tool.coupling, [f"{row.mark.value} {row.label}: {row.text}".strip() for row in told]
     if method == "recommend":
         found: Recommendation = recommend(problem, progress=progress)
         document = found.document()

@@ -6,6 +6,7 @@ The keys are those inside, which are those of a linear device; a device that tur
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache, partial
@@ -38,6 +39,8 @@ class Field:
         start: value taken where the problem has none, in SI units.
         folded: whether its group is folded up at first.
         turns: whether a device that turns alone has it.
+        whole: whether it is an integer.
+        whole_of: key of the value whose whole multiples its slider gives.
     """
 
     key: str
@@ -53,6 +56,8 @@ class Field:
     start: float | None = None
     folded: bool = False
     turns: bool = False
+    whole: bool = False
+    whole_of: str = ""
 
 
 WALL, DETENTS, DEVICE, LOOP, STRUCTURE, KNOWN, HANDS, REAL, RENDERING = (
@@ -117,15 +122,22 @@ FIELDS: tuple[Field, ...] = (
     Field("stability.model", RENDERING, "hold model", scale="choice", choices=("paper", "sampled-data")),
     Field("frequency.start_hz", RENDERING, "lowest frequency", "Hz", 0.1, 100, "log", blank="as listed"),
     Field("frequency.stop_hz", RENDERING, "highest frequency", "Hz", 10, 5000, "log", blank="as listed"),
-    Field("frequency.points", RENDERING, "how many", "", 20, 1000, "log", blank="as listed"),
+    Field("frequency.points", RENDERING, "how many", "", 20, 1000, "log", blank="as listed", whole=True),
 )
-KEYS: frozenset[str] = frozenset(field.key for field in FIELDS)
+_TYPED = "Typed gains"
+GAINS: tuple[Field, ...] = (
+    Field("gains.damping_ns_per_m", _TYPED, "damper b", "N·s/m", 0, 100),
+    Field("gains.stiffness_n_per_m", _TYPED, "spring k", "N/m", 100, 1e6, "log"),
+    Field("gains.contact_damping_ns_per_m", _TYPED, "contact damper b_p", "N·s/m", 0, 100),
+)
+"""b, k and b_p before a wall."""
 _PLACE = re.compile(r"\.\d$")
 
 
 # What ends a key of the problem file: its unit.
 _UNIT = re.compile(r"(_rms)?_(kg|ns_per_m|n_per_m|samples|hz|n|m|s)$")
-_SQUARE = re.compile(r"(?<=kg\Wm)2")
+_SQUARE = re.compile(r"(?<=g\Wm)2")
+_DOT = re.compile(r"((?<=\bN)|(?<=\b[kMm]N))\.(?=[ms])|(?<=N[.·]m)\.(?=s)|(?<=g)\.(?=m2)")
 
 
 def page_unit(unit: str, units: Units) -> str:
@@ -135,7 +147,7 @@ def page_unit(unit: str, units: Units) -> str:
 
 def dotted_units(text: str) -> str:
     """Return a text with the units in it as the page writes them."""
-    return _SQUARE.sub("²", re.sub(r"(?<=\bN)\.(?=[ms])|(?<=\bN[.·]m)\.(?=s)|(?<=kg)\.(?=m2)", "·", text))
+    return _SQUARE.sub("²", _DOT.sub("·", text))
 
 
 def words_document(units: Units) -> dict[str, str]:
@@ -158,21 +170,21 @@ def labels_of(keys: Iterable[str], units: Units) -> list[str]:
     return [units.text(known.get(key) or _UNIT.sub("", key).replace("_", " ")) for key in keys]
 
 
-def fields_for(device: Device) -> tuple[Field, ...]:
+def fields_for(device: Device, fields: tuple[Field, ...]) -> tuple[Field, ...]:
     """Return the fields of devices of one motion; sliders of one that turns reach as far as others at its handle."""
-    return _fields_for(device.units.motion, device.metres_per_unit)
+    return _fields_for(device.units.motion, device.metres_per_unit, fields)
 
 
-def fields_document(device: Device) -> list[dict[str, Any]]:
+def fields_document(device: Device, fields: tuple[Field, ...]) -> list[dict[str, Any]]:
     """Return the fields as JSON values."""
-    return [asdict(field) for field in fields_for(device)]
+    return [asdict(field) for field in fields_for(device, fields)]
 
 
 @lru_cache
-def _fields_for(motion: MotionKind, radius_m: float) -> tuple[Field, ...]:
+def _fields_for(motion: MotionKind, radius_m: float, fields: tuple[Field, ...]) -> tuple[Field, ...]:
     if motion == "linear":
-        return tuple(field for field in FIELDS if not field.turns)
-    return tuple(field if field.turns else _turned(field, radius_m) for field in FIELDS)
+        return tuple(field for field in fields if not field.turns)
+    return tuple(field if field.turns else _turned(field, radius_m) for field in fields)
 
 
 def _turned(field: Field, radius_m: float) -> Field:
@@ -188,30 +200,34 @@ _NUMBER = r"[-+]?\d[-+.\de]*"
 _PLACE_faults = re.compile(r"\[(\d)\]")
 # What a quantity says of itself, with the span of what is allowed.
 _REFUSED = re.compile(rf"is (?P<value>{_NUMBER}|\".*\", not a number); allowed: (?P<span>.*) \w+")
-_ENDS = [field.key.rpartition(".")[2] for field in FIELDS]
 
 
-def on_page(faults: Iterable[Fault], typed: Iterable[str], device: Device) -> Iterator[Fault]:
+def on_page(
+    faults: Iterable[Fault], typed: Iterable[str], device: Device, fields: tuple[Field, ...]
+) -> Iterator[Fault]:
     """Yield faults with the key of their field, told in its unit.
 
     Args:
         faults: of a problem.
         typed: keys that were changed on the page; bounds that only follow the wall are its fault alone.
         device: one of the motion that the page speaks of.
+        fields: of the page.
     """
-    fields, units = {field.key: field for field in fields_for(device)}, device.units
-    found = [(_key(fault.key), fault) for fault in faults]
+    known, units = {field.key: field for field in fields_for(device, fields)}, device.units
+    found = [(_key(fault.key, known, typed), fault) for fault in faults]
     of_wall = any(key.startswith("environment.") for key, _ in found)
     for key, fault in found:
         if not (of_wall and key.startswith("boundaries.") and key not in typed):
-            told = _told(fault.message, fields.get(key), fields)
-            yield Fault("", None, key if key in KEYS else units.text(key), dotted_units(units.text(told)))
+            told = _told(fault.message, known.get(key), known)
+            yield Fault("", None, key if key in known else units.text(key), dotted_units(units.text(told)))
 
 
-def _key(key: str) -> str:
-    """Return the key of a field; a fault of a pair goes to its first place."""
+def _key(key: str, fields: Mapping[str, Field], typed: Iterable[str]) -> str:
+    """Return the key of a field; a fault of a pair goes to the place that was typed, or to its first."""
     flat = _PLACE_faults.sub(r".\1", key)
-    return flat if flat in KEYS or f"{flat}.0" not in KEYS else f"{flat}.0"
+    if flat in fields or f"{flat}.0" not in fields:
+        return flat
+    return f"{flat}.1" if f"{flat}.1" in typed and f"{flat}.0" not in typed else f"{flat}.0"
 
 
 def _told(message: str, field: Field | None, fields: Mapping[str, Field]) -> str:
@@ -225,7 +241,8 @@ def _told(message: str, field: Field | None, fields: Mapping[str, Field]) -> str
         message = f"is {value}; allowed: {span} {field.unit}"
     # A key without its table means the one field that ends so.
     ends = {key.rpartition(".")[2]: field for key, field in fields.items()}
-    named = {name: field for name, field in ends.items() if _ENDS.count(name) == 1 and "_" in name}
+    often = Counter(key.rpartition(".")[2] for key in fields)
+    named = {name: field for name, field in ends.items() if often[name] == 1 and "_" in name}
     for name, one in {**fields, **named}.items():
         found = rf"(?<![\w.]){re.escape(name)}(?: = ({_NUMBER}))?(?![\w.]*\w)"
         message = re.sub(found, partial(_label, one), message)

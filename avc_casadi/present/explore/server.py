@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.json_values import json_text
 from avc_casadi.present.explore.answers import PARTS, answer
 from avc_casadi.present.explore.requests import RequestError
+from avc_casadi.present.explore.tool_answers import TOOL_PARTS
 
 if TYPE_CHECKING:
     from avc_casadi.present.explore.explorer import Explorer
@@ -40,6 +41,7 @@ class ExploreServer(ThreadingHTTPServer):
 
     Attributes:
         explorer: what answers.
+        parts: what can be asked for, by name.
         token: first part of every path.
     """
 
@@ -49,6 +51,7 @@ class ExploreServer(ThreadingHTTPServer):
 
     def __init__(self, explorer: Explorer, port: int = 0) -> None:
         self.explorer = explorer
+        self.parts = PARTS if explorer.base.simulation is None else TOOL_PARTS
         self.token = secrets.token_urlsafe(18)
         self.page = _page()
         super().__init__((HOST, port), _Handler)
@@ -124,12 +127,12 @@ class _Handler(BaseHTTPRequestHandler):
     def _file(self, path: str) -> tuple[str, bytes]:
         name = path.partition("?")[0] or "index.html"
         if name not in self.server.page:
-            raise RequestError(405 if name in PARTS else 404, "there is no such page")
+            raise RequestError(405 if name in self.server.parts else 404, "there is no such page")
         kind = _TYPES[name[name.rindex(".") :]]
         return f"{kind}; charset=utf-8", self.server.page[name]
 
     def _part(self, path: str) -> tuple[str, bytes]:
-        part = PARTS.get(path)
+        part = self.server.parts.get(path)
         if part is None:
             raise RequestError(405 if path in (*self.server.page, "") else 404, "there is nothing to ask there")
         if self.headers.get_content_type() != "application/json":

@@ -12,22 +12,16 @@ from dataclasses import dataclass
 from typing import Any, TypeGuard
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import Units
-from avc_casadi.design.registry import METHODS
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.model.device import Device
-from avc_casadi.model.gains import Gains
 from avc_casadi.model.problem import Problem
-from avc_casadi.present.explore.fields import HANDLE, KEYS, RANGES, fields_for, on_page
+from avc_casadi.present.explore.fields import HANDLE, RANGES, fields_for, on_page
+from avc_casadi.present.explore.forms import WALL, Form, form_of
 from avc_casadi.present.explore.requests import RequestError
+from avc_casadi.present.explore.tool_fields import STEP, put_of_tool, value_of_tool
 
-LIVE: tuple[str, ...] = (*(name for name, one in METHODS.items() if one.live), "constant")
-"""Methods that are quick enough to follow a slider."""
-SLOW: tuple[str, ...] = ("recommend", *(name for name, one in METHODS.items() if not one.live))
-"""Methods that run beside the page, and can be cancelled."""
-GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 _SCENES = ("press", "tap", "hold")
 _TOLD = 40
 # The page shows six digits: what is typed as it is shown is the value itself.
@@ -38,7 +32,10 @@ _FOLLOWED = {
     "device.sample_time_s": (2e-5, 0.1, "0.02 to 100 ms"),
     "device.delay_samples": (0, 50, "0 to 50 samples"),
     "frequency.points": (1, 5000, "1 to 5000"),
+    f"{STEP}.0": (1e-5, 0.1, "0.01 to 100 ms"),
+    f"{STEP}.1": (1e-5, 0.1, "0.01 to 100 ms"),
 }
+_TOOL, _SPRING = "simulation.", "stiffness_n_per_m"
 
 
 @dataclass(frozen=True)
@@ -48,8 +45,8 @@ class Settings:
     Attributes:
         device: name of a device of the catalogue, or the table of a device file; None keeps that of the base.
         values: dotted key to value, in SI units, as far as they were changed; None stands for a value left out.
-        method: one of `LIVE` and `SLOW`.
-        gains: b, k and b_p of the method constant.
+        method: one of the form.
+        gains: of the method constant, by name.
         motion: what the hand does in the simulated touch.
     """
 
@@ -75,8 +72,12 @@ class Settings:
         return json.dumps([self.method, self.device, dict(self.values)], sort_keys=True)
 
 
-def settings_of(document: Any) -> Settings:
+def settings_of(document: Any, form: Form = WALL) -> Settings:
     """Read the settings of a request.
+
+    Args:
+        document: of the page.
+        form: what that asks.
 
     Raises:
         RequestError: it is none, or names what the page does not have.
@@ -85,15 +86,15 @@ def settings_of(document: Any) -> Settings:
         raise RequestError(400, "settings are an object with device, values, method, gains and motion")
     values, gains = document.get("values", {}), document.get("gains", {})
     found = Settings(
-        document.get("device"), values, document.get("method", "direct"), gains, document.get("motion", "press")
+        document.get("device"), values, document.get("method", form.live[0]), gains, document.get("motion", "press")
     )
     wrong = [
         what
         for what, right in (
             ("device is a name, a table or null", found.device is None or isinstance(found.device, str | dict)),
-            ("values name fields of the page", isinstance(values, dict) and set(values) <= KEYS),
-            ("gains name b, k and b_p", isinstance(gains, dict) and set(gains) <= set(GAINS)),
-            ("method is one of the page", found.method in (*LIVE, *SLOW)),
+            ("values name fields of the page", isinstance(values, dict) and set(values) <= form.keys),
+            ("gains name those of the page", isinstance(gains, dict) and set(gains) <= set(form.gain_names)),
+            ("method is one of the page", found.method in (*form.live, *form.slow)),
             ("motion is press, tap or hold", found.motion in _SCENES),
         )
         if not right
@@ -124,7 +125,8 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
         tables["device"] = _device_table(base, settings.device)
     tables["device"].update({"handle_radius_m": settings.values[HANDLE]} if HANDLE in settings.values else {})
     _hold_elsewhere(tables, base.device)
-    for key in sorted(settings.values, key=lambda one: one.startswith(RANGES)):  # ranges last, about what is typed
+    # Ranges last, about what is typed; the lower end before the upper one.
+    for key in sorted(settings.values, key=lambda one: (one.startswith(RANGES), one)):
         _put(tables, key, settings.values[key])
     _mend_started(tables, tables["device"], "resonance", "frequency_hz", base.device)
     _mend_started(tables, tables, "detent", "force_n", base.device)
@@ -135,11 +137,11 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
         tables["coupling"]["contact_damping_ns_per_m"] = [0.0, tables["coupling"]["damping_ns_per_m"][1]]
     if not to_save:
         _follow_on_page(tables, settings)
-    own = [*_gain_faults(settings, base.units), *_too_long_to_follow(settings)]
+    own = [*_gain_faults(settings, base), *_too_long_to_follow(settings)]
     try:
         problem = problem_of(tables | _headed(base, settings, tables["environment"]), file="")
     except InputError as error:
-        told = list(on_page(error.faults, settings.values, base.device))
+        told = list(on_page(error.faults, settings.values, base.device, form_of(base).fields))
         raise InputError([*told, *(one for one in own if one.key not in {fault.key for fault in told})]) from None
     if own:
         raise InputError(own)
@@ -153,9 +155,10 @@ def _headed(base: Problem, settings: Settings, wall: Mapping[str, Any]) -> dict[
     device = settings.device if isinstance(settings.device, str) else "" if settings.device is None else "device-file"
     stiffness = wall.get("stiffness_n_per_m")
     of = f" of {stiffness:g} {base.units.unit('N/m')}" if isinstance(stiffness, int | float) else ""
+    what = "Simulation" if base.simulation is not None else f"Wall{of}"
     return {
         "name": f"{(device or base.name).replace('/', '-') or 'problem'}-explored",
-        "title": f"Wall{of} for {device or f'the device of {base.name}'}",
+        "title": f"{what} for {device or f'the device of {base.name}'}",
         "source": f"avc explore, begun from {base.name}",
     }
 
@@ -164,18 +167,23 @@ def _follow_on_page(tables: dict[str, Any], settings: Settings) -> None:
     """Set what the page has of its own: a scene, and each frequency alone where gains follow at once."""
     motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
     tables["scene"] = {"duration_s": 1.5, "motion": motion}
-    tables["stability"]["scope"] = "pointwise" if settings.method in LIVE else tables["stability"]["scope"]
+    tables["stability"]["scope"] = "pointwise" if settings.method in WALL.live else tables["stability"]["scope"]
 
 
-def constant_gains(settings: Settings) -> Gains:
-    """Return the gains that were typed, b, k and b_p; those left out are 0."""
-    return Gains(*(float(settings.gains.get(name, 0.0)) for name in GAINS))
+def constant_gains(settings: Settings, form: Form) -> dict[str, float]:
+    """Return the gains that were typed, by name; those left out are 0."""
+    return {name: float(settings.gains.get(name, 0.0)) for name in form.gain_names}
 
 
 def values_of(problem: Problem) -> dict[str, Any]:
     """Return the value of every field, in SI units; None where the problem has none."""
     tables = problem_document(problem)
-    return {field.key: _get(tables, field.key) for field in fields_for(problem.device)}
+    return {
+        field.key: value_of_tool(tables["simulation"], field.key.removeprefix(_TOOL))
+        if field.key.startswith(_TOOL)
+        else _get(tables, field.key)
+        for field in fields_for(problem.device, form_of(problem).fields)
+    }
 
 
 def kept_of(problem: Problem) -> list[str]:
@@ -189,12 +197,12 @@ def kept_of(problem: Problem) -> list[str]:
     return [
         f"{problem.units.key(key)} = {text if len(text) <= _TOLD else f'{text[:_TOLD]} ...'}"
         for key, text in found.items()
-        if not _has_field(key)
+        if not _has_field(key, form_of(problem))
     ]
 
 
-def _has_field(key: str) -> bool:
-    return key in KEYS or f"{key}.0" in KEYS or key.partition(".")[0] in {"name", "title", "source", "scene"}
+def _has_field(key: str, form: Form) -> bool:
+    return key in form.keys or f"{key}.0" in form.keys or key.partition(".")[0] in {"name", "title", "source", "scene"}
 
 
 def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -235,16 +243,18 @@ def require_motion(device: Device, like: Device) -> None:
     raise InputError.of(message, key="device")
 
 
-def _gain_faults(settings: Settings, units: Units) -> Iterator[Fault]:
+def _gain_faults(settings: Settings, base: Problem) -> Iterator[Fault]:
     if settings.method != "constant":
         return
     for name, value in settings.gains.items():
-        unit = units.unit("N/m" if name == GAINS[1] else "N.s/m")
+        unit = base.units.unit("N/m" if name == _SPRING else "N.s/m")
         if not (_is_number(value) and math.isfinite(value) and 0 <= value <= 1e12):
             yield Fault("", None, f"gains.{name}", f"is {value!r}; allowed: a number from 0 to 1e12 {unit}")
     if not any(settings.gains.values()):
-        message = "is missing: without gains no force is rendered; allowed: a number above 0, here or for b or b_p"
-        yield Fault("", None, f"gains.{GAINS[1]}", message)
+        first, second = (field.label for field in form_of(base).gains if field.key != f"gains.{_SPRING}")
+        allowed = f"a number above 0, here, for {first} or {second}"
+        message = f"is missing: without gains no force is rendered; allowed: {allowed}"
+        yield Fault("", None, f"gains.{_SPRING}", message)
 
 
 def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[dict[str, Any]]:
@@ -277,11 +287,15 @@ def _put(tables: dict[str, Any], key: str, value: Any) -> None:
     if key.startswith(RANGES):
         _put_end(tables["device"], key.removeprefix(RANGES), value)
         return
+    if key.startswith(_TOOL):
+        if not _same(value, value_of_tool(tables["simulation"], key.removeprefix(_TOOL))):
+            put_of_tool(tables["simulation"], key.removeprefix(_TOOL), value)
+        return
     *path, last = key.split(".")
     table: Any = tables
     for part in path:
         table = table.setdefault(part, {})
-    if _is_number(value) and _is_number(before := _get(table, last)) and math.isclose(value, before, rel_tol=_SAME):
+    if _same(value, _get(table, last)):
         return
     if isinstance(table, list):
         table[int(last)] = value
@@ -294,6 +308,11 @@ def _put(tables: dict[str, Any], key: str, value: Any) -> None:
         for part in path[1:]:
             ranges = ranges.get(part, {})
         ranges.pop(last, None)
+
+
+def _same(value: Any, before: Any) -> bool:
+    """Whether a value that was typed is the one before, as it is shown."""
+    return _is_number(value) and _is_number(before) and math.isclose(value, before, rel_tol=_SAME)
 
 
 def _put_end(device: dict[str, Any], key: str, value: Any) -> None:
@@ -347,7 +366,7 @@ def _mend_started(tables: dict[str, Any], outer: dict[str, Any], name: str, main
         outer.pop(name, None)
         tables["device"].get("range", {}).pop(name, None)
         return
-    for field in fields_for(device):
+    for field in fields_for(device, WALL.fields):
         *path, last = field.key.split(".")
         if field.start is not None and path[-1] == name and table.get(last) is None:
             table[last] = field.start

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import Table, sample_rows
+from avc_casadi.claims.stability.periodic import TOLERANCE
 from avc_casadi.present.pages.virtual_tool import headline
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
+    from avc_casadi.claims.stability.tool_loop import ToolLoops
+    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
 
 # A gain margin below which a row warns.
@@ -74,6 +78,38 @@ def stability_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
     if mode["damping_ratio"] < 1:
         told += f"; least damped {mode['damping_ratio']:.2g} at {quantity(mode['frequency_hz'], 'Hz')}"
     return [Row("Stability", told, Mark.PASS if margin >= _SAFE else Mark.CAUTION), worst]
+
+
+def contact_rows(loops: ToolLoops, gains: ToolGains, problem: Problem) -> list[Row]:
+    """Return with whom the coupling is stable where the tool is free, on a spring and held rigidly, a row for each.
+
+    Args:
+        loops: of the problem.
+        gains: of the coupling.
+        problem: for what its tool is.
+    """
+    radius = loops.radii(gains).max(axis=1)
+    if problem.simulation is not None and problem.simulation.tool_mass_kg is None:
+        names = {"Fixed place": [True]}
+    else:
+        stiff = [one.contact_stiffness_n_per_m for one in loops.tools]
+        names = {
+            "Tool free": [one == 0 for one in stiff],
+            "Tool on a spring": [0 < one < math.inf for one in stiff],
+            "Tool held": [math.isinf(one) for one in stiff],
+        }
+    rows = []
+    for name, chosen in names.items():
+        if any(chosen):
+            hands, released = (radius[chosen, :-1] < 1 - TOLERANCE).all(), (radius[chosen, -1] < 1 - TOLERANCE).all()
+            told = (
+                "stable with every hand and released"
+                if hands and released
+                else f"{'stable' if hands else 'unstable'} with {'every' if hands else 'a'} hand, "
+                f"{'stable' if released else 'unstable'} released"
+            )
+            rows.append(Row(name, told, Mark.PASS if hands and released else Mark.FAIL))
+    return rows
 
 
 def passivity_rows(found: dict[str, Any], problem: Problem) -> list[Row]:

@@ -84,7 +84,7 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         return [none, *([] if refuted else _needed(found, problem)), _limit(document, problem)]
     return [
         _coupling(found, problem),
-        *_felt(found, problem),
+        *felt_rows(found["felt"], found["rendered_stiffness_n_per_m"], problem),
         _stability(document, problem),
         _simulated(document),
         _force(document, problem),
@@ -110,16 +110,22 @@ def _coupling(found: dict[str, Any], problem: Problem) -> Row:
     return Row("Coupling", text, Mark.PASS)
 
 
-def _felt(found: dict[str, Any], problem: Problem) -> list[Row]:
-    unit, felt = problem.units.unit, found["felt"]
+def felt_rows(felt: list[dict[str, Any]], pressed_n_per_m: float | None, problem: Problem) -> list[Row]:
+    """Return what the handle feels like: on a rigid object, and in free motion where something moves.
+
+    Args:
+        felt: at each frequency, of the `recommend` document.
+        pressed_n_per_m: stiffness that simulated hands met; None where none has tried it.
+        problem: for its units.
+    """
+    unit = problem.units.unit
     if not felt:
         return []
     stiff = ", ".join(
         f"{quantity(one['stiffness_n_per_m'], unit('N/m'))} at {one['frequency_hz']:g} Hz" for one in felt
     )
-    rows = [
-        Row("Rigid object", f"{quantity(found['rendered_stiffness_n_per_m'], unit('N/m'))} pressed, {stiff}"),
-    ]
+    pressed = "" if pressed_n_per_m is None else f"{quantity(pressed_n_per_m, unit('N/m'))} pressed, "
+    rows = [Row("Rigid object", f"{pressed}{stiff}")]
     moved = felt[0]
     if moved["mass_kg"] is not None:
         errors = ", ".join(f"{percent(one['free_error'])} at {one['frequency_hz']:g} Hz" for one in felt)

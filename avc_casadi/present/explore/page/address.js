@@ -16,3 +16,30 @@ export function parsed(hash, left) {
   }
   return isTable(found) ? found : {};
 }
+
+/**
+ * What the page knows of the settings of an address; the names of the rest go to those left out.
+ * @param given a column of the address.
+ * @param fresh settings of a page that nobody has touched.
+ * @param about what the server said of the page.
+ * @param motions that a touch may have.
+ */
+export function known(given, left, fresh, about, motions) {
+  const kept = JSON.parse(JSON.stringify(fresh));
+  const names = { values: about.fields.map((one) => one.key), gains: about.gains.map((one) => one.key.replace("gains.", "")) };
+  const fits = {
+    device: (value) => value === null || isTable(value) || about.devices.some((one) => one.name === value),
+    method: (value) => [...about.live, ...about.slow].includes(value),
+    motion: (value) => motions.includes(value),
+  };
+  for (const [key, value] of Object.entries(given && typeof given === "object" ? given : {})) {
+    if (key in names) {
+      for (const [name, one] of Object.entries(value && typeof value === "object" ? value : {})) {
+        if (names[key].includes(name) && (one === null || typeof one !== "object")) kept[key][name] = one;
+        else left.add(name);
+      }
+    } else if (key in fits && fits[key](value)) kept[key] = value;
+    else left.add(key in fits ? `${key} ${JSON.stringify(value)}` : key);
+  }
+  return kept;
+}

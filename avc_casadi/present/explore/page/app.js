@@ -1,18 +1,18 @@
 // The page: its settings stand in the address, every change is asked of the server, the last answer wins.
 
-import { parsed } from "./address.js";
+import { known, parsed } from "./address.js";
 import { Client, Follow } from "./client.js";
-import { Fields, made, typed } from "./fields.js";
-import { drawImpedance, drawRegion, drawTouch, drawVerdict } from "./pictures.js";
+import { Fields, made } from "./fields.js";
+import { wall } from "./pictures.js";
+import { tool } from "./tool.js";
 import { Toy } from "./toy.js";
-import { speak, turns, unit } from "./units.js";
+import { speak, turns } from "./units.js";
 
 const UNDO_JOIN_MS = 900;
 const ADDRESS_MS = 300;
 const POLL_MS = 500;
 const KEEP_MS = 4000;
 const MOST_BYTES = 200000;
-const GAINS = { damping_ns_per_m: ["b", "impedance"], stiffness_n_per_m: ["k", "stiffness"], contact_damping_ns_per_m: ["b_p", "impedance"] };
 const FRESH = { device: null, values: {}, method: "direct", gains: {}, motion: "press" };
 
 const get = (id) => document.getElementById(id);
@@ -20,7 +20,9 @@ const copy = (value) => JSON.parse(JSON.stringify(value));
 const client = new Client((text) => (get("status").textContent = text));
 
 let about;
+let end;
 let fields;
+let gainFields;
 let toy;
 let state = { a: copy(FRESH), b: null, on: "a" };
 const shown = { a: {}, b: {} };
@@ -43,31 +45,10 @@ const columns = () => (state.b ? ["a", "b"] : ["a"]);
 function readAddress(hash) {
   const left = new Set();
   const found = parsed(hash, left);
-  const [a, b] = [known(found.a, left), found.b ? known(found.b, left) : null];
+  const motions = [...get("motion").options].map((one) => one.value);
+  const [a, b] = [found.a, found.b].map((one) => known(one, left, FRESH, about, motions));
   get("address-says").textContent = left.size ? `The address holds what this page does not know, and left out: ${[...left].join(", ")}.` : "";
-  return { a, b, on: b && found.on === "b" ? "b" : "a" };
-}
-
-/** What the page knows of the settings of an address; the names of the rest go to those left out. */
-function known(given, left) {
-  const kept = copy(FRESH);
-  const told = about.fields.map((one) => one.key);
-  const fits = {
-    device: (value) => value === null || (typeof value === "object" && !Array.isArray(value)) || about.devices.some((one) => one.name === value),
-    method: (value) => [...about.live, ...about.slow].includes(value),
-    motion: (value) => [...get("motion").options].some((one) => one.value === value),
-  };
-  for (const [key, value] of Object.entries(given && typeof given === "object" ? given : {})) {
-    if (key === "values" || key === "gains") {
-      const names = key === "values" ? told : Object.keys(GAINS);
-      for (const [name, one] of Object.entries(value && typeof value === "object" ? value : {})) {
-        if (names.includes(name) && (one === null || typeof one !== "object")) kept[key][name] = one;
-        else left.add(name);
-      }
-    } else if (key in fits && fits[key](value)) kept[key] = value;
-    else left.add(key in fits ? `${key} ${JSON.stringify(value)}` : key);
-  }
-  return kept;
+  return { a, b: found.b ? b : null, on: found.b && found.on === "b" ? "b" : "a" };
 }
 
 let writing = null;
@@ -127,11 +108,10 @@ function showControls() {
   const unknown = gaps.get(JSON.stringify(settings.device)) || [];
   get("device-note").textContent = unknown.length ? `Not known of it, and taken cautiously: ${unknown.join(", ")}.` : "";
   get("motion").value = settings.motion;
-  get("own-gains").hidden = settings.method !== "constant";
-  for (const key of Object.keys(GAINS)) {
-    const input = get(`g-${key}`);
-    if (input !== document.activeElement) input.value = settings.gains[key] ?? "";
-  }
+  const typing = settings.method === "constant";
+  get("own-gains").hidden = end === wall && !typing;
+  const gains = typing ? settings.gains : end.typed(shown[state.on].now);
+  gainFields.show(Object.fromEntries(Object.entries(gains).map(([key, value]) => [`gains.${key}`, value])));
   get("work").hidden = !about.slow.includes(settings.method);
   const known = shown[state.on].values || about.values;
   fields.show({ ...known, ...settings.values });
@@ -145,16 +125,11 @@ function showControls() {
 
 function showFaults() {
   const errors = shown[state.on].errors || [];
-  const rest = fields.faults(errors);
-  for (const key of Object.keys(GAINS)) {
-    const fault = rest.find((one) => one.key === `gains.${key}`);
-    get(`g-${key}-error`).textContent = fault ? fault.message : "";
-    get(`g-${key}`).setAttribute("aria-invalid", String(Boolean(fault)));
-  }
+  const rest = gainFields.faults(fields.faults(errors));
   get("error-method").textContent = rest.filter((one) => one.key === "method").map((one) => one.message).join("; ");
   get("error-device").textContent = rest.filter((one) => one.key === "device").map((one) => one.message).join("; ");
   get("general-error").textContent = rest
-    .filter((one) => !/^(gains\.|method$|device$)/.test(one.key))
+    .filter((one) => !/^(method|device)$/.test(one.key))
     .map((one) => [one.key, one.message].filter(Boolean).join(" ")).join("; ");
 }
 
@@ -167,21 +142,22 @@ function buildControls() {
   for (const one of about.devices) gaps.set(JSON.stringify(one.name), one.gaps);
   get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)),
     made("option", { value: "(file)", id: "device-of-file", hidden: true }, "from the file"));
-  for (const [key, [name, what]] of Object.entries(GAINS)) {
-    const input = made("input", { id: `g-${key}`, type: "text", inputmode: "decimal", "aria-describedby": `g-${key}-error` });
-    input.addEventListener("input", () => change(() => {
-      const value = typed(input.value);
-      if (value === null) delete current().gains[key];
-      else current().gains[key] = value;
-    }, `gain ${key}`));
-    get("own-gains").append(made("div", { class: "field" }, made("label", { for: input.id }, `${name}, ${unit[what]}`), input,
-      made("p", { class: "error", id: `g-${key}-error` })));
-  }
+  gainFields = new Fields(get("own-gains"), about.gains, (key, value, kind, event) => {
+    changedAt = event ? event.timeStamp : 0;
+    change(() => {
+      type();
+      if (value === null) delete current().gains[key.replace("gains.", "")];
+      else current().gains[key.replace("gains.", "")] = value;
+    }, kind);
+  });
   fields = new Fields(get("fields"), about.fields, (key, value, kind, event) => {
     changedAt = event ? event.timeStamp : 0;
     change(() => (current().values[key] = value), kind);
   });
-  get("method").addEventListener("change", (event) => change(() => (current().method = event.target.value)));
+  get("method").addEventListener("change", (event) => change(() => {
+    if (event.target.value === "constant") type();
+    else current().method = event.target.value;
+  }));
   get("motion").addEventListener("change", (event) => change(() => (current().motion = event.target.value)));
   get("device").addEventListener("change", (event) => {
     if (event.target.value !== "(file)") chooseDevice({ name: event.target.value });
@@ -226,6 +202,12 @@ function buildControls() {
   get("controls").addEventListener("submit", (event) => event.preventDefault());
 }
 
+/** Gains are typed from here on; they begin with those that are shown, where these are a few numbers. */
+function type() {
+  if (current().method !== "constant") current().gains = { ...current().gains, ...end.typed(shown[state.on].now) };
+  current().method = "constant";
+}
+
 /** A device takes the place of all that the page says of one. */
 async function chooseDevice(which) {
   const kept = (values) => Object.fromEntries(Object.entries(values).filter(([key]) => !key.startsWith("device.")));
@@ -268,7 +250,7 @@ async function watchWork(begin = false) {
   get("work-cancel").hidden = !running;
   get("told").replaceChildren(...(found.lines || []).map((line) => made("li", {}, line)));
   if (running) polling = setTimeout(watchWork, POLL_MS);
-  else if (found.state === "done" && !(shown[state.on].now && shown[state.on].now.gains)) follow[state.on].changed(performance.now());
+  else if (found.state === "done" && !(shown[state.on].now && shown[state.on].now.gains && !shown[state.on].now.awaited)) follow[state.on].changed(performance.now());
 }
 
 /** Ask how far a run is; one that is under way is asked for again, whatever the page shows meanwhile. */
@@ -292,9 +274,11 @@ async function askBeside(key, settings) {
 
 // ---- answers
 
-const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow(client, () => state[column], {
+const follow = {};
+const followed = (column) => new Follow(client, () => state[column], {
   first: "now",
-  after: ["judge", "touch", "region"],
+  after: end.after,
+  then: end.then,
   answered(part, found, since) {
     const mine = shown[column];
     if (part === "now") {
@@ -307,19 +291,15 @@ const follow = Object.fromEntries(["a", "b"].map((column) => [column, new Follow
         return;
       }
       Object.assign(mine, { now: found, judge: null, touch: null });
-      drawImpedance(shown, columns());
-      painted("picture", since);
       if (toy && toy.running) toy.reload();
     } else {
       mine[part] = found;
     }
-    if (part === "touch") drawTouch(shown, columns());
-    if (part === "now" || part === "region") drawRegion(shown, columns(), state);
-    drawVerdict(shown, columns(), state, about.papers);
+    end.draw(part, shown, columns(), state, about);
     markStale();
-    if (part === "judge" || part === "touch") painted(part, since);
+    painted(part === "now" ? "picture" : part, since);
   },
-})]));
+});
 
 /** Note how long it took from a change to what it made visible, for whoever measures. */
 function painted(what, since) {
@@ -335,10 +315,7 @@ function markStale() {
 function drawAll() {
   const there = columns().filter((column) => shown[column].now);
   if (!there.includes("a")) return;
-  drawImpedance(shown, columns());
-  drawTouch(shown, columns());
-  drawRegion(shown, columns(), state);
-  drawVerdict(shown, columns(), state, about.papers);
+  end.draw("", shown, columns(), state, about);
 }
 
 // ---- files
@@ -375,11 +352,14 @@ async function begin() {
   about = await client.ask("start", {});
   if (!about) return;
   FRESH.method = about.opens;
+  end = about.end === "wall" ? wall : tool;
+  for (const section of document.querySelectorAll("[data-end]")) section.hidden = section.dataset.end !== about.end;
+  for (const column of ["a", "b"]) follow[column] = followed(column);
   speak(about.words);
   if (turns()) get("toy-about").textContent = "Your pointer, or the arrow keys left and right, is the hand at the rim: to the right it turns towards the wall, which begins in the middle.";
   state = readAddress(location.hash);
   buildControls();
-  toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));
+  if (end === wall) toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));
   window.addEventListener("hashchange", (event) => {
     document.activeElement.blur();
     past.push(copy(state));

@@ -45,7 +45,7 @@ export class Follow {
    * @param client asks.
    * @param settings gives the settings of now, or null.
    * @param parts first: what is asked at every change; after: what follows when that has been answered and nothing has
-   *   changed meanwhile; answered(part, found, since) is given each answer, and when its oldest change was made.
+   *   changed meanwhile; then: what follows one of these; answered(part, found, since) is given each answer, and when its oldest change was made.
    */
   constructor(client, settings, parts) {
     Object.assign(this, { client, settings, parts });
@@ -76,7 +76,11 @@ export class Follow {
       else this.#rest(part);
       return;
     }
-    if (!first || !found || found.errors || found.refused) return;
+    if (!found || found.errors || found.refused) return;
+    if (!first) {
+      if (this.parts.then?.[part]) this.#rest(this.parts.then[part]);
+      return;
+    }
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.parts.after.forEach((next) => this.#rest(next)), PAUSE_MS);
   }

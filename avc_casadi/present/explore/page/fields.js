@@ -36,16 +36,18 @@ const place = (field, value) => field.scale === "log"
   ? Math.log(value / field.low) / Math.log(field.high / field.low)
   : (value - field.low) / (field.high - field.low);
 
-function placed(field, share) {
+function placed(field, share, values) {
   const value = field.scale === "log" ? field.low * (field.high / field.low) ** share : field.low + (field.high - field.low) * share;
-  const whole = field.key === "frequency.points";
-  return whole ? Math.round(value) : Number(value.toPrecision(3));
+  if (field.whole) return Math.round(value);
+  const one = values[field.whole_of] / field.factor;
+  return value > one ? Number((one * Math.round(value / one)).toPrecision(6)) : Number(value.toPrecision(3));
 }
 
 /** Build the controls of all fields. `changed(key, value, kind)` is told of every change; kind joins undo steps. */
 export class Fields {
   constructor(host, fields, changed) {
     this.entries = new Map();
+    this.values = {};
     const groups = new Map();
     const narrow = window.matchMedia("(max-width: 800px)").matches;
     for (const field of fields) {
@@ -75,7 +77,7 @@ export class Fields {
       entry.slider = made("input", { type: "range", min: 0, max: STEPS, step: 1, "aria-label": `${field.group}: ${field.label}` });
       entry.input.addEventListener("input", (event) => changed(field.key, fromPage(field, entry.input.value), field.key, event));
       entry.slider.addEventListener("input", (event) => {
-        const value = placed(field, entry.slider.value / STEPS);
+        const value = placed(field, entry.slider.value / STEPS, this.values);
         entry.input.value = plain(value);
         changed(field.key, fromPage(field, entry.input.value), field.key, event);
       });
@@ -87,6 +89,7 @@ export class Fields {
 
   /** Show values; the field that is being typed in is left alone. */
   show(values) {
+    this.values = values;
     for (const [key, { field, input, slider }] of this.entries) {
       const value = values[key];
       if (input !== document.activeElement) input.value = toPage(field, value);

@@ -8,9 +8,9 @@ const get = (id) => document.getElementById(id);
 const HZ = { label: "interaction frequency, Hz", kind: "log" };
 const CLAIMS = { asymptotic: "✓ comes to rest", "held-by-friction": "✗ rests by dry friction only", unstable: "✗ does not come to rest" };
 
-const named = (column, name) => `${column.toUpperCase()}: ${name}`;
+export const named = (column, name) => `${column.toUpperCase()}: ${name}`;
 
-function span(values) {
+export function span(values) {
   const known = values.filter((value) => value !== null);
   if (!known.length) return "nothing";
   return `${number(known.reduce((a, b) => Math.min(a, b)))} to ${number(known.reduce((a, b) => Math.max(a, b)))}`;
@@ -21,7 +21,7 @@ function summary(shown, columns, pick, unit) {
     .map((column) => named(column, `${span(pick(shown[column].now.gains))} ${unit}`)).join("; ") || "no gains";
 }
 
-export function drawImpedance(shown, columns) {
+function drawImpedance(shown, columns) {
   const there = columns.filter((column) => shown[column].now);
   const base = shown[there[0]].now;
   const x = base.frequency_hz;
@@ -57,7 +57,7 @@ export function drawImpedance(shown, columns) {
   });
 }
 
-export function drawTouch(shown, columns) {
+export function drawTouch(shown, columns, begins = "the wall begins") {
   const there = columns.filter((column) => shown[column].touch && shown[column].touch.touch);
   const runs = there.map((column) => [column, shown[column].touch.touch]);
   const words = runs.map(([column, run]) => named(column, `${CLAIMS[run.claim].slice(2)}, peak ${number(run.peak_force_n)} ${unit.force}`)).join("; ") || "nothing simulated";
@@ -67,7 +67,7 @@ export function drawTouch(shown, columns) {
     x: x(run), y: y(run).map((value) => (value === null ? null : factor * value)) }));
   const target = runs.length ? [{ name: "the hand's target", cls: "desired", x: runs[0][1].time_s, y: runs[0][1].target_m.map((value) => 1e3 * value) }] : [];
   chart(get("c-position"), {
-    title: "Position (the wall begins at 0)", x: time, y: { label: unit.milli, kind: "linear", span: depthSpan(runs) },
+    title: `Position (${begins} at 0)`, x: time, y: { label: unit.milli, kind: "linear", span: depthSpan(runs) },
     series: [...target, ...series((run) => run.time_s, (run) => run.position_m, 1e3)], summary: words,
   });
   chart(get("c-force"), { title: unit.pushed, x: time, y: { label: unit.force, kind: "linear" }, series: series((run) => run.time_s, (run) => run.force_n, 1), summary: words });
@@ -84,7 +84,7 @@ function depthSpan(runs) {
   return deepest > 0 ? [-1e3 * deepest, 1.3e3 * deepest] : null;
 }
 
-export function drawRegion(shown, columns, state) {
+function drawRegion(shown, columns, state) {
   const column = shown[state.on].region ? state.on : columns.find((one) => shown[one].region);
   if (!column) return;
   const region = shown[column].region;
@@ -108,10 +108,10 @@ export function drawRegion(shown, columns, state) {
   });
 }
 
-const yes = (passed, text) => made("span", { class: passed ? "pass" : "fail" }, `${passed ? "✓" : "✗"} ${text}`);
+export const yes = (passed, text) => made("span", { class: passed ? "pass" : "fail" }, `${passed ? "✓" : "✗"} ${text}`);
 
 /** Whether a run comes to rest, and what is left of it at the end. */
-function rested(run) {
+export function rested(run) {
   const claim = CLAIMS[run.claim].slice(2);
   if (!run.buzzing || run.claim === "unstable") return yes(run.claim === "asymptotic", claim);
   return yes(false, `${claim}, but buzzes: the force ripples by ${number(run.ripple_n, 2)} ${unit.force} (rms)`);
@@ -127,7 +127,15 @@ function nextStep({ now, judge }, method, papers) {
   return `${what} For a coupling that may choose recommend, under Method.`;
 }
 
-export function drawVerdict(shown, columns, state, papers) {
+/** The table of the verdict: rows of a name and what stands in the cell of a column. */
+export function drawTable(rows, there, shown) {
+  const head = made("thead", {}, made("tr", {}, made("th", { scope: "col" }, "what"), ...there.map((column) => made("th", { scope: "col" }, column.toUpperCase()))));
+  const body = made("tbody", {}, ...rows.map(([name, cell]) => made("tr", {}, made("th", { scope: "row" }, name),
+    ...there.map((column) => made("td", {}, cell(shown[column], column))))));
+  get("verdict").replaceChildren(head, body);
+}
+
+function drawVerdict(shown, columns, state, papers) {
   const rows = [
     ["gains by", (mine, column) => state[column].method],
     ["frequencies with gains", ({ now }) => now.gains ? Object.entries(now.gains.counts).map(([name, count]) => `${count} ${name}`).join(", ") : "not run"],
@@ -141,10 +149,7 @@ export function drawVerdict(shown, columns, state, papers) {
     [`passive limit of stiffness at rest, ${unit.stiffness}`, ({ now }) => number(now.passive_limit_n_per_m, 4)],
   ];
   const there = columns.filter((column) => shown[column].now);
-  const head = made("thead", {}, made("tr", {}, made("th", { scope: "col" }, "what"), ...there.map((column) => made("th", { scope: "col" }, column.toUpperCase()))));
-  const body = made("tbody", {}, ...rows.map(([name, cell]) => made("tr", {}, made("th", { scope: "row" }, name),
-    ...there.map((column) => made("td", {}, cell(shown[column], column))))));
-  get("verdict").replaceChildren(head, body);
+  drawTable(rows, there, shown);
   get("next").textContent = nextStep(shown[state.on], state[state.on].method, papers);
   get("levels").replaceChildren(...there.filter((column) => shown[column].judge && shown[column].judge.certificate).map((column) => {
     const mine = shown[column].judge;
@@ -154,3 +159,17 @@ export function drawVerdict(shown, columns, state, papers) {
     return made("div", {}, made("h3", {}, column.toUpperCase()), box, made("ul", {}, ...claims));
   }));
 }
+
+/** What the page shows where the other end is a wall. */
+export const wall = {
+  after: ["judge", "touch", "region"],
+  then: {},
+  /** Gains that typing begins with. */
+  typed: () => ({}),
+  draw(part, shown, columns, state, about) {
+    if (!part || part === "now") drawImpedance(shown, columns);
+    if (!part || part === "touch") drawTouch(shown, columns);
+    if (!part || part === "now" || part === "region") drawRegion(shown, columns, state);
+    drawVerdict(shown, columns, state, about.papers);
+  },
+};

@@ -1,0 +1,58 @@
+"""What the page asks of each other end: its fields, its gains, and the methods by which these come about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from avc_casadi.design.registry import METHODS
+from avc_casadi.present.explore.fields import FIELDS, GAINS, Field
+from avc_casadi.present.explore.tool_fields import TOOL_FIELDS, TOOL_GAINS
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+@dataclass(frozen=True)
+class Form:
+    """What is asked of one other end.
+
+    Attributes:
+        end: wall or simulation.
+        fields: values of the problem file.
+        gains: those that may be typed.
+        live: methods that are quick enough to follow a slider.
+        slow: methods that run beside the page, and can be cancelled.
+    """
+
+    end: str
+    fields: tuple[Field, ...]
+    gains: tuple[Field, ...]
+    live: tuple[str, ...]
+    slow: tuple[str, ...]
+
+    @cached_property
+    def keys(self) -> frozenset[str]:
+        """Dotted keys of the fields of the problem file."""
+        return frozenset(field.key for field in self.fields)
+
+    @cached_property
+    def gain_names(self) -> tuple[str, ...]:
+        """Names of the gains."""
+        return tuple(field.key.removeprefix("gains.") for field in self.gains)
+
+
+WALL = Form(
+    "wall",
+    FIELDS,
+    GAINS,
+    (*(name for name, one in METHODS.items() if one.live), "constant"),
+    ("recommend", *(name for name, one in METHODS.items() if not one.live)),
+)
+TOOL = Form("simulation", TOOL_FIELDS, TOOL_GAINS, ("constant",), ("recommend",))
+
+
+def form_of(problem: Problem) -> Form:
+    """Return what the page asks about a problem."""
+    return WALL if problem.simulation is None else TOOL

@@ -1,0 +1,245 @@
+"""The parts of the page where an engine is at the other end: K against B, what is claimed, what is felt.
+
+Until a run of `recommend` is done the page shows the pair with which that begins: stable with its margin, tried by
+nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.json_values import json_text, plain
+from avc_casadi._util.quantity import quantity
+from avc_casadi.claims.stability.tool_region import tool_region
+from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.design.tool_certificate import tool_certificate
+from avc_casadi.design.virtual_tool import ToolSearch, designed
+from avc_casadi.files.other_end_coupling_file import other_end_document
+from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.model.declared import with_gains
+from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.other_end_coupling import ToolCoupling
+from avc_casadi.present.explore.answers import (
+    Part,
+    asked_settings,
+    cancel,
+    device,
+    short,
+    start,
+    stem_of,
+    to_type,
+    told_on_page,
+    traces,
+    work,
+)
+from avc_casadi.present.explore.requests import RequestError
+from avc_casadi.present.explore.settings import (
+    Settings,
+    constant_gains,
+    dropped_ranges,
+    kept_of,
+    problem_of_settings,
+    values_of,
+)
+from avc_casadi.present.pages.tool_claims import contact_rows, coupling_text, passivity_rows, stability_rows
+from avc_casadi.present.pages.virtual_tool import felt_rows, headline
+from avc_casadi.present.terminal import Mark, Row
+from avc_casadi.recommendation.tool_impedance import felt_band, felt_tool
+from avc_casadi.recommendation.virtual_tool import hopeless, unusual
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.stability.tool_region import ToolCurve, ToolRegion
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.present.explore.explorer import Explorer
+
+
+def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the pair, what is claimed of it and what the handle feels like."""
+    settings = asked_settings(explorer, asked)
+    problem, gains = explorer.problem(settings), _gains(explorer, settings)
+    found: dict[str, Any] = {
+        "title": problem.title or problem.name,
+        "headline": told_on_page(explorer, headline(problem, "").strip()),
+        "values": values_of(problem),
+        "kept": kept_of(problem),
+        "dropped": dropped_ranges(explorer.base, settings, problem),
+        "gains": None,
+        # Gains that stand in for those of a run that is not done.
+        "awaited": settings.method != "constant" and not explorer.done(settings),
+    }
+    if gains is None:
+        _limit(explorer, problem)
+        why = hopeless(problem, _search(explorer, problem)) or "none was found: the run says why"
+        return found | {"rows": _rows(explorer, [Row("Coupling", why, Mark.FAIL)])}
+    band, search = felt_band(problem, gains), _search(explorer, problem)
+    certificate = explorer.heavy(f"claims {settings.key}", lambda: tool_certificate(problem, gains, search))
+    rows = [
+        Row("Coupling", f"{coupling_text(vars(gains), problem)}{_tried(explorer, settings)}"),
+        *stability_rows(certificate, problem),
+        *contact_rows(search.loops, gains, problem),
+        *felt_rows([asdict(one) for one in felt_tool(problem, gains)], _pressed(explorer, settings), problem),
+    ]
+    # Where the engine moves nothing it is no port.
+    if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
+        rows += passivity_rows(certificate["passivity"], problem)
+    return found | {
+        "gains": {"method": settings.method, **vars(gains)},
+        "stable": certificate["stable"],
+        "rows": _rows(explorer, rows),
+        "felt": {
+            "frequency_hz": short([one.frequency_hz for one in band.felt]),
+            "drag_ns_per_m": _known([one.drag_ns_per_m for one in band.felt]),
+            "mass_kg": _known([one.mass_kg for one in band.felt]),
+            "stiffness_n_per_m": short([one.stiffness_n_per_m for one in band.felt]),
+            "wanted": plain({"mass_kg": band.mass_kg, "damping_ns_per_m": band.damping_ns_per_m}),
+        },
+    }
+
+
+def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the stiffest pair, and what is unusual of tool and engine."""
+    problem = explorer.problem(asked_settings(explorer, asked))
+    search = _search(explorer, problem)
+    stiffest = _limit(explorer, problem)
+    limit = Row("Linear limit", hopeless(problem, search), Mark.FAIL)
+    if stiffest.stiffness_n_per_m > 0:
+        limit = Row("Linear limit", f"stiffest stable pair: {coupling_text(vars(stiffest), problem)}")
+    odd = [Row("Unusual", f"{key} {message}", Mark.CAUTION) for key, message in unusual(problem).items()]
+    return {"stiffest": plain(vars(stiffest)), "rows": _rows(explorer, [limit, *odd])}
+
+
+def touch(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a simulated hand that presses, taps or holds the tool on its stiffest contact."""
+    settings = asked_settings(explorer, asked)
+    problem, gains = explorer.problem(settings), _gains(explorer, settings)
+    if gains is None:
+        return {"touch": None}
+    return {"touch": traces(explorer.heavy(f"touch {settings.key}", lambda: simulate(with_gains(problem, gains))))}
+
+
+def curve(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return K against B at the declared step alone, and with the pair's own local damper where it has one."""
+    settings = asked_settings(explorer, asked)
+    problem, gains = explorer.problem(settings), _gains(explorer, settings)
+    stated, own = _stated(problem), 0.0 if gains is None else gains.local_damping_ns_per_m
+    found = explorer.regions(f"curve {stated}", lambda: tool_region(problem, rates=()))
+    if own == 0:
+        return _drawn(found) | {"with_own_damper": None}
+    beside = explorer.regions(
+        f"curve {own} {stated}", lambda: tool_region(problem, rates=(), local_damping_ns_per_m=own)
+    )
+    return _drawn(found) | {"with_own_damper": _limits(beside.curves[0])}
+
+
+def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return K against B at the declared step of the engine, and at faster and slower ones."""
+    problem = explorer.problem(asked_settings(explorer, asked))
+    return _drawn(explorer.regions(f"region {_stated(problem)}", lambda: tool_region(problem)))
+
+
+def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the problem or the coupling as a file, or both as commands to type."""
+    settings, kind = asked_settings(explorer, asked), asked.get("kind")
+    problem = problem_of_settings(explorer.base, settings, to_save=True)
+    stem = stem_of(problem, asked)
+    if kind == "problem":
+        return {"name": f"{stem}.toml", "text": dump_problem(problem)}
+    if kind == "command":
+        lines, which, out = to_type(explorer, settings, problem, stem)
+        verbs = [f"avc recommend {which} --out {out}"]
+        if settings.method == "constant":
+            verbs = [f"avc zwidth {which}", f"avc certify {out}  # the file of Save coupling"]
+        return {"name": "", "text": "\n".join([*lines, *verbs]) + "\n"}
+    if kind != "coupling":
+        raise RequestError(400, "kind is problem, coupling or command")
+    gains = _gains(explorer, settings)
+    if gains is None:
+        raise InputError.of("no pair is stable: there is nothing to save", key="method")
+    ran: ToolCoupling | None = explorer.found(settings)
+    certificate = tool_certificate(problem, gains, _search(explorer, problem))
+    coupling = ToolCoupling(problem, gains, certificate, None if ran is None else ran.trial, explorer.versions)
+    told = stability_rows(certificate, problem)[0].text + _tried(explorer, settings)
+    return {
+        "name": f"{stem}-coupling.json",
+        "text": json_text(other_end_document(coupling)),
+        "told": told_on_page(explorer, told),
+    }
+
+
+TOOL_PARTS: Mapping[str, Part] = {
+    each.__name__: each for each in (start, now, judge, touch, curve, region, work, cancel, device, file)
+}
+"""What can be asked for, by name, where an engine is at the other end."""
+
+
+def _stated(problem: Problem) -> str:
+    """Return what loops and limits depend on, as a text."""
+    return f"{problem.device!r} {problem.hands!r} {problem.simulation!r}"
+
+
+def _search(explorer: Explorer, problem: Problem) -> ToolSearch:
+    return explorer.schedules(f"search {_stated(problem)}", lambda: ToolSearch(problem))
+
+
+def _limit(explorer: Explorer, problem: Problem) -> ToolGains:
+    """Return the stiffest stable pair; asked before what asks for it again, so that no two threads work it out."""
+    search = _search(explorer, problem)
+    return explorer.schedules(f"limit {_stated(problem)}", lambda: search.limit)[0]
+
+
+def _gains(explorer: Explorer, settings: Settings) -> ToolGains | None:
+    """Return the pair that is typed, that a run has found, or with which one begins; None where there is none."""
+    problem = explorer.problem(settings)
+    if settings.method == "constant":
+        return ToolGains(**constant_gains(settings, explorer.form))
+    if explorer.done(settings):
+        ran: ToolCoupling | None = explorer.found(settings)
+        return None if ran is None else ran.gains
+    _limit(explorer, problem)
+    search = _search(explorer, problem)
+    return explorer.schedules(f"designed {_stated(problem)}", lambda: designed(search))
+
+
+def _tried(explorer: Explorer, settings: Settings) -> str:
+    """Say who has tried the pair, where nobody has."""
+    return "" if settings.method != "constant" and explorer.done(settings) else "; no hand has tried it yet"
+
+
+def _pressed(explorer: Explorer, settings: Settings) -> float | None:
+    """Return the stiffness that the hands of a run met, where there was one."""
+    ran: ToolCoupling | None = explorer.found(settings)
+    return None if ran is None or ran.trial is None else ran.trial["rendered_stiffness_n_per_m"]
+
+
+def _rows(explorer: Explorer, rows: list[Row]) -> list[dict[str, str]]:
+    found: list[dict[str, str]] = told_on_page(
+        explorer, [{"label": row.label, "text": row.text, "mark": row.mark.name.lower()} for row in rows]
+    )
+    return found
+
+
+def _drawn(found: ToolRegion) -> dict[str, Any]:
+    return {
+        "damping_ns_per_m": short(found.damping_ns_per_m),
+        "critical_damper": found.local_damping_ratio > 0,
+        "curves": [
+            {
+                "rate": quantity(1 / one.step_s, "Hz"),
+                "declared": one.declared,
+                "stiffness_n_per_m": _limits(one),
+            }
+            for one in found.curves
+        ],
+    }
+
+
+def _limits(curve: ToolCurve) -> list[float | None]:
+    """Return K at each B; None where none is stable, which no logarithm shows."""
+    return [k or None for k in short(curve.stiffness_n_per_m)]
+
+
+def _known(values: list[float | None]) -> list[float | None]:
+    return short([float("nan") if one is None else one for one in values])
