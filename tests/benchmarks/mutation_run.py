@@ -6,7 +6,7 @@ listed test fails or takes far too long; it survived when all pass; it is stale 
 once in its file. An edit that no test can notice says why in its table. The run ends with 1 where an edit is stale,
 survived unexplained or is explained and killed, or where fewer than 90 % are killed.
 
-A whole run took 52 minutes on two cores that ten other processes used as well. It overwrites
+All tables together took 2 h 20 min on two cores that ten other processes used as well. It overwrites
 results/mutation.json and RESULTS_mutation.md beside this file; --only runs one table and overwrites its part of both.
 """
 
