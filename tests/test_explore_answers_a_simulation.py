@@ -232,7 +232,7 @@ def test_a_run_is_tried_by_hands_and_until_then_the_page_shows_what_it_begins_wi
     ask = {"method": "recommend", "gains": {}}
     before = told("now", explorer, **ask)
     assert before["awaited"]
-    assert "no hand has tried it yet" in rows_of(before)["Coupling"]
+    assert "not tried yet" in rows_of(before)["Coupling"]
     found = told("work", explorer, **ask, begin=True)
     while found["state"] == "running":
         time.sleep(0.1)

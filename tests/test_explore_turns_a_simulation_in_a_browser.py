@@ -137,7 +137,7 @@ def test_a_lighter_tool_and_a_slower_engine_are_seen_at_once(page):
     before = shown(page, "c-pairs")
     typed(page, MASS, "0.05")
     until(lambda: "a tool of 50.0 g at 500 Hz" in by_id(page, "headline").text)
-    until(lambda: "tried by nobody" in by_id(page, "next").text)
+    until(lambda: "not tried yet" in by_id(page, "next").text)
     settled(page)
     until(lambda: shown(page, "c-pairs") != before)
     slider = page.find_element("css selector", "[aria-label='Tool and engine: engine step']")

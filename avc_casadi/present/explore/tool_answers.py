@@ -205,7 +205,7 @@ def _gains(explorer: Explorer, settings: Settings) -> ToolGains | None:
 
 def _tried(explorer: Explorer, settings: Settings) -> str:
     """Say who has tried the pair, where nobody has."""
-    return "" if settings.method != "constant" and explorer.done(settings) else "; no hand has tried it yet"
+    return "" if settings.method != "constant" and explorer.done(settings) else "; not tried yet"
 
 
 def _pressed(explorer: Explorer, settings: Settings) -> float | None:

@@ -6,7 +6,7 @@ import { unit } from "./units.js";
 
 const get = (id) => document.getElementById(id);
 const HZ = { label: "interaction frequency, Hz", kind: "log" };
-const CLAIMS = { asymptotic: "✓ comes to rest", "held-by-friction": "✗ rests by dry friction only", unstable: "✗ does not come to rest" };
+const CLAIMS = { asymptotic: "✓ settles", "held-by-friction": "✗ settles by dry friction only", unstable: "✗ does not come to rest" };
 
 export const named = (column, name) => `${column.toUpperCase()}: ${name}`;
 
@@ -110,7 +110,7 @@ function drawRegion(shown, columns, state) {
 
 export const yes = (passed, text) => made("span", { class: passed ? "pass" : "fail" }, `${passed ? "✓" : "✗"} ${text}`);
 
-/** Whether a run comes to rest, and what is left of it at the end. */
+/** Whether a run settles, and what is left of it at the end. */
 export function rested(run) {
   const claim = CLAIMS[run.claim].slice(2);
   if (!run.buzzing || run.claim === "unstable") return yes(run.claim === "asymptotic", claim);

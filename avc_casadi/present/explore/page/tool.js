@@ -81,7 +81,7 @@ function drawClaims(shown, columns, state) {
   const { now } = shown[state.on];
   get("headline").textContent = now ? now.headline : "";
   get("next").textContent = !now ? "" : now.awaited
-    ? "The pair with which recommend begins: stable with its margin, and tried by nobody. Run, under Method, lets simulated hands try it."
+    ? "The pair with which recommend begins: stable with its margin, and not tried yet. Run, under Method, lets simulated hands try it."
     : now.gains && !now.stable ? "Not stable as it is: less K, or recommend, under Method." : "";
 }
 
