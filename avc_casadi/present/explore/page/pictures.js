@@ -6,7 +6,7 @@ import { unit } from "./units.js";
 
 const get = (id) => document.getElementById(id);
 const HZ = { label: "interaction frequency, Hz", kind: "log" };
-const CLAIMS = { asymptotic: "✓ settles", "held-by-friction": "✗ settles by dry friction only", unstable: "✗ does not come to rest" };
+const CLAIMS = { asymptotic: "✓ settles", "held-by-friction": "✗ settles by dry friction only", unstable: "✗ does not settle" };
 
 export const named = (column, name) => `${column.toUpperCase()}: ${name}`;
 
