@@ -83,7 +83,7 @@ def contradiction(loop: DrawnLoop, seed: int) -> str:
     """Return what speaks against the proof or its witness; empty where nothing does."""
     proof = loop.proof
     if proof.outcome == "proved":
-        return _restless(loop, seed)
+        return _unsettled(loop, seed)
     if proof.unstable is not None:
         return "" if _runs_away(loop) else "the unstable hand does not run away"
     if proof.orbit is not None:
@@ -96,7 +96,7 @@ def _simulated(loop: DrawnLoop, hands: dict[str, Any], target: Any, limit: float
     return Simulator(loop.device.model_dump() | {"max_force_n": limit}, loop.gains, hands, target)
 
 
-def _restless(loop: DrawnLoop, seed: int) -> str:
+def _unsettled(loop: DrawnLoop, seed: int) -> str:
     random = np.random.default_rng([15, seed])
     ends = np.array(list(loop.box.values()))
     drawn = random.uniform(ends[:, 0], ends[:, 1], (HANDS, 3))

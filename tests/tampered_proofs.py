@@ -18,7 +18,7 @@ import avc_casadi as avc
 from avc_casadi.claims.prove.changing import Changing, prove_changes
 from avc_casadi.claims.prove.frozen_loop import FrozenGains
 from avc_casadi.claims.prove.hands import HandsProof, prove_hands
-from avc_casadi.claims.prove.held_device import HAND, HeldDevice
+from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, prove_rest
 from avc_casadi.model.device import Device
@@ -122,7 +122,7 @@ def proved_anew(whole):
     if whole["level"] == "L7":
         law, device = ContactLaw.from_document(proof["law"]), Device.model_validate(proof["device"])
         box = {name: tuple(ends) for name, ends in proof["hand"].items()}
-        HeldDevice(device, box)
+        SampledPlantBox(device, box)
         return prove_rest(law, "clip-last", device, box, orbits=False).outcome == "proved"
     problem = _read_again(whole)
     if whole["level"] == "L5":

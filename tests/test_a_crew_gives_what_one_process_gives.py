@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._util.parallel import ALONE, Crew, processors
+from avc_casadi._util.parallel import ALONE, SharedTasks, processors
 from avc_casadi.recommendation.stiffest import stiffest
 
 
@@ -35,7 +35,7 @@ def broken():
 @pytest.mark.thorough
 def test_results_come_in_order_whoever_works_them_out():
     tasks = [partial(squared, number) for number in range(12)]
-    with Crew(2) as crew:
+    with SharedTasks(2) as crew:
         warm = crew.begin(partial(squared, 0))
         assert warm()[0] == 0
         shared = list(crew.each(tasks))
@@ -46,7 +46,7 @@ def test_results_come_in_order_whoever_works_them_out():
 @pytest.mark.thorough
 def test_no_task_is_done_twice(tmp_path):
     names = [f"task{number}" for number in range(6)]
-    with Crew(2) as crew:
+    with SharedTasks(2) as crew:
         begun = [crew.begin(partial(written, tmp_path, f"begun{number}")) for number in range(3)]
         assert list(crew.each([partial(written, tmp_path, name) for name in names])) == names
         for one in begun:
@@ -55,7 +55,7 @@ def test_no_task_is_done_twice(tmp_path):
 
 
 def test_left_early_it_drops_what_nobody_has_begun(tmp_path):
-    with Crew(2) as crew:
+    with SharedTasks(2) as crew:
         held = crew.begin(partial(slow, 1))  # the helper is busy, so that all the others are done here
         for name in crew.each([partial(written, tmp_path, f"task{number}") for number in range(4)]):
             if name == "task1":
@@ -66,7 +66,7 @@ def test_left_early_it_drops_what_nobody_has_begun(tmp_path):
 
 def test_the_end_does_not_wait_for_a_helper():
     begun = time.monotonic()
-    with Crew(2) as crew:
+    with SharedTasks(2) as crew:
         crew.begin(partial(slow, 1))
     assert time.monotonic() - begun < 30
 
@@ -74,7 +74,7 @@ def test_the_end_does_not_wait_for_a_helper():
 @pytest.mark.thorough
 @pytest.mark.parametrize("workers", [1, 2])
 def test_an_error_of_a_task_is_raised_where_its_result_is_asked_for(workers):
-    with Crew(workers) as crew:
+    with SharedTasks(workers) as crew:
         result = crew.begin(broken)
         with pytest.raises(ValueError, match="this task fails"):
             result()

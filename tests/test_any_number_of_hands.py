@@ -9,8 +9,8 @@ import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.simulation.population.coupling_trial import try_coupling
-from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_subjects
-from avc_casadi.simulation.population.settled import hands_at_rest
+from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_population
+from avc_casadi.simulation.population.settled import settling_study
 
 SEED = 4
 
@@ -23,12 +23,12 @@ def coupling():
 
 @pytest.mark.thorough
 def test_counts_are_those_of_a_trial(coupling):
-    found = hands_at_rest(coupling, 40, SEED, chunk=17).run()
+    found = settling_study(coupling, 40, SEED, chunk=17).run()
     trial = try_coupling(coupling, draw_hands(coupling.problem.hands, 40, SEED), SEED)
     assert found.at_rest == trial.stable.sum()
     assert found.by_motion == {name: int(rest.sum()) for name, rest in trial.by_motion.items()}
     assert found.moving == tuple(np.flatnonzero(~trial.stable)[:20])
-    free = hands_at_rest(coupling, 40, SEED, friction=False).run()
+    free = settling_study(coupling, 40, SEED, friction=False).run()
     assert free.at_rest == trial.stable_without_friction.sum()
     assert "coulomb-friction" in found.effects
     assert "coulomb-friction" not in free.effects
@@ -37,8 +37,8 @@ def test_counts_are_those_of_a_trial(coupling):
 
 @pytest.mark.parametrize("population", ["A", "B"])
 def test_anybody_is_drawn_without_those_before(population):
-    many = draw_subjects(population, BLOCK + 50, 7)
-    some = draw_subjects(population, 80, 7, first=BLOCK - 40)
+    many = draw_population(population, BLOCK + 50, 7)
+    some = draw_population(population, 80, 7, first=BLOCK - 40)
     for row in range(80):
         assert many.values(BLOCK - 40 + row) == some.values(row)
     assert len(np.unique(many.mass_kg)) == BLOCK + 50

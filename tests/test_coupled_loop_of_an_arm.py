@@ -20,7 +20,7 @@ from avc_casadi.arm.walls import workspace_map
 from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
 from avc_casadi.cli import main
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_corners, with_let_go
+from avc_casadi.model.hands import Hand, hand_corners, with_released
 from avc_hardware import arm_gains_c
 
 PREMIUM, PANTOGRAPH = arm("phantom-premium-1.5"), arm("pantograph")
@@ -147,7 +147,7 @@ def test_gains_keep_the_reserve_on_contacts_that_had_no_part(design):
 @pytest.mark.thorough
 def test_map_is_never_too_stiff_and_hardly_softer():
     found = workspace_map(PANTOGRAPH, 9)
-    subjects = with_let_go(hand_corners(PANTOGRAPH.file.hands))
+    subjects = with_released(hand_corners(PANTOGRAPH.file.hands))
     for row in np.flatnonzero(found.there)[:3]:
         for column in range(len(found.labels)):
             device = tip_device(PANTOGRAPH, found.free_kg[row, column], found.held_kg[row, column])

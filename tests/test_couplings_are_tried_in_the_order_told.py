@@ -9,20 +9,20 @@ import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.recommendation import search_schedule
 from avc_casadi.recommendation.evaluate import likeliest
 from avc_casadi.recommendation.generate import (
-    felt_at_rest_n_per_m,
     plain_candidates,
     softened_to,
+    static_stiffness_n_per_m,
     stiffer_n_per_m,
 )
 
 PROBLEM = avc.load_problem("figure5")
 CORNERS = hand_corners(PROBLEM.hands)
-LIMIT = stiffest_wall(PROBLEM.device, with_let_go(CORNERS))
+LIMIT = stiffest_wall(PROBLEM.device, with_released(CORNERS))
 
 
 def before(stiffness_n_per_m, damping_ns_per_m=0.0):
@@ -47,9 +47,9 @@ def test_a_contact_damper_leaves_what_the_wall_damps_of_itself():
 def test_springs_that_are_as_stiff_stand_from_the_least_damped_on_within_what_is_stable():
     problem, felt = before(4 * LIMIT.stiffness_n_per_m), 0.6 * LIMIT.stiffness_n_per_m
     alike = next(iter(softened_to(problem, CORNERS, felt)))
-    assert [felt_at_rest_n_per_m(one) for one in alike] == pytest.approx([felt] * len(alike))
+    assert [static_stiffness_n_per_m(one) for one in alike] == pytest.approx([felt] * len(alike))
     dampings = [one.table.at_rest.contact_damping_ns_per_m for one in alike]
-    stable = damping_range(problem.device, with_let_go(CORNERS), felt)
+    stable = damping_range(problem.device, with_released(CORNERS), felt)
     assert stable.lowest_ns_per_m <= dampings[0] < dampings[-1] <= stable.highest_ns_per_m
     assert dampings == sorted(dampings)
 
@@ -70,7 +70,7 @@ def test_whoever_leans_on_friction_rests_with_room_to_spare():
     """At 0.8 of the speed of rest: enough without friction, too fast for who needs it."""
     feedback = StateFeedback(((1.0,),), (0.0,), (1.0,), (1.0,), (0,), 0)
     law = Coupling.constant(PROBLEM, Gains(0.0, 500.0), "robust", Runtime(state_feedback=feedback))
-    people = SimpleNamespace(unrest=lambda some, **_: np.full((len(some), 3), 0.8))
+    people = SimpleNamespace(residual_speeds=lambda some, **_: np.full((len(some), 3), 0.8))
     assert likeliest([law], (people,), lean_on_friction=False) == ([law], True)
     assert likeliest([law], (people,), lean_on_friction=True) == ([law], False)
 

@@ -16,7 +16,7 @@ from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_let_go
+from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_released
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.preconditions import assumed
 from avc_casadi.recommendation.recommend import judged_as_recommended
@@ -136,7 +136,7 @@ def test_the_simulated_loop_grows_where_the_radius_says_so():
     """On both sides of the limit: the scene with all that is declared, its wall never left."""
     device = {"resonance": MODE, "amplifier_bandwidth_hz": 300.0, "delay_samples": 0.5, "encoder_resolution_m": 0.0}
     case = problem(1e3, 0.0, **device, coulomb_friction_n=0.0, max_force_n=None)
-    limit = stiffest_wall(case.device, with_let_go(hand_corners(case.hands)))
+    limit = stiffest_wall(case.device, with_released(hand_corners(case.hands)))
     middle = (limit.lowest_ns_per_m + limit.highest_ns_per_m) / 2
     hands = hand_corners(case.hands)
     for share, rests in ((0.9, True), (1.3, False)):
@@ -171,7 +171,7 @@ RANGES = {
 def test_every_corner_of_the_device_is_judged():
     device = {"mass_kg": 0.1, "delay_samples": 1, "amplifier_bandwidth_hz": 1000.0, "resonance": MODE}
     case = problem(2e3, 0.0, **device, range=RANGES)
-    people = with_let_go(hand_corners(case.hands))
+    people = with_released(hand_corners(case.hands))
     corners = device_corners(case.device, LINEAR_KEYS)
     assert len(corners) == 32
     k, d = np.array([500.0, 2e3]), np.array([1.0, 3.0])
@@ -266,7 +266,7 @@ def test_what_is_recommended_for_a_resonant_device_is_told_as_it_is():
     outside = best.coupling.table.at_rest.contact_damping_ns_per_m > 1e-3
     box = assumed.partition("gain box of [coupling] does not bound what is recommended: ")[2].partition("\n")[0]
     assert ("b_p of" in box) == outside
-    ideal = stiffest_wall(problem().device, with_let_go(hand_corners(case.hands)))
+    ideal = stiffest_wall(problem().device, with_released(hand_corners(case.hands)))
     assert best.stiffest_wall_n_per_m < 0.5 * ideal.stiffness_n_per_m
     handle = case.changed(device={"encoder_at": "handle"})
     judged = judged_as_recommended(handle, best.coupling.schedule, hands=2)

@@ -10,7 +10,7 @@ import casadi
 import pytest
 from avc_process import AVC, ENVIRONMENT, strict_json, wait_until_begun
 
-from avc_casadi._util.interrupt import HeldInterrupt, undisguised_interrupts
+from avc_casadi._util.interrupt import HeldInterrupt, reraised_interrupts
 from avc_casadi.cli import _main
 
 LONG = {
@@ -133,7 +133,7 @@ def doubled(read):
 def test_an_interrupt_that_casadi_makes_an_error_of_is_one():
     with pytest.raises(NotImplementedError):
         doubled(None)
-    with pytest.raises(KeyboardInterrupt), undisguised_interrupts():
+    with pytest.raises(KeyboardInterrupt), reraised_interrupts():
         doubled(None)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -151,7 +151,7 @@ def lost(tidied):
 def test_an_interrupt_that_casadi_loses_is_raised_again_and_left_alone_while_it_is_handled():
     tidied = []
     begun = time.monotonic()
-    with pytest.raises(KeyboardInterrupt), undisguised_interrupts(), undisguised_interrupts():
+    with pytest.raises(KeyboardInterrupt), reraised_interrupts(), reraised_interrupts():
         lost(tidied)
     assert time.monotonic() < begun + 30.0
     assert tidied == [True]

@@ -7,7 +7,7 @@ import avc_casadi as avc
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.scene import Press
-from avc_casadi.simulation.population.operators import loose_hands
+from avc_casadi.simulation.population.operators import loose_grips
 from avc_casadi.simulation.population.trial import Conditions, judged
 
 
@@ -34,7 +34,7 @@ def test_loose_hands_that_touch_lightly_come_to_rest(touched, end_m):
     assert coupling.runtime.state_feedback is not None
     assert touched.felt()["stiffness_n_per_m"] > 10e3
     hands = touched.problem.hands
-    for people in (hand_corners(hands), loose_hands(hands, 100, 5)):
+    for people in (hand_corners(hands), loose_grips(hands, 100, 5)):
         gains = Gains(**vars(coupling.table.at_rest))
         run = judged(touched.problem, gains, people, Press(end_m=end_m, speed_m_per_s=0.03), Conditions.of(coupling))
         assert np.count_nonzero(~run.stable) <= 2

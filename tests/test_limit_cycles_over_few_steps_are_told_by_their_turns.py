@@ -14,7 +14,7 @@ from avc_casadi.identification.diagnosis.evidence import felt
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import find_law
-from avc_casadi.identification.diagnosis.limit_cycle import find_toggling
+from avc_casadi.identification.diagnosis.limit_cycle import find_count_limit_cycle
 from avc_casadi.identification.diagnosis.log import log_of
 from avc_casadi.identification.diagnosis.oscillation import find_oscillation
 from avc_casadi.identification.diagnosis.relay import find_jump
@@ -45,7 +45,7 @@ def found_of(loop, log=None):
 def toggling(counts, stiffness=3000.0):
     position = STEP * (20 + counts)
     log, _ = log_of(Columns("log", TIME, position, -stiffness * position))
-    return find_toggling(replace(log, encoder_m=STEP))
+    return find_count_limit_cycle(replace(log, encoder_m=STEP))
 
 
 def pulses(share, cycle=50, height=1):

@@ -10,12 +10,12 @@ from whole_device import WholeDevice, rests_as_tried
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.robustness import USUAL, Robustness, unmodelled
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
 from avc_casadi.simulation.population.coupling_trial import try_coupling
-from avc_casadi.simulation.population.operators import draw_subjects, people_of
-from avc_casadi.simulation.population.settled import unrest
+from avc_casadi.simulation.population.operators import draw_population, people_of
+from avc_casadi.simulation.population.settled import residual_speeds
 
 COUPLINGS = Path(__file__).parent / "goldens" / "couplings"
 PART = {"part_ratio": 0.02, "part_share": 0.3}
@@ -33,7 +33,7 @@ def everybody(found):
 
 def told(found, asked, hands):
     (one,) = unmodelled(found.problem.device, asked)
-    return unrest([found], hands, friction=False, device=one.device, effects=one.effects)[0] < 1
+    return residual_speeds([found], hands, friction=False, device=one.device, effects=one.effects)[0] < 1
 
 
 @pytest.mark.thorough
@@ -73,7 +73,7 @@ def test_missed_samples_move_nobody_where_another_plant_sees_nobody_move():
 def test_what_is_told_is_counted_one_difference_at_a_time():
     found = coupling()
     problem = found.problem
-    limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     seen = margins(found, limit)
     assert [one.key for one in seen] == ["mass_share", "dropped_share", "mode_hz"]
     assert [one.value for one in seen] == list(vars(USUAL).values())
@@ -136,7 +136,7 @@ def test_a_device_on_a_stylus_is_judged_by_hands_on_a_stylus():
     gripped, held = (
         avc.recommend(avc.parse_problem(STYLUS.format(held=how), name=how), hands=20) for how in ("grip", "stylus")
     )
-    other = draw_subjects("B", 100, 7)
+    other = draw_population("B", 100, 7)
     rests = [try_coupling(one.coupling, other, 7).stable_without_friction.mean() for one in (gripped, held)]
     assert rests[0] < 0.9
     assert rests[1] > 0.95

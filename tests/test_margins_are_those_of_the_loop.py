@@ -16,7 +16,7 @@ from avc_casadi.claims.stability.state_feedback import state_feedback_loop
 from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
 
 # Mass, damping, T, samples of delay; wall k_e and b_e; coupling k and b_p.
@@ -136,7 +136,7 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
     problem, law, gains = fed_back.problem, fed_back.runtime.state_feedback, fed_back.table.at_rest
     assert law is not None
     rendering = frozen_rendering(problem, *vars(gains).values())
-    corners = with_let_go(hand_corners(problem.hands))
+    corners = with_released(hand_corners(problem.hands))
     matrix, push, measured = plants_with_forces(sampled_plant(problem.device, corners))
 
     def radii(factor):

@@ -13,7 +13,7 @@ NAMES = {
     "avc_casadi.loop": ("loop_at", "hand_set", "series"),
     "avc_casadi.certificate": ("certify", "deployable", "zwidth"),
     "avc_casadi.scene": ("simulate", "Run"),
-    "avc_casadi.trial": ("hands_at_rest", "exact_interval"),
+    "avc_casadi.trial": ("settling_study", "exact_interval"),
     "avc_casadi.design": ("solve", "METHODS"),
     "avc_casadi.design.pointwise": ("solve_exact",),
     "avc_casadi.identification": ("read_logs",),

@@ -26,11 +26,11 @@ from avc_casadi.identification.diagnosis.hypothesis import (
 )
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law, find_law
-from avc_casadi.identification.diagnosis.limit_cycle import find_toggling
+from avc_casadi.identification.diagnosis.limit_cycle import find_count_limit_cycle
 from avc_casadi.identification.diagnosis.log import Log, Ticks, log_of
-from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing, find_oscillation
+from avc_casadi.identification.diagnosis.oscillation import Oscillation, TracedOscillation, find_oscillation
 from avc_casadi.identification.diagnosis.plant import Search
-from avc_casadi.identification.diagnosis.relay import find_relay, find_two_rates
+from avc_casadi.identification.diagnosis.relay import find_switched_force, find_two_rates
 from avc_casadi.identification.record import Columns
 from avc_casadi.model.device import Device, Resonance
 from avc_casadi.model.hands import Hand
@@ -53,7 +53,7 @@ def swing(first, last, hertz=50.0, size=2e-4, kind="limit cycle", **more):
     found = Oscillation(
         kind, hertz, peak_to_peak_m=size, steps=size / 1e-6, begins_s=T * first, ends_s=T * last, **more
     )
-    return Swing(found, first, last, np.zeros(last), np.ones(last))
+    return TracedOscillation(found, first, last, np.zeros(last), np.ones(last))
 
 
 TIME = T * np.arange(3000)
@@ -93,7 +93,7 @@ def test_another_law_is_believed_that_leaves_far_less(monkeypatch):
     judge, declared = SimpleNamespace(relay=lambda *_: "relay"), Declared.of(DEVICE, BOX, T)
     for misfit, told in ((0.004, None), (0.001, "relay")):
         relay = SimpleNamespace(law=SimpleNamespace(misfit=misfit, lag=0))
-        monkeypatch.setattr(_diagnose, "find_relay", lambda *_, found=relay: found)
+        monkeypatch.setattr(_diagnose, "find_switched_force", lambda *_, found=relay: found)
         law, made = replace(LAW, misfit=0.01), log(TIME, 1.0)
         assert _diagnose._by_another_law(judge, law, made, None, declared, 0, _diagnose.SILENT) == told
     assert fits == [1]
@@ -176,7 +176,7 @@ def test_what_goes_less_far_in_its_later_cycles_is_no_limit_cycle(early, found):
     cycles = [*(early,) * 10, *(3,) * 8]
     counts = np.concatenate([np.repeat([0, size], 10) for size in cycles] + [np.zeros(5, dtype=int)])
     position = 1e-5 * counts
-    assert (find_toggling(log(position, 1.0 + 1e3 * position, encoder=1e-5)) is not None) == found
+    assert (find_count_limit_cycle(log(position, 1.0 + 1e3 * position, encoder=1e-5)) is not None) == found
 
 
 def test_a_log_tells_for_how_long_forces_are_held_and_how_many_ticks_were_missed():
@@ -241,7 +241,7 @@ def test_a_tremor_is_taken_for_a_delay_and_for_nothing_else(cause, verdict, monk
         frequency_hz=9.0, growth_per_s=0.1, misfit=1.0, delay_samples=1.2, declared_delay_samples=1.0
     )
     plain = {"settled": lambda asked, *_: asked, "unlimited": lambda *_: False, "_together": lambda _: None}
-    plain |= {"shares_of": lambda _: {cause: 1.0}, "_measured": lambda *_: measured, "cures_of": lambda *_: ()}
+    plain |= {"shares_of": lambda _: {cause: 1.0}, "_measured": lambda *_: measured, "remedies_of": lambda *_: ()}
     plain |= {"_likeliest": lambda *_: (None, SimpleNamespace(at_end=())), "measured_sentences": lambda *_: []}
     plain |= {"named_sentence": lambda *_: "named", "deciding_log": lambda *_, **__: ""}
     for name, one in plain.items():
@@ -254,7 +254,7 @@ def test_a_tremor_is_taken_for_a_delay_and_for_nothing_else(cause, verdict, monk
 
 def test_a_force_that_a_position_switches_has_half_of_its_swing():
     position = 1e-4 * np.sin(2 * np.pi * 30.0 * TIME + 0.1)
-    found = find_relay(log(position, np.where(position > 0, 1.5, -1.5)), swing(0, 3000), None, 0.0)
+    found = find_switched_force(log(position, np.where(position > 0, 1.5, -1.5)), swing(0, 3000), None, 0.0)
     assert (found.force_n, found.by) == (pytest.approx(1.5), "position")
 
 

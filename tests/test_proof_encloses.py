@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
 from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
-from avc_casadi.claims.prove.held_device import HAND, STYLUS, HeldDevice
+from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import Multiplier, _bounds, _Cells, _rounded, verify
 from avc_casadi.claims.prove.rest import prove_rest
@@ -129,7 +129,7 @@ def test_turns_and_holds_are_enclosed_with_their_rates(low, width, share):
 def test_the_folded_spectrum_is_the_discretisation(name):
     """At points and over cells, with the terms that are left out."""
     device = device_of(DEVICES[name])
-    found = HeldDevice(device, BOX)
+    found = SampledPlantBox(device, BOX)
     random = np.random.default_rng(3)
     ends = np.array(list(found.ranges.values()))
     for _ in range(40):
@@ -161,7 +161,7 @@ def changed(device, values):
 
 
 def test_hands_on_a_stylus_are_enclosed_too():
-    found = HeldDevice(device_of({}), STYLUS_RANGES)
+    found = SampledPlantBox(device_of({}), STYLUS_RANGES)
     corner = found.corners()[[3, 17]]
     omega = np.array([0.3, 2.0])
     cell = [Moving.fixed(np.full(2, 0.3)), *(Moving.fixed(corner[:, place]) for place in range(len(STYLUS)))]
@@ -216,7 +216,7 @@ def test_poles_of_the_law_are_decided_exactly(share):
 def test_a_cell_is_bounded_by_less_than_any_of_its_points():
     problem = avc.load_problem("figure5")
     law = ContactLaw.of(problem, 158.0, 75577.0, 0.0)
-    device = HeldDevice(problem.device, BOX)
+    device = SampledPlantBox(problem.device, BOX)
     multiplier = Multiplier({1: 0.95, 2: 0.03})
     coefficients = tuple(_rounded(part) for part in law.transfer)
     random = np.random.default_rng(0)
@@ -249,7 +249,7 @@ def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
     middle = {name: (0.5 * (low + high),) * 2 for name, (low, high) in BOX.items()}
     found = prove_rest(law, "clip-last", problem.device, middle, orbits=False)
     assert found.outcome == "proved"
-    result = verify(law, HeldDevice(problem.device, BOX), found.multiplier)
+    result = verify(law, SampledPlantBox(problem.device, BOX), found.multiplier)
     assert not result.holds
     assert result.fails_at is not None
     omega, *hand = result.fails_at
@@ -269,7 +269,7 @@ def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
 )
 def test_what_has_no_rest_is_refused_by_name(keys, box, word):
     with pytest.raises(UnsupportedError, match=word):
-        HeldDevice(device_of(keys), box)
+        SampledPlantBox(device_of(keys), box)
 
 
 def test_the_discretisation_is_right_to_the_error_that_orbits_allow():

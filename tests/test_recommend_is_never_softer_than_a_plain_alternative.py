@@ -12,7 +12,7 @@ import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
@@ -136,7 +136,7 @@ def test_what_would_help_is_what_the_device_then_holds():
     best = found(2e4, delay_samples=1)
     told = {one.change: one.stiffest_wall_n_per_m for one in best.helps}
     other = wall(2e4)
-    undelayed = stiffest_wall(other.device, with_let_go(hand_corners(other.hands))).stiffness_n_per_m
+    undelayed = stiffest_wall(other.device, with_released(hand_corners(other.hands))).stiffness_n_per_m
     assert told["no delay"] == pytest.approx(undelayed, rel=1e-3)
     assert min(told.values()) >= best.plain_wall_n_per_m
     assert list(told.values()) == sorted(told.values(), reverse=True)

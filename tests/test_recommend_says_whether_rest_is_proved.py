@@ -15,7 +15,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.present.pages.recommendation_lines import recommendation_lines
-from avc_casadi.recommendation.limit_cycle_freedom import proved_first, with_rest
+from avc_casadi.recommendation.limit_cycle_freedom import likely_provable, with_rest
 from avc_casadi.recommendation.told import rest_line
 
 WALL = 8.9e4
@@ -100,9 +100,9 @@ def test_of_equals_those_with_a_proof_in_sight_come_first():
 
     sure, unsure = Judged(coupling_of(PROVED)), Judged(coupling_of(LEAN))
     beside = Judged(coupling_of(PROVED, Runtime(observer_mass_kg=0.16)))
-    assert proved_first([unsure, sure, beside]) == [sure]
-    assert proved_first([unsure, beside]) == [unsure, beside]
-    assert proved_first([beside]) == [beside]
+    assert likely_provable([unsure, sure, beside]) == [sure]
+    assert likely_provable([unsure, beside]) == [unsure, beside]
+    assert likely_provable([beside]) == [beside]
 
 
 @pytest.mark.thorough

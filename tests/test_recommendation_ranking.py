@@ -16,14 +16,14 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.recommendation import evaluate as _evaluate
 from avc_casadi.recommendation import generate as _generate
 from avc_casadi.recommendation import rank as _rank
 from avc_casadi.recommendation import search_schedule as _stages
 from avc_casadi.recommendation.evaluate import confirmed
-from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.rank import Judged, best_of
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling, try_on_devices
@@ -117,7 +117,7 @@ def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, 
             quiet, mine = one.trial.quiet.mean() >= 0.9, best.trial.quiet.mean() >= 0.9
             assert mine or not quiet
             if mine == quiet:
-                assert felt_at_rest_n_per_m(best.coupling) >= 0.99 * felt_at_rest_n_per_m(one.coupling)
+                assert static_stiffness_n_per_m(best.coupling) >= 0.99 * static_stiffness_n_per_m(one.coupling)
 
 
 def test_hands_that_had_no_part_in_the_evaluate_can_refute_it(monkeypatch):
@@ -146,21 +146,21 @@ def test_hands_that_had_no_part_in_the_evaluate_can_refute_it(monkeypatch):
 def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, monkeypatch):
     """Those who choose rest at every wall below 0.9 of what spring and damper hold, the others only at `held`."""
     people = people_of(PROBLEM.hands, HANDS)
-    limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
+    limit = stiffest_wall(PROBLEM.device, with_released(hand_corners(PROBLEM.hands)))
 
     def rests(coupling, most):
-        everybody = HANDS if felt_at_rest_n_per_m(coupling) < most * limit.stiffness_n_per_m else HANDS - 1
+        everybody = HANDS if static_stiffness_n_per_m(coupling) < most * limit.stiffness_n_per_m else HANDS - 1
         return trial(everybody, everybody, everybody)
 
     monkeypatch.setattr(_evaluate, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
     monkeypatch.setattr(_evaluate, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
-    monkeypatch.setattr(_rank, "proved_first", lambda left: left)
+    monkeypatch.setattr(_rank, "likely_provable", lambda left: left)
     monkeypatch.setattr(_generate, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, lean_on_friction=False).judged
     best = best_of(found)
     assert best.safety == 0
-    assert 0.75 * held < felt_at_rest_n_per_m(best.coupling) / limit.stiffness_n_per_m < held
+    assert 0.75 * held < static_stiffness_n_per_m(best.coupling) / limit.stiffness_n_per_m < held
 
 
 @pytest.mark.thorough
@@ -168,28 +168,28 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
 def test_springs_between_a_law_and_what_they_do_not_hold_are_tried(law, held, best_of_all, monkeypatch):
     """Springs were looked at at 0.45 and 0.6 of their limit; what the others hold lies between."""
     people = people_of(PROBLEM.hands, HANDS)
-    limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
+    limit = stiffest_wall(PROBLEM.device, with_released(hand_corners(PROBLEM.hands)))
     plainly = min(WALL, limit.stiffness_n_per_m)
     gains = Gains(0.0, spring_before(PROBLEM, law * plainly))
     feedback = StateFeedback(((1.0,),), (0.0,), (1.0,), (1.0,), (0,), 0)
     behind = Coupling.constant(PROBLEM, gains, "robust", Runtime(state_feedback=feedback))
 
     def rests(coupling, most):
-        springs = coupling.runtime.state_feedback is None and felt_at_rest_n_per_m(coupling) >= most * plainly
+        springs = coupling.runtime.state_feedback is None and static_stiffness_n_per_m(coupling) >= most * plainly
         everybody = HANDS - 1 if springs else HANDS
         return trial(everybody, everybody, everybody)
 
     monkeypatch.setattr(_evaluate, "try_coupling", lambda coupling, *_, **__: rests(coupling, 0.9))
     monkeypatch.setattr(_evaluate, "try_on_devices", lambda coupling, *_, **__: rests(coupling, held))
     monkeypatch.setattr(_evaluate, "deployable", lambda _: SimpleNamespace(passed=True))
-    monkeypatch.setattr(_rank, "proved_first", lambda left: left)
+    monkeypatch.setattr(_rank, "likely_provable", lambda left: left)
     monkeypatch.setattr(_evaluate, "likeliest", lambda alternatives, *_, **__: (alternatives, True))
     monkeypatch.setattr(_stages, "_behind_laws", lambda evaluator, *_: evaluator.ask([[behind]], "laws"))
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, lean_on_friction=False).judged
     best = best_of(found)
     assert best.safety == 0
-    assert felt_at_rest_n_per_m(best.coupling) / plainly == pytest.approx(best_of_all, rel=0.03)
+    assert static_stiffness_n_per_m(best.coupling) / plainly == pytest.approx(best_of_all, rel=0.03)
 
 
 @pytest.mark.parametrize("free", [10, 4])
@@ -209,10 +209,10 @@ def test_a_vibration_that_only_others_feel_counts():
 @pytest.mark.thorough
 def test_what_is_best_is_confirmed_though_nobody_rests_without_friction(monkeypatch):
     people = people_of(PROBLEM.hands, HANDS)
-    limit = stiffest_wall(PROBLEM.device, with_let_go(hand_corners(PROBLEM.hands)))
+    limit = stiffest_wall(PROBLEM.device, with_released(hand_corners(PROBLEM.hands)))
     monkeypatch.setattr(_evaluate, "try_coupling", lambda *_, **__: trial(10, 0, 10))
     monkeypatch.setattr(_evaluate, "try_on_devices", lambda *_, **__: trial(10, 0, 10))
-    monkeypatch.setattr(_rank, "proved_first", lambda left: left)
+    monkeypatch.setattr(_rank, "likely_provable", lambda left: left)
     monkeypatch.setattr(_generate, "why_no_law", lambda *_: "springs and dampers alone")
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, lean_on_friction=False).judged

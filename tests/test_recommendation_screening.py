@@ -14,7 +14,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.recommendation import evaluate as _evaluate
 from avc_casadi.recommendation import screening as _asked_first
 from avc_casadi.recommendation.evaluate import Evaluator
-from avc_casadi.recommendation.screening import SURELY, Group, Screening, elsewhere, off_file
+from avc_casadi.recommendation.screening import SETTLED_MARGIN, Group, Screening, elsewhere, off_file
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 
@@ -47,7 +47,7 @@ def masses_asked(one, monkeypatch):
         assert not friction
         groups.append(people.mass_kg)
 
-    monkeypatch.setattr(_asked_first, "ends_of", noted)
+    monkeypatch.setattr(_asked_first, "prepared_residual_speeds", noted)
     one.screening().ends(coupling(300.0))
     first, others = groups
     return first, others
@@ -161,7 +161,7 @@ def test_with_whom_fewest_move_on_other_devices_is_tried_first():
         def __init__(self, speeds):
             self.speeds = speeds
 
-        def unrest(self, some, *, friction):
+        def residual_speeds(self, some, *, friction):
             assert not friction
             return np.array([[self.speeds[one.table.at_rest.stiffness_n_per_m], 0.1] for one in some])
 
@@ -185,7 +185,7 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
             asked.append((self.people, len(laws)))
             return np.array([[law + 0.001 * hand for hand in range(self.people)] for law in laws])
 
-    monkeypatch.setattr(_asked_first, "ends_of", lambda _, people, **__: Known(len(people)))
+    monkeypatch.setattr(_asked_first, "prepared_residual_speeds", lambda _, people, **__: Known(len(people)))
     found = hall.screening().ends(coupling(300.0))([0.1, 2.0, 0.2, 0.99])
     first, others = 16 + HANDS // 4, HANDS - HANDS // 4
     # With the last one some of the first rest, and some do not.
@@ -248,7 +248,7 @@ def test_on_devices_off_the_file_they_rest_only_where_they_surely_do():
     """With the same hands and device: what is just at rest on the one is not on the other."""
     group = Group(people_of(PROBLEM.hands, HANDS))
     ends = Screening(((group,),), friction=False).ends(coupling(300.0))([None])
-    surely = Screening(((group,),), friction=False, off=(replace(group, slow=SURELY),))
+    surely = Screening(((group,),), friction=False, off=(replace(group, slow=SETTLED_MARGIN),))
     np.testing.assert_array_equal(surely.ends(coupling(300.0))([None]), ends)
     found = surely.and_off().ends(coupling(300.0))([None])
-    np.testing.assert_allclose(found, np.concatenate([ends, ends / SURELY], axis=1), rtol=1e-12)
+    np.testing.assert_allclose(found, np.concatenate([ends, ends / SETTLED_MARGIN], axis=1), rtol=1e-12)

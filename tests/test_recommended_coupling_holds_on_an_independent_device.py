@@ -14,7 +14,7 @@ import avc_casadi as avc
 import avc_hardware
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 
@@ -63,7 +63,7 @@ def refused(name, stiffness, damping):
 
 def limit_of(name):
     problem = recommended(name).problem
-    found = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    found = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     return found.stiffness_n_per_m, (found.lowest_ns_per_m + found.highest_ns_per_m) / 2
 
 

@@ -6,7 +6,7 @@ import rest_proof_checker
 from clip_last_simulator import Simulator, at_rest
 
 import avc_casadi as avc
-from avc_casadi.claims.prove.held_device import HeldDevice
+from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, prove_rest
 from avc_casadi.model.hands import STYLUS_RANGES
@@ -51,7 +51,7 @@ def test_what_is_proved_comes_to_rest_in_a_simulator_of_its_own(proof):
     random = np.random.default_rng(5)
     drawn = np.concatenate(
         [
-            HeldDevice(PROBLEM.device, BOX).corners(),
+            SampledPlantBox(PROBLEM.device, BOX).corners(),
             random.uniform(*np.array(list(BOX.values())).T, (60, len(BOX))),
         ]
     )

@@ -16,7 +16,7 @@ from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
 from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 
 
 @st.composite
@@ -99,7 +99,7 @@ def test_a_point_without_a_law_costs_more_than_any_other():
 
 def test_stiffest_wall_lies_between_dampings_that_hold_and_none():
     problem = avc.load_problem("reference-r2")
-    people = with_let_go(hand_corners(problem.hands))
+    people = with_released(hand_corners(problem.hands))
     found = stiffest_wall(problem.device, people)
     damping = np.linspace(found.lowest_ns_per_m, found.highest_ns_per_m, 3)
     for share, holds in ((1.0, True), (1.001, False)):

@@ -21,7 +21,7 @@ from avc_casadi.model.hands import Hand, hand_ranges, hand_set
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.paper.rendered import felt_impedance
+from avc_casadi.paper.rendered import perceived_impedance_of
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.registry import build_effects
@@ -227,7 +227,7 @@ def test_the_rows_of_a_robust_design_tell_what_runs():
         expected = device.mass_kg * 2 / t * (z - 1) / (z + 1) + device.damping_ns_per_m
         expected += force * t * z / (z - 1) * z ** -(1 + device.delay_samples)
         stated = problem.changed(stability={"model": "sampled-data"})
-        ((found,),) = [felt_impedance(stated, np.array([hz]), made.table.gains, law)]
+        ((found,),) = [perceived_impedance_of(stated, np.array([hz]), made.table.gains, law)]
         assert found == pytest.approx(expected, rel=1e-9)
     schedule = schedule_of(problem, made.table, "robust", law)
     alone = schedule_of(problem, made.table, "robust")

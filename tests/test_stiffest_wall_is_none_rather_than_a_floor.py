@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius, softest_wall_n_per_m, stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.recommendation.sensitivity import what_would_help
 
 
@@ -23,7 +23,7 @@ def too_late():
 
 @pytest.mark.thorough
 def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
-    people = with_let_go(hand_corners(too_late.hands))
+    people = with_released(hand_corners(too_late.hands))
     found = stiffest_wall(too_late.device, people)
     assert found.stiffness_n_per_m == 0
     assert math.isnan(found.lowest_ns_per_m)

@@ -8,7 +8,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.present.pages.recommendation_lines import stiffest_lines
 from avc_casadi.recommendation import stiffest as _stiffest
-from avc_casadi.recommendation.search_schedule import CLIMBS, ONWARDS
+from avc_casadi.recommendation.search_schedule import CONTINUATIONS, RESUMED
 from avc_casadi.recommendation.stiffest import stiffest
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_hands
@@ -112,7 +112,7 @@ def test_a_range_changes_with_its_value(key):
 @pytest.mark.thorough
 def test_a_wall_and_detents_of_the_problem_do_not_matter():
     knob = avc.load_problem("knob")
-    reached, walled = _stiffest._out_of_reach(knob)
+    reached, walled = _stiffest._unreachable_wall(knob)
     assert walled.detent is None
     assert walled.environment.stiffness_n_per_m > 100 * reached.stiffness_n_per_m
 
@@ -129,6 +129,6 @@ def test_a_device_that_nothing_holds_has_none():
 def test_the_device_as_it_is_is_searched_as_for_a_recommendation_and_more():
     """So that before a wall out of reach nothing stiffer is recommended, but for rounding."""
     (climbs, onwards), *beside = _stiffest._AS_IT_IS
-    assert {*CLIMBS} <= {*climbs}
-    assert {*ONWARDS} <= {*onwards}
+    assert {*CONTINUATIONS} <= {*climbs}
+    assert {*RESUMED} <= {*onwards}
     assert all(not set(others) & set(climbs) for others, _ in beside)

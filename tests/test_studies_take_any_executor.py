@@ -16,7 +16,7 @@ from avc_casadi.model.corners import device_set
 from avc_casadi.model.gains import Gains
 from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.trial import Conditions
 
 
@@ -36,7 +36,7 @@ def problem():
 @pytest.mark.thorough
 def test_trials(problem, executor):
     coupling = Coupling.of(problem, avc.solve(problem, "static"))
-    people = draw_subjects("A", 20, 3)
+    people = draw_population("A", 20, 3)
     assert try_coupling(coupling, people, 3, executor=executor) == try_coupling(coupling, people, 3)
     uncertain = problem.changed(device={"range": {"mass_kg": (0.08, 0.12)}})
     devices = device_set(uncertain.device, draws=1, seed=1)
@@ -46,7 +46,7 @@ def test_trials(problem, executor):
 
 
 def test_reach(problem, executor):
-    arguments = problem, Gains(10.0, 7e3, 20.0), draw_subjects("B", 16, 1), Conditions()
+    arguments = problem, Gains(10.0, 7e3, 20.0), draw_population("B", 16, 1), Conditions()
     assert json_text(reach(*arguments, executor=executor)) == json_text(reach(*arguments))
 
 

@@ -10,13 +10,13 @@ from studies.table1.adversary import worst_case
 import avc_casadi as avc
 from avc_casadi.design.tuning import tuned
 from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("ve7")
-PEOPLE = draw_subjects("A", 48, 11)
+PEOPLE = draw_population("A", 48, 11)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["static-tuned", "schedule"])

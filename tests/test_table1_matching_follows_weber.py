@@ -10,7 +10,7 @@ from studies.table1.matching import choose, distance, reference_traces
 import avc_casadi as avc
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.motions import MOTIONS
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.trial import Conditions, Traces, traces
 
 far = st.one_of(st.floats(0, 10), st.just(np.inf))
@@ -60,7 +60,7 @@ def continuous_press(problem, hand):
 @pytest.mark.parametrize("wall", ["ve4", "ve7"])
 def test_the_reference_is_the_continuous_wall(wall):
     problem = avc.load_problem(wall)
-    people = draw_subjects("A", 1, 4)
+    people = draw_population("A", 1, 4)
     (reference,) = reference_traces(problem, people, MOTIONS["press"], 0.0)
     exact = continuous_press(problem, people.values(0))
     touched = exact > 0
@@ -70,7 +70,7 @@ def test_the_reference_is_the_continuous_wall(wall):
 
 def test_a_wall_that_does_not_come_to_rest_is_noticed():
     problem = avc.load_problem("ve7")
-    people = draw_subjects("A", 5, 4)
+    people = draw_population("A", 5, 4)
     (reference,) = reference_traces(problem, people, MOTIONS["press"], 0.0)
     (sampled,) = traces(problem, NO_COUPLING, people, MOTIONS["press"], Conditions())
     assert not sampled.judged().stable.any()

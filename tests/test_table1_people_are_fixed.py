@@ -5,7 +5,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.model.hands import STYLUS_RANGES
-from avc_casadi.simulation.population.operators import draw_hands, draw_subjects
+from avc_casadi.simulation.population.operators import draw_hands, draw_population
 
 
 def numbers(subjects):
@@ -14,14 +14,14 @@ def numbers(subjects):
 
 @pytest.mark.parametrize("population", ["A", "B"])
 def test_a_few_are_the_first_of_many(population):
-    few, many = (numbers(draw_subjects(population, count, 7)) for count in (5, 50))
+    few, many = (numbers(draw_population(population, count, 7)) for count in (5, 50))
     assert np.array_equal(few, many[:5])
-    assert not np.any(np.isin(many, numbers(draw_subjects(population, 50, 8))))
+    assert not np.any(np.isin(many, numbers(draw_population(population, 50, 8))))
 
 
 @pytest.mark.parametrize("population", ["A", "B"])
 def test_training_and_test_share_nobody(population):
-    test, training = (numbers(draw_subjects(population, 200, 7, split)) for split in ("test", "training"))
+    test, training = (numbers(draw_population(population, 200, 7, split)) for split in ("test", "training"))
     assert not np.any(np.isin(test, training))
 
 
@@ -31,7 +31,7 @@ def test_people_stay_in_their_ranges_and_fill_them():
         ("A", {name: getattr(hands, name) for name in ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")}),
         ("B", STYLUS_RANGES),
     ):
-        drawn = numbers(draw_subjects(population, 2000, 1))
+        drawn = numbers(draw_population(population, 2000, 1))
         for column, (low, high) in zip(drawn.T, ranges.values(), strict=True):
             assert low <= column.min() <= low + 0.02 * (high - low)
             assert high - 0.05 * (high - low) <= column.max() <= high
@@ -39,19 +39,19 @@ def test_people_stay_in_their_ranges_and_fill_them():
 
 def test_people_of_a_problem_are_drawn_from_its_hands():
     problem = avc.load_problem("figure5")
-    assert draw_hands(problem.hands, 20, 4, "training") == draw_subjects("A", 20, 4, "training")
+    assert draw_hands(problem.hands, 20, 4, "training") == draw_population("A", 20, 4, "training")
     heavy = problem.changed(hands={"mass_kg": (0.5, 0.6)}).hands
     drawn = draw_hands(heavy, 50, 4)
     assert 0.5 <= drawn.mass_kg.min() <= drawn.mass_kg.max() <= 0.6
-    assert np.array_equal(drawn.damping_ns_per_m, draw_subjects("A", 50, 4).damping_ns_per_m)
+    assert np.array_equal(drawn.damping_ns_per_m, draw_population("A", 50, 4).damping_ns_per_m)
 
 
 def test_stylus_means_are_near_the_measured_ones():
-    means = numbers(draw_subjects("B", 4000, 1)).mean(axis=0)
+    means = numbers(draw_population("B", 4000, 1)).mean(axis=0)
     assert means == pytest.approx([0.21, 1.3, 575, 11, 170], rel=0.31)
 
 
 def test_picking_keeps_the_people():
-    everybody = draw_subjects("B", 6, 3)
+    everybody = draw_population("B", 6, 3)
     assert np.array_equal(numbers(everybody.pick(slice(2, 4))), numbers(everybody)[2:4])
-    assert len(draw_subjects("arm", 10, 0)) == 1
+    assert len(draw_population("arm", 10, 0)) == 1

@@ -12,7 +12,7 @@ from studies.table1.table import table1
 import avc_casadi as avc
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.motions import MOTIONS
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, judged
 
@@ -51,7 +51,7 @@ def test_every_cell_is_there(document):
 @pytest.mark.thorough
 def test_counts_are_those_of_the_runs(document):
     problem = avc.load_problem("ve7")
-    people = draw_subjects("A", 12, 5)
+    people = draw_population("A", 12, 5)
     runs = [judged(problem, NO_COUPLING, people, motion, Conditions.declared(problem)) for motion in MOTIONS.values()]
     row = document["rows"][0]
     assert row["coupling"] == "none"
@@ -106,7 +106,7 @@ def test_paper_adds_up():
 @pytest.mark.parametrize("wall", ["ve4", "ve5", "ve6"])
 def test_walls_are_calibrated_to_the_column_without_coupling(wall):
     problem = avc.load_problem(wall)
-    share = share_without_coupling(problem, draw_subjects("A", 300, 0, "training"))
+    share = share_without_coupling(problem, draw_population("A", 300, 0, "training"))
     wanted = expected_share(PAPER[wall.upper()].stable_without_coupling)
     # Three standard deviations of 300 draws, and what two digits of the stiffness leave.
     assert share == pytest.approx(wanted, abs=3 * np.sqrt(wanted * (1 - wanted) / 300) + 0.02)

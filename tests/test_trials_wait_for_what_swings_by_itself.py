@@ -14,7 +14,7 @@ from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.motions import LONGEST_S, MOTIONS, TRIAL_S, course_of
-from avc_casadi.simulation.population.settled import hands_at_rest, unrest
+from avc_casadi.simulation.population.settled import residual_speeds, settling_study
 
 JUDGED_S = 0.5
 R1 = avc.load_problem("reference-r1")
@@ -84,8 +84,8 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     assert trial.stable.all()
     assert trial.longest_s == trial.document()["longest_s"] == course_of(HEAVY).longest_s
     assert np.isfinite(trial.vibration).all()
-    assert hands_at_rest(coupling, 40, seed=3).run().at_rest == 40
-    assert (unrest([coupling], PEOPLE) < 1).all()
+    assert settling_study(coupling, 40, seed=3).run().at_rest == 40
+    assert (residual_speeds([coupling], PEOPLE) < 1).all()
 
 
 @pytest.mark.thorough
@@ -101,7 +101,7 @@ def test_what_goes_on_for_ever_is_not_waited_out():
     """A wall of 1000 N/m in a loop 30 ms late is unstable: k times the delay is 30 N.s/m against the hand's 3."""
     late = HEAVY.changed(device={"delay_samples": 30})
     trial = try_coupling(softly(late, 0.0), PEOPLE)
-    speeds = unrest([softly(late, 0.0)], PEOPLE)
+    speeds = residual_speeds([softly(late, 0.0)], PEOPLE)
     loose = PEOPLE.damping_ns_per_m < 5
     assert not trial.stable[loose].any()
     assert (speeds[0][loose] > 1).all()

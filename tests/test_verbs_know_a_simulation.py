@@ -13,7 +13,7 @@ from avc_casadi.cli import main
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
-from avc_casadi.recommendation.tool_impedance import felt_band
+from avc_casadi.recommendation.tool_impedance import rendered_band
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
 
@@ -184,7 +184,7 @@ def test_run_leaves_coupling_pictures_and_report(name, tmp_path, capsys):
 def test_band_of_what_is_felt_ends_at_spring_and_drag_at_rest():
     """Slowly moved, a rigid object renders K, and a state held for N samples drags by K (N - 1) T/2 beside b_d."""
     problem, gains = avc.load_problem("tool/mujoco-500hz"), ToolGains(5000.0, 20.0)
-    band = felt_band(problem, gains)
+    band = rendered_band(problem, gains)
     assert (band.mass_kg, band.damping_ns_per_m, band.stiffness_n_per_m) == pytest.approx((0.32, 0.8, 5000.0))
     slowest = band.felt[0]
     assert slowest.stiffness_n_per_m == pytest.approx(5000.0, rel=1e-3)

@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.lifted_loop import ToolGains, clocks
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
@@ -116,7 +116,7 @@ def test_released_device_ahead_of_its_engine_is_bounded_by_its_own_damping():
 def test_rigidly_held_tool_is_the_plain_wall():
     """A tool that stands still leaves the spring and damper that the device computes itself."""
     stated = problem("step_s = 0.001")
-    plain = stiffest_wall(stated.device, with_let_go(hand_corners(stated.hands))).stiffness_n_per_m
+    plain = stiffest_wall(stated.device, with_released(hand_corners(stated.hands))).stiffness_n_per_m
     assert ToolSearch(stated).stiffest().stiffness_n_per_m == pytest.approx(plain, rel=0.01)
 
 

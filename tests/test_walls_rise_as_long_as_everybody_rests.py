@@ -25,7 +25,7 @@ from avc_casadi.model.scene import Press
 from avc_casadi.simulation.population.coupling_trial import TRIAL_S, try_coupling
 from avc_casadi.simulation.population.motions import course_of
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.settled import ends_of, unrest
+from avc_casadi.simulation.population.settled import prepared_residual_speeds, residual_speeds
 from avc_casadi.simulation.population.trial import Conditions, Ends
 
 HANDS = 20
@@ -155,11 +155,11 @@ def test_laws_of_one_scene_end_as_each_alone(step):
     several = [coupling(step, law) for law in laws(step)[:2]] + [stiff, plain]
     people = people_of(PROBLEM.hands, HANDS)
     for friction, rests in ((True, "stable"), (False, "stable_without_friction")):
-        speeds = unrest(several, people, friction=friction)
+        speeds = residual_speeds(several, people, friction=friction)
         assert speeds.shape == (len(several), HANDS)
         for one, speed in zip(several, speeds, strict=True):
             np.testing.assert_array_equal(speed < 1, getattr(try_coupling(one, people), rests))
-            alone = ends_of(one, people, friction=friction)([one.runtime.state_feedback])
+            alone = prepared_residual_speeds(one, people, friction=friction)([one.runtime.state_feedback])
             np.testing.assert_array_equal(alone[0], speed)
     assert (speeds[2] > 1).any()
 
@@ -179,8 +179,8 @@ def test_who_strikes_and_touches_lightly_too_ends_as_fast_as_in_the_fastest_moti
         (Press(end_m=2e-4, speed_m_per_s=0.03), rough),
     )
     beyond = [Ends(PROBLEM, gains, people, [((one, TRIAL_S), how)])(laws_asked) for one, how in pressed]
-    calmly = ends_of(one, people, friction=False)(laws_asked)
-    both = ends_of(one, people, friction=False, beyond=True)(laws_asked)
+    calmly = prepared_residual_speeds(one, people, friction=False)(laws_asked)
+    both = prepared_residual_speeds(one, people, friction=False, beyond=True)(laws_asked)
     np.testing.assert_array_equal(both, np.maximum.reduce([*beyond, calmly]))
     assert (beyond[0] != calmly).any()
     assert rough.friction_n > 0
@@ -191,8 +191,8 @@ def test_a_law_with_which_somebody_moves_is_out_of_the_race_and_with_another_all
     one, people = coupling(step, step.best.law), people_of(PROBLEM.hands, HANDS)
     law = one.runtime.state_feedback
     both = [law, dataclasses.replace(law, feedback=tuple(12.0 * value for value in law.feedback))]
-    everything = ends_of(one, people, beyond=True)(both)
-    raced = ends_of(one, people, beyond=True, racing=True)(both)
+    everything = prepared_residual_speeds(one, people, beyond=True)(both)
+    raced = prepared_residual_speeds(one, people, beyond=True, racing=True)(both)
     assert (everything[0] < 1).all()
     np.testing.assert_array_equal(raced[0], everything[0])
     gains, taps = one.table.at_rest, course_of(PROBLEM).motions["tap"]

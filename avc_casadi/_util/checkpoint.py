@@ -24,7 +24,7 @@ _MOST_BYTES = 2**28
 
 
 @dataclass(frozen=True)
-class KeptChunks:
+class StoredChunks:
     """The chunks of a study in a folder.
 
     Attributes:
@@ -304,5 +304,5 @@ class Chunked(Generic[T, R]):
             for future in futures:
                 future.cancel()
 
-    def _kept(self, folder: str | Path) -> KeptChunks:
-        return KeptChunks(Path(folder), self.about, len(self.tasks))
+    def _kept(self, folder: str | Path) -> StoredChunks:
+        return StoredChunks(Path(folder), self.about, len(self.tasks))

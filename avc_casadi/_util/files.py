@@ -150,7 +150,7 @@ def _link(part: Path, place: Path) -> None:
 
 
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
+def atomic_folder(path: Path) -> Iterator[Path]:
     """Collect results in a folder that is yielded; at the end it replaces the requested one atomically.
 
     Other files of that one are kept. Files are replaced one by one where the folder is the working directory or above

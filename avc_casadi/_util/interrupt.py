@@ -77,7 +77,7 @@ def starting_processes() -> Iterator[None]:
 
 
 @contextmanager
-def undisguised_interrupts() -> Iterator[None]:
+def reraised_interrupts() -> Iterator[None]:
     """Raise Ctrl-C out of a block as itself, whatever foreign code in it has converted it to, nothing included."""
     with _Insistent() as interrupt:
         try:

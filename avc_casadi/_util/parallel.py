@@ -189,7 +189,7 @@ def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R
             yield before[0], before[1].result()
 
 
-class Crew:
+class SharedTasks:
     """Tasks shared by this process and its helpers; results do not depend on which did them.
 
     The context terminates the helpers.
@@ -246,7 +246,7 @@ class Crew:
                 one.drop()
 
 
-ALONE = Crew(1)
+ALONE = SharedTasks(1)
 """Without helpers."""
 
 

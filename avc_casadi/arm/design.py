@@ -22,7 +22,7 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.arm.coupled import CoupledCertificate, coupled_certificate
 from avc_casadi.arm.effective_mass import mass_range, tip_device, unit
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 
 if TYPE_CHECKING:
     from avc_casadi.arm.arm import Arm
@@ -171,7 +171,7 @@ def design_arm(
     cells = int(np.prod(shape))
     empty = np.zeros((cells, len(directions)))
     start = DirectedGains(low, high, shape, directions, empty, empty, np.zeros(cells), np.zeros(cells))
-    subjects = with_let_go(hand_corners(arm.file.hands))
+    subjects = with_released(hand_corners(arm.file.hands))
     lightest, heaviest, stiffness, damping = (np.zeros((cells, len(near) + 1)) for _ in range(4))
     for region, box in enumerate(start.boxes()):
         for column, normals in enumerate([*near, None]):

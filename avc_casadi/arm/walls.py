@@ -15,7 +15,7 @@ from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.arm.effective_mass import effective_masses, grid, mobility, reached, tip_device
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 
 if TYPE_CHECKING:
     from avc_casadi.arm.arm import Arm
@@ -129,7 +129,7 @@ def stiffest_walls(
 
 
 def _walls(devices: Sequence[Device], hands: Hands) -> list[float]:
-    subjects = with_let_go(hand_corners(hands))
+    subjects = with_released(hand_corners(hands))
     return [stiffest_wall(device, subjects).stiffness_n_per_m for device in devices]
 
 

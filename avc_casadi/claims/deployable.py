@@ -152,7 +152,7 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
         if coupling.runtime.state_feedback is not None:
             beside = () if problem.detent is None else (_UNJUDGED_DETENTS,)
             return Deployable(_feedback_claims(coupling) + beside)
-        claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
+        claims = tuple(one(problem, frequency, gains, progress) for one in (_hands_claim, _released_claim))
         claims += _detent_claims(problem, frequency, gains, progress) + _nothing_claim(problem, gains)
     except UnsupportedError as refusal:
         why = f"not judged: {refusal}"
@@ -196,7 +196,7 @@ def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, pro
     return at.claim("hands", found.stable, who, worst)
 
 
-def _let_go_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
+def _released_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
     b, k, contact = gains
     parts = frozen_parts(problem, b, k)
     corners = device_corners(problem.device, LINEAR_KEYS)
@@ -271,7 +271,7 @@ def _detent_claims(
     inside = problem.changed(environment={"stiffness_n_per_m": steepest})
     both = [
         replace(claim, name=f"detent-{claim.name}", sentence=f"in the wall with its detents: {claim.sentence}")
-        for claim in (one(inside, frequency, gains, progress) for one in (_hands_claim, _let_go_claim))
+        for claim in (one(inside, frequency, gains, progress) for one in (_hands_claim, _released_claim))
     ]
     return (*_on_detents(problem), *both)
 

@@ -15,7 +15,7 @@ from avc_casadi._util.text import rows_text
 from avc_casadi.claims.levels import proof_level
 from avc_casadi.claims.prove.changing import MOST_CELLS, Changing, Order, prove_changes
 from avc_casadi.claims.prove.hands import Outcome
-from avc_casadi.claims.prove.held_device import HAND, HeldDevice
+from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
 from avc_casadi.claims.prove.ripple import bound_ripple
@@ -232,7 +232,7 @@ def promises_rest(coupling: Coupling) -> bool:
     if not quickly_proved(coupling):
         return False
     try:
-        held = HeldDevice(coupling.problem.device, _box(coupling))
+        held = SampledPlantBox(coupling.problem.device, _box(coupling))
         return promising(_law(coupling, coupling.table.rows[0].tolist()), held) > 0
     except UnsupportedError:
         return False

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
     from avc_casadi.present.pages.catalogue import problem_page
-    from avc_casadi.recommendation.preconditions import hopeless, not_used
+    from avc_casadi.recommendation.preconditions import not_used, why_infeasible
 
     if is_device(args.problem):
         return check_device(args.problem, console)
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)]
     # The precondition of a wall does not cover another end.
     walled = problem.simulation is None and problem.follower is None
-    why_none = hopeless(problem) if walled else ""
+    why_none = why_infeasible(problem) if walled else ""
     if why_none:
         warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why_none}"})
     document = {

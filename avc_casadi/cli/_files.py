@@ -85,10 +85,10 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
     path = Path(text)
     if path.suffix.lower() in _FILE_ENDINGS and not path.is_dir():
         raise InputError.of(f"{text!r} is the name of a file; choose another folder", key=key)
-    from avc_casadi._util.files import whole_folder
+    from avc_casadi._util.files import atomic_folder
 
     try:
-        with whole_folder(path) as gathered:
+        with atomic_folder(path) as gathered:
             yield gathered
     except OSError as error:
         if isinstance(error, AvcError | BrokenPipeError):

@@ -190,11 +190,11 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 def _run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the command; CasADi converts Ctrl-C to errors of its own."""
-    from avc_casadi._util.interrupt import undisguised_interrupts
+    from avc_casadi._util.interrupt import reraised_interrupts
     from avc_casadi.cli._files import remember_given
 
     remember_given(vars(args))
-    with undisguised_interrupts():
+    with reraised_interrupts():
         answer: Answer = args.run(args, console)
     return answer
 

@@ -82,14 +82,14 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
 
     from avc_casadi._util.quantity import quantity
     from avc_casadi.claims.stability.tool_region import tool_region
-    from avc_casadi.present.figures.tool_impedance import draw_felt
+    from avc_casadi.present.figures.tool_impedance import draw_rendered_impedance
     from avc_casadi.present.figures.tool_region import draw_tool_region
     from avc_casadi.present.report.frame import Picture
-    from avc_casadi.recommendation.tool_impedance import felt_band
+    from avc_casadi.recommendation.tool_impedance import rendered_band
 
     found = {}
     if gains is not None:
-        band = felt_band(problem, gains)
+        band = rendered_band(problem, gains)
         stiff = ", ".join(
             f"{quantity(one.stiffness_n_per_m, 'N/m')} at {one.frequency_hz:.3g} Hz" for one in band.felt[::20]
         )
@@ -99,7 +99,7 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
         caption = (
             "What is rendered against what is wanted: device and other end as one body, and the coupling's spring."
         )
-        found["rendered"] = Picture.with_png(draw_felt, band, caption, words)
+        found["rendered"] = Picture.with_png(draw_rendered_impedance, band, caption, words)
     if problem.simulation is not None:
         region = replace(tool_region(problem, console), chosen=gains)
         limits = "; ".join(

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return simulate_tool(args, console)
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.scene_coupling import compared, told_beside
-    from avc_casadi.model.gains import NO_COUPLING, without_start
+    from avc_casadi.model.gains import NO_COUPLING, missing_rest_gains
     from avc_casadi.present.pages.scene import explanation_lines, outcome, scene_lines, scene_page
     from avc_casadi.simulation.screen import explain
 
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         output_file(str(trace.with_suffix(".json")), "--trace", (".json",))  # the manifest
     problem, gains, notes = _subject(args, console)
     others = _others(args.against)
-    why = "" if gains is None else without_start(gains.schedule if isinstance(gains, Coupling) else gains)
+    why = "" if gains is None else missing_rest_gains(gains.schedule if isinstance(gains, Coupling) else gains)
     if why:
         file, key = (problem.name, "scene.coupling") if args.gains is None else (args.gains, "--gains")
         no = avc.InputError.of(why, file=file, key=key)

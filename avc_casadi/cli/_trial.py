@@ -28,10 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Try all hands and count."""
     from avc_casadi.present.pages.trial import trial_page
-    from avc_casadi.simulation.population.settled import hands_at_rest
+    from avc_casadi.simulation.population.settled import settling_study
 
     coupling = read_subject("trial", args.coupling)
-    study = hands_at_rest(coupling, args.hands, args.seed, friction=not args.without_friction)
+    study = settling_study(coupling, args.hands, args.seed, friction=not args.without_friction)
     found = done(study, args, console)
     if isinstance(found, Answer):
         return found

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.interrupt import undisguised_interrupts
+from avc_casadi._util.interrupt import reraised_interrupts
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.registry import METHODS, Method, MethodName
 from avc_casadi.files.problem_file import AnyProblem, with_wall
@@ -67,7 +67,7 @@ def solve(
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
     stated = with_wall(problem)
     told = {"progress": progress} if chosen.reports else {}
-    with undisguised_interrupts():
+    with reraised_interrupts():
         return _noted(stated, chosen, chosen.solver(stated, **options, **told))
 
 

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, model_validator
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.files.catalogue import device_names, named_file
 from avc_casadi.files.key_lines import KeyLines
-from avc_casadi.files.rotary_keys import COUNTS, Worded, device_words, felt_at_handle, problem_words
+from avc_casadi.files.rotary_keys import COUNTS, Worded, device_words, linear_at_capstan, problem_words
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.findings import checked
@@ -150,7 +150,7 @@ def _worded(tables: Mapping[str, Any]) -> Worded:
     """Return the tables in the common keys."""
     findings: list[Finding] = []
     own, units = device_words(tables.get("device"), {}, findings)
-    device, _ = felt_at_handle(own, units, findings)
+    device, _ = linear_at_capstan(own, units, findings)
     words = (
         {**tables, "gaps": [units.inner(_of_counts(gap)) for gap in tables.get("gaps", ())]}
         if _texts(tables)
@@ -230,7 +230,7 @@ def with_device(tables: Mapping[str, Any], folder: Path | None) -> Worded | Find
         base, own = found, {} if isinstance(table, str) else {k: v for k, v in table.items() if k != "from"}
     findings: list[Finding] = []
     own, units = device_words(own, base, findings)
-    device, rest = felt_at_handle(_overridden(base, own) if base else own, units, findings)
+    device, rest = linear_at_capstan(_overridden(base, own) if base else own, units, findings)
     other = tables.get("follower")
     if isinstance(other, Mapping) and "from" in other:
         found = _referred(other, folder)

@@ -256,7 +256,7 @@ def device_words(device: Any, base: Mapping[str, Any], findings: list[_Finding])
     return found, units
 
 
-def felt_at_handle(device: Any, units: Units, findings: list[_Finding]) -> tuple[Any, Units]:
+def linear_at_capstan(device: Any, units: Units, findings: list[_Finding]) -> tuple[Any, Units]:
     """Return a device with a capstan as the linear one at its handle, and the units of the rest of the file."""
     if not isinstance(device, Mapping) or CAPSTAN not in device:
         return device, units

@@ -150,7 +150,7 @@ def spring_before(problem: Problem, felt_n_per_m: float) -> float:
     return min(felt_n_per_m * wall / (wall - felt_n_per_m), rigid)
 
 
-def without_start(schedule: GainSchedule) -> str:
+def missing_rest_gains(schedule: GainSchedule) -> str:
     """Return a message if a schedule has no gains at its lowest frequency, which is read at rest; else empty."""
     row = int(schedule.frequency_hz.argmin())
     if schedule.status[row].has_gains:
@@ -182,8 +182,8 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
             file=schedule.problem,
             key="frequency_hz",
         )
-    if frequency == grid.min() and without_start(schedule):
-        raise InputError.of(without_start(schedule), file=schedule.problem, key=schedule.method)
+    if frequency == grid.min() and missing_rest_gains(schedule):
+        raise InputError.of(missing_rest_gains(schedule), file=schedule.problem, key=schedule.method)
     above = int(np.searchsorted(grid, frequency))
     rows = (above,) if grid[above] == frequency else (above - 1, above)
     for row in rows:

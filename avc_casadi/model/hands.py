@@ -128,7 +128,7 @@ def joined(hands: Hand, more: Hand) -> Hand:
     )
 
 
-def with_let_go(hands: Hand | StylusHand) -> Hand | StylusHand:
+def with_released(hands: Hand | StylusHand) -> Hand | StylusHand:
     """Return hands with the released device added."""
     return type(hands)(**{name: np.append(np.atleast_1d(value), 0.0) for name, value in vars(hands).items()})
 

@@ -38,7 +38,7 @@ from avc_casadi.model.quantity import (
     refusal,
 )
 from avc_casadi.model.robustness import Robustness
-from avc_casadi.model.rotary_defaults import with_turned_defaults
+from avc_casadi.model.rotary_defaults import with_rotary_defaults
 from avc_casadi.model.rules import RULES, Values, broken_rules, dotted
 from avc_casadi.model.scene import Scene
 from avc_casadi.model.virtual_tool import VirtualTool
@@ -266,7 +266,7 @@ class Problem(Table):
         far = tables.get("simulation") is not None or tables.get("follower") is not None
         if far and "environment" not in tables:
             tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
-        return with_turned_defaults(tables)
+        return with_rotary_defaults(tables)
 
     @model_validator(mode="after")
     def _keeps_the_rules(self) -> Self:

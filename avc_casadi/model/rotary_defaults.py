@@ -25,7 +25,7 @@ _SWINGS = {"amplitude_m": (0.005, -1)}
 _SWINGING = {"stroke", "free"}
 
 
-def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
+def with_rotary_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     """Return the tables with the defaults of a rotary device filled in; others are unchanged.
 
     Args:
@@ -44,11 +44,11 @@ def with_turned_defaults(tables: Mapping[str, Any]) -> Mapping[str, Any]:
         "coupling": _filled(_given(tables.get("coupling")), _GAINS, radius),
     }
     if isinstance(scene, Mapping):
-        found["scene"] = {**scene, "motion": turned_motion(scene.get("motion"), radius)}
+        found["scene"] = {**scene, "motion": rotary_motion(scene.get("motion"), radius)}
     return found
 
 
-def turned_hands(radius_m: float) -> dict[str, tuple[float, float]]:
+def rotary_hands(radius_m: float) -> dict[str, tuple[float, float]]:
     """Return the ranges of the usual hands on a rotary device, by key.
 
     Args:
@@ -58,7 +58,7 @@ def turned_hands(radius_m: float) -> dict[str, tuple[float, float]]:
     return found
 
 
-def turned_gains(radius_m: float) -> dict[str, tuple[float, float]]:
+def rotary_gains(radius_m: float) -> dict[str, tuple[float, float]]:
     """Return the default gain box of a rotary device, by key.
 
     Args:
@@ -68,7 +68,7 @@ def turned_gains(radius_m: float) -> dict[str, tuple[float, float]]:
     return found
 
 
-def turned_motion(motion: Any, radius_m: float) -> Any:
+def rotary_motion(motion: Any, radius_m: float) -> Any:
     """Return the motion of a hand on a rotary device, with defaults filled in.
 
     Args:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.schedule import Status
 
 
-def felt_impedance(
+def perceived_impedance_of(
     problem: Problem,
     frequency_hz: FloatArray,
     gains: tuple[FloatArray, FloatArray, FloatArray],
@@ -109,7 +109,7 @@ def gain_schedule(
     b, k, bp = (np.where(usable, np.asarray(gain, dtype=np.float64), np.nan) for gain in gains)
     perceived = np.full(frequency.shape, np.nan, dtype=np.complex128)
     if usable.any():
-        perceived[usable] = felt_impedance(
+        perceived[usable] = perceived_impedance_of(
             problem, frequency[usable], (b[usable], k[usable], bp[usable]), state_feedback
         )
     return GainSchedule(

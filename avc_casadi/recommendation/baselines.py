@@ -14,21 +14,21 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import AvcError
-from avc_casadi._util.parallel import Crew
+from avc_casadi._util.parallel import SharedTasks
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.stiffest_wall import damping_range
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable, near_rigid_n_per_m
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import GUARD_METHODS, Runtime
 from avc_casadi.model.velocity import VELOCITY_ESTIMATORS
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
-from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.ripple import ripple_n
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.settled import unrest
+from avc_casadi.simulation.population.settled import residual_speeds
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -95,7 +95,7 @@ def baselines(
     laws = [*_estimators(problem.device), (GUARDED, None)]
     tasks += [partial(_stiffest, problem, law, table, hands, seed) for law, table in laws]
     found: dict[str, Baseline] = {}
-    with Crew(workers) as crew:
+    with SharedTasks(workers) as crew:
         for done, one in enumerate(crew.each(tasks), 1):
             if one is not None:
                 before = found.get(one.law)
@@ -137,7 +137,7 @@ class _Law:
         self._settings = {} if table is None else table.model_dump(exclude_none=True, exclude={"kind", "estimator"})
         self._people = people_of(problem.hands, hands, seed)
         self._first = people_of(problem.hands, min(_SEARCH, hands), seed)
-        self._extreme = with_let_go(hand_corners(problem.hands))
+        self._extreme = with_released(hand_corners(problem.hands))
 
     def stiffest(self) -> Baseline:
         """Return the stiffest stable wall: halved until one is stable, then bisected."""
@@ -186,7 +186,7 @@ class _Law:
 
     def _settled(self, wall: Coupling, count: int) -> int:
         people = self._people if count == len(self._people) else self._first
-        return int((unrest([wall], people, friction=False, beyond=True, effects=self._effects)[0] < 1).sum())
+        return int((residual_speeds([wall], people, friction=False, beyond=True, effects=self._effects)[0] < 1).sum())
 
 
 def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
@@ -195,9 +195,9 @@ def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
         coupling = Coupling.of(problem, solve(problem, "static"))
     except AvcError:
         return None
-    rendered = felt_at_rest_n_per_m(coupling)
+    rendered = static_stiffness_n_per_m(coupling)
     people = people_of(problem.hands, hands, seed)
-    settled = int((unrest([coupling], people, friction=False, beyond=True)[0] < 1).sum())
+    settled = int((residual_speeds([coupling], people, friction=False, beyond=True)[0] < 1).sum())
     error = shaken(coupling, rendered).errors()
     noise = ripple_n(coupling, _SLOWLY_M_PER_S / problem.device.metres_per_unit)
     damping = coupling.table.at_rest.damping_ns_per_m

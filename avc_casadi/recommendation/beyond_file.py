@@ -91,7 +91,7 @@ def missed(found: tuple[Withstood, ...], *, by_friction: bool) -> str:
 
 
 def _resting(coupling: Coupling, group: Group, *, friction: bool) -> int:
-    return int((group.unrest([coupling], friction=friction)[0] < 1).sum())
+    return int((group.residual_speeds([coupling], friction=friction)[0] < 1).sum())
 
 
 def _plain(problem: Problem, limit: DampingRange) -> Coupling | None:

@@ -17,7 +17,7 @@ from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOpti
 from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
-from avc_casadi.recommendation.tool_impedance import Felt, felt_follower
+from avc_casadi.recommendation.tool_impedance import Felt, rendered_follower
 from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
 from avc_casadi.simulation.population.operators import people_of
 
@@ -186,7 +186,7 @@ def recommend_bilateral(
         gain_margin=gain_margin,
         mode=None if gains is None else loops.slowest(gains),
         worst=loops.radius(stiffest.times(1.05) if stiffest.stiffness_n_per_m else search.softest)[1],
-        felt=() if gains is None else tuple(felt_follower(problem, gains)),
+        felt=() if gains is None else tuple(rendered_follower(problem, gains)),
         trial=trial if gains is not None else None,
         passivity_margin_ns_per_m=margin,
         passive_damping_ns_per_m=needed,

@@ -12,11 +12,11 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.model.corners import device_corners, device_set
 from avc_casadi.model.hands import Hand
-from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.rank import AS_STIFF, Judged, best_of
 from avc_casadi.recommendation.screening import (
     BEYOND_HANDS,
-    SURELY,
+    SETTLED_MARGIN,
     Group,
     Screening,
     beyond_file,
@@ -26,7 +26,7 @@ from avc_casadi.recommendation.screening import (
     together,
 )
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
-from avc_casadi.simulation.population.operators import draw_hands, loose_hands, people_of
+from avc_casadi.simulation.population.operators import draw_hands, loose_grips, people_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -77,7 +77,7 @@ class Evaluator:
         count = 2 * len(people)
         draws = itertools.count(0, count)
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
-        self._first, self._loose = people.pick(slice(FIRST)), loose_hands(problem.hands, len(people), seed)
+        self._first, self._loose = people.pick(slice(FIRST)), loose_grips(problem.hands, len(people), seed)
         self._asked = (
             *beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed)),
             *held_otherwise(problem, BEYOND_HANDS, seed),
@@ -89,7 +89,7 @@ class Evaluator:
         self._elsewhere = (*elsewhere(problem.device, (self._first, self._loose), seed), *few)
         self._off = off_file(problem.device, self._first, self._loose)
         self._candidates: list[Alternatives] = []
-        self._restless: list[Alternatives] = []
+        self._unsettled: list[Alternatives] = []
         self._search = ""
 
     def ask(self, more: Iterable[Alternatives], search: str) -> bool:
@@ -103,14 +103,14 @@ class Evaluator:
             if everybody:
                 self._replace(likely[0])
             else:
-                self._restless.append(likely)
+                self._unsettled.append(likely)
         self._try()
         return everybody
 
     def _replace(self, better: Coupling) -> None:
         """Drop equally stiff couplings with which some screening hand did not settle."""
-        felt = felt_at_rest_n_per_m(better)
-        worse = (one for one in self._restless if abs(felt_at_rest_n_per_m(one[0]) / felt - 1) < AS_STIFF)
+        felt = static_stiffness_n_per_m(better)
+        worse = (one for one in self._unsettled if abs(static_stiffness_n_per_m(one[0]) / felt - 1) < AS_STIFF)
         gone = {id(coupling) for one in worse for coupling in one}
         self._candidates = [one for one in self._candidates if id(one[0]) not in gone]
         self.judged = [one for one in self.judged if id(one.coupling) not in gone]
@@ -249,7 +249,7 @@ def tried(
     Returns:
         Those judged before, and the new ones.
     """
-    ranked = sorted(enumerate(candidates), key=lambda pair: (-felt_at_rest_n_per_m(pair[1][0]), pair[0]))
+    ranked = sorted(enumerate(candidates), key=lambda pair: (-static_stiffness_n_per_m(pair[1][0]), pair[0]))
     judged = list(before)
     for done, (order, alternatives) in enumerate(ranked, start=1):
         enough = [found for found in judged if found.complete(lean_on_friction=lean_on_friction)]
@@ -265,7 +265,7 @@ def tried(
             if found.safety <= int(lean_on_friction) and len(people) > FIRST:
                 found = replace(found, trial=try_coupling(one, people, seed, executor=executor))
             if found.complete(lean_on_friction=lean_on_friction):
-                settled = [group.unrest([one], friction=lean_on_friction)[0] < 1 for group in beyond]
+                settled = [group.residual_speeds([one], friction=lean_on_friction)[0] < 1 for group in beyond]
                 found = replace(found, beyond=tuple(settled))
             judged.append(found)
             if found.complete(lean_on_friction=lean_on_friction):
@@ -277,7 +277,7 @@ def tried(
 
 def _may_win(one: Judged, enough: list[Judged]) -> bool:
     """Return whether an untried coupling may be as stiff as the acceptable ones, or of smaller mismatch."""
-    if felt_at_rest_n_per_m(one.coupling) >= (1 - 2 * AS_STIFF) * max(found.felt_n_per_m for found in enough):
+    if static_stiffness_n_per_m(one.coupling) >= (1 - 2 * AS_STIFF) * max(found.felt_n_per_m for found in enough):
         return True
     return one.distance < min(found.distance for found in enough)
 
@@ -297,16 +297,16 @@ def likeliest(
     """
     left = alternatives
     # Where hands settle by friction alone, a margin is kept: another hand may move a little faster.
-    slow = SURELY if lean_on_friction else 1.0
+    slow = SETTLED_MARGIN if lean_on_friction else 1.0
     asked = len(left) > 1 or left[0].runtime.state_feedback is not None
     for group in groups if asked else ():
-        restless = (~(group.unrest(left, friction=lean_on_friction) < slow)).sum(axis=1)
+        restless = (~(group.residual_speeds(left, friction=lean_on_friction) < slow)).sum(axis=1)
         if restless.min() > 0:
             return [left[int(restless.argmin())]], False
         left = [one for one, moving in zip(left, restless, strict=True) if not moving]
     moving = np.zeros(len(left))
     for group in elsewhere if asked else ():
-        moving += (~(group.unrest(left, friction=lean_on_friction) < slow)).sum(axis=1)
+        moving += (~(group.residual_speeds(left, friction=lean_on_friction) < slow)).sum(axis=1)
     fewest = np.argsort(moving, kind="stable")[:_MOST_TRIED]
     return [left[place] for place in fewest if moving[place] == 0 or moving.min() > 0], not moving.min()
 

@@ -23,12 +23,12 @@ from avc_casadi.design.robust.solve import FIRST
 from avc_casadi.design.robust.uncertainty_set import why_no_law
 from avc_casadi.design.tuning import tuned
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
-from avc_casadi.model.hands import with_let_go
+from avc_casadi.model.hands import with_released
 from avc_casadi.model.runtime import Runtime
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
-    from avc_casadi._util.parallel import Crew
+    from avc_casadi._util.parallel import SharedTasks
     from avc_casadi.design.robust.cma_continuation import ResidualSpeed, ResidualSpeedAt, Step
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Problem
@@ -58,7 +58,7 @@ _NEAR: dict[str, Any] = {"softer": 2}
 _BARELY = 1.02
 
 
-def felt_at_rest_n_per_m(coupling: Coupling) -> float:
+def static_stiffness_n_per_m(coupling: Coupling) -> float:
     """Return the stiffness of coupling and wall in series at rest."""
     k, wall = coupling.table.at_rest.stiffness_n_per_m, coupling.wall.stiffness_n_per_m
     return k * wall / (k + wall) if k + wall else 0.0
@@ -75,7 +75,7 @@ def plain_candidates(problem: Problem, subjects: Hand | StylusHand, stiffest: Da
         subjects: the extreme hands.
         stiffest: the stiffest wall stable with all hands and released.
     """
-    people = with_let_go(subjects)
+    people = with_released(subjects)
     for gains, name in _rigid(problem, people):
         yield [Coupling.constant(problem, gains, name)]
     for share in OF_STIFFEST:
@@ -104,7 +104,7 @@ def softened_to(problem: Problem, subjects: Hand | StylusHand, felt_n_per_m: flo
         subjects: the extreme hands.
         felt_n_per_m: of spring and wall in series.
     """
-    found = list(_softened(problem, with_let_go(subjects), felt_n_per_m))
+    found = list(_softened(problem, with_released(subjects), felt_n_per_m))
     yield from (*found, *behind_observers(found))
 
 
@@ -121,7 +121,7 @@ class RobustCandidates:
         start: a wall, and the law for it, from which to continue; None starts from the limit of spring and damper.
     """
 
-    def __init__(self, problem: Problem, stiffest: DampingRange, crew: Crew, start: Step | None = None) -> None:
+    def __init__(self, problem: Problem, stiffest: DampingRange, crew: SharedTasks, start: Step | None = None) -> None:
         self._problem, self._crew, self._start = problem, crew, start
         self.steps: list[Step] = []
         self._wanted = problem.environment.stiffness_n_per_m

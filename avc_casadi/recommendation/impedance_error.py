@@ -14,7 +14,7 @@ from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.paper.equations import SampleAngle, environment_impedance, perceived_impedance
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.numbers import NUMPY
-from avc_casadi.paper.rendered import felt_impedance
+from avc_casadi.paper.rendered import perceived_impedance_of
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -79,7 +79,7 @@ def error_curve(
     stated = _stated(problem)
     loop, angle = loop_at(stated, frequency_hz), SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
     behind = environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m)
-    felt = _at_handle(stated, felt_impedance(stated, frequency_hz, _rows(gains, frequency_hz)), frequency_hz)
+    felt = _at_handle(stated, perceived_impedance_of(stated, frequency_hz, _rows(gains, frequency_hz)), frequency_hz)
     goal = _at_handle(stated, perceived_impedance(loop.device, loop.hold, behind), frequency_hz)
     return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, _physical(device, wall, s)))
 

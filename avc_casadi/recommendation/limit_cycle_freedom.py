@@ -69,7 +69,7 @@ def with_rest(
     return coupling, LimitCycleFreedom(word, claim, wall)
 
 
-def proved_first(judged: list[Judged]) -> list[Judged]:
+def likely_provable(judged: list[Judged]) -> list[Judged]:
     """Return those for which a proof of L7 is likely, or all if there are none; a single one is not tested."""
     return ([one for one in judged if _promises(one.coupling)] or judged) if len(judged) > 1 else judged
 

@@ -12,9 +12,9 @@ from avc_casadi.claims.stability.stiffest_wall import damping_range, softest_wal
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.rotary_defaults import turned_gains
+from avc_casadi.model.rotary_defaults import rotary_gains
 from avc_casadi.recommendation.shaken import PRESS_N
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _RANGE = "device.range."
 _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
 
 
-def hopeless(problem: Problem) -> str:
+def why_infeasible(problem: Problem) -> str:
     """Return why no coupling is deployable at any gains; empty where one may be.
 
     Args:
@@ -49,7 +49,7 @@ def hopeless(problem: Problem) -> str:
             f"{slowest:g} (device.delay_samples); shorten the delay, or state a longer sample time"
         )
     if wall.stiffness_n_per_m == 0:
-        people = with_let_go(hand_corners(problem.hands))
+        people = with_released(hand_corners(problem.hands))
         most = damping_range(device, people, softest_wall_n_per_m(device)).highest_ns_per_m
         if wall.damping_ns_per_m > most:
             return (
@@ -152,7 +152,7 @@ def _outside(coupling: Coupling) -> list[str]:
     """Return where gains leave the gain box stated in [coupling]."""
     box, gains, device = coupling.problem.coupling, coupling.table.gains, coupling.problem.device
     # Defaults, where the file of a rotary device states none.
-    usual = turned_gains(device.metres_per_unit) if device.motion == "rotary" else {}
+    usual = rotary_gains(device.metres_per_unit) if device.motion == "rotary" else {}
     given = {key: getattr(box, key) for key in box.model_fields_set}
     stated = (_ANY if given.get(key) in {None, usual.get(key)} else given[key] for key in _BOX)
     left = [

@@ -10,8 +10,8 @@ import numpy as np
 
 from avc_casadi.claims.stability.transient import transients
 from avc_casadi.design.robust.goal import BAND_HZ, distance
-from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
-from avc_casadi.recommendation.limit_cycle_freedom import proved_first
+from avc_casadi.recommendation.generate import static_stiffness_n_per_m
+from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
 from avc_casadi.recommendation.shaken import Shaken, shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 from avc_casadi.simulation.population.settled import exact_interval
@@ -29,7 +29,7 @@ _AS_NEAR = 0.01
 # Share of the static stiffness at the end of a press, below which the latter counts.
 _SLOW = 0.95
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
-QUIET_SHARE = 0.9
+BELOW_THRESHOLD_SHARE = 0.9
 
 
 @dataclass(frozen=True)
@@ -81,18 +81,20 @@ class Judged:
     @property
     def quiet(self) -> bool:
         """Whether nearly all hands stay below the vibrotactile detection threshold, also within the ranges."""
-        return sum(int(one.quiet.sum()) for one in self.trials) >= QUIET_SHARE * sum(one.hands for one in self.trials)
+        return sum(int(one.quiet.sum()) for one in self.trials) >= BELOW_THRESHOLD_SHARE * sum(
+            one.hands for one in self.trials
+        )
 
     @property
     def felt_n_per_m(self) -> float:
         """Rendered stiffness: static, or at the end of a press where a slow observer is still far from it."""
-        at_rest, pressed = felt_at_rest_n_per_m(self.coupling), self.trial.stiffness
+        at_rest, pressed = static_stiffness_n_per_m(self.coupling), self.trial.stiffness
         return pressed if pressed < _SLOW * at_rest else at_rest
 
     @cached_property
     def shaken(self) -> Shaken:
         """Rendered impedance over the band in which hands move."""
-        return shaken(self.coupling, felt_at_rest_n_per_m(self.coupling), BAND_HZ)
+        return shaken(self.coupling, static_stiffness_n_per_m(self.coupling), BAND_HZ)
 
     @property
     def mismatch(self) -> float:
@@ -134,7 +136,7 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
     as_near = [one for one in left if one.distance <= nearest + _AS_NEAR]
     quiet = max(int(one.trial.quiet.sum()) for one in as_near)
     quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
-    return max(proved_first(quietest), key=lambda one: (one.felt_n_per_m, -one.order))
+    return max(likely_provable(quietest), key=lambda one: (one.felt_n_per_m, -one.order))
 
 
 def devices_of(best: Judged | None) -> int:

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.parallel import Crew
+from avc_casadi._util.parallel import SharedTasks
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
@@ -21,21 +21,21 @@ from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import AnyProblem, with_wall
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
-from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom, with_rest
 from avc_casadi.recommendation.perturbed_devices import PerturbedDevices, off_file
-from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used, nothing_rendered
+from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of, reason_of
 from avc_casadi.recommendation.ripple import ripple
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import Help, what_would_help
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
-from avc_casadi.simulation.population.operators import HOLDING, draw_subjects, people_of
+from avc_casadi.simulation.population.operators import GRIPS, draw_population, people_of
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -107,7 +107,7 @@ class Recommendation(Printed):
         tried = self.trial.document()
         springy = self.problem.environment.stiffness_n_per_m > 0
         sensed = tried["stiffness_n_per_m"]["median"] if springy else None
-        motion = shaken(self.coupling, felt_at_rest_n_per_m(self.coupling))
+        motion = shaken(self.coupling, static_stiffness_n_per_m(self.coupling))
         return {
             "stiffness_n_per_m": sensed,
             "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(self.problem.device, sensed),
@@ -133,7 +133,7 @@ class Recommendation(Printed):
             return {}
         step, damping = device.encoder_resolution_m, coupling.table.at_rest.contact_damping_ns_per_m
         damping += self.problem.environment.damping_ns_per_m
-        return {"spring": felt_at_rest_n_per_m(coupling) * step, "damping": damping * step / device.sample_time_s}
+        return {"spring": static_stiffness_n_per_m(coupling) * step, "damping": damping * step / device.sample_time_s}
 
     def transient(self) -> dict[str, Any]:
         """Return how the linear loop in contact settles, released and with the worst hand; empty without a coupling.
@@ -221,11 +221,11 @@ def judged_as_recommended(
         progress: reports the rows judged and the motions simulated.
     """
     found = certified(Coupling.of(problem, gains, versions=versions), progress)
-    found, rest = with_rest(found, felt_at_rest_n_per_m(found), progress)
+    found, rest = with_rest(found, static_stiffness_n_per_m(found), progress)
     tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
-    limit = stiffest_wall(problem.device, with_let_go(extreme))
+    limit = stiffest_wall(problem.device, with_released(extreme))
     beyond = margins(found, limit, seed)
     lacks = missed(beyond, by_friction=False)
     return Recommendation(
@@ -293,11 +293,11 @@ def recommend(
     """
     problem = with_wall(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
-    why_none, considered = hopeless(problem), 0
+    why_none, considered = why_infeasible(problem), 0
     judged: list[Judged] = []
-    with Crew(workers) as crew:
+    with SharedTasks(workers) as crew:
         helps = crew.begin(partial(what_would_help, problem, extreme))
-        limit = stiffest_wall(problem.device, with_let_go(extreme))
+        limit = stiffest_wall(problem.device, with_released(extreme))
         if not why_none:
             found = judged_candidates(
                 problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor, crew=crew
@@ -312,13 +312,13 @@ def recommend(
             told_off = crew.begin(partial(off_file, best.coupling, seed))
             told_beyond = crew.begin(partial(margins, best.coupling, limit, seed))
             known = certified(best.coupling, progress, prove=prove)
-            known, rest = with_rest(known, felt_at_rest_n_per_m(known), progress)
+            known, rest = with_rest(known, static_stiffness_n_per_m(known), progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             beside, off = _beside(best.coupling, hands, seed, executor), told_off()
             beyond = told_beyond()
             lacks = missed(beyond, by_friction=lean_on_friction or best.safety == 1)
-        held = [felt_at_rest_n_per_m(one.coupling) for one in judged]
-        nothing = "" if best is None else nothing_rendered(problem, felt_at_rest_n_per_m(best.coupling), best.trial)
+        held = [static_stiffness_n_per_m(one.coupling) for one in judged]
+        nothing = "" if best is None else nothing_rendered(problem, static_stiffness_n_per_m(best.coupling), best.trial)
         return Recommendation(
             problem=problem,
             coupling=coupling,
@@ -331,7 +331,7 @@ def recommend(
             rest=rest,
             stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *held]),
             plain_wall_n_per_m=limit.stiffness_n_per_m,
-            with_friction_n_per_m=None if leaning is None else felt_at_rest_n_per_m(leaning.coupling),
+            with_friction_n_per_m=None if leaning is None else static_stiffness_n_per_m(leaning.coupling),
             helps=() if why_none else helps(),
             considered=considered,
             reason=why_none or nothing or lacks or reason_of(best, judged, considered),
@@ -345,7 +345,7 @@ def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None
     radius = coupling.problem.device.metres_per_unit
     return {
         told: try_coupling(
-            coupling, draw_subjects(HOLDING[holding], hands, seed).at_handle(radius), seed, executor=executor
+            coupling, draw_population(GRIPS[holding], hands, seed).at_handle(radius), seed, executor=executor
         )
         for holding, told in OTHER_HANDS.items()
         if holding != coupling.problem.device.held

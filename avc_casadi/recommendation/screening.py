@@ -12,8 +12,8 @@ from avc_casadi.design.robust.uncertainty_set import assumed_devices
 from avc_casadi.model.corners import device_corners, device_set, linear_values
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.robustness import Robustness, unmodelled
-from avc_casadi.simulation.population.operators import HOLDING, draw_subjects
-from avc_casadi.simulation.population.settled import ends_of, unrest
+from avc_casadi.simulation.population.operators import GRIPS, draw_population
+from avc_casadi.simulation.population.settled import prepared_residual_speeds, residual_speeds
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
@@ -31,7 +31,7 @@ _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
 _OFF_FIRST, _OFF_LOOSE = 8, 60
 BEYOND_HANDS = 60
 """Number of hands on each device with an unmodelled effect."""
-SURELY = 0.7
+SETTLED_MARGIN = 0.7
 """Settled with margin: residual speed below this share of the threshold."""
 
 
@@ -55,15 +55,15 @@ class Group:
         """Return a subset."""
         return replace(self, people=self.people.pick(np.flatnonzero(moving)))
 
-    def unrest(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
+    def residual_speeds(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
         """Return residual speeds over the required one, shape (couplings, hands)."""
         how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return unrest(couplings, self.people, **how) / self.slow
+        return residual_speeds(couplings, self.people, **how) / self.slow
 
     def ends(self, coupling: Coupling, *, friction: bool) -> _Asked:
         """Return the evaluation of residual speeds for laws of one structure, stopping at the first unsettled hand."""
         how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return _Asked(ends_of(coupling, self.people, racing=True, **how), self.slow)
+        return _Asked(prepared_residual_speeds(coupling, self.people, racing=True, **how), self.slow)
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Screening:
         """
         first, *later = ([group.ends(coupling, friction=self.friction) for group in stage] for stage in self.stages)
 
-        def unrest(laws: Sequence[StateFeedback]) -> FloatArray:
+        def residual_speeds(laws: Sequence[StateFeedback]) -> FloatArray:
             found = _speeds(first, laws)
             for stage in later:
                 more = np.resize(found.T, (sum(ends.people for ends in stage), len(laws))).T
@@ -122,7 +122,7 @@ class Screening:
                 found = np.concatenate([found, more], axis=1)
             return found
 
-        return unrest
+        return residual_speeds
 
 
 def _speeds(stage: list[_Asked], laws: Sequence[StateFeedback]) -> FloatArray:
@@ -170,7 +170,7 @@ def off_file(device: Device, corners: Hand, loose: Hand) -> tuple[Group, ...]:
     found = []
     for place, one in enumerate(one for one in others if one.mass_kg == lightest):
         rows = np.arange(place * _OFF_LOOSE, (place + 1) * _OFF_LOOSE) % len(loose)
-        found.append(Group(together(corners.pick(slice(_OFF_FIRST)), loose.pick(rows)), one, SURELY))
+        found.append(Group(together(corners.pick(slice(_OFF_FIRST)), loose.pick(rows)), one, SETTLED_MARGIN))
     return tuple(found)
 
 
@@ -196,7 +196,7 @@ def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]
     device = problem.device
     if device.held == "grip":
         return ()
-    return (Group(draw_subjects(HOLDING[device.held], count, seed).at_handle(device.metres_per_unit)),)
+    return (Group(draw_population(GRIPS[device.held], count, seed).at_handle(device.metres_per_unit)),)
 
 
 def _far_apart(corners: IndexArray, random: np.random.Generator) -> list[int]:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.parallel import ALONE, Crew
+from avc_casadi._util.parallel import ALONE, SharedTasks
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
 from avc_casadi.design.robust.goal import distance
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # Bisection between the stiffest stable wall and the next stiffer one: final ratio, largest number of steps.
 _CLOSE, _MOST_HALVED = 1.05, 3
-CLIMBS, ONWARDS = range(2), range(0)
+CONTINUATIONS, RESUMED = range(2), range(0)
 """Continuations by number, and those resumed from a stable wall.
 
 On seven random devices a third continuation and two resumed ones reduced the mismatch of none, for half as much time
@@ -60,10 +60,10 @@ def judged_candidates(
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,
-    crew: Crew = ALONE,
+    crew: SharedTasks = ALONE,
     start: Step | None = None,
-    climbs: range = CLIMBS,
-    onwards: range = ONWARDS,
+    climbs: range = CONTINUATIONS,
+    onwards: range = RESUMED,
     stiffest: bool = False,
 ) -> Candidates:
     """Return the judged couplings: likeliest first, the others only where none renders the wall itself.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.model.hands import with_let_go
+from avc_casadi.model.hands import with_released
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -68,7 +68,7 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
         problem: the device as it is.
         extreme: the corners of its hands.
     """
-    people = with_let_go(extreme)
+    people = with_released(extreme)
     found = [
         Help(change, float(stiffest_wall(other.device, people).stiffness_n_per_m))
         for change, other in linear_changes(problem).items()

@@ -15,8 +15,8 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.design.robust.cma_continuation import moved
-from avc_casadi.model.hands import hand_corners, with_let_go
-from avc_casadi.recommendation.preconditions import assumed, hopeless, not_used
+from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.recommendation.preconditions import assumed, not_used, why_infeasible
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of
 from avc_casadi.recommendation.recommend import SCHEMA
 from avc_casadi.recommendation.search_schedule import judged_candidates
@@ -78,7 +78,7 @@ def stiffest(
         rendered by the coupling found, None where there is none; ``plain_wall_n_per_m`` is that of a spring and damper
         by linear stability alone, with the ``damping_ns_per_m`` that it needs; 0 where none is stable.
     """
-    simple, _ = _out_of_reach(problem)
+    simple, _ = _unreachable_wall(problem)
     asked = _Asked(hands, seed, lean_on_friction)
     better = linear_changes(problem) | simulated_changes(problem)
     require_workers(workers)
@@ -117,9 +117,9 @@ def stiffest(
     return document
 
 
-def _out_of_reach(problem: Problem) -> tuple[DampingRange, Problem]:
+def _unreachable_wall(problem: Problem) -> tuple[DampingRange, Problem]:
     """Return the limit of spring and damper, and the problem with a much stiffer undamped wall."""
-    simple = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    simple = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     far = _FAR * max(simple.stiffness_n_per_m, softest_wall_n_per_m(problem.device))
     wall = {"stiffness_n_per_m": far, "damping_ns_per_m": 0.0}
     return simple, problem.changed(environment=wall, detent=None)
@@ -161,7 +161,7 @@ def _best(
     start: Step | None = None,
 ) -> _Best | None:
     """Return the stiffest coupling, if any is stable; arguments as for `judged_candidates`."""
-    if hopeless(problem):
+    if why_infeasible(problem):
         return None
     people, lean = people_of(problem.hands, asked.hands, asked.seed), asked.lean_on_friction
     found = judged_candidates(
@@ -187,13 +187,13 @@ def _best(
 
 def _as_it_is(problem: Problem, asked: _Asked, climbs: range, onwards: range) -> _Best | None:
     """Search on the unchanged device."""
-    simple, walled = _out_of_reach(problem)
+    simple, walled = _unreachable_wall(problem)
     return _best(walled, simple, asked, climbs=climbs, onwards=onwards)
 
 
 def _changed(before: _Best | None, changed: Problem, asked: _Asked) -> _Best | None:
     """Search on a changed device, from the law of the unchanged one if any."""
-    simple, walled = _out_of_reach(changed)
+    simple, walled = _unreachable_wall(changed)
     start = None
     if before is not None and before.step is not None:
         start = moved(before.step, before.judged.coupling.problem, walled)
@@ -206,7 +206,7 @@ def _kept(before: _Best, changed: Problem, asked: _Asked) -> _Best | None:
         return None
     if _only_stronger(changed.device, before.judged.coupling.problem.device):
         return before
-    coupling, (_, walled) = before.judged.coupling, _out_of_reach(changed)
+    coupling, (_, walled) = before.judged.coupling, _unreachable_wall(changed)
     other = replace(coupling, problem=coupling.problem.changed(device=walled.device))
     if not deployable(other).passed:
         return None

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 
-FELT_HZ = (1.0, 10.0)
+REPORTED_HZ = (1.0, 10.0)
 """Frequencies reported, in the band in which hands move."""
 _BAND_HZ = tuple(np.geomspace(0.3, 100.0, 80).tolist())
 
@@ -48,7 +48,7 @@ class Felt:
 
 
 @dataclass(frozen=True)
-class FeltBand:
+class RenderedBand:
     """Rendered and wanted impedance over a band of frequencies.
 
     Attributes:
@@ -66,7 +66,7 @@ class FeltBand:
     stiffness_n_per_m: float
 
 
-def felt_band(problem: Problem, gains: ToolGains) -> FeltBand:
+def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
     """Return the rendered impedance of the remote end over the band of hand motion and perception.
 
     Args:
@@ -75,17 +75,17 @@ def felt_band(problem: Problem, gains: ToolGains) -> FeltBand:
     """
     device = problem.device
     if problem.follower is not None:
-        felt, other = felt_follower, problem.follower.at_leader()
+        felt, other = rendered_follower, problem.follower.at_leader()
         far = other.mass_kg, other.damping_ns_per_m
     else:
-        felt, tool = felt_tool, tool_states(required_tool(problem), 0.0)[-1]
+        felt, tool = rendered_tool, tool_states(required_tool(problem), 0.0)[-1]
         far = (0.0, 0.0) if tool.fixed else (tool.mass_kg, tool.damping_ns_per_m)
     found = tuple(felt(problem, gains, _BAND_HZ))
     mass, damping = device.mass_kg + far[0], device.damping_ns_per_m + far[1]
-    return FeltBand(problem.name, found, mass, damping, gains.stiffness_n_per_m)
+    return RenderedBand(problem.name, found, mass, damping, gains.stiffness_n_per_m)
 
 
-def felt_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = FELT_HZ) -> list[Felt]:
+def rendered_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = REPORTED_HZ) -> list[Felt]:
     """Return the rendered impedance of the heaviest tool, with the nominal device as a rigid body.
 
     Args:
@@ -106,7 +106,7 @@ def felt_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float
     return [at(hz) for hz in _heard(device, frequencies_hz)]
 
 
-def felt_follower(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = FELT_HZ) -> list[Felt]:
+def rendered_follower(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = REPORTED_HZ) -> list[Felt]:
     """Return the rendered impedance of the follower, with both nominal devices as rigid bodies.
 
     Args:

@@ -18,7 +18,7 @@ from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
-from avc_casadi.recommendation.tool_impedance import Felt, felt_tool
+from avc_casadi.recommendation.tool_impedance import Felt, rendered_tool
 from avc_casadi.recommendation.tool_sensitivity import (
     ToolHelp,
     exchanges_that_hold,
@@ -193,7 +193,7 @@ def recommend_tool(
     tool, search = required_tool(problem), ToolSearch(problem)
     (stiffest, local), wanted = search.limit, tool.stiffness_n_per_m
     limit = stiffest.stiffness_n_per_m
-    why = hopeless(problem, search)
+    why = why_infeasible(problem, search)
     gains, trial = None, None
     if not why and (wanted is None or search.holds(wanted, local=local)):
         first = options.share_of_limit * limit if wanted is None else wanted
@@ -216,7 +216,7 @@ def recommend_tool(
         gain_margin=margin,
         mode=mode,
         worst=search.loops.radius(stiffest.times(1.02) if limit else search.softest)[1],
-        felt=() if gains is None else tuple(felt_tool(problem, gains)),
+        felt=() if gains is None else tuple(rendered_tool(problem, gains)),
         trial=trial if deployable else None,
         mismatch=None if gains is None else stable_on_other_devices(problem, gains),
         local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
@@ -270,7 +270,7 @@ def _tried(
     return leaning or (None, trial)
 
 
-def hopeless(problem: Problem, search: ToolSearch) -> str:
+def why_infeasible(problem: Problem, search: ToolSearch) -> str:
     """Return why no coupling is stable at all; empty where one is.
 
     Args:

@@ -12,7 +12,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.parallel import processors
 from avc_casadi.simulation.compile import CompiledScene
-from avc_casadi.simulation.judge import AT_REST_M_PER_S, LOST_M, judged_samples
+from avc_casadi.simulation.judge import AT_REST_M_PER_S, DIVERGED_M, judged_samples
 from avc_casadi.simulation.native import NativeScene, compiler
 
 Engine = Literal["auto", "casadi", "native"]
@@ -78,7 +78,7 @@ def execute_to_speed(
 
 
 def _over_rest(scene: CompiledScene, far_m: FloatArray, fast_m_per_s: FloatArray) -> FloatArray:
-    here = far_m < LOST_M / scene.metres_per_unit
+    here = far_m < DIVERGED_M / scene.metres_per_unit
     return np.where(here, fast_m_per_s / (AT_REST_M_PER_S / scene.metres_per_unit), np.inf)
 
 

@@ -84,7 +84,7 @@ IMPACT_S = 0.01
 # Below what a finger can feel.
 TOUCH_N = 1e-6
 # Beyond any desktop workspace: the run has diverged.
-LOST_M = 10.0
+DIVERGED_M = 10.0
 
 
 def criterion(metres_per_unit: float = 1.0) -> str:
@@ -157,7 +157,7 @@ def judge(
         held_m_per_s: true velocity of the handle, where that is another body.
     """
     last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
-    here = np.all(np.abs(position_m) < LOST_M / metres_per_unit, axis=-1)
+    here = np.all(np.abs(position_m) < DIVERGED_M / metres_per_unit, axis=-1)
     diverged = ~here
     measured = position_m if measured_m is None else measured_m
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):

@@ -16,7 +16,7 @@ from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.printed import PrintedColumns
 from avc_casadi._util.text import Columns
 from avc_casadi._util.units import LINEAR, Units, speaking
-from avc_casadi.simulation.judge import LOST_M, Judgement, Ledger, criterion
+from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, criterion
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -119,7 +119,7 @@ class Run(PrintedColumns):
     @property
     def samples_in_reach(self) -> int:
         """Number of samples before the run leaves the workspace for good; all of them, unless it diverged."""
-        beyond = ~(np.abs(self.position_m) < LOST_M / self.metres_per_unit)
+        beyond = ~(np.abs(self.position_m) < DIVERGED_M / self.metres_per_unit)
         return int(beyond.argmax()) if beyond.any() else self.samples
 
     @property

@@ -212,9 +212,11 @@ DIAGNOSE = (
         "rows that repeat a force",
         lambda given, result: result is given[0],
     ),
-    Rule("identification.diagnosis.limit_cycle.find_toggling", lambda *_: None, "turns over few counts", _none),
+    Rule(
+        "identification.diagnosis.limit_cycle.find_count_limit_cycle", lambda *_: None, "turns over few counts", _none
+    ),
     Rule("identification.diagnosis.limit_cycle.passes", lambda *_: False, "a touch that passes", _nothing),
-    Rule("identification.diagnosis.oscillation._restless", lambda *_: False, "ripple without a line", _nothing),
+    Rule("identification.diagnosis.oscillation._unsettled", lambda *_: False, "ripple without a line", _nothing),
     Rule("identification.diagnosis.oscillation._level_from", lambda *_: None, "a decay that ends at a level", _none),
     Rule("identification.diagnosis.oscillation._falls", lambda *_: False, "irregular motion that falls", _nothing),
     Rule("identification.diagnosis.oscillation._of_cycles", lambda *_: math.inf, "travel of two cycles"),

@@ -22,7 +22,7 @@ from random_devices import drawn
 from studied import about, computed, cpu_seconds, expected_n_per_m, made_by, rounded, table
 
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.rank import best_of
 from avc_casadi.recommendation.search_schedule import judged_candidates
@@ -71,7 +71,7 @@ def _first_alone(_: Any) -> Any:
     return lambda alternatives, *_args, **_named: (alternatives[:1], True)
 
 
-CLIMBS = f"{GENERATE}.continuation"
+CONTINUATIONS = f"{GENERATE}.continuation"
 SOFTENED, LAW, REFINES = f"{SCHEDULE}.softened_to", f"{SCHEDULE}._behind_laws", f"{GENERATE}.refined"
 RULES = {
     "closer": Rule(
@@ -118,11 +118,11 @@ RULES = {
     "most_laws": Rule(
         "three laws kept a wall, not one", LAW, {f"{LAWS}.MOST_LAWS": _is(1), f"{KNOWN}.MOST_LAWS": _is(1)}
     ),
-    "wider": Rule("a search that narrowed is widened", CLIMBS, {f"{LAWS}._WIDER": _is(1.0)}),
-    "faster": Rule("larger steps after an easy wall", CLIMBS, {f"{LAWS}._FASTER": _is(1.0)}),
-    "softer": Rule("12 softer first walls, not 4", CLIMBS, {CLIMBS: _fewer_softer}),
+    "wider": Rule("a search that narrowed is widened", CONTINUATIONS, {f"{LAWS}._WIDER": _is(1.0)}),
+    "faster": Rule("larger steps after an easy wall", CONTINUATIONS, {f"{LAWS}._FASTER": _is(1.0)}),
+    "softer": Rule("12 softer first walls, not 4", CONTINUATIONS, {CONTINUATIONS: _fewer_softer}),
     "off_file": Rule("laws settle on devices off their file", REFINES, {f"{EVALUATE}.off_file": _returns(())}),
-    "surely": Rule("settled with a margin of 0.7 there", REFINES, {f"{SCREENING}.SURELY": _is(1.0)}),
+    "surely": Rule("settled with a margin of 0.7 there", REFINES, {f"{SCREENING}.SETTLED_MARGIN": _is(1.0)}),
     "one_in": Rule("loose hands in two stages", LAW, {f"{EVALUATE}._ONE_IN": _is(1)}),
     "learn": Rule(
         "hands that moved are asked first",
@@ -152,7 +152,7 @@ RULES = {
 def searched(problem: Problem) -> dict[str, Any]:
     """Search as `recommend` does; what a user notices of the best, and processor time."""
     cpu, people = cpu_seconds(), people_of(problem.hands, HANDS, OWN_SEED)
-    limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     found = judged_candidates(problem, people, OWN_SEED, limit, lean_on_friction=False)
     cpu = cpu_seconds() - cpu
     if not found.judged:

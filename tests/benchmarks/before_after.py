@@ -33,7 +33,7 @@ from goldens.recommendations import HANDS, on_the_plant
 
 import avc_casadi as avc
 from avc_casadi.model.problem import Problem
-from avc_casadi.recommendation.generate import felt_at_rest_n_per_m
+from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.shaken import shaken
 
 SEED = 7706
@@ -93,7 +93,7 @@ def recommended(checkout: Path, tables: Mapping[str, Mapping[str, Any]], *, trie
         if not (folder / "c.json").exists():
             return found | {"method": None}
         coupling = avc.read_coupling(str(folder / "c.json"))
-        at_rest = felt_at_rest_n_per_m(coupling)
+        at_rest = static_stiffness_n_per_m(coupling)
         moved = shaken(coupling, at_rest, TOLD_HZ)
         found |= {
             "method": told["coupling"]["method"],

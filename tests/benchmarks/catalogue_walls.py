@@ -30,7 +30,7 @@ from avc_casadi.files.device_file import DeviceFile, device_catalogue
 from avc_casadi.model.corners import device_corners, device_set, device_with, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import FINGERTIP, hand_corners, with_let_go
+from avc_casadi.model.hands import FINGERTIP, hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.motions import course_of
@@ -110,7 +110,7 @@ def at_radius(values: dict[str, Any], radius_m: float) -> dict[str, Any]:
 def cell(file: DeviceFile, reading: str, hands: str) -> dict[str, Any]:
     problem = read_as(file, reading, HANDS[hands])
     at_handle = 1 / problem.device.metres_per_unit**2
-    extreme = with_let_go(hand_corners(problem.hands))
+    extreme = with_released(hand_corners(problem.hands))
     plain = stiffest_wall(problem.device, extreme).stiffness_n_per_m
     started = cpu_seconds()
     found = avc.recommend(problem, hands=PEOPLE, seed=SEED, workers=WORKERS)

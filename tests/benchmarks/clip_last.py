@@ -39,7 +39,7 @@ from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_casadi.simulation.judge import Judgement
 from avc_casadi.simulation.population.motions import MOTIONS
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, Traces, traces
 
@@ -97,7 +97,7 @@ def figures(part: Traces) -> dict[str, np.ndarray]:
 
 def tried(case: Case, law: str, count: int) -> dict[str, dict[str, np.ndarray]]:
     """Everybody in every motion: judgement and figures by motion, each of shape (people,)."""
-    subjects = draw_subjects("A", count, SEED)
+    subjects = draw_population("A", count, SEED)
     found = {}
     for name, motion in MOTIONS.items():
         parts = []

@@ -25,7 +25,7 @@ from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
 from avc_casadi.model.gains import gains_at
 from avc_casadi.present.figures.layout import save_figure
 from avc_casadi.recommendation.impedance_error import error_curve
-from avc_casadi.simulation.population.operators import corner_subjects, draw_subjects
+from avc_casadi.simulation.population.operators import corner_subjects, draw_population
 from avc_casadi.simulation.population.trial import Conditions
 
 SEED = 2026
@@ -142,7 +142,7 @@ def _number(value):
 
 def main(people, out, figure):
     problem = avc.load_problem(WALL)
-    subjects = draw_subjects("A", people, SEED)
+    subjects = draw_population("A", people, SEED)
     made = about(f"python tests/benchmarks/frontier.py {people}", SEED) | {
         "wall": WALL,
         "frequency_hz": list(FREQUENCIES_HZ),

@@ -27,7 +27,7 @@ import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.design.robust import known_laws
 from avc_casadi.design.robust.lqg import Space
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.recommendation.rank import best_of
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.simulation.population.operators import people_of
@@ -43,7 +43,7 @@ Row = dict[str, Any]
 def drawn(index: int, seed: int) -> avc.Problem | None:
     """Draw a device and a wall that needs a law; None where that is beyond what devices are for."""
     problem, random = random_devices.drawn(index, seed), np.random.default_rng([seed + 111000, index])
-    limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     wall = limit.stiffness_n_per_m * float(np.exp(random.uniform(*np.log(WALLS))))
     force = {"max_force_n": float(f"{np.exp(random.uniform(*np.log(FORCES_N))):.3g}")} if random.random() < 0.5 else {}
     if not SOFTEST < wall < STIFFEST:
@@ -58,7 +58,7 @@ def solved(index: int) -> Row:
     if problem is None:
         return row
     began = time.process_time()
-    limit = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     people = people_of(problem.hands, HANDS, 0)
     found = judged_candidates(problem, people, 0, limit, lean_on_friction=False)
     row["cpu_s"] = round(time.process_time() - began, 1)

@@ -31,7 +31,7 @@ import avc_casadi as avc
 from avc_casadi._util.json_values import json_text
 from avc_casadi._util.parallel import Processes
 from avc_casadi.simulation.population.motions import MOTIONS, TRIAL_S
-from avc_casadi.simulation.population.settled import hands_at_rest
+from avc_casadi.simulation.population.settled import settling_study
 
 RESULTS = Path(__file__).parent / "results" / "many_hands.json"
 WALL, SEED, WORKERS = "ve7", 2026, 2
@@ -96,7 +96,7 @@ def finished(seconds: Sequence[float], workers: int) -> float:
 
 def compared(coupling: avc.Coupling, chunk: int, chunks: int) -> dict[str, Any]:
     """The same chunks by every kind of worker, and more workers by the model."""
-    study = hands_at_rest(coupling, FEW * chunk, SEED, chunk=chunk)
+    study = settling_study(coupling, FEW * chunk, SEED, chunk=chunk)
     found = {"this process": timed(study, None)}
     with Processes(1) as one:
         found["1 process"] = timed(study, one)
@@ -143,7 +143,7 @@ def main() -> None:
         coupling = avc.recommend(WALL).coupling
         assert coupling is not None
         avc.write_coupling(coupling, file)
-        study = hands_at_rest(coupling, people, SEED)
+        study = settling_study(coupling, people, SEED)
         document = {"about": made, "wall": WALL, "million": everybody(file, people, len(study.tasks))}
         document["workers"] = compared(coupling, study.tasks[0][1], len(study.tasks))
     RESULTS.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

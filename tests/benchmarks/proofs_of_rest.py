@@ -29,7 +29,7 @@ from clip_last_simulator import Simulator, at_rest
 from studies.designs import design
 
 import avc_casadi as avc
-from avc_casadi.claims.prove.held_device import HAND, HeldDevice
+from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.walls import Laws, wall_gap
 from avc_casadi.coupling import Coupling
@@ -103,7 +103,7 @@ def wall_cell(time_s: float, delay: int, population: str) -> dict[str, Any]:
 
 def _rests(law: ContactLaw, device: Any, box: dict[str, tuple[float, float]]) -> bool:
     random = np.random.default_rng(SEED)
-    corners = HeldDevice(device, box).corners()
+    corners = SampledPlantBox(device, box).corners()
     ends = np.array(list(box.values()))
     drawn = random.uniform(ends[:, 0], ends[:, 1], (40, len(ends)))
     hands = dict(zip(box, np.concatenate([corners, drawn]).T, strict=True))

@@ -25,7 +25,7 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, spring_before
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.recommend import Recommendation
@@ -43,7 +43,7 @@ OUT = Path(__file__).parent / "results" / "random_devices.json"
 PAGE = Path(__file__).parent / "RESULTS_random_devices.md"
 
 AS_STIFF = 0.01
-QUIET_SHARE = 0.9
+BELOW_THRESHOLD_SHARE = 0.9
 # Felt stiffness of plain walls as shares of the plain limit, and of that or the wall where it is less; and where their
 # damper stands in the stable interval: others than recommend's own.
 STIFF_SHARES, SOFT_SHARES, DAMPER_SHARES = (0.98, 0.85, 0.6), (0.5, 0.3, 0.15), (0.1, 0.4)
@@ -88,7 +88,7 @@ def cell(index: int) -> dict[str, Any]:
     wall, cpu = time.perf_counter(), cpu_seconds()
     found = avc.recommend(problem, hands=PEOPLE, seed=OWN_SEED, workers=WORKERS)
     wall, cpu = time.perf_counter() - wall, cpu_seconds() - cpu
-    plain = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands)))
+    plain = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     outcome: dict[str, Any] = {
         "device": problem.device.model_dump(exclude_unset=True),
         "wall_n_per_m": problem.environment.stiffness_n_per_m,
@@ -131,7 +131,7 @@ def safety(trial: CouplingTrial) -> int:
 
 def _quiet(trial: CouplingTrial) -> bool:
     """Whether it is quiet for nine hands in ten."""
-    return float(trial.quiet.mean()) >= QUIET_SHARE
+    return float(trial.quiet.mean()) >= BELOW_THRESHOLD_SHARE
 
 
 def _plain(problem: Problem, found: Recommendation | None, limit: float) -> dict[str, Any]:
@@ -168,7 +168,7 @@ def _plain(problem: Problem, found: Recommendation | None, limit: float) -> dict
 def _couplings(problem: Problem, limit: float) -> Iterator[Coupling]:
     """Yield plain walls, the stiffer first, each with the observer too where it is for."""
     wall, device = problem.environment.stiffness_n_per_m, problem.device
-    people = with_let_go(hand_corners(problem.hands))
+    people = with_released(hand_corners(problem.hands))
     stiff, soft = (
         {min(wall, share * limit) for share in STIFF_SHARES},
         {share * min(wall, limit) for share in SOFT_SHARES},

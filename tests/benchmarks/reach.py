@@ -16,7 +16,7 @@ from studies.reach import reach, with_observer
 import avc_casadi as avc
 from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.design.tuning import tuned
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.trial import Conditions
 
 SEED = 2026
@@ -68,7 +68,7 @@ def walled(problem, stiffness_n_per_m, sample_time_s):
 def _cell(problem, scheduled, margin, population, people, conditions):
     started = time.perf_counter()
     gains = tuned(problem, scheduled=scheduled, margin_ns_per_m=margin)
-    found = reach(problem, gains, draw_subjects(population, people, SEED), conditions, population=population)
+    found = reach(problem, gains, draw_population(population, people, SEED), conditions, population=population)
     return found | {"margin_ns_per_m": margin, "seconds": round(time.perf_counter() - started, 1)}
 
 

@@ -20,7 +20,7 @@ from studies.table1.adversary import WIDER_BOUNDS, worst_case
 
 import avc_casadi as avc
 from avc_casadi.model.effects import ObserverEffect
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, all_motions
 
@@ -123,7 +123,7 @@ def _worst(found, conditions, bounds):
 
 def main(count, out):
     problem = avc.load_problem(WALL)
-    people = draw_subjects("A", count, SEED)
+    people = draw_population("A", count, SEED)
     designs = {name: design(problem, name) for name in COUPLINGS}
     made = about(f"python tests/benchmarks/sensitivity.py {count}", SEED) | {"wall": WALL}
     cells = dict((*adversary(problem, designs), *grid(problem, designs, people), *least_friction(people)))

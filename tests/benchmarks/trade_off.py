@@ -24,13 +24,13 @@ from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.goal import BAND_HZ, distance
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.generate import (
     behind_observers,
-    felt_at_rest_n_per_m,
     plain_candidates,
     softened_to,
+    static_stiffness_n_per_m,
 )
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.coupling_trial import try_coupling
@@ -54,7 +54,7 @@ def _springs(wanted: Problem, softer: Problem) -> Iterator[Coupling]:
 
 def _contact_dampers(_: Problem, softer: Problem) -> Iterator[Coupling]:
     corners = hand_corners(softer.hands)
-    limit = stiffest_wall(softer.device, with_let_go(corners))
+    limit = stiffest_wall(softer.device, with_released(corners))
     rigid = [one for one in plain_candidates(softer, corners, limit) if one[0].method in {"none", "contact damper"}]
     for one in (*rigid, *behind_observers(rigid)):
         yield from one
@@ -100,7 +100,7 @@ def _fared(wanted: Problem, coupling: Coupling) -> dict[str, Any] | None:
     if not try_coupling(coupling, people, SEED).stable_without_friction.all():
         return None
     others = try_coupling(coupling, draw_hands(wanted.hands, FRESH, SEED), SEED)
-    at_rest = felt_at_rest_n_per_m(coupling)
+    at_rest = static_stiffness_n_per_m(coupling)
     band = shaken(coupling, at_rest, BAND_HZ, wanted=wanted)
     told = shaken(coupling, at_rest, wanted=wanted)
     mismatch = math.sqrt(float((band.mismatch**2).mean()))

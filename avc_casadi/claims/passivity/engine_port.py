@@ -31,7 +31,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.lifted_loop import clocks
 from avc_casadi.model.sampled_plant import sampled_plant
 
@@ -121,7 +121,7 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
     Raises:
         UnsupportedError: a step of the engine that is not a multiple of T.
     """
-    t, people = device.sample_time_s, with_let_go(hand_corners(hands))
+    t, people = device.sample_time_s, with_released(hand_corners(hands))
     plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
     port = Port(plant, gains, PortDelays.of(tool), held_force=tool.exchange == "held-force")
     found = []

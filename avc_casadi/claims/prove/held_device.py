@@ -52,7 +52,7 @@ _ROOM = 1.0 + 1e-9
 
 
 @dataclass(frozen=True)
-class HeldDevice:
+class SampledPlantBox:
     """A device, known exactly or within ranges, with every hand of a box.
 
     Attributes:
@@ -64,7 +64,7 @@ class HeldDevice:
     hand: Mapping[str, tuple[float, float]]
 
     @classmethod
-    def of(cls, device: Device, hands: Hands) -> HeldDevice:
+    def of(cls, device: Device, hands: Hands) -> SampledPlantBox:
         """Take the box of hands of a problem."""
         rows = hand_ranges(hands).tolist()
         return cls(device, {name: (low, high) for name, (low, high) in zip(HAND, rows, strict=True)})

@@ -27,7 +27,7 @@ from avc_casadi.claims.prove.disc import Disc, Moving, held, turned
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from avc_casadi.claims.prove.held_device import HeldDevice
+    from avc_casadi.claims.prove.held_device import SampledPlantBox
     from avc_casadi.claims.prove.law import ContactLaw, Polynomial
 
 
@@ -130,7 +130,7 @@ class Verified:
 
 def verify(
     law: ContactLaw,
-    device: HeldDevice,
+    device: SampledPlantBox,
     multiplier: Multiplier,
     *,
     most_cells: int | None = None,
@@ -219,7 +219,9 @@ class _Bounds(NamedTuple):
     left_out: FloatArray
 
 
-def _bounds(coefficients: tuple[list[Disc], ...], device: HeldDevice, multiplier: Multiplier, cells: _Cells) -> _Bounds:
+def _bounds(
+    coefficients: tuple[list[Disc], ...], device: SampledPlantBox, multiplier: Multiplier, cells: _Cells
+) -> _Bounds:
     low, high = cells.low, cells.high
     middle = 0.5 * (low + high)
     numbers = range(low.shape[1])
@@ -254,7 +256,7 @@ def _weights(coefficients: tuple[list[Disc], ...], multiplier: Multiplier, omega
 
 
 def _real(
-    weights: tuple[Moving, Moving], device: HeldDevice, cell: list[Moving], left_out: FloatArray
+    weights: tuple[Moving, Moving], device: SampledPlantBox, cell: list[Moving], left_out: FloatArray
 ) -> tuple[Moving, FloatArray]:
     """Enclose Re{M C1 N D*} + (Re{M (1 + R C1 - C2)} - e) |D|^2; return also an upper bound of |D|^2."""
     through, own = weights

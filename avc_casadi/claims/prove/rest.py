@@ -18,7 +18,7 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.prove.hands import Outcome
-from avc_casadi.claims.prove.held_device import HAND, STYLUS, HeldDevice
+from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import LAGS, Multiplier, Verified, search, verify
 from avc_casadi.claims.prove.orbits import Orbit, find_orbit
@@ -129,7 +129,7 @@ class Rest:
         if found is None or not found.valid or self.device.sample_time_s != self.law.sample_time_s:
             return False
         try:
-            held = HeldDevice(self.device, self.hand)
+            held = SampledPlantBox(self.device, self.hand)
         except UnsupportedError:
             return False
         return self.law.stable and verify(self.law, held, found, progress=progress).holds
@@ -251,7 +251,7 @@ def unstable_hand(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> 
     return worst
 
 
-def promising(law: ContactLaw, held: HeldDevice) -> float:
+def promising(law: ContactLaw, held: SampledPlantBox) -> float:
     """Return t of the best multiplier at the corners of the box: a proof is likely where it is positive."""
     points = _Points.of(law, held)
     return search(points.omega, points.loop)[1] if law.stable else -np.inf
@@ -264,7 +264,7 @@ def _proof(
     if not law.stable:
         return "the law has a pole on or outside the unit circle while it gives no force", None, 0
     try:
-        held = HeldDevice(device, hand)
+        held = SampledPlantBox(device, hand)
         held.tail(np.array([np.pi]))
     except UnsupportedError as refusal:
         return str(refusal), None, 0
@@ -292,17 +292,19 @@ class _Points:
     loop: ComplexArray
 
     @classmethod
-    def of(cls, law: ContactLaw, held: HeldDevice) -> _Points:
+    def of(cls, law: ContactLaw, held: SampledPlantBox) -> _Points:
         omega = np.concatenate([np.geomspace(_LOW_ANGLE, 0.1, 120, endpoint=False), np.linspace(0.1, np.pi, 280)])
         return cls(*_loop(law, held, omega, held.corners()))
 
-    def with_hand(self, law: ContactLaw, held: HeldDevice, where: FloatArray) -> _Points:
+    def with_hand(self, law: ContactLaw, held: SampledPlantBox, where: FloatArray) -> _Points:
         """Add a hand at an angle and its neighbourhood."""
         omega, loop = _loop(law, held, np.clip(where[0] * _NEAR, 0.0, np.pi), where[None, 1:])
         return _Points(np.append(self.omega, omega), np.append(self.loop, loop))
 
 
-def _loop(law: ContactLaw, held: HeldDevice, omega: FloatArray, hands: FloatArray) -> tuple[FloatArray, ComplexArray]:
+def _loop(
+    law: ContactLaw, held: SampledPlantBox, omega: FloatArray, hands: FloatArray
+) -> tuple[FloatArray, ComplexArray]:
     step = np.exp(1j * omega) - 1
     from_position, from_force, poles = (np.polyval([float(part) for part in one], step) for one in law.transfer)
     loop = (held.at(omega, hands) * from_position - from_force) / poles

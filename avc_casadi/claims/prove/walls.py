@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from avc_casadi.claims.prove.held_device import HeldDevice
+from avc_casadi.claims.prove.held_device import SampledPlantBox
 from avc_casadi.claims.prove.rest import promising, prove_rest, sampled_hands, unstable_hand
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def wall_gap(
         steps: of the bisection.
         most_cells: limit of a verification; None is `MOST_CELLS` of such hands.
     """
-    held = HeldDevice(device, hand)
+    held = SampledPlantBox(device, hand)
     hands = sampled_hands(hand, 0)
     assert hands is not None  # noqa: S101 - `HeldDevice` has refused others
 

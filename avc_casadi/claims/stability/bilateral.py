@@ -12,7 +12,7 @@ from avc_casadi._errors import InputError
 from avc_casadi.claims.stability.periodic import PeriodicLoops
 from avc_casadi.model.bilateral_loop import BilateralLoop, link_clocks
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.hands import Hand, hand_corners, with_let_go
+from avc_casadi.model.hands import Hand, hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class BilateralLoops(PeriodicLoops):
 
     def __init__(self, problem: Problem) -> None:
         self.follower = follower = required_follower(problem)
-        self.hands = with_let_go(hand_corners(problem.hands))
+        self.hands = with_released(hand_corners(problem.hands))
         stiffness, damping = environments(follower)
         self.environments_n_per_m = stiffness
         touched = Hand(np.zeros(len(stiffness)), damping, np.where(np.isinf(stiffness), 0.0, stiffness))

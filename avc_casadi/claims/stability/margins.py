@@ -24,7 +24,7 @@ from avc_casadi.claims.stability.state_feedback import (
     force_over_position,
     state_feedback_loop,
 )
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class OpenLoop:
         """Return the loop of a coupling, its gains with their runtime."""
         problem, law, gains = coupling.problem, coupling.runtime.state_feedback, coupling.table.at_rest
         corners = hand_corners(problem.hands.model_copy(update={"let_go": False}))
-        plant = sampled_plant(problem.device, with_let_go(corners))
+        plant = sampled_plant(problem.device, with_released(corners))
         rendering = frozen_rendering(
             problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
         )

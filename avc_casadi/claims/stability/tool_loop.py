@@ -11,7 +11,7 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.claims.stability.periodic import TOLERANCE, PeriodicLoops
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks
 from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolState, tool_states
@@ -58,7 +58,7 @@ class ToolLoops(PeriodicLoops):
 
     def __init__(self, problem: Problem) -> None:
         self.tool = tool = required_tool(problem)
-        self.hands = with_let_go(hand_corners(problem.hands))
+        self.hands = with_released(hand_corners(problem.hands))
         devices = device_corners(problem.device, LINEAR_KEYS)
         self.tools = list(
             dict.fromkeys(one for contact in contact_stiffnesses_n_per_m(tool) for one in tool_states(tool, contact))

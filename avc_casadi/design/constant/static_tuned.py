@@ -180,7 +180,7 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
         table = solver.solve(stated)
         gains = gains_at(table) if table.usable.all() else gains_on_grid(stated)
         if gains is None:
-            why = table.reason[0] if not raised else f"{_restless(rested, len(hands))}, and with more none are found"
+            why = table.reason[0] if not raised else f"{_unsettled(rested, len(hands))}, and with more none are found"
             return StaticTuned(None, np.inf, reserve, raised, rested, len(hands), budget.seed, why)
         rest = np.ones(len(hands), dtype=bool)
         for friction in _frictions(problem):
@@ -192,7 +192,7 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
             error = float(rms_errors(stated, np.array([[value] for value in vars(gains).values()]))[0])
             return StaticTuned(gains, error, reserve, raised, rested, len(hands), budget.seed)
         reserve *= _RAISE
-    why = _restless(rested, len(hands))
+    why = _unsettled(rested, len(hands))
     return StaticTuned(None, np.inf, reserve / _RAISE, raised, rested, len(hands), budget.seed, why)
 
 
@@ -222,7 +222,7 @@ def solve_static_tuned(problem: Problem, *, progress: Progress = SILENT) -> Gain
     )
 
 
-def _restless(rested: int, hands: int) -> str:
+def _unsettled(rested: int, hands: int) -> str:
     return (
         f"no constant gains of the box make every hand settle in the scene: {rested} of {hands} with the last; "
         "narrow [hands], widen the box of [coupling], add device damping or soften the wall"

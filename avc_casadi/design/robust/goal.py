@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 BAND_HZ = np.array([1.0, 3.0, 10.0, 30.0])
 """Band of hand motion and perception; above half the sample rate a law is evaluated there."""
-JUST_FELT = 0.05
+IMPERCEPTIBLE = 0.05
 """Imperceptible relative difference in stiffness: Weber fractions are 0.08 and more (Jones and Hunter 1990)."""
 AT_ONCE_S = 0.25
 """Settling time after release below which no difference is noticed."""
@@ -48,7 +48,7 @@ BESIDE_DECAY_PER_S = 2.0
 # Cost of missing decay, for each 1/s.
 PER_DECAY = 1.0
 # Softness and spectral radius beyond which a law is not evaluated further.
-HOPELESS_SOFTNESS, _HOPELESS_RADIUS = 0.6, 1.03
+REJECTED_SOFTNESS, _REJECTED_RADIUS = 0.6, 1.03
 _BUZZ_HZ = 40.0
 
 
@@ -66,10 +66,10 @@ def distance(mismatch: float, settling_s: float) -> float:
     A settling time four times as long counts as much as a third of the stiffness.
 
     Args:
-        mismatch: rms of abs(ln(rendered/wanted)) over `BAND_HZ`; `JUST_FELT` at least.
+        mismatch: rms of abs(ln(rendered/wanted)) over `BAND_HZ`; `IMPERCEPTIBLE` at least.
         settling_s: of the slowest oscillation; `AT_ONCE_S` at least.
     """
-    return max(mismatch, JUST_FELT) + _PER_SETTLING * math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S)
+    return max(mismatch, IMPERCEPTIBLE) + _PER_SETTLING * math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S)
 
 
 @dataclass(frozen=True)
@@ -120,13 +120,13 @@ def costs_of(laws: Laws, rendering: Rendering, loops: Loops) -> list[Cost]:
     felt = _felt(laws.pick(defined), rendering, loops)
     left = []
     for row, one in zip(defined.tolist(), felt, strict=True):
-        if one.over > HOPELESS_SOFTNESS:
+        if one.over > REJECTED_SOFTNESS:
             costs[row] = Cost(2000 + 1000 * one.over, facts=one.facts)
         else:
             left.append((row, one))
     rows = np.array([row for row, _ in left], dtype=np.intp)
     for (row, one), damped in zip(left, _damped(laws.pick(rows), rendering, loops), strict=True):
-        total = 0.0 if damped.radius > _HOPELESS_RADIUS else PER_SOFTNESS * one.over + _paid(one.facts)
+        total = 0.0 if damped.radius > _REJECTED_RADIUS else PER_SOFTNESS * one.over + _paid(one.facts)
         costs[row] = Cost(total + damped.cost, damped.radius, damped.radius_any_share, damped.lacks_per_s, one.facts)
     return costs
 
@@ -240,7 +240,7 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
     free = worst_radius(state_feedback_loops(loops.free, laws, rendering))[:, 0]
     radius = np.maximum(held[:, 0], free)
     found = [_Damped(1000 + 1000 * (one - 1), one) for one in radius.tolist()]
-    rows = np.flatnonzero(radius <= _HOPELESS_RADIUS)
+    rows = np.flatnonzero(radius <= _REJECTED_RADIUS)
     if len(rows) == 0:
         return found
     some = laws.pick(rows)

@@ -131,7 +131,7 @@ class Space:
             numpy.linalg.LinAlgError: the point has no law.
         """
         value = dict(zip([knob.name for knob in self.knobs], np.exp(logarithms).tolist(), strict=True))
-        model, weights, sizes = self._believed(value, stiffness_n_per_m)
+        model, weights, sizes = self._assumed_model(value, stiffness_n_per_m)
         return self.one_of(model.laws(*weights, *sizes, solve=_precisely), 0)
 
     def one_of(self, laws: Laws, row: int) -> StateFeedback:
@@ -161,10 +161,10 @@ class Space:
             The laws; non-finite where a point has none.
         """
         value = dict(zip([knob.name for knob in self.knobs], np.exp(points).T, strict=True))
-        model, weights, sizes = self._believed(value, stiffness_n_per_m)
+        model, weights, sizes = self._assumed_model(value, stiffness_n_per_m)
         return model.laws(*weights, *sizes, solve=_by_doubling)
 
-    def _believed(
+    def _assumed_model(
         self, value: dict[str, Any], stiffness_n_per_m: float
     ) -> tuple[_Model, tuple[Any, Any], tuple[Any, Any, Any]]:
         """Return the observer's model, the regulator's weights, and the filter's noise intensities."""

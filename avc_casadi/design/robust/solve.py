@@ -13,7 +13,7 @@ from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stif
 from avc_casadi.design.robust.cma_continuation import Step, continuation, refined
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import why_no_law
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.rendered import gain_schedule
 
@@ -62,7 +62,7 @@ def solve_robust(problem: Problem, *, progress: Progress = SILENT) -> GainSchedu
 def _stiffest(problem: Problem, progress: Progress) -> Step | None:
     """Continue from each start up to the wanted wall, until one reaches it; refine the law of the stiffest."""
     wanted = problem.environment.stiffness_n_per_m
-    plain = stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands))).stiffness_n_per_m
+    plain = stiffest_wall(problem.device, with_released(hand_corners(problem.hands))).stiffness_n_per_m
     first = min(wanted, FIRST * max(plain, softest_wall_n_per_m(problem.device)))
     starts = Space(problem.device, problem.hands).starts
     best: Step | None = None

@@ -147,7 +147,7 @@ def _of_even_ticks(
     """Return the causes of a loop that is unstable even without missed ticks."""
     ticks = log.ticks
     slower, meant, late = timing(answer, law, log, declared)
-    faster = at_period(answer, law, meant_period(log, declared)) if slower or ticks.held > 1 else None
+    faster = at_period(answer, law, intended_period(log, declared)) if slower or ticks.held > 1 else None
     if faster is not None and _rests(*faster):
         return {"rate": 1.0}
     if late and _rests(answer.delayed(meant - law.lag), shorter(law, meant)):
@@ -225,7 +225,7 @@ def let_go(answer: Hypothesis, declared: Declared) -> bool:
     return declared.known and light and float(hand.damping_ns_per_m) < _LOOSE * box.damping_ns_per_m[0]
 
 
-def meant_period(log: Log, declared: Declared) -> float:
+def intended_period(log: Log, declared: Declared) -> float:
     """Return the intended sample time: as declared, or that of the log where forces are held over samples."""
     slower = declared.known and log.ticks.period_s > 1.3 * declared.device.sample_time_s
     return declared.device.sample_time_s if slower else log.ticks.sample_time_s

@@ -19,9 +19,9 @@ from avc_casadi.identification.diagnosis.intended import Declared, law_differs, 
 from avc_casadi.identification.diagnosis.law import Law, find_law, without_repeats
 from avc_casadi.identification.diagnosis.log import Log, log_of
 from avc_casadi.identification.diagnosis.model import Diagnosis
-from avc_casadi.identification.diagnosis.oscillation import Swing, find_oscillation
+from avc_casadi.identification.diagnosis.oscillation import TracedOscillation, find_oscillation
 from avc_casadi.identification.diagnosis.plant import fit_plants
-from avc_casadi.identification.diagnosis.relay import find_relay, find_two_rates
+from avc_casadi.identification.diagnosis.relay import find_switched_force, find_two_rates
 from avc_casadi.identification.diagnosis.saturation import exceeded, limited
 from avc_casadi.identification.diagnosis.verdict import Judge
 from avc_casadi.identification.read import read_columns
@@ -128,14 +128,20 @@ def diagnose(
 
 
 def _by_another_law(
-    judge: Judge, law: Law | None, grid: Log, swing: Swing, declared: Declared, seed: int, progress: Progress
+    judge: Judge,
+    law: Law | None,
+    grid: Log,
+    swing: TracedOscillation,
+    declared: Declared,
+    seed: int,
+    progress: Progress,
 ) -> Diagnosis | None:
     """Return the verdict on a force unlike a spring and damper of one rate, where it is of another known kind."""
     most = math.inf if law is None or not law.told else _BETTER * law.misfit
     if most < _BETTER * _EXACT:
         return None
     device = declared.device
-    relay = find_relay(grid, swing, device.max_force_n, device.coulomb_friction_n)
+    relay = find_switched_force(grid, swing, device.max_force_n, device.coulomb_friction_n)
     rates = None if relay is not None else find_two_rates(grid)
     other = relay or rates
     if other is None or other.law.misfit > most:

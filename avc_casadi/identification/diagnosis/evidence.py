@@ -14,7 +14,7 @@ from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log, Ticks
 from avc_casadi.identification.diagnosis.model import Measured
-from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing
+from avc_casadi.identification.diagnosis.oscillation import Oscillation, TracedOscillation
 from avc_casadi.simulation.population.motions import felt_vibration, threshold_m
 
 # An encoder that toggles between two counts moves by no more steps.
@@ -26,7 +26,7 @@ def toggles(found: Oscillation) -> bool:
     return found.steps < _TOGGLES
 
 
-def felt(log: Log, swing: Swing, declared: Declared) -> float:
+def felt(log: Log, swing: TracedOscillation, declared: Declared) -> float:
     """Return the amplitude of an oscillation relative to the vibrotactile detection threshold of a stylus grip.
 
     Within one encoder step the amplitude of the motion is unknown, but its force is: the hand of the box with the
@@ -39,7 +39,7 @@ def felt(log: Log, swing: Swing, declared: Declared) -> float:
     return amplitude_m / float(threshold_m(np.array([found.frequency_hz]))[0])
 
 
-def _moved_by_its_force(log: Log, swing: Swing, declared: Declared) -> float:
+def _moved_by_its_force(log: Log, swing: TracedOscillation, declared: Declared) -> float:
     period, device, box = log.ticks.period_s, declared.device, declared.box()
     force = log.force_n[swing.first : swing.last]
     spectrum = np.fft.rfft(force - force.mean())[1:]

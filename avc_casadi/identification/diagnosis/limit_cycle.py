@@ -28,7 +28,7 @@ _MISSING = 2.0
 
 
 @dataclass(frozen=True)
-class Toggling:
+class CountLimitCycle:
     """A limit cycle of the position over a few counts.
 
     Attributes:
@@ -45,7 +45,7 @@ class Toggling:
     steps: float
 
 
-def find_toggling(log: Log) -> Toggling | None:
+def find_count_limit_cycle(log: Log) -> CountLimitCycle | None:
     """Return the limit cycle in contact that lasts until the log ends, or None.
 
     Args:
@@ -76,7 +76,7 @@ def find_toggling(log: Log) -> Toggling | None:
     early, late = np.array_split(far[-2 * _FEWEST_CYCLES :], 2)
     if scatter > _EVEN or late.mean() < _GOES_ON * early.mean():
         return None
-    return Toggling(int(turns[begin]), n, float(np.mean(cycles)), scatter, float(np.median(far)))
+    return CountLimitCycle(int(turns[begin]), n, float(np.mean(cycles)), scatter, float(np.median(far)))
 
 
 def _turns(counts: FloatArray) -> IndexArray:

@@ -15,7 +15,7 @@ Verdict = Literal["named", "cannot tell", "nothing wrong", "not the loop"]
 
 
 @dataclass(frozen=True)
-class Cure:
+class Remedy:
     """A remedy, checked on the loop model or in the scene.
 
     Attributes:
@@ -123,7 +123,7 @@ class Diagnosis:
     shares: Mapping[str, float]
     conclusion: str
     evidence: tuple[str, ...]
-    cures: tuple[Cure, ...]
+    cures: tuple[Remedy, ...]
     decides: str
     notes: tuple[str, ...]
     trace: Trace

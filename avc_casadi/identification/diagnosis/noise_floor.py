@@ -11,7 +11,7 @@ from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.oscillation import Swing
+from avc_casadi.identification.diagnosis.oscillation import TracedOscillation
 
 LONGEST_DELAY = 14.0
 """Longest delay that is searched, samples."""
@@ -31,7 +31,7 @@ class Window:
     before: bool  # whether it lies before the oscillation, when a hand may still have held the device
 
 
-def windows_of(log: Log, swing: Swing) -> list[Window]:
+def windows_of(log: Log, swing: TracedOscillation) -> list[Window]:
     """Choose the windows: end and beginning of the oscillation, and the strongest motion before it if small."""
     period, found = log.ticks.period_s, swing.found
     hertz = found.frequency_hz

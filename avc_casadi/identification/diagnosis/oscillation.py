@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.identification.diagnosis.limit_cycle import Toggling, find_toggling, passes
+from avc_casadi.identification.diagnosis.limit_cycle import CountLimitCycle, find_count_limit_cycle, passes
 from avc_casadi.identification.diagnosis.log import Log
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
@@ -77,7 +77,7 @@ class Oscillation:
 
 
 @dataclass(frozen=True, eq=False)
-class Swing:
+class TracedOscillation:
     """The oscillation with its traces.
 
     Attributes:
@@ -100,7 +100,7 @@ _CYCLES_OF_A_WINDOW = 2.5
 _LONGER, _FAR_STEPS = 4.0, 14.0
 
 
-def find_oscillation(log: Log) -> Swing:
+def find_oscillation(log: Log) -> TracedOscillation:
     """Find the oscillation of a log; one below `LOWEST_HZ` where there is no faster one."""
     found = _found(log)
     fast = found.found
@@ -112,7 +112,7 @@ def find_oscillation(log: Log) -> Swing:
     return slow if goes_on and not beside else found
 
 
-def _found_in_longer_windows(log: Log) -> Swing:
+def _found_in_longer_windows(log: Log) -> TracedOscillation:
     """Find the oscillation of a log with a compressed time scale, and return it in its own time."""
     ticks = replace(log.ticks, sample_time_s=log.ticks.sample_time_s / _LONGER)
     swing = _found(replace(log, ticks=ticks, start_s=log.start_s / _LONGER))
@@ -125,7 +125,7 @@ def _found_in_longer_windows(log: Log) -> Swing:
     return replace(swing, found=replace(one, **rates, **times))
 
 
-def _found(log: Log) -> Swing:
+def _found(log: Log) -> TracedOscillation:
     """Find the oscillation of a log above `LOWEST_HZ`."""
     period = log.ticks.period_s
     position = log.position_m
@@ -140,7 +140,7 @@ def _found(log: Log) -> Swing:
     swings = (amplitude > least) & (share > _LINE)
     found = _swings(log, fast, starts, size, swings, amplitude, frequency, kind=None)
     going = [swing for swing in found if swing.found.sustained]
-    toggling = None if any(swing.last >= n - 2 * hop for swing in going) else find_toggling(log)
+    toggling = None if any(swing.last >= n - 2 * hop for swing in going) else find_count_limit_cycle(log)
     if not going and toggling is not None:
         return _toggled(log, fast, toggling)
     dying = any(swing.found.kind == "decaying" and swing.last >= n - 2 * hop for swing in found)
@@ -148,7 +148,7 @@ def _found(log: Log) -> Swing:
     after = max((swing.last for swing in going), default=0)
     if not dying and all(_passes(log, swing) for swing in going):
         left = [start for start in starts if start >= after]
-        restless = np.isin(starts, [start for start in left if _restless(log, fast, slice(start, start + size))])
+        restless = np.isin(starts, [start for start in left if _unsettled(log, fast, slice(start, start + size))])
         # With slow beats, as over a few counts, the speed has the frequency of the loop.
         speed = np.gradient(fast)
         quick = np.array([_line(speed[start : start + size], period) for start in starts]).T
@@ -159,21 +159,21 @@ def _found(log: Log) -> Swing:
     if found:
         return _that_counts(found, n - 2 * hop)
     rest = fast[n // 2 :]
-    return Swing(Oscillation("none", at_rest_m=_rms(rest)), 0, n, fast, np.abs(signal.hilbert(fast)))
+    return TracedOscillation(Oscillation("none", at_rest_m=_rms(rest)), 0, n, fast, np.abs(signal.hilbert(fast)))
 
 
-def _that_counts(found: Sequence[Swing], end: int) -> Swing:
+def _that_counts(found: Sequence[TracedOscillation], end: int) -> TracedOscillation:
     """Return the dominant oscillation: one that persists to the end of the log, else the fastest."""
     going = [swing for swing in found if swing.found.sustained] or list(found)
     return max(going, key=lambda swing: (swing.last >= end, _speed(swing)))
 
 
-def _passes(log: Log, swing: Swing) -> bool:
+def _passes(log: Log, swing: TracedOscillation) -> bool:
     found = swing.found
     return passes(log, found.begins_s, found.ends_s, swing.last, found.frequency_hz)
 
 
-def _speed(swing: Swing) -> float:
+def _speed(swing: TracedOscillation) -> float:
     return swing.found.peak_to_peak_m * swing.found.frequency_hz
 
 
@@ -187,7 +187,7 @@ def _swings(
     frequency: FloatArray,
     *,
     kind: Kind | None,
-) -> list[Swing]:
+) -> list[TracedOscillation]:
     """Measure every stretch of flagged windows that is long enough."""
     period = log.ticks.period_s
     found = []
@@ -202,7 +202,7 @@ def _swings(
     return found
 
 
-def _restless(log: Log, fast: FloatArray, part: slice) -> bool:
+def _unsettled(log: Log, fast: FloatArray, part: slice) -> bool:
     """Return whether position or force are unsettled: in encoder steps, or relative to the force as in a scene."""
     motion, ripple = _ripples(log, fast, part)
     return motion > max(_RESTLESS_STEPS * log.encoder_m, _LEAST_M / log.reach_m) or ripple > max(
@@ -227,7 +227,7 @@ def _falls(log: Log, fast: FloatArray, first: int, last: int) -> bool:
 
 def _measured(
     log: Log, fast: FloatArray, first: int, last: int, hertz: float, spread: float, kind: Kind | None
-) -> Swing:
+) -> TracedOscillation:
     """Measure an oscillation between two samples."""
     period = log.ticks.period_s
     smooth = _smooth(hertz, period)
@@ -261,7 +261,7 @@ def _measured(
     stretch = slice(max(first, reached if kind != "decaying" else first), last)
     force = log.force_n[stretch]
     travel = min(_peak_to_peak(fast[stretch]), _of_cycles(log.position_m[stretch], period, hertz))
-    return Swing(
+    return TracedOscillation(
         Oscillation(
             kind=kind,
             frequency_hz=hertz,
@@ -283,13 +283,13 @@ def _measured(
     )
 
 
-def _toggled(log: Log, fast: FloatArray, toggling: Toggling) -> Swing:
+def _toggled(log: Log, fast: FloatArray, toggling: CountLimitCycle) -> TracedOscillation:
     """Return a limit cycle over a few counts that lasts until the log ends."""
     period, first, last = log.ticks.period_s, toggling.first, toggling.last
     hertz = 1 / (toggling.cycle * period)
     cycles = (last - first) / toggling.cycle
     force = log.force_n[first:last]
-    return Swing(
+    return TracedOscillation(
         Oscillation(
             kind="limit cycle",
             frequency_hz=hertz,

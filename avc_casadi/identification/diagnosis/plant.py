@@ -14,7 +14,7 @@ from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, device_as
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.noise_floor import LONGEST_DELAY, Level, Window, rms_of, windows_of
-from avc_casadi.identification.diagnosis.oscillation import Swing
+from avc_casadi.identification.diagnosis.oscillation import TracedOscillation
 from avc_casadi.model.hands import Hand, no_hand
 from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
 
@@ -297,7 +297,7 @@ _NEVER_BETTER = 5e-3
 _UNEXPLAINED = 2.0
 
 
-def fit_plants(log: Log, swing: Swing, declared: Declared, lag: int, draws: int, seed: int) -> list[Fit]:
+def fit_plants(log: Log, swing: TracedOscillation, declared: Declared, lag: int, draws: int, seed: int) -> list[Fit]:
     """Fit device and hand, held and released, with and without a resonance, likeliest first.
 
     Args:

@@ -25,7 +25,7 @@ from avc_casadi._util.text import number
 from avc_casadi.identification.closed_loop import regression
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.oscillation import Swing
+from avc_casadi.identification.diagnosis.oscillation import TracedOscillation
 
 _MOST_LAG = 8
 _FEWEST = 100
@@ -42,7 +42,7 @@ _WHOLE = 0.9999
 
 
 @dataclass(frozen=True)
-class Relay:
+class SwitchedForce:
     """F = c sign(s) + k x + b dx/dt + a constant.
 
     Attributes:
@@ -72,7 +72,9 @@ class Relay:
         return f"a force of +-{number(abs(self.force_n), 3)} N is switched {where}"
 
 
-def find_relay(log: Log, swing: Swing, limit_n: float | None, friction_n: float) -> Relay | None:
+def find_switched_force(
+    log: Log, swing: TracedOscillation, limit_n: float | None, friction_n: float
+) -> SwitchedForce | None:
     """Return the force switched by a sign during an oscillation, or None.
 
     Args:
@@ -88,7 +90,7 @@ def find_relay(log: Log, swing: Swing, limit_n: float | None, friction_n: float)
     speed = np.gradient(position)
     sizes = np.unique(force).size
     whole = ran & (True if limit_n is None or sizes <= _SIZES else np.abs(force) < _WHOLE * limit_n)
-    best: Relay | None = None
+    best: SwitchedForce | None = None
     least = np.inf
     for lag in range(_MOST_LAG + 1):
         rows = np.flatnonzero(whole[lag + 1 :]) + lag + 1
@@ -106,13 +108,13 @@ def find_relay(log: Log, swing: Swing, limit_n: float | None, friction_n: float)
             if by != "force" and sizes <= _SIZES and _follows(force[rows], sign):
                 along = float(np.mean(force[rows] * sign))
                 size = math.copysign(float(np.ptp(force)) / 2, along)
-                return Relay(size, by, edge, Law(0.0, 0.0, 0.0, lag, edge, 1e-12, int(rows.size)))
+                return SwitchedForce(size, by, edge, Law(0.0, 0.0, 0.0, lag, edge, 1e-12, int(rows.size)))
             found = None if sizes <= _SIZES else _fit(force, position, rows, lag, sign, log.ticks.period_s)
             if found is None or not found[1].misfit < _BETTER * least:
                 continue
             feeds = by == "speed" and found[0] < 0 and 0 < friction_n < -found[0]
             if feeds or 2 * abs(found[0]) > _SHARE * float(np.ptp(force[rows])):
-                best, least = Relay(found[0], by, edge, found[1]), found[1].misfit
+                best, least = SwitchedForce(found[0], by, edge, found[1]), found[1].misfit
     return best
 
 
@@ -198,7 +200,7 @@ def jump_sentence(jump: Jump, reach_m: float) -> str:
     return f"in contact the force is {' + '.join(parts)}, and 0 outside: every cycle switches it"
 
 
-def find_jump(log: Log, swing: Swing, law: Law | None, limit_n: float | None) -> Jump | None:
+def find_jump(log: Log, swing: TracedOscillation, law: Law | None, limit_n: float | None) -> Jump | None:
     """Return the jump that occurs in every cycle of an oscillation, or None.
 
     Args:

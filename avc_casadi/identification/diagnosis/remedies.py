@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.text import number
-from avc_casadi.identification.diagnosis.causes import meant_period, shorter
+from avc_casadi.identification.diagnosis.causes import intended_period, shorter
 from avc_casadi.identification.diagnosis.counterfactual import NOTHING, can_replay, replay
 from avc_casadi.identification.diagnosis.hypothesis import (
     Hypothesis,
@@ -25,8 +25,8 @@ from avc_casadi.identification.diagnosis.hypothesis import (
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.model import Cure
-from avc_casadi.identification.diagnosis.relay import Relay, TwoRates
+from avc_casadi.identification.diagnosis.model import Remedy
+from avc_casadi.identification.diagnosis.relay import SwitchedForce, TwoRates
 from avc_casadi.simulation.effects.filters import Notch
 
 # Share of a limit that is used.
@@ -43,7 +43,7 @@ _BESIDE = 0.1
 _HIGHEST = 0.45
 
 
-def cures_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Cure, ...]:
+def remedies_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Declared) -> tuple[Remedy, ...]:
     """Return the changes that stabilise a loop, those of its cause first.
 
     Args:
@@ -53,7 +53,7 @@ def cures_of(cause: str, answer: Hypothesis, law: Law, log: Log, declared: Decla
         log: on its tick grid.
         declared: the intended loop.
     """
-    own: Callable[[], list[Cure]] = {
+    own: Callable[[], list[Remedy]] = {
         "delay": lambda: _delay(answer, law, log, declared),
         "resonance": lambda: [
             *_notch(answer, law),
@@ -78,7 +78,9 @@ _SLOPES = np.geomspace(1.0, 1e-4, 33)
 _STEEPEST = 100.0
 
 
-def cures_of_relay(found: Relay, answers: Sequence[Hypothesis], log: Log, friction_n: float) -> tuple[Cure, ...]:
+def remedies_of_relay(
+    found: SwitchedForce, answers: Sequence[Hypothesis], log: Log, friction_n: float
+) -> tuple[Remedy, ...]:
     """Return what stabilises a loop with a switched force: a boundary layer in place of an edge, or a lower level.
 
     Over a width w the force of a sign has the slope c/w: the loop is stable if its gain in between is at most the
@@ -95,7 +97,7 @@ def cures_of_relay(found: Relay, answers: Sequence[Hypothesis], log: Log, fricti
         share = _RESERVE * friction_n
         change = f"{number(share, 3)} N along the motion in place of {number(-size, 3)}: less than the friction"
         mode = worst_mode(answers[0], law)
-        return (Cure(change, "switched_n", share, mode.growth_per_s, mode.stable),)
+        return (Remedy(change, "switched_n", share, mode.growth_per_s, mode.stable),)
     step = log.encoder_m or 1e-4 * float(np.ptp(log.position_m))
     steepest = {"position": size / step, "speed": size * log.ticks.period_s / step, "force": _STEEPEST}[found.by]
     slopes = [float(slope) for slope in steepest * _SLOPES if _all_rest(answers, _sloped(found, float(slope)))]
@@ -110,10 +112,10 @@ def cures_of_relay(found: Relay, answers: Sequence[Hypothesis], log: Log, fricti
     change = f"the {number(size, 3)} N over a width of {number(width, 3)} {unit} to either side in place of at once"
     change += f" (a slope of {number(slope, 3)} {gain})" if gain else " (of the force itself)"
     growth = worst_mode(answers[0], _sloped(found, slope)).growth_per_s
-    return (Cure(change, "switch_width", width, growth, rests=True),)
+    return (Remedy(change, "switch_width", width, growth, rests=True),)
 
 
-def _sloped(found: Relay, slope: float) -> Law:
+def _sloped(found: SwitchedForce, slope: float) -> Law:
     """Return the law within the boundary layer."""
     law = found.law
     if found.by == "position":
@@ -124,7 +126,7 @@ def _sloped(found: Relay, slope: float) -> Law:
     return replace(law, stiffness_n_per_m=gain * law.stiffness_n_per_m, damping_ns_per_m=gain * law.damping_ns_per_m)
 
 
-def cures_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period_s: float) -> tuple[Cure, ...]:
+def remedies_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period_s: float) -> tuple[Remedy, ...]:
     """Return what stabilises a loop of two rates: one rate, or a lower gain of the slow part at the present rates.
 
     Args:
@@ -134,7 +136,7 @@ def cures_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period_s:
     """
     mode = worst_mode(answers[0], found.law)
     change = f"the {found.slow} computed every {number(1e3 * period_s, 3)} ms too"
-    cures = [Cure(change, "sample_time_s", period_s, mode.growth_per_s, mode.stable)]
+    cures = [Remedy(change, "sample_time_s", period_s, mode.growth_per_s, mode.stable)]
     key = "stiffness_n_per_m" if found.slow == "spring" else "damping_ns_per_m"
     now = float(getattr(found.law, key))
     for factor in _SOFTER_AT_TWO_RATES:
@@ -147,7 +149,7 @@ def cures_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period_s:
             )
             symbol, unit = ("k", "N/m") if found.slow == "spring" else ("b", "N.s/m")
             change = f"{symbol} = {number(value, 3)} {unit} in place of {number(now, 3)}, at the two rates as they are"
-            cures.append(Cure(change, key, value, last, last < 0))
+            cures.append(Remedy(change, key, value, last, last < 0))
             break
     return tuple(cure for cure in cures if cure.rests)
 
@@ -159,12 +161,12 @@ def _all_rest(answers: Sequence[Hypothesis], law: Law) -> bool:
     return all(worst_mode(one, law).stable for one in answers)
 
 
-def _of(change: str, key: str, value: float, answer: Hypothesis, law: Law, **factors: float) -> Cure:
+def _of(change: str, key: str, value: float, answer: Hypothesis, law: Law, **factors: float) -> Remedy:
     mode = worst_mode(answer, law, **factors)
-    return Cure(change, key, value, mode.growth_per_s, mode.stable)
+    return Remedy(change, key, value, mode.growth_per_s, mode.stable)
 
 
-def _gain(gain: str, answer: Hypothesis, law: Law) -> list[Cure]:
+def _gain(gain: str, answer: Hypothesis, law: Law) -> list[Remedy]:
     limit = limit_of(answer, law, gain)
     if limit is None or limit == 1:
         return []
@@ -179,7 +181,7 @@ def _gain(gain: str, answer: Hypothesis, law: Law) -> list[Cure]:
     return [_of(change, key, share * now, answer, law, **{gain: share})]
 
 
-def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Cure]:
+def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Remedy]:
     meant = declared.longest_delay * declared.device.sample_time_s / log.ticks.period_s
     own = float(answer.device.delay_samples) + law.lag
     longest = longest_delay(Hypothesis(answer.delayed(own).device, answer.hand), shorter(law, 0.0))
@@ -192,7 +194,7 @@ def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[C
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
 
 
-def _quicker(answer: Hypothesis, law: Law) -> list[Cure]:
+def _quicker(answer: Hypothesis, law: Law) -> list[Remedy]:
     """Return the faster velocity filter with which the loop decays fastest."""
     period = answer.device.sample_time_s
     now = law.filter_hz(period)
@@ -212,7 +214,7 @@ def _quicker(answer: Hypothesis, law: Law) -> list[Cure]:
     return sorted(tried, key=lambda cure: cure.growth_per_s)[:1]
 
 
-def _notch(answer: Hypothesis, law: Law) -> list[Cure]:
+def _notch(answer: Hypothesis, law: Law) -> list[Remedy]:
     """Return the notch with which the loop decays fastest, robust to a small detuning either way."""
     swings, period = worst_mode(answer, law).frequency_hz, answer.device.sample_time_s
     best: tuple[float, Notch] | None = None
@@ -231,10 +233,10 @@ def _notch(answer: Hypothesis, law: Law) -> list[Cure]:
         f"a notch on the measured position at {number(notch.frequency_hz, 3)} Hz (depth {notch.depth:g}, width "
         f"{notch.width:g}), or {100 * _BESIDE:g} % beside"
     )
-    return [Cure(change, "notch_hz", notch.frequency_hz, growth, growth < 0)]
+    return [Remedy(change, "notch_hz", notch.frequency_hz, growth, growth < 0)]
 
 
-def _ticks(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
+def _ticks(answer: Hypothesis, law: Law, log: Log) -> list[Remedy]:
     found = [_of("every tick in time", "dropped_share", 0.0, answer, law)]
     for factor in _SOFTER:
         softer = replace(
@@ -248,17 +250,17 @@ def _ticks(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
                 f"or k = {number(softer.stiffness_n_per_m, 3)} N/m and b = {number(softer.damping_ns_per_m, 3)} N.s/m "
                 "with the ticks as they are"
             )
-            found.append(Cure(change, "stiffness_n_per_m", softer.stiffness_n_per_m, growth, rests=True))
+            found.append(Remedy(change, "stiffness_n_per_m", softer.stiffness_n_per_m, growth, rests=True))
             break
     return found
 
 
-def _rate(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Cure]:
-    period = meant_period(log, declared)
+def _rate(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[Remedy]:
+    period = intended_period(log, declared)
     return [_of(f"a rate of {number(1 / period)} Hz", "sample_time_s", period, *at_period(answer, law, period))]
 
 
-def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
+def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Remedy]:
     """Simulate with a finer encoder, a filter and softer gains; return the first of each kind that settles."""
     if not can_replay(law):
         return []
@@ -273,7 +275,7 @@ def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
         softer = replace(law, damping_ns_per_m=factor * law.damping_ns_per_m)
         if worst_mode(answer, softer).stable and small(softer, step):
             change = f"b = {number(softer.damping_ns_per_m, 3)} N.s/m in place of {number(law.damping_ns_per_m, 3)}"
-            found.append(Cure(change, "damping_ns_per_m", softer.damping_ns_per_m, math.nan, rests=True))
+            found.append(Remedy(change, "damping_ns_per_m", softer.damping_ns_per_m, math.nan, rests=True))
             break
     if law.keep == 0:
         for hertz in _FILTERS_HZ:
@@ -281,11 +283,11 @@ def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Cure]:
             filtered = replace(law, keep=keep)
             if worst_mode(answer, filtered).stable and small(filtered, step):
                 change = f"a velocity filter of {number(hertz)} Hz"
-                found.append(Cure(change, "velocity_filter_hz", hertz, math.nan, rests=True))
+                found.append(Remedy(change, "velocity_filter_hz", hertz, math.nan, rests=True))
                 break
     for finer in _FINER:
         if small(law, step / finer):
             change = f"an encoder of {number(1e6 * step / finer, 3)} um in place of {number(1e6 * step, 3)}"
-            found.append(Cure(change, "encoder_resolution_m", step / finer, math.nan, rests=True))
+            found.append(Remedy(change, "encoder_resolution_m", step / finer, math.nan, rests=True))
             break
     return found

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_mode
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.oscillation import Oscillation, Swing
+from avc_casadi.identification.diagnosis.oscillation import Oscillation, TracedOscillation
 from avc_casadi.model.device import Device
 
 # A force within this share of its limit is saturated.
@@ -22,7 +22,7 @@ _AGAIN, _STEPS = 0.05, 14.0
 _ABOVE, _SELDOM = 1.01, 1e-3
 
 
-def limited(log: Log, swing: Swing, limit_n: float | None) -> Swing:
+def limited(log: Log, swing: TracedOscillation, limit_n: float | None) -> TracedOscillation:
     """Return an oscillation with its largest force, and the share of it in which the force saturates.
 
     Args:
@@ -72,7 +72,7 @@ def unlimited(log: Log, found: Oscillation, limit_n: float | None) -> bool:
     return bool(found.contact_share > _ALWAYS and not limited)
 
 
-def fed(log: Log, swing: Swing, device: Device) -> bool:
+def fed(log: Log, swing: TracedOscillation, device: Device) -> bool:
     """Return whether the commanded force does the work that sustains an oscillation, rather than a hand.
 
     In a self-sustained oscillation the force does the work that damping and friction dissipate; where a hand moves the

@@ -55,7 +55,7 @@ def diagnosis_text(found: Diagnosis) -> str:
     lines = [f"{found.source}: {found.conclusion}", ""]
     if found.cures:
         lines += ["would settle with (each alone, checked on the loop model or in the scene):"]
-        lines += [f"  {cure_text(cure.change, cure.growth_per_s)}" for cure in found.cures]
+        lines += [f"  {remedy_text(cure.change, cure.growth_per_s)}" for cure in found.cures]
         lines += [""]
     if found.decides:
         lines += [f"would decide: {found.decides}", ""]
@@ -66,7 +66,7 @@ def diagnosis_text(found: Diagnosis) -> str:
     return "\n".join(lines)
 
 
-def cure_text(change: str, growth_per_s: float) -> str:
+def remedy_text(change: str, growth_per_s: float) -> str:
     """Return a remedy with its effect on the loop."""
     return change if math.isnan(growth_per_s) else f"{change}: decays by {number(-growth_per_s, 2)} 1/s"
 

@@ -24,11 +24,11 @@ from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.limit_cycle import passes
 from avc_casadi.identification.diagnosis.log import Log
-from avc_casadi.identification.diagnosis.model import Cure, Diagnosis, Measured, Trace, Verdict
-from avc_casadi.identification.diagnosis.oscillation import LOWEST_HZ, Swing
+from avc_casadi.identification.diagnosis.model import Diagnosis, Measured, Remedy, Trace, Verdict
+from avc_casadi.identification.diagnosis.oscillation import LOWEST_HZ, TracedOscillation
 from avc_casadi.identification.diagnosis.plant import Fit
-from avc_casadi.identification.diagnosis.relay import Relay, TwoRates, find_jump, jump_sentence
-from avc_casadi.identification.diagnosis.remedies import cures_of, cures_of_relay, cures_of_two_rates
+from avc_casadi.identification.diagnosis.relay import SwitchedForce, TwoRates, find_jump, jump_sentence
+from avc_casadi.identification.diagnosis.remedies import remedies_of, remedies_of_relay, remedies_of_two_rates
 from avc_casadi.identification.diagnosis.saturation import GROWN, fed, unlimited
 
 # A cause is named at odds of two to one: of 200 logs drawn at random that names five more than a share of 0.8 and no
@@ -51,7 +51,13 @@ class Judge:
     """The findings of a log before the judgement."""
 
     def __init__(
-        self, log: Log, swing: Swing, law: Law | None, declared: Declared, evidence: list[str], notes: list[str]
+        self,
+        log: Log,
+        swing: TracedOscillation,
+        law: Law | None,
+        declared: Declared,
+        evidence: list[str],
+        notes: list[str],
     ) -> None:
         self._log, self._swing, self._law, self._declared = log, swing, law, declared
         self._evidence, self._notes = evidence, notes
@@ -102,7 +108,7 @@ class Judge:
         )
         return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
 
-    def relay(self, found: Relay, fits: Sequence[Fit]) -> Diagnosis | None:
+    def relay(self, found: SwitchedForce, fits: Sequence[Fit]) -> Diagnosis | None:
         """Return the verdict where a sign switches the force, and the loop would be stable without it.
 
         Args:
@@ -112,7 +118,7 @@ class Judge:
         if not found.alone and not _mostly(worst_mode(one, found.law).stable for one in _answers(fits)):
             return None
         friction_n = self._declared.device.coulomb_friction_n
-        cures = cures_of_relay(found, _answers(fits), self._log, friction_n)
+        cures = remedies_of_relay(found, _answers(fits), self._log, friction_n)
         why = "which no loop with a delay holds" if found.force_n > 0 else "which feeds the swing beyond the friction"
         evidence = [*self._evidence, found.sentence()]
         if not found.alone:
@@ -149,7 +155,7 @@ class Judge:
             candidates=("rates",),
             evidence=[*self._evidence, told],
             law=found.law,
-            cures=cures_of_two_rates(found, answers, period),
+            cures=remedies_of_two_rates(found, answers, period),
         )
 
     def without_model(self) -> Diagnosis:
@@ -217,7 +223,7 @@ class Judge:
             known = [CAUSES[cause] for cause in candidates] + ["a force from outside the loop"] * (driven or trembles)
             names = " or ".join(known) or "none of the causes it knows"
             said = f"cannot tell: {names}; {'; '.join(doubts)}"
-            cures = tuple(cure for cause in candidates for cure in cures_of(cause, answer, law, log, declared))
+            cures = tuple(cure for cause in candidates for cure in remedies_of(cause, answer, law, log, declared))
             return self._made(
                 "cannot tell",
                 said,
@@ -238,7 +244,7 @@ class Judge:
             shares=shares,
             measured=measured,
             evidence=evidence,
-            cures=cures_of(first, answer, law, log, declared),
+            cures=remedies_of(first, answer, law, log, declared),
         )
 
     def _made(
@@ -252,7 +258,7 @@ class Judge:
         measured: Measured | None = None,
         evidence: Sequence[str] | None = None,
         law: Law | None = None,
-        cures: tuple[Cure, ...] = (),
+        cures: tuple[Remedy, ...] = (),
         decides: str = "",
     ) -> Diagnosis:
         log, share = self._log, self._swing.found.contact_share
@@ -329,7 +335,7 @@ def _measured(answer: Hypothesis, fit: Fit, law: Law, log: Log, declared: Declar
     )
 
 
-def _growth(swing: Swing, period_s: float) -> tuple[float, float]:
+def _growth(swing: TracedOscillation, period_s: float) -> tuple[float, float]:
     """Return the growth rate from the first half of the oscillation to the second, and its time."""
     halves = np.array_split(swing.envelope_m[swing.first : swing.last], 2)
     before, after = (max(float(np.median(half)), 1e-300) for half in halves)
@@ -349,7 +355,7 @@ def _seconds(log: Log) -> float:
     return float(log.position_m.size * log.ticks.period_s)
 
 
-def _trace(log: Log, swing: Swing) -> Trace:
+def _trace(log: Log, swing: TracedOscillation) -> Trace:
     part = swing.fast_m[swing.first : swing.last]
     window = np.hanning(part.size)
     amplitude = 2 * np.abs(np.fft.rfft(part * window)) / window.sum()

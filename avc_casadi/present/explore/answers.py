@@ -27,7 +27,7 @@ from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
 from avc_casadi.files.gain_file import gain_csv
 from avc_casadi.files.problem_document import dump_problem
-from avc_casadi.model.hands import hand_corners, with_let_go
+from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.present.explore.fields import dotted_units, fields_document, labels_of, words_document
@@ -120,7 +120,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     problem, coupling = explorer.problem(settings), explorer.coupling(settings)
     low_high = explorer.heavy(
         f"stiffest {problem.device!r} {problem.hands!r}",
-        lambda: stiffest_wall(problem.device, with_let_go(hand_corners(problem.hands))),
+        lambda: stiffest_wall(problem.device, with_released(hand_corners(problem.hands))),
     )
     found: dict[str, Any] = {"stiffest": plain(vars(low_high)), "certificate": None, "deployable": None}
     schedule = explorer.schedule(settings)

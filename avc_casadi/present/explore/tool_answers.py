@@ -47,8 +47,8 @@ from avc_casadi.present.explore.settings import (
 from avc_casadi.present.pages.tool_claims import contact_rows, coupling_text, passivity_rows, stability_rows
 from avc_casadi.present.pages.virtual_tool import felt_rows, headline
 from avc_casadi.present.terminal import Mark, Row
-from avc_casadi.recommendation.tool_impedance import felt_band, felt_tool
-from avc_casadi.recommendation.virtual_tool import hopeless, unusual
+from avc_casadi.recommendation.tool_impedance import rendered_band, rendered_tool
+from avc_casadi.recommendation.virtual_tool import unusual, why_infeasible
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.tool_region import ToolCurve, ToolRegion
@@ -72,15 +72,15 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     }
     if gains is None:
         _limit(explorer, problem)
-        why = hopeless(problem, _search(explorer, problem)) or "none was found: the run says why"
+        why = why_infeasible(problem, _search(explorer, problem)) or "none was found: the run says why"
         return found | {"rows": _rows(explorer, [Row("Coupling", why, Mark.FAIL)])}
-    band, search = felt_band(problem, gains), _search(explorer, problem)
+    band, search = rendered_band(problem, gains), _search(explorer, problem)
     certificate = explorer.heavy(f"claims {settings.key}", lambda: tool_certificate(problem, gains, search))
     rows = [
         Row("Coupling", f"{coupling_text(vars(gains), problem)}{_tried(explorer, settings)}"),
         *stability_rows(certificate, problem),
         *contact_rows(search.loops, gains, problem),
-        *felt_rows([asdict(one) for one in felt_tool(problem, gains)], _pressed(explorer, settings), problem),
+        *felt_rows([asdict(one) for one in rendered_tool(problem, gains)], _pressed(explorer, settings), problem),
     ]
     # Where the engine moves nothing it is no port.
     if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
@@ -104,7 +104,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     problem = explorer.problem(asked_settings(explorer, asked))
     search = _search(explorer, problem)
     stiffest = _limit(explorer, problem)
-    limit = Row("Linear limit", hopeless(problem, search), Mark.FAIL)
+    limit = Row("Linear limit", why_infeasible(problem, search), Mark.FAIL)
     if stiffest.stiffness_n_per_m > 0:
         limit = Row("Linear limit", f"stiffest stable pair: {coupling_text(vars(stiffest), problem)}")
     odd = [Row("Unusual", f"{key} {message}", Mark.CAUTION) for key, message in unusual(problem).items()]

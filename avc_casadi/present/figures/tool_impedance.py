@@ -12,14 +12,14 @@ from avc_casadi.present.figures.style import IMPEDANCE_UNIT, frequency_axis, sty
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from avc_casadi.recommendation.tool_impedance import FeltBand
+    from avc_casadi.recommendation.tool_impedance import RenderedBand
 
 _WANTED: dict[str, Any] = {"color": "0.72", "linewidth": 4.0, "label": "wanted"}
 _FELT: dict[str, Any] = {"color": "#08306b", "label": "rendered"}
 
 
 @styled
-def draw_felt(band: FeltBand, axes: GivenAxes = None) -> Figure:
+def draw_rendered_impedance(band: RenderedBand, axes: GivenAxes = None) -> Figure:
     """Draw impedance in free motion against that of device and other end as one body, and stiffness against K.
 
     Args:

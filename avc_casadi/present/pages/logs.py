@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi.identification.diagnosis.causes import CAUSES
-from avc_casadi.identification.diagnosis.told import cure_text
+from avc_casadi.identification.diagnosis.told import remedy_text
 from avc_casadi.present.pages.subject import plural, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
-    from avc_casadi.identification.diagnosis.model import Cure, Diagnosis
+    from avc_casadi.identification.diagnosis.model import Diagnosis, Remedy
     from avc_casadi.identification.model import Estimate, Identification
 
 # Rows of a diagnosis: remedies, best first, and logs.
@@ -129,7 +129,7 @@ def _conclusion(one: Diagnosis, units: Units) -> str:
     return units.text(one.conclusion)
 
 
-def _remedy(cure: Cure, one: Diagnosis, units: Units) -> str:
+def _remedy(cure: Remedy, one: Diagnosis, units: Units) -> str:
     """Describe a remedy with its number in the units of the motion, and its effect on the loop."""
     told, law, measured = quantities(units), one.law, one.measured
     change = units.text(cure.change)
@@ -139,7 +139,7 @@ def _remedy(cure: Cure, one: Diagnosis, units: Units) -> str:
         change = f"b {told(cure.value, 'N.s/m')} in place of {told(law.damping_ns_per_m, 'N.s/m')}"
     elif cure.key == "delay_samples" and measured is not None:
         change = f"a delay of {number(cure.value, 2)} samples in place of {number(measured.delay_samples, 3)}"
-    return cure_text(change, cure.growth_per_s)
+    return remedy_text(change, cure.growth_per_s)
 
 
 def _swings(one: Diagnosis, units: Units) -> list[Row]:

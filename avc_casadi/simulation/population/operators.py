@@ -18,7 +18,7 @@ from avc_casadi.model.hands import FINGERTIP, STYLUS_RANGES, Hand, StylusHand, h
 from avc_casadi.model.problem import Hands
 
 Population = Literal["A", "B", "arm", "fingertip"]
-HOLDING: dict[str, Population] = {"stylus": "B", "fingertip": "fingertip"}
+GRIPS: dict[str, Population] = {"stylus": "B", "fingertip": "fingertip"}
 """Grips other than [hands], with the population of each."""
 Split = Literal["training", "test"]
 
@@ -38,7 +38,7 @@ _STREAMS: dict[tuple[Population, Split], int] = {
 BLOCK = 10_000
 
 
-def draw_subjects(
+def draw_population(
     population: Population, count: int, seed: int, split: Split = "test", *, first: int = 0
 ) -> Hand | StylusHand:
     """Draw hands of a population; the training and test streams are disjoint.
@@ -65,9 +65,9 @@ def draw_hands(hands: Hands, count: int, seed: int, split: Split = "test", *, fi
     Args:
         hands: ranges of mass, damping and stiffness.
         count: number of hands.
-        seed: as in `draw_subjects`.
-        split: as in `draw_subjects`.
-        first: as in `draw_subjects`.
+        seed: as in `draw_population`.
+        split: as in `draw_population`.
+        first: as in `draw_population`.
     """
     low, high = hand_ranges(hands).T
     return Hand(*(low + (high - low) * _uniform([seed, _STREAMS["A", split]], first, count, len(low))).T)
@@ -85,7 +85,7 @@ def _uniform(entropy: list[int], first: int, count: int, columns: int) -> FloatA
     return np.concatenate(rows)
 
 
-def loose_hands(hands: Hands, count: int, seed: int) -> Hand:
+def loose_grips(hands: Hands, count: int, seed: int) -> Hand:
     """Draw loose grips: nearly the least damping and a low stiffness, any mass.
 
     With these, encoder quantisation sustains oscillations that settle with all other hands.
@@ -93,7 +93,7 @@ def loose_hands(hands: Hands, count: int, seed: int) -> Hand:
     Args:
         hands: ranges of mass, damping and stiffness.
         count: number of hands.
-        seed: as in `draw_subjects`, of the training split.
+        seed: as in `draw_population`, of the training split.
     """
     low, high = hand_ranges(hands).T
     random = np.random.default_rng([seed, _STREAMS["A", "training"]])

@@ -58,7 +58,7 @@ _DEPENDS_ON = ("problem_file", "contact", "table", "runtime", "wall", "max_force
 
 
 @dataclass(frozen=True)
-class HandsAtRest:
+class SettledHands:
     """Counts of settled hands.
 
     Attributes:
@@ -98,9 +98,9 @@ class HandsAtRest:
         }
 
 
-def hands_at_rest(
+def settling_study(
     coupling: Coupling, hands: int, seed: int = 0, *, friction: bool = True, chunk: int = BLOCK
-) -> Chunked[tuple[int, int], HandsAtRest]:
+) -> Chunked[tuple[int, int], SettledHands]:
     """Plan press, tap and hold by many hands, drawn uniformly from the problem's set.
 
     Args:
@@ -115,8 +115,8 @@ def hands_at_rest(
 
     Example:
         >>> coupling = avc.recommend("soft", 20).coupling
-        >>> from avc_casadi.simulation.population.settled import hands_at_rest
-        >>> hands_at_rest(coupling, 50, seed=1).run().at_rest
+        >>> from avc_casadi.simulation.population.settled import settling_study
+        >>> settling_study(coupling, 50, seed=1).run().at_rest
         50
     """
     if hands < 1 or chunk < 1:
@@ -149,7 +149,7 @@ def hands_at_rest(
     )
 
 
-def unrest(
+def residual_speeds(
     couplings: Sequence[Coupling],
     people: Hand | StylusHand,
     *,
@@ -176,12 +176,14 @@ def unrest(
     found = [np.zeros((0, len(people)))]
     for _, group in groupby(couplings, _but_for_numbers):
         alike = list(group)
-        ends = ends_of(alike[0], people, friction=friction, beyond=beyond, device=device, effects=effects)
+        ends = prepared_residual_speeds(
+            alike[0], people, friction=friction, beyond=beyond, device=device, effects=effects
+        )
         found.append(ends([one.runtime.state_feedback for one in alike]))
     return np.concatenate(found)
 
 
-def ends_of(
+def prepared_residual_speeds(
     coupling: Coupling,
     people: Hand | StylusHand,
     *,
@@ -240,8 +242,8 @@ def _tried(coupling: Coupling, conditions: Conditions, seed: int, task: tuple[in
     }
 
 
-def _counted(told: dict[str, Any], parts: list[dict[str, Any]]) -> HandsAtRest:
-    return HandsAtRest(
+def _counted(told: dict[str, Any], parts: list[dict[str, Any]]) -> SettledHands:
+    return SettledHands(
         **{**told, "effects": tuple(told["effects"])},
         at_rest=sum(part["at_rest"] for part in parts),
         by_motion={name: sum(part["by_motion"][name] for part in parts) for name in MOTIONS},

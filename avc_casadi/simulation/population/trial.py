@@ -49,7 +49,7 @@ DURATION_S = 3.0
 # Up to so many hands, the scene chooses its engine itself.
 _FEW = 3
 # Hands whose traces are held at a time, and samples of them all.
-PEOPLE_AT_ONCE = 250
+HANDS_AT_ONCE = 250
 _SAMPLES_AT_ONCE = 4_000_000
 
 
@@ -269,7 +269,7 @@ def simulations(
             found.get("held_m_per_s"),
         )
 
-    at_once = min(PEOPLE_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
+    at_once = min(HANDS_AT_ONCE, max(1, _SAMPLES_AT_ONCE // inputs.shape[-1]))
     for first in range(0, len(parameters), at_once):
         yield partial(of, slice(first, first + at_once))
 

@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING
 
 from avc_casadi.model.gains import NO_COUPLING
-from avc_casadi.simulation.population.operators import draw_subjects
+from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.trial import Conditions, all_motions
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def calibrated_stiffness(
     Returns:
         The stiffness, N/m, to 1 %.
     """
-    subjects = draw_subjects("A", people, seed, "training")
+    subjects = draw_population("A", people, seed, "training")
     wanted = expected_share(count)
     low, high = ends_n_per_m
     while high > 1.01 * low:

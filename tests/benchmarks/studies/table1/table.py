@@ -13,9 +13,9 @@ from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.parallel import processors
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.constant.static_tuned import TUNED_MARGIN_SHARE
-from avc_casadi.simulation.population.operators import Population, draw_subjects
+from avc_casadi.simulation.population.operators import Population, draw_population
 from avc_casadi.simulation.population.settled import CONFIDENCE
-from avc_casadi.simulation.population.trial import PEOPLE_AT_ONCE
+from avc_casadi.simulation.population.trial import HANDS_AT_ONCE
 from studies.designs import COUPLINGS, MEET_OTHERS, CandidateName
 from studies.table1.matching import WEBER, WEBER_SWEEP
 from studies.table1.paper import PAPER, PEOPLE
@@ -29,7 +29,7 @@ SCHEMA = "avc-table1/1"
 DEFAULT_HANDS = 200
 DEFAULT_SEED = 2026
 # People before a wall who are one chunk; they are simulated some at a time.
-_AT_ONCE = 4 * PEOPLE_AT_ONCE
+_AT_ONCE = 4 * HANDS_AT_ONCE
 # Wall, population, how many people come before, how many there are.
 Cell = tuple[str, Population, int, int]
 POPULATIONS: tuple[Population, ...] = ("A", "B")
@@ -103,7 +103,7 @@ def _tried(couplings: tuple[CandidateName, ...], seed: int, cell: Cell) -> dict[
     matching = population == "A"
     names = couplings if matching else tuple(name for name in couplings if name in MEET_OTHERS)
     problem, designs = _designed(wall, names)
-    outcomes = try_wall(problem, draw_subjects(population, count, seed, first=first), designs, matching=matching)
+    outcomes = try_wall(problem, draw_population(population, count, seed, first=first), designs, matching=matching)
     return {
         "designs": design_documents(designs),
         "outcomes": {coupling: outcome.document() for coupling, outcome in outcomes.items()},

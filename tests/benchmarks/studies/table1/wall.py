@@ -14,7 +14,7 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import packed, plain, unpacked
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.settled import exact_interval
-from avc_casadi.simulation.population.trial import PEOPLE_AT_ONCE, Conditions, Traces, judged, traces
+from avc_casadi.simulation.population.trial import HANDS_AT_ONCE, Conditions, Traces, judged, traces
 from studies.designs import COUPLINGS, CandidateName, Design, design
 from studies.table1.matching import WEBER, WEBER_SWEEP, choose, distance, reference_traces
 from studies.table1.paper import PAPER
@@ -81,7 +81,7 @@ def try_wall(
     designs: tuple[Design, ...],
     *,
     matching: bool = True,
-    people_at_once: int = PEOPLE_AT_ONCE,
+    people_at_once: int = HANDS_AT_ONCE,
 ) -> dict[CandidateName, Outcome]:
     """Put every coupling before everybody.
 
