@@ -90,19 +90,21 @@ def test_every_slider_is_followed(page):
     """Each is moved to a third of its way, and back by Undo: an answer or a fault beside its own field comes."""
     page.find_element("css selector", "#method option[value='constant']").click()
     page.execute_script("document.querySelectorAll('details').forEach((one) => (one.open = true))")
+    until(lambda: state(page)["a"].get("method") == "constant")
     settled(page)
+    before = state(page)["a"]
     names = page.execute_script(
         "return [...document.querySelectorAll('#controls input[type=range]')].map((one) => one.ariaLabel)"
     )
     assert len(names) > 35
     for name in names:
-        before = state(page)["a"]
         page.execute_script(
             "performance.clearMeasures();"
             'const slider = document.querySelector(`#controls [aria-label="${arguments[0]}"]`);'
             "slider.value = slider.value < 500 ? 620 : 340; slider.dispatchEvent(new Event('input', {bubbles: true}))",
             name,
         )
+        until(lambda: state(page)["a"] != before)  # the address is written a little later
         until(lambda: page.execute_script(ANSWERED))
         faults = page.find_elements("css selector", "[aria-invalid=true]")
         if faults:  # a range that this has turned round
@@ -112,7 +114,7 @@ def test_every_slider_is_followed(page):
             assert "Stability" in by_id(page, "verdict").text, name
         assert by_id(page, "general-error").text == "", name
         by_id(page, "undo").click()
-        until(lambda before=before: state(page)["a"] == before)
+        until(lambda: state(page)["a"] == before)
     settled(page)
 
 
