@@ -87,10 +87,23 @@ def cell(name: str) -> dict[str, Any]:
     for kind, couplings in KINDS.items():
         found[kind] = {}
         for share in SHARES:
-            softer = wanted.changed(environment={"stiffness_n_per_m": share * wall})
+            softer = _softer(wanted, share)
             fared = [one for coupling in couplings(wanted, softer) if (one := _fared(wanted, coupling)) is not None]
             found[kind][f"{share:g}"] = min(fared, key=lambda one: one["distance"], default=None)
     return found
+
+
+def _softer(wanted: Problem, share: float) -> Problem:
+    """Return the problem with a share of its wall, bounds of what feels real that are declared likewise."""
+
+    def of(one: Any) -> dict[str, float] | None:
+        return None if one is None else {key: share * value for key, value in vars(one).items()}
+
+    bounds = wanted.boundaries
+    changed: dict[str, Any] = {"environment": of(wanted.environment)}
+    if bounds.upper is not None:
+        changed["boundaries"] = {"upper": of(bounds.upper), "lower": of(bounds.lower)}
+    return wanted.changed(**changed)
 
 
 def _fared(wanted: Problem, coupling: Coupling) -> dict[str, Any] | None:
