@@ -190,7 +190,7 @@ def test_softer_couplings_are_tried_until_hands_settle_and_some_for_rest_without
 def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
     first, gains = [], ToolGains(5000.0, 8.0)
     loops = SimpleNamespace(radius=lambda _: (0.9, None))
-    search = SimpleNamespace(stiffest=lambda: gains, holds=lambda *_, **__: True, loops=loops)
+    search = SimpleNamespace(limit=(gains, False), holds=lambda *_, **__: True, loops=loops)
     monkeypatch.setattr(_tool, "ToolSearch", lambda _: search)
     monkeypatch.setattr(_tool, "_tried", lambda _, __, k, *___, **____: first.append(k) or (None, None))
     for name in ("_why_infeasible", "_why_none"):
