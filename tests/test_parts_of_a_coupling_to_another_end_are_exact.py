@@ -193,7 +193,7 @@ def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
     search = SimpleNamespace(limit=(gains, False), holds=lambda *_, **__: True, loops=loops)
     monkeypatch.setattr(_tool, "ToolSearch", lambda _: search)
     monkeypatch.setattr(_tool, "_tried", lambda _, __, k, *___, **____: first.append(k) or (None, None))
-    for name in ("_why_infeasible", "_why_none"):
+    for name in ("why_infeasible", "_why_none"):
         monkeypatch.setattr(_tool, name, lambda *_: "")
     for name in ("least_tool_mass_kg", "slowest_step_s", "what_would_help", "exchanges_that_hold"):
         monkeypatch.setattr(_tool, name, lambda *_, **__: ())
