@@ -29,12 +29,12 @@ the minutes (7 and 2). Missed, and why:
 
 - *Lines*: the redesign removed second engines, re-exports and small files; what was added since (simulations and second
   devices at the other end, logs of more kinds, sensor faults, estimators, trials of what a file does not tell) weighs
-  more. A third of the lines are docstrings, comments and blanks. No name is unused, and leaving out the rules of
-  identification, schedules and recommendation one by one found few that make no difference
+  more. More than a third of the lines are docstrings, comments and blanks. No name is unused, and leaving out the rules
+  of identification, schedules and recommendation one by one found few that make no difference
   ([identification](RESULTS_ablation_identify.md), [schedules](RESULTS_ablation_schedule.md),
   [recommendation](RESULTS_ablation_recommend.md)).
-- *Constants*: each has its derivation or reason beside it, at the module that uses it; only those that a user may
-  change became fields of options.
+- *Constants*: they stand beside what they are for, in the module that uses them; those of the tool search and of
+  trials became fields of options, the others did not.
 - *Private imports*: tests of parts that have no public face, of which edits of the code showed the need
   ([edits](RESULTS_mutation.md)).
 """
