@@ -97,7 +97,7 @@ def test_the_document_and_the_text_tell_it(seed):
     off = document["off_file"]
     assert (off["devices"], off["hands"], off["share"]) == (8, 8 * 16, 0.1)
     assert off["at_rest"] == int(np.sum(found.off_file.trial.stable))
-    told = [line for line in conclusion_lines(document) if line.startswith("off its file: ")]
+    told = [line for line in conclusion_lines(document) if line.startswith("model mismatch: ")]
     assert len(told) == 1
     assert f"{off['at_rest']} of {off['hands']}" in told[0]
 

@@ -80,7 +80,7 @@ def test_a_delay_and_a_hand_that_is_missing_are_both_named(device):
 def test_a_device_that_nobody_declared_is_not_taken_for_the_assumed_one(mass):
     found = diagnose(swinging(3000.0, 10.0, 6, mass=mass))
     assert found.cause == "delay"
-    assert ", assumed 1, with which" in found.conclusion
+    assert ", assumed 1, at which" in found.conclusion
     assert found.oscillation.largest_force_n == LIMIT_N
     assert found.oscillation.at_force_limit_share > 0.1
     assert abs(found.measured.delay_samples - 6) < 0.3

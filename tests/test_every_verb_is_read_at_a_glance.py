@@ -14,7 +14,7 @@ POWERS = re.compile(r"\d(\.\d+)?e[+-]\d\d ?(N|kg|g|m|Hz|s|J|rad)\b")
 OLD_WORDS = (
     "let go",
     "felt",
-    "impedance error",
+    "complex error",
     "at rest",
     "to rest",
     "do not rest",

@@ -179,13 +179,13 @@ def _damped(margins: dict[str, Any], transient: dict[str, Any]) -> Row:
         "delay unlimited" if late is None else f"delay {late:.2g} T",
     ]
     rings = "for ever" if free["settling_s"] is None else quantity(free["settling_s"], "s")
-    ringing = f"damping {held['damping_ratio']:.2g} at {quantity(held['frequency_hz'], 'Hz')} held"
+    ringing = f"zeta {held['damping_ratio']:.2g} at {quantity(held['frequency_hz'], 'Hz')} held"
     if held["frequency_hz"] == 0:
         ringing = "no oscillation held"
     slow = free["settling_s"] is None or free["settling_s"] > _SLOW_S
     thin = (gain is not None and gain < _THIN_GAIN) or (phase is not None and phase < _THIN_DEG)
     mark = Mark.CAUTION if slow or thin else Mark.NONE
-    return Row("Margins", f"{', '.join(told)}; rings {rings} released, {ringing}", mark)
+    return Row("Margins", f"{', '.join(told)}; rings {rings} free, {ringing}", mark)
 
 
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
