@@ -180,7 +180,9 @@ def test_two_settings_are_compared_and_saved(page, tmp_path):
     typed(page, MASS, "0.4")
     until(lambda: "A: K 4000" in shown(page, "c-pairs") and "B: K" in shown(page, "c-pairs"))
     settled(page)
-    assert [cell.text for cell in page.find_elements("css selector", "#verdict thead th")] == ["what", "A", "B"]
+    # Read at once, in the page: the table may be drawn anew meanwhile.
+    heads = "return [...document.querySelectorAll('#verdict thead th')].map((cell) => cell.textContent)"
+    until(lambda: page.execute_script(heads) == ["what", "A", "B"])
     for name in ("save-problem", "save-coupling"):
         by_id(page, name).click()
         until(lambda: by_id(page, "file-says").text.startswith("Saved"))
