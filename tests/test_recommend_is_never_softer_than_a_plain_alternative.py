@@ -127,7 +127,7 @@ def test_where_nothing_is_deployable_it_says_so():
     best = avc.recommend(wall(1e4, delay_samples=33).changed(hands=hand), hands=2)
     assert not best.deployable
     assert best.coupling is None
-    assert "linearly stable" in best.reason
+    assert "linear stability" in best.reason
     assert best.document()["coupling"] is None
 
 
