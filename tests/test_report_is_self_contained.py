@@ -126,8 +126,8 @@ def test_it_repeats(contents, html):
     ("share", "headline"),
     [
         (1.0, "Deploy this coupling."),
-        (0.5, "Deploy this coupling; the wall is softened: 5e+04 N/m are felt, 50 % of the wall."),
-        (0.0003, "Deployable, but hardly a wall: 30 N/m are felt, 0.03 % of the wall."),
+        (0.5, "Deploy this coupling; the wall is softened: 5e+04 N/m are rendered, 50 % of the wall."),
+        (0.0003, "Deployable, but hardly a wall: 30 N/m are rendered, 0.03 % of the wall."),
     ],
 )
 def test_the_headline_says_how_much_of_the_wall_is_left(contents, share, headline):
