@@ -116,7 +116,8 @@ def test_nothing_that_is_safer_or_as_safe_and_better_is_passed_over(candidates, 
         if other == rank:
             quiet, mine = one.trial.quiet.mean() >= 0.9, best.trial.quiet.mean() >= 0.9
             assert mine or not quiet
-            if mine == quiet:
+            # Springs that never settle are all as near: of those more hands below the threshold decide.
+            if mine == quiet and best.trial.quiet.sum() <= one.trial.quiet.sum():
                 assert static_stiffness_n_per_m(best.coupling) >= 0.99 * static_stiffness_n_per_m(one.coupling)
 
 
