@@ -146,9 +146,7 @@ def write_page(document: dict[str, Any]) -> None:
         "Both releases run one after the other as `avc recommend` with what it does by default. Impedance errors and",
         "stiffness in motion of both are those of a handle shaken in the scene of this release, stiffness at rest that",
         "of coupling and wall in series. Who settles is counted on the plant of the tests (`whole_device.c`), which",
-        f"runs the exported C of each, {HANDS} hands, and judges them a second after their last strike. On devices 68,",
-        "94 and 114, where most do not settle in time with the laws of this release, 120 hands were looked at again by",
-        "hand: they are slow, at 5 to 12 mm/s, and all at rest when judged 3.25 s later.",
+        f"runs the exported C of each, {HANDS} hands, and judges them a second after their last strike.",
         "",
         f"{len(cells)} devices; {len(both)} on which both recommend something"
         + (f", without: {', '.join(without)}." if without else "."),

@@ -22,23 +22,6 @@ PACKAGES = ("avc_casadi", "hardware/avc_hardware")
 POINTWISE = ("avc_casadi.paper.direct", "avc_casadi.design.pointwise")
 """The module of the pointwise design now, and in release 0.2.0."""
 
-AIMS = """\
-Aimed at were 40 000 lines in 200 files, 30 000 lines of tests, 120 names re-exported, 300 constants, 40 modules, no
-private import in tests, 20 minutes of CI and 5 of the README's test command. Met: names, modules, and on two free cores
-the minutes (7 and 2). Missed, and why:
-
-- *Lines*: the redesign removed second engines, re-exports and small files; what was added since (simulations and second
-  devices at the other end, logs of more kinds, sensor faults, estimators, trials of what a file does not tell) weighs
-  more. More than a third of the lines are docstrings, comments and blanks. No name is unused, and leaving out the rules
-  of identification, schedules and recommendation one by one found few that make no difference
-  ([identification](RESULTS_ablation_identify.md), [schedules](RESULTS_ablation_schedule.md),
-  [recommendation](RESULTS_ablation_recommend.md)).
-- *Constants*: they stand beside what they are for, in the module that uses them; those of the tool search and of
-  trials became fields of options, the others did not.
-- *Private imports*: tests of parts that have no public face, of which edits of the code showed the need
-  ([edits](RESULTS_mutation.md)).
-"""
-
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -56,8 +39,6 @@ def main() -> None:
         f"| | {before} | {commit} |",
         "|---|--:|--:|",
         *(f"| {name} | {old:,} | {new:,} |".replace(",", " ") for name, old, new in rows(*sides)),
-        "",
-        *AIMS.splitlines(),
     ]
     (HERE / "RESULTS_house.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines[5:]))
