@@ -5,10 +5,10 @@ import pytest
 from exported import Exported
 
 import avc_casadi as avc
+from avc_casadi.claims.passivity.rendered_impedance import Excitation, wall_over_position
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.problem import Impedance
-from avc_casadi.recommendation.impedance_error import wall_over_position
 
 DEVICE = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1, "max_force_n": 10.0}
 
@@ -22,7 +22,8 @@ def fundamental(force, angle):
 @pytest.mark.parametrize(("stiffness", "damping"), [(0.0, 15.0), (2e3, 5.0), (500.0, 40.0), (1e3, 0.0)])
 def test_the_wall_itself_is_that_of_plain_integrals(stiffness, damping):
     hz = np.array([1.0, 10.0])
-    found = wall_over_position(Impedance(damping_ns_per_m=damping, stiffness_n_per_m=stiffness), 2e-3, 1e-3, hz)
+    wall = Impedance(damping_ns_per_m=damping, stiffness_n_per_m=stiffness)
+    found = wall_over_position(wall, Excitation(2e-3, 1e-3), hz)
     angle = np.linspace(0.0, 2 * np.pi, 200_000, endpoint=False)
     for one, rate in zip(found, 2 * np.pi * hz, strict=True):
         force = stiffness * (2e-3 + 1e-3 * np.sin(angle)) + damping * rate * 1e-3 * np.cos(angle)
@@ -30,7 +31,8 @@ def test_the_wall_itself_is_that_of_plain_integrals(stiffness, damping):
 
 
 def test_a_damper_alone_leaves_half_of_it():
-    found = wall_over_position(Impedance(damping_ns_per_m=15.0, stiffness_n_per_m=0.0), 0.01, 0.005, np.array([2.0]))
+    damper = Impedance(damping_ns_per_m=15.0, stiffness_n_per_m=0.0)
+    found = wall_over_position(damper, Excitation(0.01, 0.005), np.array([2.0]))
     assert found[0] == pytest.approx(0.5 * 15.0 * 2j * np.pi * 2.0, rel=1e-4)
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from studies.error_curve import error_curve
 
 import avc_casadi as avc
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation.impedance_error import error_curve
 
 T, STEPS = 1e-3, 20
 STIFFNESS, DAMPING = 1200.0, 1.0

@@ -7,19 +7,24 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
+from avc_casadi.claims.passivity.rendered_impedance import dead_zone_gain
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import Laws, state_feedback_loop
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust import solve
 from avc_casadi.design.robust.goal import BAND_HZ, DECAY_PER_S, cost_of, distance, responses
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, why_no_law
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.shaken import shaken
 
 STIFFNESS = 3000.0
 PROBLEM = avc.load_problem("reference-r1").changed(
     environment={"stiffness_n_per_m": STIFFNESS, "damping_ns_per_m": 0.0}
 )
-T, DELAY = PROBLEM.device.sample_time_s, PROBLEM.device.delay_samples
-SPACE, LOOPS = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM.device, PROBLEM.hands)
+T = PROBLEM.device.sample_time_s
+SPACE, LOOPS = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM)
 RENDERING = frozen_rendering(PROBLEM, 0.0, 1e12)
 LAWS = [SPACE.law(start, STIFFNESS) for start in SPACE.starts]
 SOFT, DAMPED = 1, 2
@@ -46,7 +51,7 @@ def test_the_radius_of_a_law_is_that_of_all_hands_and_of_the_released_device():
 
 
 def test_a_law_that_lets_the_released_device_or_some_share_of_the_innovation_grow_holds_no_wall():
-    late = Loops.of(PROBLEM.changed(device={"delay_samples": 4}).device, PROBLEM.hands)
+    late = Loops.of(PROBLEM.changed(device={"delay_samples": 4}))
     for part, shares in (("free", (1.0,)), ("nominal", tuple(DECAY_PER_S))):
         grows = np.log(radius(getattr(late, part), LAWS[DAMPED], shares)) / T
         assert grows > 0
@@ -91,10 +96,27 @@ def test_a_law_gives_way_as_it_does_in_time():
     found = cost_of(law, RENDERING, LOOPS).facts
     assert found["softness_3hz"] == pytest.approx(abs(force_over_position(law, 3.0) - 1), rel=0.02)
     assert found["softness_10hz"] == pytest.approx(abs(force_over_position(law, 10.0) - 1), rel=0.02)
-    s = 2j * np.pi * BAND_HZ
-    held_late = (1 - np.exp(-s * T)) / (s * T) * np.exp(-s * T * DELAY)
-    rendered = np.array([force_over_position(law, hz) for hz in BAND_HZ]) * held_late
-    assert found["mismatch"] == pytest.approx(np.sqrt(np.mean(np.abs(np.log(rendered)) ** 2)), rel=0.01)
+
+
+@pytest.mark.parametrize(("encoder_m", "off"), [(0.0, 1e-3), (2e-5, 0.02), (1e-4, 0.05), (4e-4, 0.15)])
+def test_the_search_aims_at_the_mismatch_that_a_shaken_handle_measures(encoder_m, off):
+    """By formula in the search, in the scene where it is told; of the coarsest encoder two steps are shaken."""
+    problem = PROBLEM.changed(device={"encoder_resolution_m": encoder_m})
+    law = Space(problem.device, problem.hands).law(SPACE.starts[DAMPED], STIFFNESS)
+    coupling = Coupling.constant(problem, Gains(0.0, 1e12), "robust", Runtime(state_feedback=law))
+    measured = np.sqrt(np.mean(shaken(coupling, STIFFNESS, BAND_HZ).mismatch ** 2))
+    assert cost_of(law, RENDERING, Loops.of(problem)).facts["mismatch"] == pytest.approx(measured, rel=off)
+
+
+@pytest.mark.parametrize("loop", [0.0, 5.0, 40j, -0.3 + 2j])
+@pytest.mark.parametrize("amplitude", [1.2, 4.0, 50.0])
+def test_the_gain_of_a_dead_zone_is_that_of_the_sine_that_reaches_it(loop, amplitude):
+    half = 1.0
+    gain = float(dead_zone_gain(np.array([loop], dtype=complex), amplitude, half)[0])
+    size = amplitude / abs(1 + gain * loop)
+    wave = np.sin(2 * np.pi * (np.arange(100_000) + 0.5) / 100_000)
+    passed = np.sign(wave) * np.maximum(np.abs(size * wave) - half, 0.0)
+    assert gain == pytest.approx(2 * np.mean(passed * wave) / size, abs=1e-6)
 
 
 def test_a_law_that_is_too_soft_at_10_hz_is_looked_at_no_further():

@@ -41,7 +41,7 @@ def rendered(problem, stiffness):
 @pytest.mark.thorough
 def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners(known_to_a_tenth):
     problem = known_to_a_tenth
-    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem)
     stiff = rendered(problem, 5000.0)
     steps = continuation(problem, space.starts[0], (2500.0, 5000.0))
     assert steps[-1].stiffness_n_per_m == 5000.0
@@ -57,7 +57,7 @@ def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners
 def test_on_devices_within_the_ranges_any_share_of_the_innovation_may_pass():
     alone = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 1e5, "damping_ns_per_m": 0.0})
     ranged = alone.changed(device={"range": {"delay_samples": (0.5, 1.5), "mass_kg": (0.08, 0.12)}})
-    before, loops = (Loops.of(one.device, one.hands) for one in (alone, ranged))
+    before, loops = (Loops.of(one) for one in (alone, ranged))
     rendering = rendered(alone, 6000.0)
     law = step_at(alone, 6000.0).best.law
     assert before.ranged is None
@@ -75,7 +75,7 @@ def test_on_devices_within_the_ranges_any_share_of_the_innovation_may_pass():
 
 def test_loops_that_are_kept_with_others_stand_once(known_to_a_tenth):
     problem = known_to_a_tenth
-    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem)
     rendering = rendered(problem, 5000.0)
     one, other = (loops.hardest(space.law(start, 5000.0), rendering) for start in space.starts[:2])
     both = one.and_of(other)

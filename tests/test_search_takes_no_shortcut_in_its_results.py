@@ -77,7 +77,7 @@ def test_many_laws_at_once_are_those_one_by_one(name):
                 assert found == exact
                 continue
             np.testing.assert_allclose(found[row], exact[0], rtol=1e-9, atol=1e-9 * np.abs(exact).max())
-    loops = Loops.of(problem.device, problem.hands).hardest(one_by_one[0], rendering)
+    loops = Loops.of(problem).hardest(one_by_one[0], rendering)
     at_once = costs_of(quick, rendering, loops)
     assert at_once[:3] == costs_of(quick.pick(np.arange(3)), rendering, loops)
     singly = [cost_of(law, rendering, loops).total for law in one_by_one]
@@ -92,7 +92,7 @@ def test_a_point_without_a_law_costs_more_than_any_other():
     points = np.stack([space.starts[0], np.full(len(space.knobs), np.nan)])
     with np.errstate(invalid="ignore"):
         laws = space.laws(points, stiffness_at_rest(rendering))
-    found, none = costs_of(laws, rendering, Loops.of(problem.device, problem.hands))
+    found, none = costs_of(laws, rendering, Loops.of(problem))
     assert np.isfinite(found.total)
     assert none.total == np.inf
 

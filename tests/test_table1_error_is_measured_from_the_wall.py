@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from studies.error_curve import error_curve
 
 import avc_casadi as avc
 from avc_casadi.design.tuning import physical_wall
 from avc_casadi.model.gains import Gains
 from avc_casadi.paper.loop import loop_at
-from avc_casadi.recommendation.impedance_error import error_curve
 
 PROBLEM = avc.load_problem("ve7")
 LOW_HZ = np.array([0.5, 1.0, 2.0])

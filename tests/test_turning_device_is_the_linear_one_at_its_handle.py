@@ -154,7 +154,7 @@ def test_a_robust_law_costs_what_it_costs_at_the_handle():
     linear, rotary = both(device, {"stiffness_n_per_m": 3000.0, "damping_ns_per_m": 0.0}, radius)
     found = []
     for problem in (linear, rotary):
-        space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+        space, loops = Space(problem.device, problem.hands), Loops.of(problem)
         stiffness = problem.environment.stiffness_n_per_m
         rendering = Rendering(np.array([[stiffness, 0.0, 0.0]]), np.array([[0.0, 0.0, 0.0]]))
         (cost,) = costs_of(space.laws(space.starts[0][None], stiffness), rendering, loops)

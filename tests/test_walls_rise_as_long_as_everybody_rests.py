@@ -79,7 +79,7 @@ def test_walls_rise_up_to_the_one_that_nobody_rests_at(step):
     assert walls[0] == pytest.approx(3000)
     assert 4200 / 1.05 <= walls[-1] < 4200
     for one in held:
-        space, loops = Space(BEFORE_FAR.device, BEFORE_FAR.hands), Loops.of(BEFORE_FAR.device, BEFORE_FAR.hands)
+        space, loops = Space(BEFORE_FAR.device, BEFORE_FAR.hands), Loops.of(BEFORE_FAR)
         rendering = frozen_rendering(BEFORE_FAR, 0.0, one.gains.stiffness_n_per_m)
         for law in one.candidates:
             assert law.cost.holds
@@ -139,7 +139,7 @@ def test_a_simulation_that_ends_in_no_number_is_no_rest(step):
 
 
 def test_a_law_that_ends_in_no_number_is_worth_less_than_one_with_which_somebody_moves(step):
-    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM.device, PROBLEM.hands)
+    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM)
     three = Laws.of(step.best.law).pick(np.zeros(3, dtype=int))
     costs = costs_of(three, frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m), loops)
     ends = np.array([[0.2, np.nan], [0.2, 2.0], [0.2, 0.2]])
@@ -220,7 +220,7 @@ def test_a_search_that_begins_with_a_growing_loop_finds_a_damped_one(stiffness):
         environment={"stiffness_n_per_m": stiffness, "damping_ns_per_m": 0.0},
         frequency={"stop_hz": 300.0},
     )
-    space, loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
+    space, loops = Space(problem.device, problem.hands), Loops.of(problem)
     rendering = frozen_rendering(problem, 0.0, near_rigid_n_per_m(problem.device))
     assert not cost_of(space.law(space.starts[0], stiffness), rendering, loops).holds
     found = continuation(problem, space.starts[0], (stiffness / 3, stiffness))[-1]
@@ -231,7 +231,7 @@ def test_a_search_that_begins_with_a_growing_loop_finds_a_damped_one(stiffness):
 
 def test_a_law_whose_press_settles_too_slowly_holds_no_wall(step):
     """An observer that hardly believes in a push that changes takes seconds until the wall is as stiff as at rest."""
-    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM.device, PROBLEM.hands)
+    space, loops = Space(PROBLEM.device, PROBLEM.hands), Loops.of(PROBLEM)
     rendering = frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m)
     walk, soft = [knob.name for knob in space.knobs].index("walk of the push"), space.starts[2]
     felt, costs = [], []
@@ -257,7 +257,7 @@ def test_a_refined_law_gives_way_less_and_all_who_are_asked_still_settle(step):
     before = step.best.law.feedback[0]
     hand = OneHand(lambda _, law: law.feedback[0] / before / 1.001)
     asked = refined(PROBLEM, dataclasses.replace(step, candidates=(step.best,)), hand.at)
-    loops = Loops.of(PROBLEM.device, PROBLEM.hands)
+    loops = Loops.of(PROBLEM)
     rendering = frozen_rendering(PROBLEM, 0.0, step.gains.stiffness_n_per_m)
     for one in (*nearer.candidates, *asked.candidates):
         assert cost_of(one.law, rendering, loops).holds

@@ -171,19 +171,18 @@ class RobustCandidates:
         tasks = [partial(_continued, self._problem, point, walls, asked, seed=_OTHERS + one, **how) for one in numbers]
         yield from map(self._kept, self._crew.each(tasks))
 
-    def refinements(self, coupling: Coupling, asked: Screening) -> Iterator[list[Step]]:
+    def refinements(self, coupling: Coupling, asked: Screening, *, surer: bool) -> Iterator[list[Step]]:
         """Yield the same wall with laws of less compliance in motion; none for a law of another structure.
-
-        Where such exist, these are laws with which all hands also settle on perturbed devices.
 
         Args:
             coupling: that stabilises it.
             asked: screening hands, who must all settle.
+            surer: whether another law is refined, if one is found, where not all settle on perturbed devices with this.
         """
         law = coupling.runtime.state_feedback
         pairs = ((step, one) for step in self.steps for one in step.candidates if one.law is law)
         for step, one in itertools.islice(pairs, 1):
-            task = partial(_refined, self._problem, replace(step, candidates=(one,)), asked)
+            task = partial(_refined, self._problem, replace(step, candidates=(one,)), asked, surer=surer)
             yield from map(self._kept, self._crew.each([task]))
 
     def alternatives(self, step: Step) -> Alternatives:
@@ -195,19 +194,18 @@ class RobustCandidates:
         return steps
 
 
-def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
+def _refined(problem: Problem, step: Step, asked: Screening, *, surer: bool) -> list[Step]:
     """Return laws for a wall with less compliance in motion, also on perturbed devices where one is found."""
-    everybody, wall = asked.and_off(), step.stiffness_n_per_m
+    everybody, wall, best = _residual_speed_at(problem, asked.and_off()), step.stiffness_n_per_m, step.best
     if asked.off:
-        best = step.best
-        off = asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law])
-        sure = [step]
-        if not (off < 1).all():
-            known = from_known(problem, wall, _residual_speed_at(problem, everybody))
-            from_here = partial(_continued, problem, best.logarithms, (wall, wall), everybody, softer=0)
-            sure = from_here() if known is None else [known]
-        if sure:
-            return [refined(problem, sure[-1], _residual_speed_at(problem, everybody))]
+        if (asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law]) < 1).all():
+            return [refined(problem, step, everybody)]
+        known = from_known(problem, wall, everybody) if surer else None
+        found = [] if known is None else [known]
+        if surer and not found:
+            found = _continued(problem, best.logarithms, (wall, wall), asked.and_off(), softer=0)
+        if found:
+            return [refined(problem, found[-1], everybody)]
     return [refined(problem, step, _residual_speed_at(problem, asked))]
 
 

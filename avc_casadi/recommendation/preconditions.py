@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.detent import detent_verdict
+from avc_casadi.claims.passivity.rendered_impedance import PRESS_N
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
 from avc_casadi.claims.stability.stiffest_wall import damping_range, softest_wall_n_per_m
 from avc_casadi.files.plausibility import plausibility
@@ -15,7 +16,6 @@ from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import rotary_gains
-from avc_casadi.recommendation.shaken import PRESS_N
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling

@@ -161,7 +161,7 @@ def _behind_laws(
         best = evaluator.stiffest()
     if best is None:
         return
-    _refine(evaluator, robust, best.coupling)
+    _refine(evaluator, robust, best.coupling, surer=True)
     for number in climbs[1:]:
         nearest = evaluator.nearest()
         if nearest is None or nearest.distance <= plainly_near:
@@ -169,12 +169,12 @@ def _behind_laws(
         # No smaller mismatch than a spring alone: the search ended in a poor local minimum.
         for steps in robust.continuations(evaluator.screening(), range(number, number + 1)):
             if steps and steps[-1].stiffness_n_per_m >= (1 - AS_STIFF) * best.felt_n_per_m:
-                _refine(evaluator, robust, robust.alternatives(steps[-1])[0])
+                _refine(evaluator, robust, robust.alternatives(steps[-1])[0], surer=False)
 
 
-def _refine(evaluator: Evaluator, robust: RobustCandidates, coupling: Coupling) -> None:
+def _refine(evaluator: Evaluator, robust: RobustCandidates, coupling: Coupling, *, surer: bool) -> None:
     """Try laws like that of a coupling, for the same wall, of smaller mismatch."""
-    for steps in robust.refinements(coupling, evaluator.screening()):
+    for steps in robust.refinements(coupling, evaluator.screening(), surer=surer):
         told = f"the same wall, nearer in motion, {steps[-1].stiffness_n_per_m:.4g} N/m"
         evaluator.ask([robust.alternatives(steps[-1])], told)
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi.claims.passivity.rendered_impedance import Excitation, Handle, below_quarter_rate
 from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.scene import Hold
-from avc_casadi.recommendation.impedance_error import of_force, wall_over_position
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.population.prepared import prepared
 from avc_casadi.simulation.population.trial import engine_for, on_device
@@ -26,12 +26,6 @@ if TYPE_CHECKING:
 
 TOLD_HZ = (1.0, 10.0, 50.0)
 """Frequencies at which a coupling's error is reported."""
-PRESS_N = 10.0
-"""A firm press of a hand. The handle is excited about half of it, or half the force limit if that is less."""
-# Amplitude over mean depth: the handle never leaves the wall.
-_SHARE = 0.5
-# Mean depth for a wall without a spring.
-_DEPTH_M = 0.01
 # The handle is moved into the wall, the transient decays, and the response is recorded.
 _RAMP_S, _SETTLED_S, _END_S = 0.25, 2.0, 4.0
 # The motion is imposed by a mass far beyond the device's force, on a spring much faster than the motion.
@@ -98,41 +92,30 @@ def shaken(
         wanted: problem of the reference wall; None is that of the coupling.
     """
     device = coupling.problem.device
-    quarter_hz = 0.25 / device.sample_time_s
-    heard = np.array([hz for hz in frequency_hz if hz < quarter_hz] or [quarter_hz])
-    press_n = PRESS_N * device.metres_per_unit
-    mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2
-    depth = mean_n / felt_n_per_m if felt_n_per_m > 0 else _DEPTH_M / device.metres_per_unit
-    force = force_over_position(coupling, depth, _SHARE * depth, heard, effects)
-    problem = wanted or coupling.problem
-    wall = wall_over_position(problem.environment, depth, _SHARE * depth, heard)
-    found = of_force(problem, force, wall, heard)
-    return Shaken(depth, _SHARE * depth, heard, **vars(found))
+    heard, excitation = below_quarter_rate(device, np.array(frequency_hz)), Excitation.of(device, felt_n_per_m)
+    force = force_over_position(coupling, excitation, heard, effects)
+    found = Handle.of(wanted or coupling.problem, heard).rendered(force, excitation)
+    return Shaken(**vars(excitation), frequency_hz=heard, **vars(found))
 
 
 def force_over_position(
-    coupling: Coupling,
-    depth_m: float,
-    amplitude_m: float,
-    frequency_hz: FloatArray,
-    effects: tuple[Effect, ...] = (),
+    coupling: Coupling, excitation: Excitation, frequency_hz: FloatArray, effects: tuple[Effect, ...] = ()
 ) -> ComplexArray:
     """Return commanded force over measured position for imposed sines, N/m, shape (n,).
 
     Args:
         coupling: as for `shaken`.
-        depth_m: mean depth.
-        amplitude_m: of the sine.
+        excitation: depth and amplitude of the sines.
         frequency_hz: of the sines, shape (n,).
         effects: as for `shaken`.
     """
     period = coupling.problem.device.sample_time_s
     time = period * np.arange(round(_END_S / period) + 1)
-    ramp = depth_m * np.clip(time / _RAMP_S, 0.0, 1.0)
+    ramp = excitation.depth_m * np.clip(time / _RAMP_S, 0.0, 1.0)
     last = slice(round(_SETTLED_S / period), None)
     found = []
     for hz in frequency_hz:
-        goes = ramp + amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - _RAMP_S, 0.0))
+        goes = ramp + excitation.amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - _RAMP_S, 0.0))
         position, force = (part[last] for part in led(coupling, goes, effects, float(np.max(frequency_hz))))
         wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(position))
         found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))

@@ -112,9 +112,7 @@ RULES = {
         "nearer laws for the wall that is held", f"{SCHEDULE}._refine", {f"{SCHEDULE}._refine": _returns(None)}
     ),
     "generations": Rule("20 generations of a refinement, not 10", REFINES, {f"{LAWS}._REFINED": _is(10)}),
-    "unasked": Rule(
-        "unsimulated laws cost less than loops that are not damped", REFINES, {f"{LAWS}._UNASKED": _is(1e4)}
-    ),
+    "narrower": Rule("laws drawn nearer after none was", REFINES, {f"{LAWS}._NARROWER": _is(1.0)}),
     "most_laws": Rule(
         "three laws kept a wall, not one", LAW, {f"{LAWS}.MOST_LAWS": _is(1), f"{KNOWN}.MOST_LAWS": _is(1)}
     ),

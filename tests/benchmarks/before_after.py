@@ -5,7 +5,8 @@
 CHECKOUT is a working tree of the other release (`git worktree add CHECKOUT 94998ba`); both run with this Python, one
 after the other on each device, into c.json of a temporary folder. Overwrites results/before_after.json and
 RESULTS_before_after.md after every device and goes on where it stopped; half a minute of processor a device, and a
-minute more for one with neighbours.
+minute more for one with neighbours. With --known FILE, a results file of the same seed and other release, that release
+runs again only where this one is softer.
 """
 
 from __future__ import annotations
@@ -29,18 +30,27 @@ from studied import about, computed, cpu_seconds, made_by, rounded, table
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from goldens.exported_c import exported
-from goldens.recommendations import HANDS, on_the_plant
+from goldens.recommendations import HANDS, SECONDS, on_the_plant
 
 import avc_casadi as avc
+from avc_casadi.claims.stability.transient import transients
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
+from avc_casadi.recommendation.rank import Judged
 from avc_casadi.recommendation.shaken import shaken
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.motions import course_of
+from avc_casadi.simulation.population.operators import draw_hands, people_of
 
 SEED = 7706
 OUT = Path(__file__).parent / "results" / "before_after.json"
 PAGE = Path(__file__).parent / "RESULTS_before_after.md"
 HERE = Path(__file__).parents[2]
 TOLD_HZ = (1.0, 10.0)
+# Hands of the trial of a recommendation, and those outside its selection.
+TRIED, OTHERS = 100, 200
+# A share of the stiffness at rest that needs a reason.
+SOFTER = 0.95
 # Who is near a device: table, key, factor and summand.
 NEIGHBOURS = {
     "1 % more wall": ("environment", "stiffness_n_per_m", 1.01, 0.0),
@@ -103,25 +113,51 @@ def recommended(checkout: Path, tables: Mapping[str, Mapping[str, Any]], *, trie
             "mismatch": [float(f"{one:.4g}") for one in moved.mismatch],
         }
         if tried:
+            found |= ranked(coupling)
             exported(folder / "c.json", folder)
-            counted = on_the_plant(told["coupling"]["problem_file"], folder)
-            found |= {key: settled for key, (settled, _) in counted.items()}
+            problem, told_s = told["coupling"]["problem_file"], course_of(coupling.problem).longest_s
+            for seconds, where in ((SECONDS, "plant"), (told_s, "plant_as_told")):
+                counted = on_the_plant(problem, folder, seconds)
+                found |= {key.replace("plant", where, 1): settled for key, (settled, _) in counted.items()}
         return found
 
 
-def cell(index: int, before: Path, neighbours: bool) -> dict[str, Any]:
+def ranked(coupling: avc.Coupling) -> dict[str, Any]:
+    """Return what this release ranks a coupling by: hands that settle, distance from the wall, time when released."""
+    hands = coupling.problem.hands
+    some = (people_of(hands, TRIED, 0), draw_hands(hands, OTHERS, 0, "training", first=0))
+    trials = [try_coupling(coupling, people, 0) for people in some]
+    return {
+        "trial": sum(int(one.stable.sum()) for one in trials),
+        "trial_without_friction": sum(int(one.stable_without_friction.sum()) for one in trials),
+        "distance": round(Judged(coupling, trials[0], 0).distance, 3),
+        "released_s": float(f"{transients(coupling)[0].settling_s:.3g}"),
+    }
+
+
+def cell(index: int, before: Path, neighbours: bool, known: Mapping[str, Any]) -> dict[str, Any]:
     """Return what both releases recommend for a device, and this one for its neighbours."""
     tables = _file(drawn(index, SEED))
+    after = recommended(HERE, tables, tried=True)
+    of_before = known.get(str(index), {}).get("before") or recommended(before, tables, tried=True)
+    if "distance" not in of_before and _softer(of_before, after):
+        of_before = recommended(before, tables, tried=True)
     found: dict[str, Any] = {
         "device": tables["device"],
         "wall_n_per_m": tables["environment"]["stiffness_n_per_m"],
-        "before": recommended(before, tables, tried=True),
-        "after": recommended(HERE, tables, tried=True),
+        "before": of_before,
+        "after": after,
         "load": round(os.getloadavg()[0], 1),
     }
     if neighbours and found["after"]["method"] is not None:
         found["neighbours"] = {name: recommended(HERE, near, tried=False) for name, near in _neighbours(tables)}
     return found
+
+
+def _softer(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
+    if not (before["method"] and after["method"]):
+        return False
+    return bool(after["at_rest_n_per_m"] < SOFTER * before["at_rest_n_per_m"])
 
 
 def _neighbours(tables: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, dict[str, dict[str, Any]]]]:
@@ -146,7 +182,8 @@ def write_page(document: dict[str, Any]) -> None:
         "Both releases run one after the other as `avc recommend` with what it does by default. Impedance errors and",
         "stiffness in motion of both are those of a handle shaken in the scene of this release, stiffness at rest that",
         "of coupling and wall in series. Who settles is counted on the plant of the tests (`whole_device.c`), which",
-        f"runs the exported C of each, {HANDS} hands, and judges them a second after their last strike.",
+        f"runs the exported C of each, {HANDS} hands, and judges them a second after their last strike; and, where",
+        "device and hand without a coupling would still swing then, when `avc recommend` judges them too (*as told*).",
         "",
         f"{len(cells)} devices; {len(both)} on which both recommend something"
         + (f", without: {', '.join(without)}." if without else "."),
@@ -181,6 +218,8 @@ def _rows(both: list[dict[str, Any]]) -> Iterator[list[str]]:
     yield row("wall time, s: median / 95 % / worst", lambda one, _: one["wall_s"], spread)
     yield row("settle", lambda one, _: one["plant"], of)
     yield row("settle without friction", lambda one, _: one["plant_without_friction"], of)
+    as_told = of(np.array([one["after"]["plant_as_told_without_friction"] for one in both]))
+    yield ["the same, as told", "-", as_told]
     at_rest = ("stiffness at rest, % of the wall: 50 / 75 / 95 % of devices", "at_rest_n_per_m")
     yield row(at_rest[0], lambda one, cell: one[at_rest[1]] / cell["wall_n_per_m"], middle)
     for place, hz in enumerate(TOLD_HZ):
@@ -197,6 +236,7 @@ def _one_by_one(both: list[dict[str, Any]]) -> Iterator[str]:
         f"{int(np.sum(stiffer > 1.05))}, softer by more than 5 % on {len(softer)}"
         + (f" ({', '.join(softer)})." if softer else ".")
     )
+    yield from _reasons(both)
     for place, hz in enumerate(TOLD_HZ):
         change = np.array([one["after"]["mismatch"][place] - one["before"]["mismatch"][place] for one in both])
         yield (
@@ -204,6 +244,28 @@ def _one_by_one(both: list[dict[str, Any]]) -> Iterator[str]:
             f"larger by more than 0.05 on {int(np.sum(change > 0.05))}, else as before."
         )
     yield f"- processor time: median of after / before {np.median(faster):.2f}, less on {int(np.sum(faster < 1))}."
+
+
+def _reasons(both: list[dict[str, Any]]) -> Iterator[str]:
+    """Tell why this release takes the softer ones, by what it ranks by."""
+    nearer, restless, lost = [], [], []
+    for one in both:
+        before, after = one["before"], one["after"]
+        if not _softer(before, after):
+            continue
+        swings = f"{before['released_s']:g} s ({after['released_s']:g} s)"
+        if before["trial_without_friction"] < TRIED + OTHERS:
+            restless.append(f"{TRIED + OTHERS - before['trial_without_friction']}")
+        elif after["distance"] <= before["distance"]:
+            nearer.append(swings)
+        else:
+            lost.append(f"{after['distance'] - before['distance']:.2f}")
+    yield (
+        f"- why softer: on {len(nearer)} the other is farther from the wall, by mismatch from 1 to 30 Hz and time to "
+        f"settle when released: {', '.join(nearer)}; on {len(restless)} some of {TRIED + OTHERS} hands do not settle "
+        f"with it without friction: {', '.join(restless)}; on {len(lost)} the search found less, by a distance of: "
+        f"{', '.join(lost)}."
+    )
 
 
 def _near(cells: Mapping[str, dict[str, Any]]) -> Iterator[str]:
@@ -241,11 +303,18 @@ def main() -> None:
     parser.add_argument("--before", type=Path, required=True, help="working tree of the other release")
     parser.add_argument("--count", type=int, default=200, help="devices (default: %(default)s)")
     parser.add_argument("--neighbours", type=int, default=20, help="of the first so many (default: %(default)s)")
+    parser.add_argument("--known", type=Path, help="results of which those of the other release are taken")
     args = parser.parse_args()
     command = f"python tests/benchmarks/before_after.py --before CHECKOUT --count N --neighbours {args.neighbours}"
-    cells = {str(one): partial(cell, one, args.before.resolve(), one < args.neighbours) for one in range(args.count)}
     head = ["git", "-C", str(args.before), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()  # noqa: S603
+    known = {} if args.known is None else json.loads(args.known.read_text(encoding="utf-8"))
+    if known and (known["about"]["before"], known["about"]["seed"]) != (commit, SEED):
+        raise SystemExit(f"{args.known} is of {known['about']['before']}, seed {known['about']['seed']}")
+    cells = {
+        str(one): partial(cell, one, args.before.resolve(), one < args.neighbours, known.get("cells", {}))
+        for one in range(args.count)
+    }
     computed(cells, OUT, about(command, SEED) | {"before": commit}, write_page)
 
 

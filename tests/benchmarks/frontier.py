@@ -14,6 +14,7 @@ import numpy as np
 from script_arguments import PRINTED, script_arguments
 from studied import about, run_campaign
 from studies.designs import design
+from studies.error_curve import error_curve
 from studies.reach import reach
 from studies.table1.frontier_figure import draw_frontier
 
@@ -24,7 +25,6 @@ from avc_casadi.design.tuning import tuned, tuning_problem
 from avc_casadi.model.effects import AdaptationEffect, EstimatorEffect
 from avc_casadi.model.gains import gains_at
 from avc_casadi.present.figures.layout import save_figure
-from avc_casadi.recommendation.impedance_error import error_curve
 from avc_casadi.simulation.population.operators import corner_subjects, draw_population
 from avc_casadi.simulation.population.trial import Conditions
 

@@ -118,10 +118,11 @@ def _levels(levels: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def on_the_plant(problem: dict[str, Any], folder: Path) -> dict[str, Any]:
+def on_the_plant(problem: dict[str, Any], folder: Path, seconds: float = SECONDS) -> dict[str, Any]:
     """Return how many of 400 hands settle with the exported C in `folder`, as declared and without dry friction.
 
-    A device that turns moves in rad and N.m: the same equations, lengths at the rim divided by its radius.
+    Each is judged over the last half second of each motion, of which hands move for 1.8 s. A device that turns moves in
+    rad and N.m: the same equations, lengths at the rim divided by its radius.
     """
     library = compiled(folder, (str(PLANT),))
     device, box = problem["device"], problem["hands"]
@@ -131,7 +132,7 @@ def on_the_plant(problem: dict[str, Any], folder: Path) -> dict[str, Any]:
     counts = {}
     for key, changed in (("plant", {}), ("plant_without_friction", {"friction": 0.0})):
         truth = _Device(**(declared | changed))
-        counts[key] = [sum(_settles(library, truth, hand, radius) for hand in hands), HANDS]
+        counts[key] = [sum(_settles(library, truth, hand, radius, seconds) for hand in hands), HANDS]
     return counts
 
 
@@ -167,13 +168,13 @@ def _people(box: list[list[float]]) -> list[tuple[float, ...]]:
     return [*itertools.product(*box), *map(tuple, inside.tolist())]
 
 
-def _settles(library: ctypes.CDLL, device: Any, hand: tuple[float, ...], radius: float) -> bool:
+def _settles(library: ctypes.CDLL, device: Any, hand: tuple[float, ...], radius: float, seconds: float) -> bool:
     """Whether a hand rests after it reached in, after it struck again three times, and after it grasped at the face."""
     mass, damping, stiffness = hand
     body = {"mass": mass, "damping": damping, "stiffness": stiffness, "end": 0.01 / radius}
     reach = {"start": -0.01 / radius, "speed": 0.07 / radius}
     again = {"centre": 0.01 / radius, "swing": 0.015 / radius, "frequency": 2.0, "until": 0.02 / 0.07 + 1.5}
-    samples, tail = round(SECONDS / device.time), round(TAIL_S / device.time)
+    samples, tail = round(seconds / device.time), round(TAIL_S / device.time)
     for motion in (reach, reach | again, {}):
         found = _Found()
         deed = _Deed(**(body | motion))

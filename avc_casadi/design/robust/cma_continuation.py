@@ -22,7 +22,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.claims.stability.frozen_loop import Rendering
 from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
-from avc_casadi.design.robust.goal import PER_SOFTNESS, cost_of, costs_of
+from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, softened
 
@@ -58,12 +58,11 @@ _AIM, _FASTEST = 0.5, 1e3
 _PER_UNREST, _PER_COST, _PER_DECAY = 4.0, 0.02, 10.0
 # Offset of laws that lack decay, which are not simulated: above the cost of any simulated law.
 _NEVER = 1e4
-# Offset of damped laws that are not simulated: above the cost of any simulated law.
-_UNASKED = 5e3
 MOST_LAWS = 3
 """Number of laws kept for a wall."""
-# Generations of a refinement, and the initial spread of its laws.
-_REFINED, _NEAR = 20, 0.3
+# Generations of a refinement, and the spread of its laws, in logarithms: initial, its factor after a generation without
+# a nearer law, and that at which the refinement ends.
+_REFINED, _NEAR, _NARROWER, _NEAREST = 20, 0.2, 0.85, 0.02
 
 
 @dataclass(frozen=True)
@@ -173,7 +172,10 @@ def continuation(
 
 
 def refined(problem: Problem, step: Step, residual_speed_at: ResidualSpeedAt | None = None, *, seed: int = 0) -> Step:
-    """Return a step with its laws of smallest impedance mismatch after some more generations.
+    """Return a step with laws of smaller distance from the wall, where an evolution strategy finds any.
+
+    It draws laws about the best one so far, nearer after a failure (after Rechenberg 1973): close to the limit of what
+    hands settle with, only near laws do too.
 
     Args:
         problem: device with its ranges, hands and wall.
@@ -181,8 +183,30 @@ def refined(problem: Problem, step: Step, residual_speed_at: ResidualSpeedAt | N
         residual_speed_at: as for `continuation`.
         seed: of the draw of laws.
     """
-    search = _Search(problem, step.best.logarithms, residual_speed_at, np.random.default_rng(seed), _NEAR)
-    return search.nearer(step)
+    space, loops, draw = Space(problem.device, problem.hands), Loops.of(problem), np.random.default_rng(seed)
+    gains, rendering = softened(problem, step.stiffness_n_per_m)
+    stiffness, law = stiffness_at_rest(rendering), step.best.law
+    hardest = loops.hardest(law, rendering)
+    residual_speed = None if residual_speed_at is None else residual_speed_at(gains, law)
+    best, spread = sorted(step.candidates, key=lambda one: one.cost.distance), _NEAR
+    for _ in range(_REFINED):
+        before = best[0]
+        away = spread * draw.standard_normal((_POPULATION, len(before.logarithms)))
+        points = np.clip(before.logarithms + away, *space.bounds)
+        laws = space.laws(points, stiffness)
+        costs = costs_of(laws, rendering, hardest)
+        nearer = [row for row, cost in enumerate(costs) if cost.holds and cost.distance < before.cost.distance]
+        settled = settling(space, laws, nearer, residual_speed)
+        for one in laws_of_all(space, loops, rendering, list(points[settled])):
+            if one.cost.holds:
+                best.append(one)
+            else:
+                hardest = hardest.and_of(loops.hardest(one.law, rendering))
+        best.sort(key=lambda one: one.cost.distance)
+        spread *= _NARROWER if best[0] is before else 1.0
+        if spread < _NEAREST:
+            break
+    return Step(step.gains, step.stiffness_n_per_m, tuple(best[:MOST_LAWS]))
 
 
 class _Search:
@@ -197,11 +221,10 @@ class _Search:
         start: FloatArray,
         residual_speed_at: ResidualSpeedAt | None,
         draw: np.random.Generator,
-        spread: float = _SPREAD,
     ) -> None:
         self._problem, self._residual_speed_at = problem, residual_speed_at
-        self._space, self._loops = Space(problem.device, problem.hands), Loops.of(problem.device, problem.hands)
-        self._evolution = evolution(start, self._space.bounds, spread, draw)
+        self._space, self._loops = Space(problem.device, problem.hands), Loops.of(problem)
+        self._evolution = evolution(start, self._space.bounds, _SPREAD, draw)
 
     def held(self, point: FloatArray, stiffness_n_per_m: float) -> tuple[Step | None, int]:
         """Search laws for one wall, a given one in the first generation; return the step and the generations taken.
@@ -235,60 +258,32 @@ class _Search:
                 hardest = hardest.and_of(loops.hardest(one.law, rendering))
         return None, _PATIENCE
 
-    def nearer(self, step: Step) -> Step:
-        """Continue at a stabilised wall; return it with the laws of smallest impedance mismatch."""
-        space, loops, search = self._space, self._loops, self._evolution
-        gains, rendering = softened(self._problem, step.stiffness_n_per_m)
-        stiffness, law = stiffness_at_rest(rendering), step.best.law
-        hardest = loops.hardest(law, rendering)
-        residual_speed = None if self._residual_speed_at is None else self._residual_speed_at(gains, law)
-        best = list(step.candidates)
-        for _ in range(_REFINED):
-            points = search.ask()
-            laws = space.laws(np.array(points), stiffness)
-            costs = costs_of(laws, rendering, hardest)
-            # A law of larger mismatch is never returned, so it is not simulated.
-            value, settled = weighed(space, laws, costs, residual_speed, distance=best[0].cost.distance)
-            search.tell(points, value.tolist())
-            likely = [np.asarray(points[row]) for row in settled]
-            for one in laws_of_all(space, loops, rendering, likely):
-                if one.cost.holds:
-                    best.append(one)
-                else:
-                    hardest = hardest.and_of(loops.hardest(one.law, rendering))
-            best.sort(key=lambda one: one.cost.distance)
-        return Step(step.gains, step.stiffness_n_per_m, tuple(best[:MOST_LAWS]))
-
 
 def weighed(
-    space: Space,
-    laws: Laws,
-    costs: list[Cost],
-    residual_speed: ResidualSpeed | None,
-    distance: float = math.inf,
+    space: Space, laws: Laws, costs: list[Cost], residual_speed: ResidualSpeed | None
 ) -> tuple[FloatArray, list[int]]:
-    """Return the objective of laws, to be minimised, and those with which all hands settle.
-
-    Where a distance is given, laws of at least that distance are not simulated, and distance adds to the objective.
-    """
+    """Return the objective of laws, to be minimised, and those with which all hands settle."""
     total = np.array([cost.total for cost in costs])
     lacks = np.nan_to_num([cost.lacks_per_s for cost in costs], posinf=0.0)
     value: FloatArray = _NEVER + np.minimum(total + _PER_DECAY * lacks, _NEVER)
     damped = np.flatnonzero([cost.holds for cost in costs])
-    far = np.zeros(len(costs))
-    if distance < math.inf:
-        far[damped] = [costs[row].distance for row in damped]
-        value[damped] = _UNASKED + PER_SOFTNESS * far[damped]
-        damped = damped[far[damped] < distance]
     if len(damped) == 0:
         return value, []
     if residual_speed is None:
-        value[damped] = total[damped] + PER_SOFTNESS * far[damped]
+        value[damped] = total[damped]
         return value, damped.tolist()
     ends = residual_speed([space.one_of(laws, row) for row in damped.tolist()])
     paid = np.log(np.clip(np.nan_to_num(ends, nan=_FASTEST), _AIM, _AIM * _FASTEST) / _AIM).sum(axis=1)
-    value[damped] = _PER_UNREST * paid + _PER_COST * total[damped] + PER_SOFTNESS * far[damped]
+    value[damped] = _PER_UNREST * paid + _PER_COST * total[damped]
     return value, damped[(ends < 1).all(axis=1)].tolist()
+
+
+def settling(space: Space, laws: Laws, rows: list[int], residual_speed: ResidualSpeed | None) -> list[int]:
+    """Return those of some laws with which all hands settle."""
+    if residual_speed is None or not rows:
+        return rows
+    ends = residual_speed([space.one_of(laws, row) for row in rows])
+    return [row for row, speeds in zip(rows, ends, strict=True) if (speeds < 1).all()]
 
 
 def laws_of_all(space: Space, loops: Loops, rendering: Rendering, points: list[FloatArray]) -> list[Candidate]:
@@ -364,6 +359,6 @@ def moved(step: Step, before: Problem, problem: Problem) -> Step | None:
     logarithms = np.clip(space.starts[0] + [away.get(knob.name, 0.0) for knob in space.knobs], *space.bounds)
     gains, rendering = softened(problem, step.stiffness_n_per_m)
     with suppress(np.linalg.LinAlgError):
-        found = candidate_at(space, Loops.of(problem.device, problem.hands), rendering, logarithms)
+        found = candidate_at(space, Loops.of(problem), rendering, logarithms)
         return Step(gains, step.stiffness_n_per_m, (found,))
     return None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi.claims.passivity.rendered_impedance import Excitation, dead_zone_gain
 from avc_casadi.claims.stability.eigenvalues import worst_radius
 from avc_casadi.claims.stability.state_feedback import (
     Laws,
@@ -161,7 +162,7 @@ class Responses:
         softness_10hz: the same, with its own bound.
         bound_3hz: of `softness_3hz`, up to which it costs nothing.
         bound_10hz: the same of `softness_10hz`.
-        mismatch: rms of abs(ln(C D/K)) over the band of the hand, D the delay and half a sample.
+        mismatch: rms over the band of the hand of the mismatch at the handle, the dead zone included.
     """
 
     sensitivity: FloatArray
@@ -183,8 +184,6 @@ def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
     share = np.clip(-cut.real / np.maximum(np.abs(cut) ** 2, 1e-30), 0, 1)
     buzz = frequency > min(_BUZZ_HZ, float(frequency[-2]))
     softness = np.array([[np.interp(hz, frequency, row) for row in np.abs(rendered - 1)] for hz in (3, 10)])
-    parts = [np.array([np.interp(BAND_HZ, frequency, row) for row in part]) for part in (rendered.real, rendered.imag)]
-    in_band = (parts[0] + 1j * parts[1]) * np.exp(-2j * np.pi * BAND_HZ * loops.lag_s)
     beside = _DAMPING_NS_PER_M * loops.metres_per_unit**2
     return Responses(
         1 / np.abs(1 + cut),
@@ -194,8 +193,18 @@ def responses(laws: Laws, rendering: Rendering, loops: Loops) -> Responses:
         softness[1],
         _SOFTNESS_3HZ,
         _SOFTNESS_10HZ + 2 * math.pi * 10 * beside / stiffness,
-        np.sqrt(np.mean(np.abs(np.log(in_band)) ** 2, axis=1)),
+        _mismatch(laws, rendering, loops),
     )
+
+
+def _mismatch(laws: Laws, rendering: Rendering, loops: Loops) -> FloatArray:
+    """Return the mismatch that the shaken handle measures, by the describing function of the dead zone."""
+    handle = loops.handle
+    excitation = Excitation.of(handle.device, stiffness_at_rest(rendering))
+    force, believed = force_over_innovation(laws, rendering, handle.frequency_hz, loops.sample_time_s)
+    passed = dead_zone_gain(believed, excitation.amplitude_m, loops.dead_zone_m)
+    found = handle.rendered(passed * force / (1 + passed * believed), excitation)
+    return np.asarray(np.sqrt(np.mean(found.mismatch**2, axis=1)))
 
 
 def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
-from avc_casadi.design.robust.cma_continuation import MOST_LAWS, Step, laws_of_all, weighed
+from avc_casadi.design.robust.cma_continuation import MOST_LAWS, Step, laws_of_all, settling
 from avc_casadi.design.robust.goal import costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, softened
@@ -73,15 +73,15 @@ def from_known(
     defined = np.flatnonzero(np.isfinite(laws.innovation).all(axis=1)).tolist()
     if not defined:
         return None
-    loops = Loops.of(problem.device, problem.hands)
+    loops = Loops.of(problem)
     likely = costs_of(laws, rendering, loops.hardest(space.one_of(laws, defined[0]), rendering))
     order = np.argsort([cost.total for cost in likely], kind="stable")[:_TRIED]
     laws, costs = laws.pick(order), costs_of(laws.pick(order), rendering, loops)
-    holding = next((row for row, cost in enumerate(costs) if cost.holds), None)
-    if holding is None:
+    holding = [row for row, cost in enumerate(costs) if cost.holds]
+    if not holding:
         return None
-    asked = None if residual_speed_at is None else residual_speed_at(gains, space.one_of(laws, holding))
-    _, settled = weighed(space, laws, costs, asked)
+    asked = None if residual_speed_at is None else residual_speed_at(gains, space.one_of(laws, holding[0]))
+    settled = settling(space, laws, holding, asked)
     found = laws_of_all(space, loops, rendering, [points[order[row]] for row in settled])
     best = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.distance)
     return Step(gains, stiffness_n_per_m, tuple(best[:MOST_LAWS])) if best else None

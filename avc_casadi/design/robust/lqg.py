@@ -41,6 +41,12 @@ _DOUBLINGS, _CHANGE = 40, 1e-14
 Solver = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
+def dead_zone_m(device: Device) -> float:
+    """Return the half width of the dead zone, m: that of the coarsest encoder of the declared range."""
+    known = device.range.encoder_resolution_m
+    return DEAD_ZONE_STEPS * (device.encoder_resolution_m if known is None else known[1])
+
+
 @dataclass(frozen=True)
 class Knob:
     """One parameter of the search, represented by its logarithm.
@@ -136,9 +142,7 @@ class Space:
 
     def one_of(self, laws: Laws, row: int) -> StateFeedback:
         """Return one of several laws in the form that runs."""
-        known = self.device.range.encoder_resolution_m
-        coarsest = self.device.encoder_resolution_m if known is None else known[1]
-        dead_zone_m = coarsest * DEAD_ZONE_STEPS
+        half_m = dead_zone_m(self.device)
         return StateFeedback(
             state=tuple(map(tuple, laws.state[row].tolist())),
             force_m_per_n=tuple(laws.force_m_per_n[row].tolist()),
@@ -146,8 +150,8 @@ class Space:
             feedback=tuple(laws.feedback[row].tolist()),
             positions=laws.positions,
             measures=laws.measures,
-            dead_zone_m=dead_zone_m,
-            face_m=dead_zone_m,
+            dead_zone_m=half_m,
+            face_m=half_m,
         )
 
     def laws(self, points: FloatArray, stiffness_n_per_m: float) -> Laws:

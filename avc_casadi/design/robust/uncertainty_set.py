@@ -10,10 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.claims.passivity.rendered_impedance import Handle, below_quarter_rate
 from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, Rendering, frozen_rendering
 from avc_casadi.claims.stability.state_feedback import largest_radius, poles, state_feedback_loop
-from avc_casadi.design.robust.goal import DECAY_PER_S, RANGED_DECAY_PER_S, VARIED_DECAY_PER_S, largest_by_speed
+from avc_casadi.design.robust.goal import (
+    BAND_HZ,
+    DECAY_PER_S,
+    RANGED_DECAY_PER_S,
+    VARIED_DECAY_PER_S,
+    largest_by_speed,
+)
+from avc_casadi.design.robust.lqg import dead_zone_m
 from avc_casadi.model.corners import LINEAR_KEYS, device_set, device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import FINGERTIP, Hand, hand_corners, no_hand, stylus_corners
@@ -55,7 +63,8 @@ class Loops:
         response: measured position over force, nominal, shape (hands, f), m/N.
         sample_time_s: T.
         metres_per_unit: hand displacement for a unit of the position.
-        lag_s: from position to force: the delay, and half a sample of the hold.
+        dead_zone_m: half width of the dead zone of the innovation.
+        handle: of the nominal device, over the band of the hand.
     """
 
     nominal: Plants
@@ -67,16 +76,13 @@ class Loops:
     response: ComplexArray
     sample_time_s: float
     metres_per_unit: float
-    lag_s: float
+    dead_zone_m: float
+    handle: Handle
 
     @classmethod
-    def of(cls, device: Device, hands: Hands) -> Loops:
-        """Return the loops of a device.
-
-        Args:
-            device: as declared, with its ranges.
-            hands: ranges of the hands.
-        """
+    def of(cls, problem: Problem) -> Loops:
+        """Return the loops of a device as declared, with its ranges, and the hands."""
+        device, hands = problem.device, problem.hands
         t = device.sample_time_s
         held = _with_middle(hands)
         nominal = plants_with_forces(sampled_plant(device, held))
@@ -96,8 +102,9 @@ class Loops:
         pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
         response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
         seen = (response[..., 0] @ measured).astype(np.complex128)
-        lag = (device.delay_samples + 0.5) * t
-        return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit, lag)
+        handle = Handle.of(problem, below_quarter_rate(device, BAND_HZ))
+        dead_zone = dead_zone_m(device)
+        return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit, dead_zone, handle)
 
     def hardest(self, law: StateFeedback, rendering: Rendering) -> Loops:
         """Return the critical loops, of most missing decay with a law; similar laws have the same ones."""

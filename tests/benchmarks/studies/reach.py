@@ -14,11 +14,11 @@ from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.effects import ObserverEffect
 from avc_casadi.model.gains import Gains, gains_at
-from avc_casadi.recommendation.impedance_error import TOLERANCE, error_curve
 from avc_casadi.simulation.judge import Judgement
 from avc_casadi.simulation.population.motions import motions_at
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, judged
+from studies.error_curve import TOLERANCE, error_curve
 
 if TYPE_CHECKING:
     from avc_casadi.model.hands import Hand, StylusHand

@@ -1,12 +1,11 @@
-"""Impedance error of gains against frequency, relative to the sampled and to the physical wall."""
+"""Impedance error of gains and wall against frequency, relative to the sampled and to the physical wall."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.worst_port import impedance_at_handle
@@ -17,19 +16,13 @@ from avc_casadi.paper.numbers import NUMPY
 from avc_casadi.paper.rendered import perceived_impedance_of
 
 if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Impedance, Problem
     from avc_casadi.model.schedule import GainSchedule
-
 
 TOLERANCE = 0.10
 GRID_HZ = np.geomspace(0.5, 200.0, 241)
 # A rigid coupling in numbers, far above any wall's spring or damper.
 _RIGID = 1e15
-# Samples of a period, for the wall's own force.
-_A_PERIOD = 1024
-# A smaller share of the wall counts as zero.
-_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -76,82 +69,13 @@ def error_curve(
         wall: the reference wall; None is the one that is rendered.
     """
     wall, device, s = wall or problem.environment, problem.device, 2j * np.pi * frequency_hz
-    stated = _stated(problem)
+    stated = problem.changed(stability={"model": "sampled-data"})
     loop, angle = loop_at(stated, frequency_hz), SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
     behind = environment_impedance(angle, "sampled-data", wall.damping_ns_per_m, wall.stiffness_n_per_m)
     felt = _at_handle(stated, perceived_impedance_of(stated, frequency_hz, _rows(gains, frequency_hz)), frequency_hz)
     goal = _at_handle(stated, perceived_impedance(loop.device, loop.hold, behind), frequency_hz)
-    return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, _physical(device, wall, s)))
-
-
-@dataclass(frozen=True)
-class Rendered:
-    """Rendered impedance at the handle by frequency, each of shape (n,).
-
-    Attributes:
-        stiffness_n_per_m: |Z_h - Z_d| omega.
-        error: as `ErrorCurve.physical`.
-        mismatch: |ln((Z_h - Z_d)/Z_e)| with the impedance Z_e of the wall itself, which never pulls: symmetric in too
-            soft and too stiff, and finite where device and wall resonate and |Z| nearly vanishes.
-    """
-
-    stiffness_n_per_m: FloatArray
-    error: FloatArray
-    mismatch: FloatArray
-
-
-def of_force(
-    problem: Problem, force_n_per_m: ComplexArray, wall_n_per_m: ComplexArray, frequency_hz: FloatArray
-) -> Rendered:
-    """Return what a transfer from measured position to force renders at the handle of the declared device.
-
-    Args:
-        problem: device and wall.
-        force_n_per_m: commanded force over position, before delay and amplifier, shape (n,).
-        wall_n_per_m: force of the wall itself over position in the same motion, shape (n,).
-        frequency_hz: of the motion, shape (n,).
-    """
-    stated, device, s = _stated(problem), problem.device, 2j * np.pi * frequency_hz
-    loop, angle = loop_at(stated, frequency_hz), SampleAngle.at(NUMPY, frequency_hz, device.sample_time_s)
-    # The impedance of a spring of 1 N/m turns force over position into one over velocity.
-    unit = environment_impedance(angle, "sampled-data", 0.0, 1.0)
-    felt = _at_handle(stated, perceived_impedance(loop.device, loop.hold, force_n_per_m * unit), frequency_hz)
-    wanted = _physical(device, problem.environment, s)
-    rendered = felt - (device.mass_kg * s + device.damping_ns_per_m)
-    return Rendered(np.abs(rendered * s), _relative(felt, wanted), _log_ratio(rendered * s, wall_n_per_m))
-
-
-def wall_over_position(wall: Impedance, depth_m: float, amplitude_m: float, frequency_hz: FloatArray) -> ComplexArray:
-    """Return max(0, k_e x + b_e dx/dt) over x, N/m, at the frequency of a sine about a depth, shape (n,).
-
-    A wall never pulls: of a damper alone that leaves the half of b_e (describing function: Gelb and Vander Velde 1968).
-
-    Args:
-        wall: k_e and b_e.
-        depth_m: mean depth.
-        amplitude_m: of the sine.
-        frequency_hz: of the motion, shape (n,).
-    """
-    angle = 2 * np.pi * np.arange(_A_PERIOD) / _A_PERIOD
-    moved, speed = amplitude_m * np.sin(angle), 2 * np.pi * frequency_hz[:, None] * amplitude_m * np.cos(angle)
-    force = np.maximum(0.0, wall.stiffness_n_per_m * (depth_m + moved) + wall.damping_ns_per_m * speed)
-    wave = np.exp(-1j * angle)
-    return np.asarray((force @ wave) / (moved @ wave))
-
-
-def _log_ratio(rendered: ComplexArray, wanted: NDArray[np.complexfloating[Any, Any]]) -> FloatArray:
-    """Return |ln(rendered/wanted)|, 0 where both vanish."""
-    there = wanted != 0
-    ratio = np.where(there, rendered / np.where(there, wanted, 1.0), 1.0)
-    return np.asarray(np.abs(np.log(np.where(np.abs(ratio) > _NOTHING, ratio, _NOTHING))))
-
-
-def _stated(problem: Problem) -> Problem:
-    return problem.changed(stability={"model": "sampled-data"})
-
-
-def _physical(device: Device, wall: Impedance, s: NDArray[np.complexfloating[Any, Any]]) -> ComplexArray:
-    return np.asarray(device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s)
+    physical = device.mass_kg * s + device.damping_ns_per_m + wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    return ErrorCurve(frequency_hz, _relative(felt, goal), _relative(felt, physical))
 
 
 def _at_handle(stated: Problem, perceived: ComplexArray, frequency_hz: FloatArray) -> ComplexArray:
