@@ -152,10 +152,6 @@ class Evaluator:
         """Return the stiffest acceptable coupling, if any."""
         return max(self._enough(), key=lambda one: one.felt_n_per_m, default=None)
 
-    def nearest(self) -> Judged | None:
-        """Return the acceptable coupling of smallest impedance mismatch, if any."""
-        return min(self._enough(), key=lambda one: one.distance, default=None)
-
     def may_win(self, alternatives: Alternatives) -> bool:
         """Return whether untried couplings may be as stiff as the acceptable ones, or of smaller mismatch."""
         enough = self._enough()

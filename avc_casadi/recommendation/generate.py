@@ -171,18 +171,19 @@ class RobustCandidates:
         tasks = [partial(_continued, self._problem, point, walls, asked, seed=_OTHERS + one, **how) for one in numbers]
         yield from map(self._kept, self._crew.each(tasks))
 
-    def refinements(self, coupling: Coupling, asked: Screening, *, surer: bool) -> Iterator[list[Step]]:
+    def refinements(self, coupling: Coupling, asked: Screening) -> Iterator[list[Step]]:
         """Yield the same wall with laws of less compliance in motion; none for a law of another structure.
+
+        Where such exist, these are laws with which all hands also settle on perturbed devices.
 
         Args:
             coupling: that stabilises it.
             asked: screening hands, who must all settle.
-            surer: whether another law is refined, if one is found, where not all settle on perturbed devices with this.
         """
         law = coupling.runtime.state_feedback
         pairs = ((step, one) for step in self.steps for one in step.candidates if one.law is law)
         for step, one in itertools.islice(pairs, 1):
-            task = partial(_refined, self._problem, replace(step, candidates=(one,)), asked, surer=surer)
+            task = partial(_refined, self._problem, replace(step, candidates=(one,)), asked)
             yield from map(self._kept, self._crew.each([task]))
 
     def alternatives(self, step: Step) -> Alternatives:
@@ -194,16 +195,15 @@ class RobustCandidates:
         return steps
 
 
-def _refined(problem: Problem, step: Step, asked: Screening, *, surer: bool) -> list[Step]:
+def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
     """Return laws for a wall with less compliance in motion, also on perturbed devices where one is found."""
     everybody, wall, best = _residual_speed_at(problem, asked.and_off()), step.stiffness_n_per_m, step.best
     if asked.off:
         if (asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law]) < 1).all():
             return [refined(problem, step, everybody)]
-        known = from_known(problem, wall, everybody) if surer else None
-        found = [] if known is None else [known]
-        if surer and not found:
-            found = _continued(problem, best.logarithms, (wall, wall), asked.and_off(), softer=0)
+        known = from_known(problem, wall, everybody)
+        from_here = partial(_continued, problem, best.logarithms, (wall, wall), asked.and_off(), softer=0)
+        found = from_here() if known is None else [known]
         if found:
             return [refined(problem, found[-1], everybody)]
     return [refined(problem, step, _residual_speed_at(problem, asked))]

@@ -58,9 +58,7 @@ def _returns(value: Any) -> Callable[[Any], Any]:
 
 
 def _one_climb(original: Any) -> Any:
-    return lambda evaluator, robust, wall, near, _climbs, onwards: original(
-        evaluator, robust, wall, near, range(1), onwards
-    )
+    return lambda evaluator, robust, wall, _climbs, onwards: original(evaluator, robust, wall, range(1), onwards)
 
 
 def _fewer_softer(original: Any) -> Any:
@@ -107,7 +105,7 @@ RULES = {
     "known": Rule(
         "laws known from other devices", f"{GENERATE}.from_known", {f"{GENERATE}.from_known": _returns(None)}
     ),
-    "climb": Rule("a second continuation where one is no nearer", LAW, {LAW: _one_climb}),
+    "climb": Rule("a second continuation where one does not hold the wall", LAW, {LAW: _one_climb}),
     "refine": Rule(
         "nearer laws for the wall that is held", f"{SCHEDULE}._refine", {f"{SCHEDULE}._refine": _returns(None)}
     ),
