@@ -30,6 +30,7 @@ from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom, wit
 from avc_casadi.recommendation.perturbed_devices import PerturbedDevices, off_file
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of, reason_of
+from avc_casadi.recommendation.rebound import rebound
 from avc_casadi.recommendation.ripple import ripple
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import Help, what_would_help
@@ -119,6 +120,7 @@ class Recommendation(Printed):
             "tap_depth_m": tried["tap_depth_m"],
             "edge_m": contact_onset_m(self.coupling) if springy else {},
             "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
+            "rebound": rebound(self.coupling) if springy else {},
             "vibration": tried["felt_vibration"],
             "friction_n": self.problem.device.coulomb_friction_n,
             "rest_error_m": self.problem.device.coulomb_friction_n / sensed if sensed else None,

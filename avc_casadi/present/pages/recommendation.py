@@ -24,6 +24,8 @@ _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
 _THIN_GAIN, _THIN_DEG = 10 ** (3 / 20), 10.0
 # A noticeable offset of the onset from the wall's face, m; a stiffness gain by friction that is worth a row.
 _ELSEWHERE_M, _STIFFER = 5e-4, 1.1
+# A rebound above that of a passive wall by more than an encoder's step makes of a speed.
+_FASTER = 1.02
 _MOST_HELPS = 3
 # A wall that a larger share of hands pushes through is named first.
 _PUSH_THROUGH = 0.5
@@ -90,6 +92,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         *_outside(document),
         *_force(document, problem),
         *_onset(document, problem),
+        *_rebound(document, problem),
         *_friction(document, problem),
         *_limit(document, problem),
     ]
@@ -303,6 +306,17 @@ def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
         for speed, depth in at.items()
     )
     return [Row("Contact onset", told, Mark.CAUTION)]
+
+
+def _rebound(document: dict[str, Any], problem: Problem) -> list[Row]:
+    """Describe strikes of the released device from which it returns faster than it came."""
+    unit = problem.units.unit("m/s")
+    told = [
+        f"{share:.3g} times its {speed} {unit}"
+        for speed, share in document["felt"]["rebound"].items()
+        if share > _FASTER
+    ]
+    return [Row("Rebound", f"a released device leaves the wall at {', '.join(told)}", Mark.CAUTION)] if told else []
 
 
 def _friction(document: dict[str, Any], problem: Problem) -> list[Row]:
