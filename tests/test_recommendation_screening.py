@@ -14,7 +14,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.recommendation import evaluate as _evaluate
 from avc_casadi.recommendation import screening as _asked_first
 from avc_casadi.recommendation.evaluate import Evaluator
-from avc_casadi.recommendation.screening import SETTLED_MARGIN, Group, Screening, elsewhere, off_file
+from avc_casadi.recommendation.screening import Group, Screening, elsewhere, off_file
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 
@@ -244,11 +244,10 @@ def test_nobody_tries_a_law_on_other_devices_where_the_file_bounds_all_that_may_
     assert off({"range": known})[0] == ()
 
 
-def test_on_devices_off_the_file_they_rest_only_where_they_surely_do():
-    """With the same hands and device: what is just at rest on the one is not on the other."""
+def test_hands_on_devices_off_the_file_are_asked_where_that_is_wanted():
     group = Group(people_of(PROBLEM.hands, HANDS))
     ends = Screening(((group,),), friction=False).ends(coupling(300.0))([None])
-    surely = Screening(((group,),), friction=False, off=(replace(group, slow=SETTLED_MARGIN),))
-    np.testing.assert_array_equal(surely.ends(coupling(300.0))([None]), ends)
-    found = surely.and_off().ends(coupling(300.0))([None])
-    np.testing.assert_allclose(found, np.concatenate([ends, ends / SETTLED_MARGIN], axis=1), rtol=1e-12)
+    both = Screening(((group,),), friction=False, off=(group,))
+    np.testing.assert_array_equal(both.ends(coupling(300.0))([None]), ends)
+    np.testing.assert_array_equal(both.and_off().ends(coupling(300.0))([None]), np.concatenate([ends, ends], axis=1))
+    np.testing.assert_array_equal(both.only_off().ends(coupling(300.0))([None]), ends)

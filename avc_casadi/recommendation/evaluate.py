@@ -16,7 +16,6 @@ from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.rank import AS_STIFF, Judged, best_of
 from avc_casadi.recommendation.screening import (
     BEYOND_HANDS,
-    SETTLED_MARGIN,
     Group,
     Screening,
     beyond_file,
@@ -46,6 +45,8 @@ _MOST_TRIED = 5
 _DEVICES = 16
 # One in this many loose grips screens a law first.
 _ONE_IN = 4
+# Settled with margin: residual speed below this share of the threshold.
+_SETTLED_MARGIN = 0.7
 # Largest share of hands not settling at which these join the screening hands.
 _FEW_MOVE = 0.05
 
@@ -293,7 +294,7 @@ def likeliest(
     """
     left = alternatives
     # Where hands settle by friction alone, a margin is kept: another hand may move a little faster.
-    slow = SETTLED_MARGIN if lean_on_friction else 1.0
+    slow = _SETTLED_MARGIN if lean_on_friction else 1.0
     asked = len(left) > 1 or left[0].runtime.state_feedback is not None
     for group in groups if asked else ():
         restless = (~(group.residual_speeds(left, friction=lean_on_friction) < slow)).sum(axis=1)

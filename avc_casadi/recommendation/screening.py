@@ -31,8 +31,6 @@ _CORNERS, _WITHIN, _OF_EACH = 6, 2, 4
 _OFF_FIRST, _OFF_LOOSE = 8, 60
 BEYOND_HANDS = 60
 """Number of hands on each device with an unmodelled effect."""
-SETTLED_MARGIN = 0.7
-"""Settled with margin: residual speed below this share of the threshold."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,10 @@ class Group:
         people: the hands.
         device: theirs; None is that of the problem.
         effects: simulated beside those that the device declares.
-        slow: required residual speed over the settling threshold.
     """
 
     people: Hand | StylusHand
     device: Device | None = None
-    slow: float = 1.0
     effects: tuple[Effect, ...] = ()
 
     def pick(self, moving: BoolArray) -> Group:
@@ -56,31 +52,14 @@ class Group:
         return replace(self, people=self.people.pick(np.flatnonzero(moving)))
 
     def residual_speeds(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
-        """Return residual speeds over the required one, shape (couplings, hands)."""
+        """Return residual speeds over the threshold of settling, shape (couplings, hands)."""
         how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return residual_speeds(couplings, self.people, **how) / self.slow
+        return residual_speeds(couplings, self.people, **how)
 
-    def ends(self, coupling: Coupling, *, friction: bool) -> _Asked:
+    def ends(self, coupling: Coupling, *, friction: bool) -> Ends:
         """Return the evaluation of residual speeds for laws of one structure, stopping at the first unsettled hand."""
         how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return _Asked(prepared_residual_speeds(coupling, self.people, racing=True, **how), self.slow)
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """A group prepared for laws of one structure."""
-
-    ends: Ends
-    slow: float
-
-    @property
-    def people(self) -> int:
-        """Number of hands."""
-        return self.ends.people
-
-    def __call__(self, laws: Sequence[StateFeedback]) -> FloatArray:
-        """Return residual speeds over the required one, shape (laws, hands)."""
-        return self.ends(laws) / self.slow
+        return prepared_residual_speeds(coupling, self.people, racing=True, **how)
 
 
 @dataclass(frozen=True)
@@ -125,7 +104,7 @@ class Screening:
         return residual_speeds
 
 
-def _speeds(stage: list[_Asked], laws: Sequence[StateFeedback]) -> FloatArray:
+def _speeds(stage: list[Ends], laws: Sequence[StateFeedback]) -> FloatArray:
     return np.concatenate([ends(laws) for ends in stage], axis=1)
 
 
@@ -158,7 +137,7 @@ def off_file(device: Device, corners: Hand, loose: Hand) -> tuple[Group, ...]:
     """Return hands on the lightest perturbed devices, where values have no declared range.
 
     No claim is made for these, and no stiffness is given up for them; but of laws for the same wall those are
-    preferred with which they settle with margin.
+    preferred with which they settle.
 
     Args:
         device: with its ranges, if it has any.
@@ -170,7 +149,7 @@ def off_file(device: Device, corners: Hand, loose: Hand) -> tuple[Group, ...]:
     found = []
     for place, one in enumerate(one for one in others if one.mass_kg == lightest):
         rows = np.arange(place * _OFF_LOOSE, (place + 1) * _OFF_LOOSE) % len(loose)
-        found.append(Group(together(corners.pick(slice(_OFF_FIRST)), loose.pick(rows)), one, SETTLED_MARGIN))
+        found.append(Group(together(corners.pick(slice(_OFF_FIRST)), loose.pick(rows)), one))
     return tuple(found)
 
 

@@ -35,7 +35,7 @@ OUT = Path(__file__).parent / "results" / "ablation_recommend.json"
 PAGE = Path(__file__).parent / "RESULTS_ablation_recommend.md"
 ALL = "all rules"
 SCHEDULE, GENERATE = "recommendation.search_schedule", "recommendation.generate"
-EVALUATE, SCREENING = "recommendation.evaluate", "recommendation.screening"
+EVALUATE = "recommendation.evaluate"
 LAWS, KNOWN = "design.robust.cma_continuation", "design.robust.known_laws"
 # What a user would notice: a share of the stiffness, a difference of impedance error; or one hand.
 STIFFER, NEARER = 0.03, 0.02
@@ -118,7 +118,6 @@ RULES = {
     "faster": Rule("larger steps after an easy wall", CONTINUATIONS, {f"{LAWS}._FASTER": _is(1.0)}),
     "softer": Rule("12 softer first walls, not 4", CONTINUATIONS, {CONTINUATIONS: _fewer_softer}),
     "off_file": Rule("laws settle on devices off their file", REFINES, {f"{EVALUATE}.off_file": _returns(())}),
-    "surely": Rule("settled with a margin of 0.7 there", REFINES, {f"{SCREENING}.SETTLED_MARGIN": _is(1.0)}),
     "one_in": Rule("loose hands in two stages", LAW, {f"{EVALUATE}._ONE_IN": _is(1)}),
     "learn": Rule(
         "hands that moved are asked first",
