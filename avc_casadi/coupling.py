@@ -15,6 +15,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._moved import lookup
 from avc_casadi._util.text import columns_html
+from avc_casadi._util.units import N_PER_M, Units, in_its_units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
@@ -129,11 +130,17 @@ class Coupling:
         beside = runtime or Runtime()
         return cls(problem, schedule_of(problem, table, method, beside.state_feedback), table, beside)
 
+    @property
+    def units(self) -> Units:
+        """Names and units in which it is printed."""
+        return self.problem.units
+
+    @in_its_units
     def __repr__(self) -> str:
         wall = self.wall
         return (
-            f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} N/m, "
-            f"T {1e3 * self.sample_time_s:g} ms)"
+            f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} "
+            f"{N_PER_M}, T {1e3 * self.sample_time_s:g} ms)"
         )
 
     def _repr_html_(self) -> str:

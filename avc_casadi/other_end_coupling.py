@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi.model.lifted_loop import ToolGains
 
 if TYPE_CHECKING:
+    from avc_casadi._util.units import Units
     from avc_casadi.model.follower import Follower
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import VirtualTool
@@ -34,6 +35,11 @@ class OtherEndCoupling(ABC):
     certificate: Mapping[str, Any] | None = field(default=None, repr=False)
     trial: Mapping[str, Any] | None = field(default=None, repr=False)
     versions: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+    @property
+    def units(self) -> Units:
+        """Names and units in which it is printed."""
+        return self.problem.units
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and isinstance(other, OtherEndCoupling) and self.id == other.id

@@ -12,7 +12,7 @@ from measured_device import Truth, measured, multisine
 from test_turning_device_is_told_in_its_own_units import linear_words
 
 import avc_casadi as avc
-from avc_casadi._util.units import ROTARY
+from avc_casadi._util import units
 from avc_casadi.cli import main
 from avc_casadi.files.device_file import parse_device
 from avc_casadi.identification.device import device_text
@@ -64,11 +64,11 @@ def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, 
     assert "tick,time_ms,angle_urad,torque_Nm" in (tmp_path / "log.csv").read_text()
     page = ["--report", "page.html", "--out", "mine.toml"]
     found = document(capsys, "identify", "log.csv", "--device", "guess.toml", *page)
-    units = {"mass_kg": "kg.m2", "damping_ns_per_m": "N.m.s/rad", "coulomb_friction_n": "N.m"}
+    expected = {"mass_kg": "kg.m2", "damping_ns_per_m": "N.m.s/rad", "coulomb_friction_n": "N.m"}
     for key, truth in HIDDEN.items():
-        one = found["estimates"][ROTARY.key(key)]
+        one = found["estimates"][units.ROTARY.key(key)]
         assert one["low"] <= truth <= one["high"], (key, one)
-        assert one["unit"] == units[key]
+        assert one["unit"] == expected[key]
     assert found["estimates"]["encoder_resolution_rad"]["unit"] == "rad"
     assert "newton" not in json.dumps(found)
     assert linear_words((tmp_path / "mine.toml").read_text()) == []
@@ -185,7 +185,8 @@ def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
     own = next(cure for cure in found.cures if cure.key == "stiffness_n_per_m")
     its = next(cure for cure in at_rim.cures if cure.key == "stiffness_n_per_m")
     assert own.value == pytest.approx(its.value * RADIUS**2, rel=0.05)
-    assert linear_words(ROTARY.text(diagnosis_text(found))) == []
+    with units.speaking(units.ROTARY):
+        assert linear_words(diagnosis_text(found)) == []
     with pytest.raises(avc.InputError, match="nothing says where the hand holds it"):
         diagnose(Columns("log", time, position, force, motion="rotary"))
 

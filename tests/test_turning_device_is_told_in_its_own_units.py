@@ -9,11 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi._util.units import LINEAR, ROTARY
+from avc_casadi._util import units
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.recommendation.preconditions import assumed
+from avc_casadi.recommendation.stiffest import Processes
 
 KNOB = """
 title = "a knob, N and mm in its own words"
@@ -183,29 +184,72 @@ def test_a_coupling_file_comes_back(folder):
 )
 def test_names_are_one_to_one(parts, ending):
     key = "_".join(parts) + ending
-    assert ROTARY.inner(ROTARY.key(key)) == key
-    assert ROTARY.key(ROTARY.key(key)) == ROTARY.key(key)
-    assert LINEAR.key(key) == key
+    assert units.ROTARY.inner(units.ROTARY.key(key)) == key
+    assert units.ROTARY.key(units.ROTARY.key(key)) == units.ROTARY.key(key)
+    assert units.LINEAR.key(key) == key
 
 
 def test_a_linear_device_keeps_every_word():
     problem = avc.load_problem("figure5")
-    assert problem.units is LINEAR
-    text = "a force of 3 N/m and 5 mm"
-    assert LINEAR.text(text) is text
-    assert LINEAR.page(text) is text
-    assert LINEAR.document({"mass_kg": 1}) == {"mass_kg": 1}
+    assert problem.units is units.LINEAR
+    assert (
+        f"a {units.FORCE} of 3 {units.N_PER_M} and 5 {units.MM}, {units.A_MASS}" == "a force of 3 N/m and 5 mm, a mass"
+    )
+    assert units.spoken_key("device.mass_kg") == "device.mass_kg"
+    assert units.LINEAR.document({"mass_kg": 1}) == {"mass_kg": 1}
     assert "rotary" not in avc.dump_problem(problem)
     assert "motion" not in problem.device.model_dump()
 
 
-@pytest.mark.parametrize("title", ["e", "ad", "gated by N", "deflection"])
-def test_a_title_that_is_a_part_of_other_words_leaves_them_alone(title):
-    """Only where it stands alone is it the user's own word."""
-    own = ROTARY.beside(title)
-    told = "made by avc-casadi; force: 3 N; coupling_deflection_before_m, deflections in m/s"
-    assert own.text(told) == ROTARY.text(told)
-    assert own.text(f"{title}: 3 N") == f"{title}: 3 N.m"
+def test_a_sentence_is_told_as_the_device_moves():
+    sentence = units.Wording.of(
+        lambda: (
+            f"{units.FORCES:>8} of {units.A_MASS} "
+            f"({units.spoken_key('device.mass_kg')}, {units.spoken_key('--force-n')})"
+        )
+    )
+    assert str(sentence) == "  forces of a mass (device.mass_kg, --force-n)"
+    with units.speaking(units.ROTARY):
+        assert str(sentence) == " torques of an inertia (device.inertia_kgm2, --torque-nm)"
+        assert units.spoken_key("device.handle_radius_m") == "device.handle_radius_m"
+        assert f"held at 5 m, pushed by 2 {units.NEWTON}" == "held at 5 m, pushed by 2 N.m"
+
+
+@pytest.mark.parametrize(
+    "raised", [avc.InputError.of("no", key="device.mass_kg"), avc.UnsupportedError("no", key="force_n")]
+)
+def test_an_error_names_its_key_as_the_device_moves(raised):
+    with pytest.raises(type(raised)) as caught, units.speaking(units.ROTARY):
+        raise raised
+    keys = [fault.key for fault in getattr(caught.value, "faults", ())] or [caught.value.key]
+    assert keys in (["device.inertia_kgm2"], ["torque_nm"])
+
+
+def test_the_words_of_the_user_stay_as_they_are(capsys, tmp_path):
+    title = "a force of 3 N/m on a mass, device.mass_kg in mm"
+    (tmp_path / "own.toml").write_text(KNOB.replace("a knob, N and mm in its own words", title))
+    assert main(["check", str(tmp_path / "own.toml"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["title"] == title
+    assert title in avc.dump_problem(avc.load_problem(tmp_path / "own.toml"))
+
+
+def test_what_a_call_returns_is_told_as_the_device_moves():
+    problem = avc.parse_problem(KNOB, name="knob")
+    coupling = Coupling.constant(problem, Gains(0.0, 1e8, 0.0017), "mine")
+    verdict = avc.deployable(coupling)
+    told = [
+        repr(problem),
+        repr(coupling),
+        *(claim.sentence for claim in verdict.claims),
+        str(avc.solve(problem, "exact")),
+    ]
+    assert linear_words("\n".join(told)) == []
+    assert "N.m/rad" in told[0]
+
+
+def test_another_process_tells_it_as_this_one():
+    with Processes(1) as process, units.speaking(units.ROTARY):
+        assert process.submit(units.spoken_key, "force_n").result() == "torque_nm"
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from avc_casadi._util.files import clear_unfinished, read_text, write_file
 from avc_casadi._util.json_values import json_text
 from avc_casadi._util.parallel import Processes, require_workers
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import speaks, spoken
 
 _ABOUT = "study.json"
 # A chunk is a table of numbers.
@@ -290,7 +291,7 @@ class Chunked(Generic[T, R]):
         if executor is None:
             yield from ((index, self.work(self.tasks[index])) for index in left)
             return
-        futures = {executor.submit(self.work, self.tasks[index]): index for index in left}
+        futures = {executor.submit(speaks, spoken(), self.work, self.tasks[index]): index for index in left}
         try:
             for future in as_completed(futures):
                 try:

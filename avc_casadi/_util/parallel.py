@@ -7,6 +7,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextvars import copy_context
 from functools import cache, partial
 from multiprocessing import active_children, current_process, get_context, parent_process
 from multiprocessing.process import BaseProcess
@@ -16,6 +17,7 @@ from typing import Any, Generic, Self, TypeVar
 
 from avc_casadi._errors import InputError, WorkerLostError
 from avc_casadi._util.interrupt import starting_processes
+from avc_casadi._util.units import speaks, spoken
 
 _AT_MOST: list[int] = []
 
@@ -67,7 +69,7 @@ class Processes(Executor):
 
         The future raises `WorkerLostError` where three processes died of it.
         """
-        return self._threads.submit(self._done, partial(fn, *args, **kwargs))
+        return self._threads.submit(self._done, partial(speaks, spoken(), fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Accept no more tasks, and end the processes after those begun."""
@@ -181,7 +183,7 @@ def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R
     with ThreadPoolExecutor(1) as pool:
         before: tuple[T, Future[R]] | None = None
         for name, task in tasks:
-            coming = pool.submit(task)
+            coming = pool.submit(copy_context().run, task)
             if before is not None:
                 yield before[0], before[1].result()
             before = name, coming

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 
+from avc_casadi._util.units import Wording
+
 # Smaller values in SI units are printed without a prefix.
 _LEAST = 1e-12
 _PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
-def quantity(value: float | None, unit: str, digits: int = 3) -> str:
+def quantity(value: float | None, unit: str | Wording, digits: int = 3) -> str:
     """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none.
 
     Args:
@@ -17,6 +19,7 @@ def quantity(value: float | None, unit: str, digits: int = 3) -> str:
         unit: such as ``N/m``; a mass is printed in grams.
         digits: significant ones.
     """
+    unit = str(unit)
     if value is None or math.isnan(value):
         return "-"
     if unit.startswith("kg"):

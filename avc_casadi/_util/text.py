@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from avc_casadi._errors import MissingExtraError
 from avc_casadi._util.arrays import Comparable
-from avc_casadi._util.units import spoken
+from avc_casadi._util.units import Wording
 
 _OF_PROBLEM = re.compile(r"\b(avc [a-z][a-z0-9-]*) P\b")
 
@@ -86,7 +86,7 @@ class Table:
     def html(self) -> str:
         """Return the header and rows as an HTML table; every text is escaped, verdicts are classes of their cells."""
         right = ["" if column in self.left else "n" for column in range(len(self.header))]
-        heads = [_in_a_line(spoken().text(cell)) for cell in self.header]
+        heads = [_in_a_line(cell) for cell in self.header]
 
         def row(cells: Iterable[str], tag: str, more: str) -> str:
             inner = (
@@ -111,10 +111,10 @@ def text_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Se
         rows: cells.
         left: columns aligned to the left; all others to the right.
     """
-    heads = [spoken().text(cell).split("\n") for cell in header]
+    heads = [cell.split("\n") for cell in header]
     height = max(len(lines) for lines in heads)
     head_rows = [[lines[i] if i < len(lines) else "" for lines in heads] for i in range(height)]
-    body = [[spoken().text(cell) for cell in row] for row in rows]
+    body = [[*row] for row in rows]
     widths = [max(len(row[column]) for row in [*head_rows, *body]) for column in range(len(header))]
 
     def line(row: Sequence[str]) -> str:
@@ -147,7 +147,7 @@ NOTEBOOK_ROWS = 8
 Columns = dict[str, np.ndarray[Any, Any]]
 
 
-def short(values: ArrayLike, unit: str = "") -> str:
+def short(values: ArrayLike, unit: str | Wording = "") -> str:
     """Return the span of an array, as "0.3 to 41 N/m", or its one value; a dash where none is finite."""
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array)]

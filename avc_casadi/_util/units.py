@@ -2,17 +2,19 @@
 
 The equations are the same in SI units, so that the inside of the package knows one set of names, those of a linear
 device; a rotary value stands in them unchanged (kg.m2 in ``mass_kg``). Each unit has the same prefixes in both, so that
-a text is converted without a look at its numbers: 3 mm is 3 mrad there.
+a number is the same in both: 3 mm is 3 mrad there. A sentence holds each unit and noun as a `Wording`, and is written
+for the motion that is spoken of as it is composed; nothing changes it afterwards.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import dataclass, replace
+from functools import wraps
+from typing import Any, Literal, TypeVar, cast
 
 from avc_casadi._errors import InputError, UnsupportedError
 
@@ -32,70 +34,10 @@ _ENDINGS = {
     "_n": "_nm",
     "_m": "_rad",
 }
-_NOUNS = {"mass": "inertia", "masses": "inertias", "force": "torque", "forces": "torques"}
 # A unit in the middle of a key.
 _WORDS = {"metres_per_count": "radians_per_count"}
 # Lengths of a rotary device as well.
 _LENGTHS = ("handle_radius_m", "capstan_radius_m")
-# Keys whose value is a user's own text, or a file.
-_OWN_WORDS = {
-    "title",
-    "source",
-    "name",
-    "problem",
-    "device",
-    "file",
-    "path",
-    "schema",
-    "id",
-    "written",
-    "units",
-    "trace",
-    "folder",
-    "files",
-}
-
-# Unit, and its rotary counterpart; N.s/m before N, kN before N.
-_UNITS = {
-    "N.s/m": "N.m.s/rad",
-    "N·s/m": "N·m·s/rad",
-    "N s/m": "N.m.s/rad",
-    "N/mm": "N.m/mrad",
-    "kN/m": "kN.m/rad",
-    "MN/m": "MN.m/rad",
-    "N/m": "N.m/rad",
-    "m/s/N": "rad/s/(N.m)",
-    "mm/s": "mrad/s",
-    "um/s": "urad/s",
-    "m/s": "rad/s",
-    "m/N": "rad/(N.m)",
-    "kN": "kN.m",
-    "mN": "mN.m",
-    "N": "N.m",
-    "kg": "kg.m2",
-    "g": "g.m2",
-    "mm": "mrad",
-    "um": "urad",
-    "\N{MICRO SIGN}m": "\N{MICRO SIGN}rad",
-    "m": "rad",
-}
-# A letter alone is a unit after a number, and in a heading or bracket.
-_LETTER = (
-    r"(?:(?:(?<=\d )|(?<=\d\] )|(?<=\bin )|(?<=orce ))(?:N|g|m)(?![\w/=·]| =|\.\w)"
-    r"|(?:(?<=[(\n])|(?<=, ))(?:N|g|m)(?=\)|,|;|\n|$| [a-z]{2,} of\b))"
-)
-_TOKEN = re.compile(
-    r"(?P<key>(?<![\w/\\])(?<!--)(?:[A-Za-z_]\w*(?:\[\w+\])?\.)*[A-Za-z]\w*?(?:"
-    + "|".join(_ENDINGS)
-    + r")\b(?!\.(?:toml|json|csv|html|png|svg|pdf|txt|c|h)\b|[/-]))"
-    + r"|(?P<option>(?<![\w-])--[a-z]+(?:-[a-z]+)*-(?:m|n|kg|m-per-s)\b(?!-))"
-    + r"|(?P<stem>(?<![\w/\\.-])[A-Za-z_]\w*(?:\.[a-z_]\w*)*\.(?:mass|force)_ratio\b|\bmass_ratio\b)"
-    + r"|(?P<unit>(?<![\w/.·\\])(?:"
-    + "|".join(re.escape(unit) for unit in _UNITS if len(unit) > 2 or unit in {"kN", "mN", "kg", "mm", "um"})
-    + r")(?![\w/]|[.·]\w))"
-    + rf"|(?P<letter>{_LETTER})"
-    + r"|(?P<noun>(?<![\w/\\.-])(?:[Aa] mass|[Mm]ass(?:es)?|[Ff]orces?)\b(?![/\\-]|\.\w|\())"
-)
 
 
 @dataclass(frozen=True)
@@ -104,15 +46,9 @@ class Units:
 
     Attributes:
         motion: linear or rotary.
-        own: texts of the user, which stay unchanged.
     """
 
     motion: MotionKind
-    own: tuple[str, ...] = field(default=(), compare=False)
-
-    def beside(self, *own: str) -> Units:
-        """Return the same units, with texts of the user, such as the title of a problem, unchanged."""
-        return self if self.linear else replace(self, own=(*self.own, *filter(None, own)))
 
     @property
     def linear(self) -> bool:
@@ -133,6 +69,10 @@ class Units:
                 return parts.removesuffix(ending) + other
         return parts
 
+    def option(self, option: str) -> str:
+        """Return the option of this motion for a linear one: ``--force-n`` as ``--torque-nm``."""
+        return "--" + self.key(option.removeprefix("--").replace("-", "_")).replace("_", "-")
+
     def inner(self, key: str) -> str:
         """Return the internal key: the inverse of `key`."""
         if self.linear:
@@ -149,27 +89,11 @@ class Units:
         """Return the unit of this motion for a linear one: ``N/m`` as ``N.m/rad``."""
         return unit if self.linear else _UNITS.get(unit, unit)
 
-    def text(self, text: str) -> str:
-        """Return a text with linear keys, units and nouns in those of this motion."""
-        if self.linear or not text:
-            return text
-        if not self.own:
-            return "".join(map(self._line, text.splitlines(keepends=True))) if "   " in text else self._tokens(text)
-        names = "|".join(map(re.escape, sorted(self.own, key=len, reverse=True)))
-        parts = re.split(rf"(?<!\w)({names})(?!\w)", text)
-        return "".join(part if place % 2 else replace(self, own=()).text(part) for place, part in enumerate(parts))
-
-    def page(self, html: str) -> str:
-        """Return an HTML page with converted texts; pictures, scripts and styles in it stay unchanged."""
-        if self.linear:
-            return html
-        return "".join(part if kept else self.text(part) for part, kept in _parts(html))
-
     def code(self, source: str) -> str:
-        """Return C or C++ with names and comments of this motion."""
+        """Return C or C++ whose names are of this motion; its comments are written in it already."""
         if self.linear:
             return source
-        told = self.text(source)
+        told = _NAME.sub(lambda found: self.key(found[0]), source)
         for name, other in _MACROS.items():
             told = told.replace(name, other)
         return told
@@ -179,20 +103,7 @@ class Units:
         if self.linear:
             return dict(document)
         head = {"motion": self.motion, "units": UNIT_BLOCK}
-        return {**{key: value for key, value in head.items() if key not in document}, **self.named(document)}
-
-    def named(self, value: Any) -> Any:
-        """Return JSON values with keys and texts of this motion."""
-        if self.linear:
-            return value
-        if isinstance(value, Mapping):
-            return {
-                self.key(str(key)): item if key in _OWN_WORDS and isinstance(item, str) else self.named(item)
-                for key, item in value.items()
-            }
-        if isinstance(value, list | tuple):
-            return [self.named(item) for item in value]
-        return self.text(value) if isinstance(value, str) else value
+        return {**{key: value for key, value in head.items() if key not in document}, **self.keyed(document)}
 
     def keyed(self, value: Any) -> Any:
         """Return tables with the keys of this motion; their values stay unchanged."""
@@ -200,7 +111,9 @@ class Units:
             return value
         if isinstance(value, Mapping):
             return {self.key(str(key)): self.keyed(item) for key, item in value.items()}
-        return type(value)(map(self.keyed, value)) if isinstance(value, list | tuple) else value
+        if isinstance(value, list | tuple):
+            return (list if isinstance(value, list) else tuple)(map(self.keyed, value))
+        return value
 
     def read(self, value: Any) -> Any:
         """Return JSON values with the internal keys; texts stay unchanged."""
@@ -210,50 +123,14 @@ class Units:
             return {self.inner(str(key)): self.read(item) for key, item in value.items()}
         return [self.read(item) for item in value] if isinstance(value, list) else value
 
-    def _tokens(self, text: str) -> str:
-        return _TOKEN.sub(self._token, text)
 
-    def _line(self, line: str) -> str:
-        """Convert a line; values in columns behind their names keep their place."""
-        found = _BEHIND.fullmatch(line)
-        if found is None:
-            return self._tokens(line)
-        name, gap, value = found.groups()
-        told = self._tokens(name)
-        return told + " " * max(2, len(gap) + len(name) - len(told)) + self._tokens(value)
-
-    def _token(self, found: re.Match[str]) -> str:
-        word = found[0]
-        if found["option"]:
-            return "--" + self.key(word[2:].replace("-", "_")).replace("_", "-")
-        if found["key"] or found["stem"]:
-            return self.key(word)
-        if found["noun"]:
-            article = "n " if " " in word else ""
-            other = _NOUNS[word.split()[-1].lower()]
-            return f"{word[0]}{article}{other}" if article else other.capitalize() if word[0].isupper() else other
-        return _UNITS[word]
-
-
-def _parts(html: str) -> Iterator[tuple[str, bool]]:
-    last = 0
-    for found in _NO_TEXT.finditer(html):
-        yield html[last : found.start()], False
-        yield found[0], True
-        last = found.end()
-    yield html[last:], False
-
-
-_NO_TEXT = re.compile(r"<svg\b.*?</svg>|<script\b.*?</script>|<style\b.*?</style>|data:[^\"'\s]*", re.DOTALL)
-# A name, a gap, and one value with its unit.
-_BEHIND = re.compile(r"(\s*\S(?:.*?\S)?)( {3,})(\S(?:(?!   ).)*\n?)", re.DOTALL)
+# A name in C, by its ending; a file's name is none.
+_NAME = re.compile(rf"(?<![\w/])[A-Za-z]\w*?(?:{'|'.join(_ENDINGS)})\b(?!\.[ch]\b|[/-])")
 _MACROS = {
     "MAX_FORCE_N": "MAX_TORQUE_NM",
     "METRES_PER_COUNT": "RADIANS_PER_COUNT",
     "NEWTONS_AT_FULL_DUTY": "NEWTON_METRES_AT_FULL_DUTY",
-    "along the handle's way": "of the handle's angle",
 }
-_SINGLE = {other: noun for noun, other in _NOUNS.items()}
 LINEAR = Units("linear")
 ROTARY = Units("rotary")
 UNIT_BLOCK = {
@@ -270,6 +147,8 @@ UNIT_BLOCK = {
 }
 """Units of a rotary device, as in documents."""
 
+F = TypeVar("F", bound=Callable[..., Any])
+R = TypeVar("R")
 _SPOKEN: ContextVar[Units] = ContextVar("units", default=LINEAR)
 
 
@@ -289,27 +168,99 @@ def speak(units: Units) -> None:
 
 
 @contextmanager
-def told_in(units: Units) -> Iterator[None]:
-    """Convert errors raised inside to these units."""
+def speaking(units: Units) -> Iterator[None]:
+    """Use these units of output inside; errors raised there name their keys so."""
+    token = _SPOKEN.set(units)
     try:
         yield
     except InputError as error:
         if units.linear:
             raise
-        raise InputError(
-            [replace(one, key=units.text(one.key), message=units.text(one.message)) for one in error.faults]
-        ) from error
+        raise InputError([replace(one, key=units.key(one.key)) for one in error.faults]) from error
     except UnsupportedError as error:
-        if units.linear:
-            raise
-        raise UnsupportedError(units.text(str(error)), key=units.text(error.key)) from error
-
-
-@contextmanager
-def speaking(units: Units) -> Iterator[None]:
-    """Use these units of output inside."""
-    token = _SPOKEN.set(units)
-    try:
-        yield
+        error.key = units.key(error.key)
+        raise
     finally:
         _SPOKEN.reset(token)
+
+
+def speaks(units: Units, function: Callable[..., R], *args: Any, **options: Any) -> R:
+    """Call a function that uses these units of output, as in another process."""
+    with speaking(units):
+        return function(*args, **options)
+
+
+def in_its_units(function: F) -> F:
+    """Decorate a function, or a method, of what has units: a problem, a coupling, a device; it speaks in these."""
+
+    @wraps(function)
+    def told(*args: Any, **options: Any) -> Any:
+        # What has no units is refused by the function itself.
+        units = getattr(next(iter((*args, *options.values())), None), "units", spoken())
+        return speaks(units, function, *args, **options)
+
+    return cast("F", told)
+
+
+@dataclass(frozen=True)
+class Wording:
+    """A unit, a noun or a sentence of these: printed as that of the motion that is spoken of.
+
+    Attributes:
+        linear: of a linear device.
+        rotary: of a device that turns.
+    """
+
+    linear: str
+    rotary: str
+
+    @classmethod
+    def of(cls, sentence: Callable[[], str]) -> Wording:
+        """Return a sentence in both wordings, for a constant of a module."""
+        with speaking(LINEAR):
+            linear = sentence()
+        with speaking(ROTARY):
+            return cls(linear, sentence())
+
+    def __str__(self) -> str:
+        return self.linear if spoken().linear else self.rotary
+
+    def __format__(self, form: str) -> str:
+        return format(str(self), form)
+
+
+def spoken_key(key: str) -> str:
+    """Return a key or an option in the names of the motion that is spoken of: ``device.mass_kg``, ``--force-n``."""
+    return spoken().option(key) if key.startswith("--") else spoken().key(key)
+
+
+NS_PER_M = Wording("N.s/m", "N.m.s/rad")
+N_DOT_S_PER_M = Wording("N·s/m", "N·m·s/rad")
+N_PER_M = Wording("N/m", "N.m/rad")
+KN_PER_M = Wording("kN/m", "kN.m/rad")
+N_PER_MM = Wording("N/mm", "N.m/mrad")
+M_PER_S_PER_N = Wording("m/s/N", "rad/s/(N.m)")
+M_PER_S = Wording("m/s", "rad/s")
+MM_PER_S = Wording("mm/s", "mrad/s")
+M_PER_S2 = Wording("m/s^2", "rad/s^2")
+NEWTON = Wording("N", "N.m")
+KG = Wording("kg", "kg.m2")
+METRE = Wording("m", "rad")
+MM = Wording("mm", "mrad")
+UM = Wording("um", "urad")
+MICROMETRE = Wording("\N{MICRO SIGN}m", "\N{MICRO SIGN}rad")
+
+MASS = Wording("mass", "inertia")
+MASSES = Wording("masses", "inertias")
+CAP_MASS = Wording("Mass", "Inertia")
+A_MASS = Wording("a mass", "an inertia")
+FORCE = Wording("force", "torque")
+FORCES = Wording("forces", "torques")
+CAP_FORCE = Wording("Force", "Torque")
+
+_NOUNS = {noun.linear: noun.rotary for noun in (MASS, MASSES, FORCE, FORCES)}
+_SINGLE = {other: noun for noun, other in _NOUNS.items()}
+_UNITS = {
+    unit.linear: unit.rotary
+    for unit in (NS_PER_M, N_DOT_S_PER_M, N_PER_M, N_PER_MM, M_PER_S, NEWTON, KG, METRE, MM, UM, MICROMETRE)
+}

@@ -15,6 +15,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.units import KG, MASS
 from avc_casadi.arm.arm import evaluated
 from avc_casadi.files.device_file import DeviceFile, Sources
 from avc_casadi.model.device import Device
@@ -257,7 +258,7 @@ def tip_device(arm: Arm, lightest_kg: float, heaviest_kg: float) -> Device:
     """
     if not 0 < lightest_kg <= heaviest_kg < _HEAVIEST_KG:
         raise InputError.of(
-            f"weighs {lightest_kg:.4g} to {heaviest_kg:.4g} kg, a singular pose; take another or a smaller workspace",
+            f"weighs {lightest_kg:.4g} to {heaviest_kg:.4g} {KG}, a singular pose; take another or a smaller workspace",
             key="workspace",
         )
     ends = tuple(float(f"{end:.{_DIGITS}g}") for end in (lightest_kg, heaviest_kg))
@@ -281,7 +282,7 @@ def tip_device_file(arm: Arm, lightest_kg: float, heaviest_kg: float, where: str
     told = {"grade": "assumed", "source": f"as the arm file of {name} states it"}
     weighed = {
         "grade": "computed",
-        "source": f"effective mass of {name}, {where}: 1/(n' L^-1 n) with the tangent free to n' L n with it held",
+        "source": f"effective {MASS} of {name}, {where}: 1/(n' L^-1 n) with the tangent free to n' L n with it held",
     }
     keys = list(Sources.model_fields)
     return DeviceFile.model_validate(

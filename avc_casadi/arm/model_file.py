@@ -17,6 +17,7 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError, MissingExtraError, UnsupportedError
 from avc_casadi._util.files import read_text
+from avc_casadi._util.units import A_MASS, KG, MASS
 from avc_casadi.arm.arm import Arm, arm_of
 from avc_casadi.arm.model_size import MOST_BYTES, parsed
 
@@ -206,7 +207,7 @@ def _refuse_massless(model: ModelFile, names: list[str]) -> None:
     if names:
         raise UnsupportedError(
             f"{model.file}: no inertia is given for what moves: {', '.join(names)}; such models are made for drawing. "
-            "Give mass and inertia of every link that moves, from CAD or from a scale",
+            f"Give {MASS} and inertia of every link that moves, from CAD or from a scale",
             key="model.file",
         )
 
@@ -236,7 +237,7 @@ def _refuse_what_adam_lacks(model: ModelFile, compiled: Any) -> None:
             wrong.append(f"{name} stands beside the origin of its body")
     heaviest = float(np.abs(compiled.body_mass).max(initial=0.0))
     if not max(heaviest, float(np.abs(compiled.body_inertia).max(initial=0.0))) <= _MOST_KG:
-        wrong.append(f"a mass of {heaviest:.3g} kg, or an inertia as large; allowed: at most {_MOST_KG:g} kg")
+        wrong.append(f"{A_MASS} of {heaviest:.3g} {KG}, or an inertia as large; allowed: at most {_MOST_KG:g} {KG}")
     placed = (compiled.body_pos, compiled.body_ipos, compiled.body_quat, compiled.jnt_axis, compiled.jnt_range)
     turns = np.linalg.norm(compiled.body_quat, axis=1)
     if not all(np.isfinite(one).all() for one in placed) or np.abs(turns - 1).max(initial=0.0) > 0.1:

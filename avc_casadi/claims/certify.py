@@ -13,7 +13,7 @@ from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, pas
 from avc_casadi.claims.registry import CLAIMS, Judged
 from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.coupling import check_sample_time, require_coupling
-from avc_casadi.files.problem_file import AnyProblem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> 
     return Rows(problem, gains.frequency_hz, present, b[present], k[present], contact[present])
 
 
+@of_problem
 def certify(
     problem: AnyProblem,
     gains: GainSchedule | Coupling,

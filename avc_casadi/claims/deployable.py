@@ -17,6 +17,7 @@ import numpy as np
 from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, in_its_units
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.detent import detent_verdict
@@ -118,6 +119,7 @@ class Deployable:
         }
 
 
+@in_its_units
 def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     """Return the verdict on a coupling, on the loop of its own problem; its certificate is not used.
 
@@ -191,7 +193,11 @@ def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, pro
     row = int(np.argmax(found.radius))
     who = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
     held = tuple(found.hands.values(row).values())
-    worst = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*held) if any(held) else "when released"
+    worst = (
+        f"with a hand of {{:.4g}} {KG}, {{:.4g}} {NS_PER_M}, {{:.4g}} {N_PER_M}".format(*held)
+        if any(held)
+        else "when released"
+    )
     at = _Worst(float(found.radius[row]), frequency[row], found.devices[found.corner[row]], found.devices)
     return at.claim("hands", found.stable, who, worst)
 
@@ -233,7 +239,7 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
     every = f"with every hand of [hands] (worst by search from {found.hands})"
 
     def held(worst: Worst) -> str:
-        who = "with a hand of {:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*worst.hand.values())
+        who = f"with a hand of {{:.4g}} {KG}, {{:.4g}} {NS_PER_M}, {{:.4g}} {N_PER_M}".format(*worst.hand.values())
         return who + _of(worst.device, found.devices)
 
     return (
@@ -299,7 +305,7 @@ def _of(device: Device, corners: list[Device]) -> str:
 
 def _told(key: str, value: float) -> str:
     """Return a value with its unit, and with its key unless it is a mass or a damping."""
-    unit = {"mass_kg": "kg", "damping_ns_per_m": "N.s/m"}.get(key)
+    unit = {"mass_kg": KG, "damping_ns_per_m": NS_PER_M}.get(key)
     return f"{key} {value:.4g}" if unit is None else f"{value:.4g} {unit}"
 
 
@@ -313,6 +319,7 @@ _UNJUDGED_DETENTS = DeployClaim(
 _OBSERVER = " (judged without the observer, which is not linear)"
 
 
+@in_its_units
 def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
     """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table.
 
@@ -327,6 +334,7 @@ def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = 
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
 
 
+@in_its_units
 def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:
     """Raise unless a coupling may be deployed on a device or exported to C; its own certificate is not used.
 

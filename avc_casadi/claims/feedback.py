@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.levels import Rows, level_result
 from avc_casadi.claims.stability.declared_device import plants_with_forces
@@ -179,7 +180,10 @@ def feedback_level(found: FeedbackRadius, rows: Rows) -> LevelResult:
     """Judge L5 on the loop of a coupling with state feedback."""
     worst, one = found.any_share, np.ones(len(rows.b))
     held = worst.hand
-    who = f"{held['mass_kg']:.4g} kg, {held['damping_ns_per_m']:.4g} N.s/m, {held['stiffness_n_per_m']:.4g} N/m"
+    who = (
+        f"{held['mass_kg']:.4g} {KG}, {held['damping_ns_per_m']:.4g} {NS_PER_M}, {held['stiffness_n_per_m']:.4g} "
+        f"{N_PER_M}"
+    )
     claim = (
         f"the loop with observer and state feedback is linearly stable, with no friction, with the worst hand that a "
         f"search from {found.hands} of [hands] found, whatever share of the innovation passes the dead zone"

@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.levels import Rows, level_result, not_judged
 from avc_casadi.claims.stability.declared_device import rigid, whole_stability
@@ -245,8 +246,8 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
         claim = (
             f"Not met by {np.count_nonzero(~found.stable)} of {len(radius)} rows: the row of "
             f"{rows.frequency_hz[result.row]:.5g} Hz has a spectral radius of {radius[worst]:.6g} (at "
-            f"{found.frequency_hz[worst]:.4g} Hz) with a hand of {held['mass_kg']:.4g} kg, "
-            f"{held['damping_ns_per_m']:.4g} N.s/m, {held['stiffness_n_per_m']:.4g} N/m"
+            f"{found.frequency_hz[worst]:.4g} Hz) with a hand of {held['mass_kg']:.4g} {KG}, "
+            f"{held['damping_ns_per_m']:.4g} {NS_PER_M}, {held['stiffness_n_per_m']:.4g} {N_PER_M}"
             + (f"; {missing} rows have no gains" if missing else "")
         )
         result = replace(result, claim=claim)

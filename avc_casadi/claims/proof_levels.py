@@ -12,6 +12,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import rows_text
+from avc_casadi._util.units import FORCE, N_PER_M, NEWTON, UM
 from avc_casadi.claims.levels import proof_level
 from avc_casadi.claims.prove.changing import MOST_CELLS, Changing, Order, prove_changes
 from avc_casadi.claims.prove.hands import Outcome
@@ -79,15 +80,15 @@ def ripple_level(coupling: Coupling, found: list[Rest], progress: Progress = SIL
         return told("open", str(refusal), {})
     low, high = bound.press_n
     claim = (
-        f"in kept contact errors of {1e6 * bound.error_m:.3g} um and friction of {bound.friction_n:.3g} N move every "
-        f"hand by at most {1e6 * bound.position_m:.3g} um and the force by at most {bound.force_n:.3g} N (worst "
-        f"corner: {1e6 * bound.corners_position_m:.3g} um, {bound.corners_force_n:.3g} N)"
+        f"in kept contact errors of {1e6 * bound.error_m:.3g} {UM} and friction of {bound.friction_n:.3g} {NEWTON} "
+        f"move every hand by at most {1e6 * bound.position_m:.3g} {UM} and the {FORCE} by at most {bound.force_n:.3g} "
+        f"{NEWTON} (worst corner: {1e6 * bound.corners_position_m:.3g} {UM}, {bound.corners_force_n:.3g} {NEWTON})"
     )
     detail = {"ripple": plain(vars(bound))}
     if high is not None and high <= low:
-        return told("open", f"{claim}; at no press are contact and force limit both kept by this bound", detail)
-    upper = "" if high is None else f" and below {high:.3g} N"
-    return told("proved", f"{claim}; for presses above {low:.3g} N{upper}", detail)
+        return told("open", f"{claim}; at no press are contact and {FORCE} limit both kept by this bound", detail)
+    upper = "" if high is None else f" and below {high:.3g} {NEWTON}"
+    return told("proved", f"{claim}; for presses above {low:.3g} {NEWTON}{upper}", detail)
 
 
 # Changes of rows times cells of hands: about a minute.
@@ -190,8 +191,8 @@ def rest_level(coupling: Coupling, found: list[Rest], progress: Progress = SILEN
         if gap is not None:
             detail["gap"] = plain(vars(gap))
             claim += (
-                f"; with these gains the stiffest wall that is proved has {gap.proved_n_per_m:.4g} N/m, the stiffest "
-                f"that is linearly stable {gap.linear_n_per_m:.4g} N/m"
+                f"; with these gains the stiffest wall that is proved has {gap.proved_n_per_m:.4g} {N_PER_M}, the "
+                f"stiffest that is linearly stable {gap.linear_n_per_m:.4g} {N_PER_M}"
             )
     return proof_level("L7", outcomes[worst], claim, passed, detail, worst)
 
@@ -286,7 +287,7 @@ def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress)
     found = prove_rest(law, coupling.contact, problem.device, _box(coupling), seed=seed, progress=progress)
     beside = {
         "the observer between encoder steps is not linear": runtime.observer_mass_kg is not None,
-        f"the guard {runtime.guard} changes the force by what it has seen": runtime.guard is not None,
+        f"the guard {runtime.guard} changes the {FORCE} by what it has seen": runtime.guard is not None,
     }
     lacking = [reason for reason, there in beside.items() if there]
     if not lacking:

@@ -15,13 +15,14 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import PrintedColumns
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.claims.levels import ideal, what_is_declared
 from avc_casadi.claims.passive_walls import passive_walls
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
 from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
 from avc_casadi.claims.stability.declared_device import rigid
-from avc_casadi.files.problem_file import AnyProblem, as_problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
@@ -81,7 +82,9 @@ def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -
     """
     device = problem.device
     if device.damping_ns_per_m == 0:
-        raise UnsupportedError("Llewellyn's condition (6) allows no coupling where device.damping_ns_per_m is 0")
+        raise UnsupportedError(
+            f"Llewellyn's condition (6) allows no coupling where {spoken_key('device.damping_ns_per_m')} is 0"
+        )
     ratio = np.array(_RATIOS) if damping_ratio is None else damping_ratio
     ends = {corner.delay_samples for corner in device_corners(device, ("delay_samples",))} | {device.delay_samples}
     delays = [whole_delay(end, "Llewellyn's table") for end in sorted(ends)]
@@ -138,7 +141,7 @@ class Curve(Comparable):
     wanted: bool
 
     def __repr__(self) -> str:
-        return f"Curve({self.key}: {short(self.stiffness_n_per_m, 'N/m')})"
+        return f"Curve({self.key}: {short(self.stiffness_n_per_m, N_PER_M)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -192,7 +195,7 @@ class ZWidth(PrintedColumns):
 
     def _summary(self) -> str:
         spans = ", ".join(f"{curve.key} {short(curve.stiffness_n_per_m)}" for curve in self.curves)
-        return f"{self.problem!r}, B {short(self.damping_ns_per_m, 'N.s/m')}; largest K in N/m: {spans}"
+        return f"{self.problem!r}, B {short(self.damping_ns_per_m, NS_PER_M)}; largest K in {N_PER_M}: {spans}"
 
     def document(self) -> dict[str, Any]:
         """Return the `zwidth` document: JSON values only, without the constant couplings that ``-v`` adds."""
@@ -217,8 +220,8 @@ class ZWidth(PrintedColumns):
                 },
                 "hands": self.hands,
                 "device_corners": self.corners,
-                "used": self.used,
-                "not_used": self.not_used,
+                "used": [*map(spoken_key, self.used)],
+                "not_used": [*map(spoken_key, self.not_used)],
                 "refused": self.refused,
                 **{key: getattr(self, key) for key in kept},
                 "llewellyn": None,
@@ -229,6 +232,7 @@ class ZWidth(PrintedColumns):
         return found
 
 
+@of_problem
 def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
     """Return the walls that a device can render (K-B region), passive or stable with its hands, without a coupling.
 

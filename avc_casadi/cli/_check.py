@@ -23,6 +23,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if couples_to_simulation(args.problem):
         return check_tool(args, console)
     from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import spoken_key
     from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "environment_stiffness_n_per_m": problem.environment.stiffness_n_per_m,
         "bounds_measured_hz": None if measured is None else list(measured.range_hz),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
-        "declared": list(declared(problem)),
+        "declared": [*map(spoken_key, declared(problem))],
         "not_used": list(not_used(problem)),
         "warnings": warnings,
     }

@@ -29,6 +29,7 @@ def is_device(source: str) -> bool:
 
 def check_device(source: str, console: Console) -> Answer:
     """Load the device file; its faults are raised."""
+    from avc_casadi._util.units import spoken_key
     from avc_casadi.present.pages.catalogue import device_lines, device_page
 
     file = load_device(source)
@@ -42,7 +43,7 @@ def check_device(source: str, console: Console) -> Answer:
         "values": values,
         "range": ranges,
         "sources": file.sources.model_dump(exclude_none=True),
-        "gaps": list(file.gaps),
+        "gaps": [*map(spoken_key, file.gaps)],
         "referred_as": _reference(source, file.name),
         "sdk_example": None if file.sdk_example is None else file.sdk_example.model_dump(exclude_none=True),
     }

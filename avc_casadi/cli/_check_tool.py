@@ -10,6 +10,7 @@ from avc_casadi.cli._to_simulation import problem_and_gains
 
 def check_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Show tool, engine and exchange, and implausible values."""
+    from avc_casadi._util.units import spoken_key
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
     from avc_casadi.present.pages.tool_claims import check_page
@@ -17,7 +18,9 @@ def check_tool(args: argparse.Namespace, console: Console) -> Answer:
 
     problem, _ = problem_and_gains(args.problem, None)
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)]
-    warnings += [{"key": f"simulation.{key}", "message": message} for key, message in unusual(problem).items()]
+    warnings += [
+        {"key": spoken_key(f"simulation.{key}"), "message": message} for key, message in unusual(problem).items()
+    ]
     tool = problem.simulation
     document = {
         "schema": "avc-check-tool/1",
@@ -27,7 +30,7 @@ def check_tool(args: argparse.Namespace, console: Console) -> Answer:
         "source": problem.source,
         "nyquist_hz": 0.5 / problem.device.sample_time_s,
         "simulation": None if tool is None else tool.model_dump(mode="json"),
-        "declared": list(declared(problem)),
+        "declared": [*map(spoken_key, declared(problem))],
         "warnings": warnings,
     }
     return Answer(document, check_page(document, problem, console.page, args.problem))

@@ -102,13 +102,12 @@ class Console:
         """
         from avc_casadi._util.interrupt import uninterrupted
         from avc_casadi._util.json_values import json_text
-        from avc_casadi._util.units import spoken
 
         with uninterrupted():
             self._answered = True
             if self.as_json:
                 self._write(json_text(answer.document))
-            elif text := "\n\n".join(filter(None, [answer.text, spoken().text(answer.more) if verbose else ""])):
+            elif text := "\n\n".join(filter(None, [answer.text, answer.more if verbose else ""])):
                 self._write(text.rstrip("\n") + "\n")
             if answer.complaint:
                 self.complain(answer.complaint)
@@ -116,9 +115,7 @@ class Console:
     def say(self, line: str) -> None:
         """Print a line of a live display; silent with ``--json``, whose document comes at the end."""
         if not self.as_json:
-            from avc_casadi._util.units import spoken
-
-            self._write(spoken().text(line) + "\n")
+            self._write(line + "\n")
 
     def refuse(self, document: dict[str, Any], text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
@@ -146,7 +143,7 @@ class Console:
         """Print to standard error."""
         if sys.stderr is not None:
             with suppress(OSError):
-                sys.stderr.write(_worded(text.rstrip("\n")) + "\n")
+                sys.stderr.write(text.rstrip("\n") + "\n")
                 sys.stderr.flush()
 
     def notice(self, line: str) -> None:
@@ -189,7 +186,7 @@ class Console:
     def _show(self, line: str) -> None:
         """Overwrite the line of the present step; Ctrl-C may have cut it anywhere."""
         with suppress(OSError):
-            sys.stderr.write(f"\r\x1b[K{_worded(line)}")
+            sys.stderr.write(f"\r\x1b[K{line}")
             sys.stderr.flush()
 
     def _write(self, text: str) -> None:
@@ -202,12 +199,6 @@ class Console:
         data = text.encode(sys.stdout.encoding or "utf-8", errors="replace")
         while data:
             data = data[os.write(self._descriptor, data) :]
-
-
-def _worded(text: str) -> str:
-    """Return a text in the current units; linear before a problem is loaded."""
-    loaded = sys.modules.get("avc_casadi._util.units")
-    return text if loaded is None else str(loaded.spoken().text(text))
 
 
 def _is_descriptor(stream: TextIO, number: int) -> bool:

@@ -137,6 +137,7 @@ def _device(source: str) -> Device:
 
 def _plan(made: Excitation) -> dict[str, Any]:
     from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import spoken_key
 
     plan, found = made.plan, made.forecast
     low, high = plan.band_hz
@@ -150,7 +151,7 @@ def _plan(made: Excitation) -> dict[str, Any]:
             "tones": len(plan.signal.step),
             "peak_force_n": made.peak_force_n,
             "crest_factor": made.crest,
-            "held_back_by": made.held_back_by,
+            "held_back_by": spoken_key(made.held_back_by),
             "limits": {
                 "force_n": plan.max_force_n,
                 "speed_m_per_s": plan.max_speed_m_per_s,
@@ -169,19 +170,23 @@ def _plan(made: Excitation) -> dict[str, Any]:
 
 def _too_little(log: Mapping[str, Any], device: Device) -> str:
     """Describe why a log that was played to its end does not identify the device."""
+    from avc_casadi._util.units import spoken_key
+
     steps = log["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
     if steps >= _FEWEST_STEPS:
         return ""
     return (
-        f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand held it: "
-        "free it, or give more --force-n"
+        f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand held it: free "
+        f"it, or give more {spoken_key('--force-n')}"
     )
 
 
 def _advice(log: ExcitationLog) -> str:
+    from avc_casadi._util.units import spoken_key
+
     if "limit" in log.end:
         return (
             "the device is lighter, freer or otherwise held than declared: clear its way, widen [device.range], or "
-            "give less --force-n"
+            f"give less {spoken_key('--force-n')}"
         )
     return "look at the link, then excite again"

@@ -97,15 +97,18 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 def _notes(subject: Coupling | Problem | Device, limits: BoardLimits) -> list[str]:
     """Describe defaults of the image that the file does not give, and keys of the file that it ignores."""
+    from avc_casadi._util.units import METRE, NEWTON, spoken_key
+
     problem = getattr(subject, "problem", subject)
     device = getattr(problem, "device", problem)
     notes = []
     if getattr(subject, "detent", None) is not None:
         notes.append("[detent] has no place in what is pushed: build a coupling in that has it (--built-in)")
     for key, value, unit in (
-        ("max_force_n", limits.max_force_n, "N"),
-        ("encoder_resolution_m", limits.metres_per_count, "m"),
+        ("max_force_n", limits.max_force_n, NEWTON),
+        ("encoder_resolution_m", limits.metres_per_count, METRE),
     ):
         if not getattr(device, key):
-            notes.append(f"the file has no device.{key}: {number(value)} {unit} is the board's own; give the device's")
+            known = f"{number(value)} {unit} is the board's own"
+            notes.append(f"the file has no {spoken_key(f'device.{key}')}: {known}; give the device's")
     return notes

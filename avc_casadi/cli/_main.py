@@ -200,14 +200,18 @@ def _run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _refused(console: Console, error: AvcError | OSError) -> int:
+    from avc_casadi._util.units import spoken
+
     if isinstance(error, InputError):
-        error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
+        error = InputError(
+            [replace(fault, file=fault.file or "command line", key=spoken().key(fault.key)) for fault in error.faults]
+        )
         count = len(error.faults)
         told = error.told
         summary = f"\navc: {count} faults" if count > 1 else ""
         console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in told) + summary)
         return BAD_INPUT
-    key = error.key if isinstance(error, UnsupportedError) else ""
+    key = spoken().key(error.key) if isinstance(error, UnsupportedError) else ""
     console.refuse(_document(str(error), key), f"avc: {error}")
     said_no = isinstance(error, LinkError | NotDeployableError) and not isinstance(error, PortError)
     return NO if said_no else BAD_INPUT
@@ -220,10 +224,13 @@ def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> In
     """
     from avc_casadi._util.units import spoken
 
-    turns = not spoken().linear
-    typed = {key: both[turns] for key, both in options.items()}
+    units = spoken()
+    typed = {units.key(key): both[not units.linear] for key, both in options.items()}
     return InputError(
-        [fault if fault.file else replace(fault, key=typed.get(fault.key, fault.key)) for fault in error.faults]
+        [
+            fault if fault.file else replace(fault, key=typed.get(units.key(fault.key), fault.key))
+            for fault in error.faults
+        ]
     )
 
 

@@ -65,7 +65,7 @@ def _sample_document(sample: TelemetrySample, words: str) -> Any:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device; Ctrl-C ends it with all samples so far."""
     from avc_casadi._util.interrupt import HeldInterrupt
-    from avc_casadi._util.units import speak, spoken, units_for
+    from avc_casadi._util.units import FORCE, MM, N_PER_M, NEWTON, NS_PER_M, speak, units_for
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
 
     speak(units_for(args.motion))
@@ -84,8 +84,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         if out is not None and log is None:  # not before there is something to log
             log = stack.enter_context(open_log(out, args.motion))
         console.say(_device(device))
-        head = ("ticks", "f Hz", "b N.s/m", "k N/m", "x mm", "force N", "energy J")
-        console.say(_line(tuple(map(spoken().text, head)), "mode"))
+        head = ("ticks", "f Hz", f"b {NS_PER_M}", f"k {N_PER_M}", f"x {MM}", f"{FORCE} {NEWTON}", "energy J")
+        console.say(_line(head, "mode"))
 
     def ended(status: DeviceStatus) -> None:
         document["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
@@ -131,11 +131,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _device(device: Device) -> str:
+    from avc_casadi._util.units import NEWTON
+
     running = f"coupling {device.coupling_id}" if device.coupling_id else "no coupling"
     own = "".join(f" {word}" for word in (device.name, device.unique_id) if word)
     return (
         f"device{own} with firmware {device.build}: a tick every {1e3 * device.sample_time_s:g} ms, at most "
-        f"{device.max_force_n:g} N, {running}"
+        f"{device.max_force_n:g} {NEWTON}, {running}"
     )
 
 
@@ -161,6 +163,8 @@ def _end(document: dict[str, Any], args: argparse.Namespace) -> str:
 
 
 def _state(sample: TelemetrySample, faults: str) -> str:
+    from avc_casadi._util.units import FORCE
+
     values = (
         sample.frequency_hz,
         sample.damping_ns_per_m,
@@ -169,7 +173,7 @@ def _state(sample: TelemetrySample, faults: str) -> str:
         sample.force_n,
         sample.energy_j,
     )
-    mode = sample.mode if sample.has_table or faults else "no force"
+    mode = sample.mode if sample.has_table or faults else f"no {FORCE}"
     mode += ", streaming" if sample.streaming else ""
     mode += f" ({faults})" if faults else ""
     mode += f", coupling {sample.coupling_id}" if sample.has_table else ", no coupling"

@@ -32,7 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--like", metavar="D", help="device to begin from: a name of `avc list`, or a device file")
     parser.add_argument("--held", choices=tuple(HOLDS), help="what holds it; default grip")
     for one in _EVERY:
-        text = f"{one.asks[0].lower()}{one.asks[1:]}: {', '.join(dict.fromkeys(one.examples))}"
+        asks = str(one.asks)
+        text = f"{asks[0].lower()}{asks[1:]}: {', '.join(dict.fromkeys(one.examples))}"
         if one.turning:
             add_worded(parser, one.option, one.turning, "V", text, str)
         else:
@@ -61,19 +62,19 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         check_worded(args, new.units)
     else:
         new = _Asking(console).asked(path)
+    speak(new.units)
     if faults := [*_alien(new), *new.faults()]:
         raise InputError([replace(one, key=_option(one.key, new)) for one in faults])
-    speak(new.units)
     write_text(path, new.text(), "FILE")
     problem = new.problem()
-    doubts = [{"key": one.key, "message": one.message} for one in new.doubts()]
+    doubts = [{"key": new.units.key(one.key), "message": one.message} for one in new.doubts()]
     document = {
         "schema": "avc-new/1",
         "file": str(path),
         "problem": problem_document(problem),
         "held": new.held,
         "assumed": new.assumed(),
-        "not_known": [{"key": one.key, "message": one.cost} for one in new.unknown()],
+        "not_known": [{"key": new.units.key(one.key), "message": one.cost} for one in new.unknown()],
         "warnings": doubts,
     }
     return Answer(document, new_page(document, problem, console.page, args.file))
@@ -106,10 +107,13 @@ class _Asking:
 
     def asked(self, path: Path) -> NewProblem:
         """Ask all questions."""
+        from avc_casadi._util.units import speak
+
         self._console.complain(
             "Enter takes what stands in brackets; values with their unit, in any that fits; 'unknown' leaves one out."
         )
         new = self._begun(path)
+        speak(new.units)
         for question in new.questions():
             new = self._answered(new, question)
         held = self._line(f"Held by ({', '.join(HOLDS)})", "grip")
@@ -143,7 +147,7 @@ class _Asking:
         """Ask until the answer is valid; a doubtful one is accepted when typed twice."""
         default, doubted = new.default(question), ""
         while True:
-            unit = new.units.text(f"{question.asks} (for example {new.example(question)})")
+            unit = f"{question.asks} (for example {new.example(question)})"
             typed = self._line(unit, default)
             if typed == default and question.key.startswith("device.") and new.like:
                 return new

@@ -26,7 +26,6 @@ from avc_casadi.cli._versions import package_versions
 from avc_casadi.design.registry import methods_help
 
 if TYPE_CHECKING:
-    from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.present.report.frame import Picture
@@ -84,7 +83,7 @@ def _worked_through(
             comparison = with_delivered(comparison, problem, avc.solve(problem, progress=console))
     gains = comparison.methods[comparison.delivered]
     with Processes(1) as helper:
-        drawn = helper.submit(_drawn, (comparison, problem.units))
+        drawn = helper.submit(_drawn, comparison)
         with console.step("certificate"):
             certificate = avc.certify(problem, gains, progress=console).document()
         with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
@@ -92,7 +91,7 @@ def _worked_through(
                 _recommended(problem, console) if args.method is None else _by_method(problem, args.method, console)
             )
         coupling: Coupling | None = deployment.pop("of")
-        also_drawn = helper.submit(_deployed, (deployment, coupling, problem.units))
+        also_drawn = helper.submit(_deployed, (deployment, coupling))
         with console.step("figures"):
             figures = _written(drawn.result(), folder)
         with console.step("device"):
@@ -160,39 +159,34 @@ def _by_method(problem: avc.Problem, method: str, console: Console) -> dict[str,
     return recommend_document(found) | {"of": found.coupling}
 
 
-def _drawn(task: tuple[Comparison, Units]) -> dict[str, tuple[bytes, Picture]]:
-    """Return each figure as PNG, and for the page, in the units of the device."""
-    from avc_casadi._util.units import speaking
+def _drawn(comparison: Comparison) -> dict[str, tuple[bytes, Picture]]:
+    """Return each figure as PNG, and for the page."""
     from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison
     from avc_casadi.present.figures.perceived import draw_perceived
     from avc_casadi.present.report.frame import Picture
     from avc_casadi.present.report.page import picture_words
 
-    comparison, units = task
     words = picture_words(comparison)
     draws = {"boundaries": draw_boundaries, "perceived": draw_perceived, "comparison": draw_comparison}
-    with speaking(units):
-        return {name: Picture.with_png(draw, comparison, _CAPTIONS[name], words[name]) for name, draw in draws.items()}
+    return {name: Picture.with_png(draw, comparison, _CAPTIONS[name], words[name]) for name, draw in draws.items()}
 
 
-def _deployed(task: tuple[dict[str, Any], Coupling | None, Units]) -> dict[str, tuple[bytes, Picture]]:
+def _deployed(task: tuple[dict[str, Any], Coupling | None]) -> dict[str, tuple[bytes, Picture]]:
     """Return the figures of the coupling to deploy in the same way; none without one."""
-    from avc_casadi._util.units import speaking
     from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
     from avc_casadi.present.report.frame import Picture
     from avc_casadi.present.report.page import deployed_words
     from avc_casadi.recommendation.deployed import deployed
 
-    deployment, coupling, units = task
+    deployment, coupling = task
     if coupling is None:
         return {}
     found = deployed(coupling)
     words = deployed_words(deployment, found)
-    with speaking(units):
-        return {
-            name: Picture.with_png(draw, found, *words[name])
-            for name, draw in zip(_OF_COUPLING, (draw_rendered, draw_loop), strict=True)
-        }
+    return {
+        name: Picture.with_png(draw, found, *words[name])
+        for name, draw in zip(_OF_COUPLING, (draw_rendered, draw_loop), strict=True)
+    }
 
 
 def _written(drawn: dict[str, tuple[bytes, Picture]], folder: Path) -> list[Picture]:

@@ -81,6 +81,7 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
     from dataclasses import replace
 
     from avc_casadi._util.quantity import quantity
+    from avc_casadi._util.units import N_PER_M
     from avc_casadi.claims.stability.tool_region import tool_region
     from avc_casadi.present.figures.tool_impedance import draw_rendered_impedance
     from avc_casadi.present.figures.tool_region import draw_tool_region
@@ -91,10 +92,11 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
     if gains is not None:
         band = rendered_band(problem, gains)
         stiff = ", ".join(
-            f"{quantity(one.stiffness_n_per_m, 'N/m')} at {one.frequency_hz:.3g} Hz" for one in band.felt[::20]
+            f"{quantity(one.stiffness_n_per_m, N_PER_M)} at {one.frequency_hz:.3g} Hz" for one in band.felt[::20]
         )
         words = (
-            f"On a rigid object {stiff} are rendered, where the coupling has {quantity(band.stiffness_n_per_m, 'N/m')}."
+            f"On a rigid object {stiff} are rendered, where the coupling has "
+            f"{quantity(band.stiffness_n_per_m, N_PER_M)}."
         )
         caption = (
             "What is rendered against what is wanted: device and other end as one body, and the coupling's spring."
@@ -103,7 +105,7 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
     if problem.simulation is not None:
         region = replace(tool_region(problem, console), chosen=gains)
         limits = "; ".join(
-            f"{quantity(1 / one.step_s, 'Hz')} {quantity(float(one.stiffness_n_per_m.max()), 'N/m')}"
+            f"{quantity(1 / one.step_s, 'Hz')} {quantity(float(one.stiffness_n_per_m.max()), N_PER_M)}"
             for one in region.curves
         )
         caption = "Springs and dampers that are stable with every hand, released, tool and contact, by engine rate."

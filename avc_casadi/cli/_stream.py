@@ -42,6 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push the table as the fallback, then stream; 1 if the device does not end on this coupling's table."""
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.quantity import quantity
+    from avc_casadi._util.units import FORCE
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.present.pages.bench import stream_page
     from avc_casadi.present.pages.subject import quantities
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             console.say(
                 f"{sample.time_s:7.2f} s  {quantity(sample.frequency_hz, 'Hz'):>8}  "
                 f"b {told(sample.damping_ns_per_m, 'N.s/m'):>12}  k {told(sample.stiffness_n_per_m, 'N/m'):>9}  "
-                f"force {told(sample.force_n, 'N'):>7}"
+                f"{FORCE} {told(sample.force_n, 'N'):>7}"
             )
 
     try:
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         | {"deployable": verdict.document(), "unsafe": unsafe_note(verdict)}
         | {"samples": [vars(sample) for sample in result.samples]}
     )
-    text = stream_page(document, coupling.problem.units, console.page, result.faults)
+    text = stream_page(document, console.page, result.faults)
     complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
     return Answer(document, text, code=1 if result.faults else 0, complaint=complaint)
 

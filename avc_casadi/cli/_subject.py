@@ -34,9 +34,7 @@ def load_device(source: str) -> DeviceFile:
     from avc_casadi._util.units import speak
 
     file = avc.load_device(source)
-    sources = [one["source"] for one in file.sources.model_dump(exclude_none=True).values()]
-    example = [] if file.sdk_example is None else [file.sdk_example.source]
-    speak(file.device.units.beside(file.name, file.title, *sources, *example))
+    speak(file.device.units)
     return file
 
 

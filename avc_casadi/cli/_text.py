@@ -25,7 +25,9 @@ def passive_limit(limit_n_per_m: float | None) -> str:
             "a limit of passive rendering is known for rigid devices with an ideal amplifier and whole samples of "
             "delay only"
         )
-    return f"no passive linear rendering on this device exceeds {number(limit_n_per_m)} N/m at DC (sampled-data)"
+    from avc_casadi._util.units import N_PER_M
+
+    return f"no passive linear rendering on this device exceeds {number(limit_n_per_m)} {N_PER_M} at DC (sampled-data)"
 
 
 def rows_text(rows: int) -> str:

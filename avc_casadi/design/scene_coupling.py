@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
-from avc_casadi.files.problem_file import AnyProblem, as_problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
 from avc_casadi.model.declared import left_out, scene_effects
 from avc_casadi.model.effects import GuardEffect
 from avc_casadi.model.gains import NO_COUPLING, Gains, GainTable
@@ -71,6 +71,7 @@ def _designed_for(problem: Problem) -> float:
     return problem.device.delay_samples if named else math.ceil(problem.device.delay_samples)
 
 
+@of_problem
 def simulate(
     problem: AnyProblem,
     gains: AnyGains | None = None,
@@ -156,6 +157,7 @@ def _read_at(run: Run, problem: Problem) -> float | None:
     return next(hz for hz in named if hz is not None)
 
 
+@of_problem
 def screen(
     problem: AnyProblem,
     gains: AnyGains | None = None,

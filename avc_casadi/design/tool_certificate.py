@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.units import A_MASS, FORCE, Wording
 from avc_casadi.claims.passivity.engine_port import engine_port
 from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.design.virtual_tool import ToolSearch
@@ -19,10 +20,12 @@ STABILITY = (
     "linear stability of the lifted loop: every hand of [hands] and the device released, corners of device and tool, "
     "free motion, rigid contact and the contact springs of the range, every phase of the clocks"
 )
-PASSIVITY = (
-    "the port at which the engine meets the coupling is passive, with every hand of [hands] and released: stable with "
-    "any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the tool together "
-    "with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
+PASSIVITY = Wording.of(
+    lambda: (
+        "the port at which the engine meets the coupling is passive, with every hand of [hands] and released: stable "
+        "with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the tool "
+        f"together with the coupling's {FORCE} (implicit); one that moves {A_MASS} explicitly is none, however heavy"
+    )
 )
 
 
@@ -55,5 +58,5 @@ def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
     try:
         port = engine_port(problem.device, problem.hands, required_tool(problem), gains)
     except UnsupportedError as refusal:
-        return {"passive": None, "refused": str(refusal), "claim": PASSIVITY}
-    return {**asdict(port), "refused": None, "claim": PASSIVITY}
+        return {"passive": None, "refused": str(refusal), "claim": str(PASSIVITY)}
+    return {**asdict(port), "refused": None, "claim": str(PASSIVITY)}

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.units import MASS
 from avc_casadi.files.catalogue import named_file
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
@@ -220,7 +221,7 @@ def _whole(tables: Mapping[str, Any], folder: Path) -> Mapping[str, Any] | Findi
         for key in keys:
             node = node.get(key) if isinstance(node, Mapping) else None
         if node is not None:
-            return ("device", *keys), "is given; allowed: none, the mass of an arm is that of its pose"
+            return ("device", *keys), f"is given; allowed: none, the {MASS} of an arm is that of its pose"
     worded = with_device({"device": own} if "device" in tables else {}, folder)
     if isinstance(worded, tuple):
         return worded
@@ -254,7 +255,10 @@ def _box(values: Values) -> Iterator[Finding]:
         message = f"has {len(high)} numbers; allowed: {len(low)}, as many as workspace.low_m"
         yield ("workspace", "high_m"), message
     elif any(one >= other for one, other in zip(low, high, strict=True)):
-        yield ("workspace", "high_m"), f"is {shown(high)}; allowed: each number above that of workspace.low_m"
+        yield (
+            ("workspace", "high_m"),
+            f"is {shown(high)}; allowed: each number above that of workspace.low_m",
+        )
 
 
 _RULES = (*DEVICE_RULES, _one_mechanism, _box)

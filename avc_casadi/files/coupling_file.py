@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.units import speaking, told_in
+from avc_casadi._util.units import speaking, spoken_key
 from avc_casadi.coupling import FIRST_CONTACT, Coupling, check_sample_time, require_coupling
 from avc_casadi.files.gain_document import COUPLING_SCHEMA, GainCheck, state_feedback_of
 from avc_casadi.files.gain_file import gain_document, read_csv, read_document, units_of_document, unsound_tables
@@ -123,7 +123,7 @@ def read_file(path: str | Path) -> Coupling | GainSchedule:
     if document.get("schema") == TELEOPERATOR_SCHEMA:
         raise InputError.of(_TO_FOLLOWER, file=str(path))
     units = units_of_document(document)
-    with told_in(units):
+    with speaking(units):
         return _read(units.read(document), path)
 
 
@@ -236,7 +236,9 @@ def _check_whole(found: Coupling, document: Mapping[str, Any], path: Path) -> No
     if document.get("contact", FIRST_CONTACT) != found.contact:
         faults.append(Fault(str(path), None, "contact", f"is not the law of problem_file and gains; {again}"))
     if limit != found.max_force_n:
-        faults.append(Fault(str(path), None, "max_force_n", f"is not device.max_force_n of problem_file; {again}"))
+        faults.append(
+            Fault(str(path), None, "max_force_n", f"is not {spoken_key('device.max_force_n')} of problem_file; {again}")
+        )
     if faults:
         raise InputError(faults)
 
@@ -246,7 +248,9 @@ def _unknown(found: Mapping[str, Any], known: Sequence[str], path: Path, table: 
     for key in found:
         if key not in known:
             near = difflib.get_close_matches(key[:60], known, n=1)
-            allowed = f"did you mean {near[0]!r}?" if near else f"allowed: {', '.join(known)}"
+            allowed = (
+                f"did you mean {spoken_key(near[0])!r}?" if near else f"allowed: {', '.join(map(spoken_key, known))}"
+            )
             yield Fault(str(path), None, f"{table}{key}", f"is not a known key; {allowed}")
 
 
@@ -263,7 +267,9 @@ def _problem(document: Mapping[str, Any], path: Path) -> Problem:
 def _table(document: Mapping[str, Any], path: Path) -> GainTable:
     found = document.get("table")
     if not isinstance(found, Mapping):
-        raise InputError.of(f"is missing; allowed: a table with {', '.join(_TABLE)}", file=str(path), key="table")
+        raise InputError.of(
+            f"is missing; allowed: a table with {', '.join(map(spoken_key, _TABLE))}", file=str(path), key="table"
+        )
     unknown = list(_unknown(found, _TABLE, path, "table."))
     if unknown:
         raise InputError(unknown)
@@ -278,7 +284,7 @@ def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
     found = document.get("runtime")
     known = sorted(item.name for item in fields(Runtime))
     if not isinstance(found, Mapping):
-        raise InputError.of(f"must be a table with {', '.join(known)}", file=str(path), key="runtime")
+        raise InputError.of(f"must be a table with {', '.join(map(spoken_key, known))}", file=str(path), key="runtime")
     kinds: dict[str, tuple[type, ...]] = {
         "estimator": (str,),
         "guard": (str,),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, model_validator
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.units import spoken_key
 from avc_casadi.files.catalogue import device_names, named_file
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.rotary_keys import COUNTS, Worded, device_words, linear_at_capstan, problem_words
@@ -138,8 +139,7 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
         message = "is that of a problem; allowed: a device file, of the problem's [device] and what is known of it"
         raise InputError.of(message, file=file, key="environment")
     worded = _worded(tables)
-    found = checked(DeviceFile, worded.tables, name, _RULES)
-    found = worded.told([] if isinstance(found, DeviceFile) else found) or found
+    found = worded.told(lambda: checked(DeviceFile, worded.tables, name, _RULES))
     if isinstance(found, DeviceFile):
         return found
     lines = KeyLines(text.replace("\r\n", "\n"))
@@ -190,7 +190,9 @@ def _sourced(values: Values) -> Iterator[Finding]:
         stated = values.given("device", key) or values.given("device", "range", key)
         source = values[f"sources.{key}"]
         if not stated and key not in gaps and key not in _NEED_NOT_BE_SAID:
-            message = f'is neither given nor a gap; allowed: a value with its source, or gaps = ["{key}", ...]'
+            message = (
+                f'is neither given nor a gap; allowed: a value with its source, or gaps = ["{spoken_key(key)}", ...]'
+            )
             yield ("device", key), message
         if stated and source is None:
             yield ("sources", key), "is missing; allowed: a source and a grade of every value of [device]"
@@ -199,7 +201,10 @@ def _sourced(values: Values) -> Iterator[Finding]:
         if stated and source is not None and key in gaps:
             grade = source["grade"] if isinstance(source, Mapping) else source.grade
             if grade != "assumed":
-                yield ("sources", key, "grade"), f'is {shown(grade)}, but {key} is a gap; allowed: "assumed"'
+                yield (
+                    ("sources", key, "grade"),
+                    f'is {shown(grade)}, but {spoken_key(key)} is a gap; allowed: "assumed"',
+                )
 
 
 _RULES = (*DEVICE_RULES, _sourced)

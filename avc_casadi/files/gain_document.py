@@ -11,6 +11,7 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.files.problem_document import effect_of
 from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.quantity import (
@@ -61,9 +62,9 @@ _STRUCTURES = ("series", "damped")
 # Larger values are implausible and exceed single precision.
 _LARGEST = {
     "frequency_hz": (FREQUENCIES_HZ[1], "Hz"),
-    "damping_ns_per_m": (LARGEST_DAMPING_NS_PER_M, "N.s/m"),
-    "stiffness_n_per_m": (LARGEST_STIFFNESS_N_PER_M, "N/m"),
-    CONTACT: (LARGEST_DAMPING_NS_PER_M, "N.s/m"),
+    "damping_ns_per_m": (LARGEST_DAMPING_NS_PER_M, NS_PER_M),
+    "stiffness_n_per_m": (LARGEST_STIFFNESS_N_PER_M, N_PER_M),
+    CONTACT: (LARGEST_DAMPING_NS_PER_M, NS_PER_M),
 }
 _LIST = "a list of finite numbers >= 0, null where a row has no gains"
 _SIGNED = "a list of finite numbers, null where there is none"

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.units import NS_PER_M, Wording
 from avc_casadi.files.toml_text import text_of
 from avc_casadi.model.findings import checked
 from avc_casadi.model.measured_bounds import MeasuredImpedance
@@ -31,8 +32,11 @@ _SOME = {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 1.0}
 _LARGEST_RAD = 10.0
 _UNIT = re.compile(r"\s*[\[(]\s*n[ .*]?s[ ]?/[ ]?m\s*[\])]")
 _FORMS = (("real", "imag"), ("magnitude", "phase_deg"), ("magnitude", "phase_rad"))
-_HEADER = (
-    "a header with f and Re, Im, or f, magnitude and phase_deg or phase_rad, in Hz and N.s/m, and error if it is known"
+_HEADER = Wording.of(
+    lambda: (
+        f"a header with f and Re, Im, or f, magnitude and phase_deg or phase_rad, in Hz and {NS_PER_M}, and error if "
+        "it is known"
+    )
 )
 
 

@@ -197,7 +197,7 @@ class NewProblem:
         if typed in {"", UNKNOWN}:
             if typed and question.cost:
                 return None
-            why = HOLDS[self.held] if question in HAND_RANGES else question.asks
+            why = HOLDS[self.held] if question in HAND_RANGES else str(question.asks)
             raise ValueError(f"must be known ({why}); allowed: a value in {unit}, {allowed}")
         both = _RANGE.fullmatch(typed)
         try:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.units import speaking, told_in
+from avc_casadi._util.units import speaking
 from avc_casadi.files.gain_file import read_document, units_of_document, unsound_tables
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.model.lifted_loop import ToolGains
@@ -92,7 +92,7 @@ _Kind = TypeVar("_Kind", ToolCoupling, TeleoperatorCoupling)
 def _read_file(path: Path, schema: str, table: str, kind: type[_Kind]) -> _Kind:
     document = read_document(path)
     units = units_of_document(document)
-    with told_in(units):
+    with speaking(units):
         return _read(units.read(document), str(path), schema, table, kind)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import Fault
+from avc_casadi._util.units import FORCE, KG, METRE, N_PER_M, NEWTON, NS_PER_M, Wording, in_its_units, spoken_key
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.quantity import plain
@@ -22,30 +23,30 @@ if TYPE_CHECKING:
 class _Usual:
     lowest: float
     highest: float
-    unit: str
+    unit: str | Wording
 
 
 # Usual values of desktop devices, their walls and hands; 0 is "absent" and never in doubt. For a rotary device they
 # apply at its handle.
 _USUAL = {
-    "device.mass_kg": _Usual(0.005, 5, "kg"),
-    "device.damping_ns_per_m": _Usual(0, 100, "N.s/m"),
+    "device.mass_kg": _Usual(0.005, 5, KG),
+    "device.damping_ns_per_m": _Usual(0, 100, NS_PER_M),
     "device.sample_time_s": _Usual(20e-6, 20e-3, "s"),
     "device.delay_samples": _Usual(0, 20, "samples"),
-    "device.coulomb_friction_n": _Usual(0, 20, "N"),
-    "device.encoder_resolution_m": _Usual(1e-7, 1e-3, "m"),
-    "device.position_noise_rms_m": _Usual(1e-9, 1e-3, "m"),
+    "device.coulomb_friction_n": _Usual(0, 20, NEWTON),
+    "device.encoder_resolution_m": _Usual(1e-7, 1e-3, METRE),
+    "device.position_noise_rms_m": _Usual(1e-9, 1e-3, METRE),
     "device.amplifier_bandwidth_hz": _Usual(20, 20e3, "Hz"),
     "device.amplifier_damping_ratio": _Usual(0.2, 3, ""),
-    "device.max_force_n": _Usual(0.5, 500, "N"),
-    "device.backlash_m": _Usual(1e-6, 5e-3, "m"),
+    "device.max_force_n": _Usual(0.5, 500, NEWTON),
+    "device.backlash_m": _Usual(1e-6, 5e-3, METRE),
     "device.resonance.frequency_hz": _Usual(10, 2e3, "Hz"),
     "device.resonance.damping_ratio": _Usual(1e-3, 0.7, ""),
-    "environment.damping_ns_per_m": _Usual(0, 1e3, "N.s/m"),
-    "environment.stiffness_n_per_m": _Usual(50, 1e6, "N/m"),
-    "hands.mass_kg": _Usual(1e-3, 5, "kg"),
-    "hands.damping_ns_per_m": _Usual(0, 200, "N.s/m"),
-    "hands.stiffness_n_per_m": _Usual(1, 1e4, "N/m"),
+    "environment.damping_ns_per_m": _Usual(0, 1e3, NS_PER_M),
+    "environment.stiffness_n_per_m": _Usual(50, 1e6, N_PER_M),
+    "hands.mass_kg": _Usual(1e-3, 5, KG),
+    "hands.damping_ns_per_m": _Usual(0, 200, NS_PER_M),
+    "hands.stiffness_n_per_m": _Usual(1, 1e4, N_PER_M),
 }
 
 # A wall so many times stiffer or softer than the measured one is another wall.
@@ -54,6 +55,7 @@ _FAR = 20.0
 _PHASES_APART = 60.0
 
 
+@in_its_units
 def plausibility(problem: Problem) -> tuple[Fault, ...]:
     """Return the values far from the usual, and those without effect; the problem is valid all the same.
 
@@ -63,7 +65,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
     Returns:
         Key and sentence of each; empty where nothing is in doubt.
     """
-    units, radius = problem.device.units, problem.device.metres_per_unit
+    radius = problem.device.metres_per_unit
     found = [
         (key, f"is {_written(value)}: usual {plain(usual.lowest)} to {plain(usual.highest)} {usual.unit}".rstrip())
         for named, usual in ((name, _turned(name, one, radius)) for name, one in _USUAL.items())
@@ -73,7 +75,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
     ]
     found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
     every = (*found, *_idle(problem), *_beyond(problem), *_other_unit(problem), *_of_no_wall(problem))
-    return tuple(Fault(problem.name, None, units.text(key), units.text(message)) for key, message in every)
+    return tuple(Fault(problem.name, None, spoken_key(key), message) for key, message in every)
 
 
 def _turned(key: str, usual: _Usual, radius_m: float) -> _Usual:
@@ -126,7 +128,7 @@ def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:
     wanted = abs(complex(wall.damping_ns_per_m, -wall.stiffness_n_per_m / (2 * math.pi * hertz)))
     times = float(abs(measured.desired(hertz))) / wanted
     if not 1 / _FAR < times < _FAR:
-        told = f"is {times:.2g} times the impedance of the wall at {hertz:.3g} Hz; is it in N.s/m?"
+        told = f"is {times:.2g} times the impedance of the wall at {hertz:.3g} Hz; is it in {NS_PER_M}?"
         yield "boundaries.measured", told
 
 
@@ -154,9 +156,15 @@ def _of_no_wall(problem: Problem) -> Iterator[tuple[str, str]]:
 def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:
     limit, detent, friction = problem.device.max_force_n, problem.detent, problem.device.coulomb_friction_n
     if limit is not None and friction >= limit:
-        told = f"is {plain(friction)}, and device.max_force_n {plain(limit)}: no force that it gives moves it"
+        told = (
+            f"is {plain(friction)}, and {spoken_key('device.max_force_n')} {plain(limit)}: no {FORCE} that it gives "
+            "moves it"
+        )
         yield "device.coulomb_friction_n", told
     if not any((problem.hands.stiffness_n_per_m[1], problem.hands.damping_ns_per_m[1])):
         yield "hands.stiffness_n_per_m", "is 0, as is their damping: no hand presses, and all settle"
     if detent is not None and limit is not None and detent.force_n > limit:
-        yield "detent.force_n", f"is {plain(detent.force_n)}, more than device.max_force_n, {plain(limit)}"
+        yield (
+            "detent.force_n",
+            f"is {plain(detent.force_n)}, more than {spoken_key('device.max_force_n')}, {plain(limit)}",
+        )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.units import in_its_units
 from avc_casadi.files.catalogue import catalogue_names, catalogue_path
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
@@ -69,6 +71,7 @@ def _refuse_device(tables: Mapping[str, Any], file: str) -> None:
         raise InputError.of(message, file=file)
 
 
+F = TypeVar("F", bound=Callable[..., Any])
 AnyProblem = Problem | str | Path | Mapping[str, Any]
 """A problem, a path or a name as `load_problem` takes it, or the tables of a problem file as a dict."""
 
@@ -90,6 +93,17 @@ def as_problem(problem: AnyProblem) -> Problem:
     if isinstance(found, Problem):
         return found
     raise InputError([Fault("problem", None, dotted(path), message) for path, message in found])
+
+
+def of_problem(function: F) -> F:
+    """Decorate a function of a problem: it takes its file or name as well, and speaks in the units of its device."""
+    speaks = in_its_units(function)
+
+    @wraps(function)
+    def told(problem: AnyProblem, *args: Any, **options: Any) -> Any:
+        return speaks(as_problem(problem), *args, **options)
+
+    return cast("F", told)
 
 
 def with_wall(problem: AnyProblem) -> Problem:
@@ -158,8 +172,8 @@ def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | N
     worded = with_device(tables, folder)
     if isinstance(worded, tuple):
         return [worded]
-    result = checked(Problem, _with_band(with_measured_bounds(worded.tables, folder)), name)
-    return worded.told([] if isinstance(result, Problem) else result) or result
+    tables = _with_band(with_measured_bounds(worded.tables, folder))
+    return worded.told(lambda: checked(Problem, tables, name))
 
 
 def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:

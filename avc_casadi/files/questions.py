@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from avc_casadi._util.units import CAP_MASS, FORCE, FORCES, Wording
+
 
 @dataclass(frozen=True)
 class Question:
@@ -25,7 +27,7 @@ class Question:
     option: str
     turning: str
     unit: str
-    asks: str
+    asks: str | Wording
     examples: tuple[str, str]
     default: str = ""
     cost: str = ""
@@ -44,7 +46,12 @@ RADIUS = Question(
 
 QUESTIONS = (
     Question(
-        "device.mass_kg", "--mass", "--inertia", "kg", "Mass that the hand moves, at the handle", ("120 g", "300 g.cm2")
+        "device.mass_kg",
+        "--mass",
+        "--inertia",
+        "kg",
+        Wording.of(lambda: f"{CAP_MASS} that the hand moves, at the handle"),
+        ("120 g", "300 g.cm2"),
     ),
     Question(
         "device.damping_ns_per_m",
@@ -62,7 +69,7 @@ QUESTIONS = (
         "--rate",
         "",
         "s",
-        "Rate at which forces are sent, or the time between two",
+        Wording.of(lambda: f"Rate at which {FORCES} are sent, or the time between two"),
         ("1 kHz", "1 kHz"),
         "1 kHz",
     ),
@@ -71,7 +78,7 @@ QUESTIONS = (
         "--delay",
         "",
         "samples",
-        "Delay from measurement to force, beside the sample that a force is held for",
+        Wording.of(lambda: f"Delay from measurement to {FORCE}, beside the sample that a {FORCE} is held for"),
         ("2 ms", "1 sample"),
         "1 sample",
         "taken as 0: the loop may buzz with a delay that is there",
@@ -101,7 +108,7 @@ QUESTIONS = (
         "--max-force",
         "--max-torque",
         "N",
-        "Largest force of the actuator",
+        Wording.of(lambda: f"Largest {FORCE} of the actuator"),
         ("8 N", "200 mN.m"),
         "unknown",
         "taken as without limit: where nothing is stiffer is not seen",
@@ -149,7 +156,14 @@ OWN_RANGES = ("foot", "other")
 """Holds with ranges of one's own."""
 
 HAND_RANGES = (
-    Question("hands.mass_kg", "--hand-mass", "", "kg", "Mass of what holds it", ("0.5 to 2 kg", "1 to 9 g.m2")),
+    Question(
+        "hands.mass_kg",
+        "--hand-mass",
+        "",
+        "kg",
+        Wording.of(lambda: f"{CAP_MASS} of what holds it"),
+        ("0.5 to 2 kg", "1 to 9 g.m2"),
+    ),
     Question(
         "hands.damping_ns_per_m",
         "--hand-damping",

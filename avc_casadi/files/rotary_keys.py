@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
-from avc_casadi._util.units import LINEAR, ROTARY, Units, units_for
+from avc_casadi._util.units import LINEAR, ROTARY, Units, speaking, units_for
 from avc_casadi.model.quantity import shown
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rules import BELONGS_IN, UNKNOWN, Path
 
 _Finding = tuple[Path, str]
+M = TypeVar("M")
 
 COUNTS = "encoder_counts_per_turn"
 """Key of a file in place of `encoder_resolution_rad`."""
@@ -46,18 +47,26 @@ class Worded:
     rest: Units = LINEAR
     findings: list[_Finding] = field(default_factory=list)
 
-    def told(self, findings: Iterable[_Finding]) -> list[_Finding]:
-        """Return findings in the units of the file, those of wrong keys first."""
+    def told(self, check: Callable[[], M | list[_Finding]]) -> M | list[_Finding]:
+        """Return the checked model, or findings in the units of the file, those of wrong keys first.
+
+        Args:
+            check: of the tables, in the units that are spoken.
+        """
+        with speaking(self.rest):
+            checked = of_rest = check()
+        with speaking(self.device):
+            of_device = of_rest if self.device is self.rest else check()
         found = [*self.findings]
-        for path, message in findings:
-            units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
-            own = tuple(units.key(part) if part in _known() else part for part in path)
-            length = path[-1:] in {("handle_radius_m",), (CAPSTAN,)}
-            if units is not LINEAR and message.startswith(UNKNOWN):
-                found.append((own, _unknown(own, units.text(message))))
-            else:
-                found.append((own, message if length else units.text(message)))
-        return found
+        if isinstance(of_rest, list) and isinstance(of_device, list):
+            for rest, own in zip(of_rest, of_device, strict=True):
+                (path, message), units = (rest, self.rest)
+                if path[:1] in {("device",), ("sources",), ("gaps",)}:
+                    (path, message), units = (own, self.device)
+                place = tuple(units.key(part) if part in _known() else part for part in path)
+                unknown = units is not LINEAR and message.startswith(UNKNOWN)
+                found.append((place, _unknown(place, message) if unknown else message))
+        return found or checked
 
 
 def _unknown(path: Path, message: str) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.identification.fit import Fit, Window, fit
-from avc_casadi.identification.identifiability import EXCITATION
+from avc_casadi.identification.identifiability import excitation
 from avc_casadi.identification.model import Refusal
 from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.uncertainty import compared
@@ -81,7 +81,7 @@ def share_refused(share: float, ends: tuple[float, float]) -> Refusal:
     """
     low, high = ends
     why = f"the log hardly changes with it; {share:.2g} is taken, and the intervals hold for {low:.2g} to {high:.2g}"
-    return Refusal(SHARE, why, EXCITATION[SHARE])
+    return Refusal(SHARE, why, excitation(SHARE))
 
 
 _SPRING, _RATIO, _FREQUENCY = "stiffness_n_per_m", "resonance.mass_ratio", "resonance.frequency_hz"

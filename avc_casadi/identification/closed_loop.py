@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, N_PER_M, NS_PER_M, Wording
 from avc_casadi.identification.model import Refusal
 from avc_casadi.identification.record import Record
 
@@ -75,7 +76,9 @@ def coloured(lags: FloatArray) -> bool:
     return bool(np.abs(lags[:20]).max() > _COLOURED)
 
 
-EXCITATION = "a force of its own beside the controller (a multisine, as avc excite plays one), hands off"
+EXCITATION = Wording.of(
+    lambda: f"a {FORCE} of its own beside the controller (a multisine, as avc excite plays one), hands off"
+)
 _MOST_LAG = 4
 _FEWEST = 100
 # Residual of spring and damper, as a share of the force's changes from sample to sample, and of the force itself: an
@@ -107,7 +110,10 @@ class OnlyFeedback:
             radius_m: travel of the handle per unit of position.
         """
         k, b = (number(radius_m**2 * gain, 3) for gain in (self.stiffness_n_per_m, self.damping_ns_per_m))
-        return f"the force is a spring of {k} N/m and a damper of {b} N.s/m on the measured position, and nothing else"
+        return (
+            f"the {FORCE} is a spring of {k} {N_PER_M} and a damper of {b} {NS_PER_M} on the measured position, and "
+            "nothing else"
+        )
 
 
 def refused_beside(keys: Sequence[str]) -> dict[str, Refusal]:
@@ -116,9 +122,9 @@ def refused_beside(keys: Sequence[str]) -> dict[str, Refusal]:
     Args:
         keys: of the searched parameters; friction is one more, estimated or bounded.
     """
-    why = "the force follows from the position alone, and what moves the device is not in the log"
+    why = f"the {FORCE} follows from the position alone, and what moves the device is not in the log"
     names = dict.fromkeys([*(key.partition(".")[0] for key in keys), "coulomb_friction_n"])
-    return {key: Refusal(key, why, EXCITATION) for key in names}
+    return {key: Refusal(key, why, str(EXCITATION)) for key in names}
 
 
 def only_feedback(records: Sequence[Record]) -> OnlyFeedback | None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from avc_casadi._errors import AvcError
+from avc_casadi._util.units import M_PER_S, MASS, N_PER_M, NEWTON
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.model import Estimate, Identification
 from avc_casadi.identification.terms import LOOP_RATIO, lag_of
@@ -69,7 +70,7 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         device["resonance"] = {key: pair[0] for key, pair in pairs.items()}
         ranges["resonance"] = {key: pair[1] for key, pair in pairs.items()}
         device["encoder_at"] = found.encoder_at
-        assumed = "" if found.assumed_share is None else "; how the mass divides is assumed"
+        assumed = "" if found.assumed_share is None else f"; how the {MASS} divides is assumed"
         sources["resonance"] = {"grade": "measured", "source": f"{how}: output error, two masses{assumed}"}
     for key in ("encoder_resolution_m",):
         ranges.pop(key, None)
@@ -149,10 +150,10 @@ def _meaning(key: str, found: Identification) -> str:
     if key == "coulomb_friction_n" and "stribeck" in found.terms:
         excess, speed = (found.estimates.get(name) for name in ("breakaway_excess_n", "stribeck_speed_m_per_s"))
         if excess is not None and speed is not None:
-            told += f"; {excess.value:.3g} N more from rest, which goes within {speed.value:.2g} m/s"
+            told += f"; {excess.value:.3g} {NEWTON} more from rest, which goes within {speed.value:.2g} {M_PER_S}"
     if key in {"mass_kg", "damping_ns_per_m"} and "stiffness" in found.terms:
         spring = found.estimates.get("stiffness_n_per_m")
-        of = "" if spring is None else f" of {spring.value:.4g} N/m"
+        of = "" if spring is None else f" of {spring.value:.4g} {N_PER_M}"
         told += f"; beside a spring{of} to the ground, which this file has no key for: no loop made with it has it"
     return told
 
@@ -264,7 +265,7 @@ def device_text(file: DeviceFile) -> str:
     lines += ["", "[sources]"]
     for key in Device.model_fields:
         if key in sources:
-            one = {"grade": sources[key]["grade"], "source": units.text(sources[key]["source"])}
+            one = {"grade": sources[key]["grade"], "source": sources[key]["source"]}
             lines.append(f"{units.key(key)} = {_value(one)}")
     return "\n".join(lines) + "\n"
 

@@ -9,6 +9,7 @@ from collections.abc import Set as AbstractSet
 import numpy as np
 from scipy import stats
 
+from avc_casadi._util.units import METRE, NEWTON
 from avc_casadi.identification.closed_loop import autocorrelation, coloured
 from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Estimate
@@ -59,7 +60,9 @@ def estimates_of(
         ends = [fit.structure.outward(one, end) for end in (q - down, q + up)]
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
         value = fit.structure.outward(one, q)
-        found[one.name] = Estimate(one.name, one.unit, value, low, high, LEVEL, of_log.get(one.name, "output error"))
+        found[one.name] = Estimate(
+            one.name, str(one.unit), value, low, high, LEVEL, of_log.get(one.name, "output error")
+        )
     if "coulomb" not in fit.structure.terms and "coulomb" in rivals and "coulomb_friction_n" not in refused:
         rival = rivals["coulomb"]
         index = [one.name for one in rival.structure.free].index("coulomb_friction_n")
@@ -69,7 +72,7 @@ def estimates_of(
         if high < rival.structure.units["coulomb_friction_n"]:
             found["coulomb_friction_n"] = Estimate(
                 "coulomb_friction_n",
-                "N",
+                str(NEWTON),
                 0.0,
                 0.0,
                 max(high, 0.0),
@@ -81,7 +84,7 @@ def estimates_of(
     if step_m is not None:
         low, high = step_m * (1 - _STEP_SHARE), step_m * (1 + _STEP_SHARE)
         found["encoder_resolution_m"] = Estimate(
-            "encoder_resolution_m", "m", step_m, low, high, LEVEL, "lattice of the readings"
+            "encoder_resolution_m", str(METRE), step_m, low, high, LEVEL, "lattice of the readings"
         )
     noise = None if coloured(autocorrelation(fit.error_m)) else _noise(fit, step_m or 0.0)
     if noise is not None:
@@ -161,5 +164,5 @@ def _noise(fit: Fit, step_m: float) -> Estimate | None:
         return None
     value, low, high = (math.sqrt(max(each - rounding, 0.0)) for each in (mean, mean - half, mean + half))
     return Estimate(
-        "position_noise_rms_m", "m", value, low, high, LEVEL, "prediction error less the encoder's rounding"
+        "position_noise_rms_m", str(METRE), value, low, high, LEVEL, "prediction error less the encoder's rounding"
     )

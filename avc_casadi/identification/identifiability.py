@@ -8,37 +8,13 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, FORCES, MASS, spoken_key
 from avc_casadi.identification.closed_loop import coloured
 from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Refusal
 from avc_casadi.identification.terms import HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
 from avc_casadi.identification.uncertainty import Spread
 
-EXCITATION = {
-    "mass_kg": "a multisine of 1 to 30 Hz with several times the force of the friction",
-    "damping_ns_per_m": "long strokes at several speeds, such as a slow sine of large amplitude, several periods of it",
-    "delay_samples": "a chirp or multisine up to a fifth of the sample rate, or steps of force",
-    "offset_n": "strokes both ways",
-    "coulomb_friction_n": "slow strokes with many reversals, the force twice the friction or more",
-    "friction_asymmetry_n": "a second log with the device turned over, which reverses gravity and not the friction: "
-    "the mean of the two constant forces is the asymmetry",
-    "damping_asymmetry_ns_per_m": "fast strokes both ways",
-    "breakaway_excess_n": "reversals at a few millimetres a second of the hand, slow enough that the device sticks",
-    "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 millimetres a second of the hand",
-    "resonance.mass_ratio": "a log of a position at the motor, or the handle weighed",
-    "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several encoder "
-    "steps",
-    "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the current",
-    LOOP_RATIO: "a step of the current, measured; or a chirp to a third of the sample rate at a higher sample rate",
-    "stiffness_n_per_m": "slow strokes over the whole travel",
-    "offset_drift_n_per_s": "a longer log",
-    "force_scale": "two logs, one with a known mass on the device (--added-mass 0,VALUE), or --known mass_kg=VALUE",
-    "position_noise_rms_m": "a log in motion; at rest the encoder's step hides it",
-    "encoder_resolution_m": "the encoder's own counts, unfiltered",
-    "backlash_m": "strokes with many reversals, the force several times the friction; for play beyond the encoder, the "
-    "position measured at the handle",
-    "max_force_n": "the amplifier's data sheet; a log does not tell what was not commanded",
-}
 # Half widths in search coordinates beyond which a parameter is not identifiable.
 _WIDEST = {
     "mass_kg": 0.35,
@@ -58,6 +34,45 @@ _WIDEST = {
 }
 
 
+def excitation(key: str) -> str:
+    """Return the log that would identify a parameter."""
+    return {
+        "mass_kg": f"a multisine of 1 to 30 Hz with several times the {FORCE} of the friction",
+        "damping_ns_per_m": "long strokes at several speeds, such as a slow sine of large amplitude, several "
+        "periods of it",
+        "delay_samples": f"a chirp or multisine up to a fifth of the sample rate, or steps of {FORCE}",
+        "offset_n": "strokes both ways",
+        "coulomb_friction_n": f"slow strokes with many reversals, the {FORCE} twice the friction or more",
+        "friction_asymmetry_n": (
+            "a second log with the device turned over, which reverses gravity and not the friction: the mean of the "
+            f"two constant {FORCES} is the asymmetry"
+        ),
+        "damping_asymmetry_ns_per_m": "fast strokes both ways",
+        "breakaway_excess_n": "reversals at a few millimetres a second of the hand, slow enough that the device sticks",
+        "stribeck_speed_m_per_s": "strokes at speeds from 1 to 50 millimetres a second of the hand",
+        "resonance.mass_ratio": "a log of a position at the motor, or the handle weighed",
+        "resonance": "a chirp or multisine of 20 Hz to a third of the sample rate, strong enough to move several "
+        "encoder "
+        "steps",
+        "amplifier_bandwidth_hz": "a chirp to a third of the sample rate at a higher sample rate, or a log of the "
+        "current",
+        LOOP_RATIO: "a step of the current, measured; or a chirp to a third of the sample rate at a higher sample rate",
+        "stiffness_n_per_m": "slow strokes over the whole travel",
+        "offset_drift_n_per_s": "a longer log",
+        "force_scale": (
+            f"two logs, one with a known {MASS} on the device (--added-mass 0,VALUE), or --known "
+            f"{spoken_key('mass_kg')}=VALUE"
+        ),
+        "position_noise_rms_m": "a log in motion; at rest the encoder's step hides it",
+        "encoder_resolution_m": "the encoder's own counts, unfiltered",
+        "backlash_m": (
+            f"strokes with many reversals, the {FORCE} several times the friction; for play beyond the encoder, the "
+            "position measured at the handle"
+        ),
+        "max_force_n": "the amplifier's data sheet; a log does not tell what was not commanded",
+    }[key]
+
+
 def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
     """Return the refusals of a fit's parameters that are not identifiable, by key."""
     found = {}
@@ -72,12 +87,12 @@ def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]
         alike = float(others.max(initial=0.0))
         why = f"its interval is too wide ({_width(one.kind, half)})"
         if alike > 0.9:
-            why += f"; the log changes with it as with {like} (correlation {number(alike, 3)})"
+            why += f"; the log changes with it as with {spoken_key(like)} (correlation {number(alike, 3)})"
         key = one.name if one.name == "resonance.mass_ratio" else one.name.partition(".")[0]
         q = float(fit.search[index])
         value, *ends = (fit.structure.outward(one, at) for at in (q, q - half, q + half))
         low, high = (min(max(end, one.lowest), one.highest) for end in ends)
-        found[key] = Refusal(key, why, EXCITATION[key], (value, low, high))
+        found[key] = Refusal(key, why, excitation(key), (value, low, high))
     return found
 
 
@@ -94,7 +109,7 @@ def not_of_one_kind(fit: Fit, half_width: Sequence[float]) -> dict[str, Refusal]
     for one, half in zip(fit.structure.free, half_width, strict=True):
         if one.name == key and half > _WIDEST[key]:
             why = f"a lag, or a current loop of another damping ratio, does as well ({_width(one.kind, half)})"
-            return {key: Refusal(key, why, EXCITATION[key])}
+            return {key: Refusal(key, why, excitation(key))}
     return {}
 
 
@@ -121,19 +136,23 @@ def never_told(
         found["coulomb_friction_n"] = beyond_force("coulomb_friction_n")
     band = "at no frequency" if excited is None else f"up to {number(excited[1], 2)} Hz"
     if "resonance" in absent:
-        why = f"no trace of one; force and motion are coherent {band}"
+        why = f"no trace of one; {FORCE} and motion are coherent {band}"
         if "resonance" in inseparable:
-            why = f"the log bears one out beyond what it excites, or an amplifier; force and motion are coherent {band}"
-        found["resonance"] = Refusal("resonance", why, EXCITATION["resonance"])
+            why = (
+                f"the log bears one out beyond what it excites, or an amplifier; {FORCE} and motion are coherent {band}"
+            )
+        found["resonance"] = Refusal("resonance", why, excitation("resonance"))
     if "amplifier" in absent:
         why = "its lag cannot be distinguished from delay; the delay given holds both"
-        found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, EXCITATION["amplifier_bandwidth_hz"])
+        found["amplifier_bandwidth_hz"] = Refusal("amplifier_bandwidth_hz", why, excitation("amplifier_bandwidth_hz"))
     if "scale" not in fit.structure.terms:
-        why = "mass, damping and friction all scale with the force; the commanded force is taken as true"
-        found["force_scale"] = Refusal("force_scale", why, EXCITATION["force_scale"])
+        why = f"{MASS}, damping and friction all scale with the {FORCE}; the commanded {FORCE} is taken as true"
+        found["force_scale"] = Refusal("force_scale", why, excitation("force_scale"))
     if "coulomb" in fit.structure.terms:
-        why = "friction that differs between the directions is the same as a constant force (offset_n)"
-        found["friction_asymmetry_n"] = Refusal("friction_asymmetry_n", why, EXCITATION["friction_asymmetry_n"])
+        why = (
+            f"friction that differs between the directions is the same as a constant {FORCE} ({spoken_key('offset_n')})"
+        )
+        found["friction_asymmetry_n"] = Refusal("friction_asymmetry_n", why, excitation("friction_asymmetry_n"))
     hidden = "it is below what the encoder's step hides"
     if coloured(lags):
         hidden = "the prediction error is not white: what the model does not know is in it"
@@ -144,13 +163,13 @@ def never_told(
         ("max_force_n", "it is not seen in a log"),
     ):
         if key not in estimates:
-            found[key] = Refusal(key, why, EXCITATION[key])
+            found[key] = Refusal(key, why, excitation(key))
     return found
 
 
 def beyond_force(key: str) -> Refusal:
     """Return why a force is refused whose upper bound exceeds the force of the log."""
-    return Refusal(key, "the log bounds it by more than the force that acted", EXCITATION[key])
+    return Refusal(key, f"the log bounds it by more than the {FORCE} that acted", excitation(key))
 
 
 def _width(kind: str, half: float) -> str:
@@ -168,10 +187,10 @@ def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusa
     """
     found = []
     if records_force_rms < 1e-9:
-        found.append(Refusal("mass_kg", "the commanded force never changes", EXCITATION["mass_kg"]))
+        found.append(Refusal("mass_kg", f"the commanded {FORCE} never changes", excitation("mass_kg")))
     if motion_in_steps < 12:
         why = f"the position moves over {number(motion_in_steps, 2)} steps of the encoder only"
-        found.append(Refusal("mass_kg", why, "more force, or lower frequencies: a travel of 50 steps and more"))
+        found.append(Refusal("mass_kg", why, f"more {FORCE}, or lower frequencies: a travel of 50 steps and more"))
     return found
 
 

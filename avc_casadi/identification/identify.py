@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
-from avc_casadi._util.units import told_in, units_for
+from avc_casadi._util.units import A_MASS, FORCE, KG, MASS, NEWTON, speaking, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.assumed_mass_ratio import SHARE, other_shares, share_assumed, share_refused, shared
@@ -23,8 +23,8 @@ from avc_casadi.identification.estimates import estimates_of, widened
 from avc_casadi.identification.fit import Fit, Window, judged, slowest_observer
 from avc_casadi.identification.frequency import measured_response, model_response
 from avc_casadi.identification.identifiability import (
-    EXCITATION,
     cannot_tell,
+    excitation,
     never_told,
     not_of_one_kind,
     refusals,
@@ -96,22 +96,21 @@ def identify(
         raise InputError.of(f"is {encoder_at!r}; allowed: motor, handle", key="encoder_at")
     if flip_force:
         records = [replace(record, force_n=-record.force_n) for record in records]
-    radius = radius_of(records, base, handle_radius_m)
-    with told_in(units_for("linear" if radius is None else "rotary")):
+    with speaking(units_for(records[0].motion)):
+        radius = radius_of(records, base, handle_radius_m)
         held = _checked(known or {}, radius)
-    if base is not None:
-        check_against(records, base)
-    if radius is None:
-        found = _identified(records, notes, base, held, encoder_at, 1.0, most_samples, progress)
-    else:
-        with told_in(units_for("rotary")):
+        if base is not None:
+            check_against(records, base)
+        if radius is None:
+            found = _identified(records, notes, base, held, encoder_at, 1.0, most_samples, progress)
+        else:
             at_handle = [record.at_handle(radius) for record in records]
             held = known_at_handle(held, radius)
             found = _identified(at_handle, notes, base, held, encoder_at, radius, most_samples, progress)
-        found = of_the_turn(found, radius)
-    if base is not None:
-        found = replace(found, notes=(*found.notes, *differs_from(found, base), *leans_on(found, base)))
-    return replace(found, device=device_file(found, base))
+            found = of_the_turn(found, radius)
+        if base is not None:
+            found = replace(found, notes=(*found.notes, *differs_from(found, base), *leans_on(found, base)))
+        return replace(found, device=device_file(found, base))
 
 
 def _identified(
@@ -162,8 +161,8 @@ def _identified(
     normal, collinear = sensitivity(fit)
     inseparable = chosen.inseparable
     if "coulomb" in inseparable:
-        key, why = "coulomb_friction_n", "the log bears it out, and does not tell it from damping and mass"
-        refused[key] = Refusal(key, f"{why}, whose intervals hold it", EXCITATION[key])
+        key, why = "coulomb_friction_n", f"the log bears it out, and does not tell it from damping and {MASS}"
+        refused[key] = Refusal(key, f"{why}, whose intervals hold it", excitation(key))
     logs = tuple(dict.fromkeys(record.whole for record in records))
     refused |= {} if driven is None else refused_beside([one.name for one in fit.structure.free])
     notes += [] if driven else unlike_notes(fit, predictor, logs, radius_m)
@@ -232,23 +231,26 @@ def _guess(records: Sequence[Record], radius_m: float, *, pushed: bool) -> dict[
     mass = guess["mass_kg"]
     size = radius_m**2
     if mass < 0 or (found.against and explained > _FOLLOWS and not pushed):
-        why, allowed = "force and position point against each other", "force along +position, or --flip-force"
+        why, allowed = f"{FORCE} and position point against each other", f"{FORCE} along +position, or --flip-force"
         if explained < _FOLLOWS:
-            why = f"the motion hardly follows the force ({number(100 * max(explained, 0.0), 2)} % of it explained)"
-            allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
-        raise InputError.of(f"give a mass of {number(mass * size)} kg: {why}; allowed: {allowed}", key="logs")
+            why = f"the motion hardly follows the {FORCE} ({number(100 * max(explained, 0.0), 2)} % of it explained)"
+            allowed = (
+                f"a multisine with several times the {FORCE}, free of contact; is it the {FORCE} that acts, in time?"
+            )
+        raise InputError.of(f"give {A_MASS} of {number(mass * size)} {KG}: {why}; allowed: {allowed}", key="logs")
     if not _LIGHTEST_KG <= mass <= _HEAVIEST_KG:
         raise InputError.of(
-            f"give a mass of {number(mass * size)} kg; allowed: {number(_LIGHTEST_KG * size)} to "
-            f"{number(_HEAVIEST_KG * size)} kg; are the units of position and force right?",
+            f"give {A_MASS} of {number(mass * size)} {KG}; allowed: {number(_LIGHTEST_KG * size)} to "
+            f"{number(_HEAVIEST_KG * size)} {KG}; are the units of position and {FORCE} right?",
             key="logs",
         )
     limit = None if pushed else saturated_force_n(records, guess["delay_samples"])
     if limit is not None:
         largest = max(float(np.abs(record.force_n).max()) for record in records)
         message = (
-            f"asks for up to {number(largest, 3)} N, and the device follows it up to about {number(limit, 2)} N: what "
-            "acts is then not what is logged; allowed: a log below that force, or the force as the amplifier gives it"
+            f"asks for up to {number(largest, 3)} {NEWTON}, and the device follows it up to about {number(limit, 2)} "
+            f"{NEWTON}: what acts is then not what is logged; allowed: a log below that {FORCE}, or the {FORCE} as the "
+            "amplifier gives it"
         )
         raise InputError([Fault(records[0].name, None, "force", message)])
     return {**guess, "force_scale": 1.0}

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from avc_casadi._util.units import FORCE, Wording
 from avc_casadi.identification.fit import FIRST_RATE_PER_S, Fit, Window, closely, fit, judged, richer, rms_m_of, roughly
 from avc_casadi.identification.frequency import Response
 from avc_casadi.identification.predictor import Predictor
@@ -148,8 +149,12 @@ def _best(predictor: Predictor, rough: list[Fit], window: Window) -> Fit:
 
 
 NOT_TOLD_APART = {
-    "amplifier": "cannot be distinguished from a resonance beyond the frequencies that the force excites",
-    "resonance": "lies beyond the frequencies that the force excites, where an amplifier's lag looks like it",
+    "amplifier": Wording.of(
+        lambda: f"cannot be distinguished from a resonance beyond the frequencies that the {FORCE} excites"
+    ),
+    "resonance": Wording.of(
+        lambda: f"lies beyond the frequencies that the {FORCE} excites, where an amplifier's lag looks like it"
+    ),
 }
 """Reasons why neither is identifiable."""
 ALIKE = 1.02

@@ -10,7 +10,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import told_in
+from avc_casadi._util.units import FORCE, FORCES, MASS, NEWTON, spoken_key
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.device import states
@@ -40,7 +40,7 @@ def unlike_notes(fit: Fit, predictor: Predictor, names: Sequence[str], radius_m:
     if not unlike:
         return []
     between = f"the logs do not agree ({'; '.join(unlike)}): the values are between those of two devices"
-    why = "Something may have been on it (--added-mass), or the force been scaled otherwise"
+    why = f"Something may have been on it (--added-mass), or the {FORCE} been scaled otherwise"
     return [f"{between}. {why}; identify each alone"]
 
 
@@ -99,29 +99,28 @@ def check_against(records: Sequence[Record], base: DeviceFile) -> None:
         InputError: both faults.
     """
     faults = []
-    device, units = base.device, base.device.units
+    device = base.device
     if states(base, "max_force_n") and device.max_force_n is not None:
         force = np.abs(np.concatenate([record.force_n for record in records]))
         share = float(np.mean(force > _ABOVE * device.max_force_n))
         if share > _SHARE_AGAINST_BASE:
             limit, largest = number(device.max_force_n), number(float(force.max()), 3)
             message = (
-                f"asks for up to {largest} N, in {100 * share:.2g} % of its samples for more than device.max_force_n, "
-                f"{limit} N: what acts is then not what is logged; allowed: less, or in {base.name} the force that "
-                "the device gives for so long"
+                f"asks for up to {largest} {NEWTON}, in {100 * share:.2g} % of its samples for more than "
+                f"{spoken_key('device.max_force_n')}, {limit} {NEWTON}: what acts is then not what is logged; allowed: "
+                f"less, or in {base.name} the {FORCE} that the device gives for so long"
             )
             faults.append(Fault(records[0].name, None, "force", message))
     period = records[0].sample_time_s
     ticks = period / device.sample_time_s
     if states(base, "sample_time_s") and round(ticks) > 1 and abs(ticks / round(ticks) - 1) < _SAME:
         message = (
-            f"steps by {number(1e3 * period)} ms, {round(ticks)} times device.sample_time_s: the forces between are "
+            f"steps by {number(1e3 * period)} ms, {round(ticks)} times device.sample_time_s: the {FORCES} between are "
             f"not in the log; allowed: every tick of the loop, or in {base.name} the sample time that it ran at"
         )
         faults.append(Fault(records[0].name, None, "time", message))
     if faults:
-        with told_in(units):
-            raise InputError(faults)
+        raise InputError(faults)
 
 
 def differs_from(found: Identification, base: DeviceFile) -> list[str]:
@@ -142,13 +141,13 @@ def differs_from(found: Identification, base: DeviceFile) -> list[str]:
         low, high = getattr(base.device.range, key, None) or (said / _FAR, said * _FAR)
         if one.high < low or one.low > high:
             known = number(said, 3) if low == high else f"{number(low, 3)} to {number(high, 3)}"
-            told.append(f"{key} {known}, the logs {number(one.value, 3)}")
+            told.append(f"{spoken_key(key)} {known}, the logs {number(one.value, 3)}")
     order = base.device.amplifier_order
     if "amplifier" in found.terms and states(base, "amplifier_order") and order != found.amplifier_order:
         told.append(f"amplifier_order {order}, the logs {found.amplifier_order}")
     if not told:
         return []
-    return [base.device.units.text(f"{base.name} says {'; '.join(told)}: is it the device of these logs?")]
+    return [f"{base.name} says {'; '.join(told)}: is it the device of these logs?"]
 
 
 def leans_on(found: Identification, base: DeviceFile) -> list[str]:
@@ -199,9 +198,9 @@ def saturation_notes(predictor: Predictor, fit: Fit, window: Window, radius_m: f
     beyond = number(100 * float(np.mean(size > limit_n)), 1)
     most = number(limit_n * radius_m, 2)
     note = (
-        f"the device seems to follow the force up to about {most} N only, and the log asks for more in {beyond} % of "
-        "its samples: mass and damping lean by more than their intervals. Better: a log below that force "
-        "(max_force_n), or the force as the amplifier gives it"
+        f"the device seems to follow the {FORCE} up to about {most} {NEWTON} only, and the log asks for more in "
+        f"{beyond} % of its samples: {MASS} and damping lean by more than their intervals. Better: a log below that "
+        f"{FORCE} ({spoken_key('max_force_n')}), or the {FORCE} as the amplifier gives it"
     )
     return [note]
 

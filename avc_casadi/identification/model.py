@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.units import MotionKind, units_for
+from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.frequency import Response
@@ -188,7 +188,7 @@ def radius_of(records: Sequence[Record], base: DeviceFile | None, handle_radius_
     radius = handle_radius_m or (None if base is None else base.device.handle_radius_m)
     if radius is None:
         raise InputError.of(
-            f"are of a device that turns, and nothing says where the hand holds it; allowed: --handle-radius-m R "
+            "are of a device that turns, and nothing says where the hand holds it; allowed: --handle-radius-m R "
             f"({_ALLOWED}), or a base with handle_radius_m",
             key="logs",
         )
@@ -209,7 +209,6 @@ def of_the_turn(found: Identification, radius_m: float) -> Identification:
         found: in metres and newtons at the handle.
         radius_m: travel per radian.
     """
-    units = units_for("rotary")
     return replace(
         found,
         motion="rotary",
@@ -218,7 +217,6 @@ def of_the_turn(found: Identification, radius_m: float) -> Identification:
         refused=tuple(_refusal(one, radius_m) for one in found.refused),
         error_rms_m=found.error_rms_m / radius_m,
         error_m=found.error_m / radius_m,
-        notes=tuple(map(units.text, found.notes)),
         response=replace(found.response, velocity_per_force=found.response.velocity_per_force / radius_m**2),
         modelled=found.modelled / radius_m**2,
         shown=tuple(_shown(one, radius_m) for one in found.shown),
@@ -227,8 +225,7 @@ def of_the_turn(found: Identification, radius_m: float) -> Identification:
 
 def _estimate(one: Estimate, radius_m: float) -> Estimate:
     by = radius_m ** -power_at_handle(one.key)
-    unit = units_for("rotary").unit(one.unit)
-    return replace(one, unit=unit, value=one.value * by, low=one.low * by, high=one.high * by)
+    return replace(one, value=one.value * by, low=one.low * by, high=one.high * by)
 
 
 def _refusal(one: Refusal, radius_m: float) -> Refusal:

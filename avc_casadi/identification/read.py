@@ -17,7 +17,7 @@ from scipy.io.matlab import MatReadError
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import opened
-from avc_casadi._util.units import units_for
+from avc_casadi._util.units import FORCE, MASS, MASSES, Wording, speaking
 from avc_casadi.identification.array_log import MOST_BYTES, mat_arrays, npy_array, npz_arrays
 from avc_casadi.identification.record import Columns, Record, backwards_of, implausible, records_of
 from avc_casadi.identification.repair import filled, sound
@@ -51,8 +51,8 @@ def read_logs(
     layout = layout or Layout()
     if added_mass_kg and len(added_mass_kg) != len(paths):
         raise InputError.of(
-            f"has {_counted(len(added_mass_kg), 'mass', 'masses')} for {_counted(len(paths), 'log', 'logs')}; allowed: "
-            "one for each",
+            f"has {_counted(len(added_mass_kg), MASS, MASSES)} for {_counted(len(paths), 'log', 'logs')}; allowed: one "
+            "for each",
             key="added_mass_kg",
         )
     records: list[Record] = []
@@ -63,7 +63,7 @@ def read_logs(
         for columns in found:
             cut, broken, said = records_of(columns, added_mass_kg[index] if added_mass_kg else 0.0)
             records += cut
-            wrong += _worded(broken, columns)
+            wrong += broken
             told += said
         faults += wrong
     periods = {record.sample_time_s for record in records}
@@ -95,9 +95,10 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     found, faults = _columns(Path(path), str(path), layout or Layout())
     whole = []
     for columns in found:
-        mended, told = filled(columns)
-        whole.append(replace(mended, told=(*columns.told, *told)))
-        faults += _worded(implausible(mended, idle=True), mended) or backwards_of(mended)
+        with speaking(columns.units):
+            mended, told = filled(columns)
+            whole.append(replace(mended, told=(*columns.told, *told)))
+            faults += implausible(mended, idle=True) or backwards_of(mended)
     if faults:
         raise InputError(faults)
     return whole
@@ -116,13 +117,7 @@ def _given_twice(paths: Sequence[str | Path]) -> list[Fault]:
     return faults
 
 
-def _worded(faults: Sequence[Fault], columns: Columns) -> list[Fault]:
-    """Return faults in the units of the device."""
-    units = units_for(columns.motion)
-    return [replace(one, key=units.text(one.key), message=units.text(one.message)) for one in faults]
-
-
-def _counted(count: int, one: str, many: str) -> str:
+def _counted(count: int, one: str | Wording, many: str | Wording) -> str:
     return f"{count} {one if count == 1 else many}"
 
 
@@ -194,7 +189,7 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[C
         names = list(vectors)
         if not names:
             held = ", ".join(f"{name} {value.dtype} {value.shape}" for name, value in arrays.items()) or "nothing"
-            return [], [Fault(file, None, "", f"holds {held}; allowed: vectors of time, position and force")]
+            return [], [Fault(file, None, "", f"holds {held}; allowed: vectors of time, position and {FORCE}")]
         chosen, faults = chosen_columns(names, len(names), layout, file, None)
         columns = [vectors[name] for name in names]
     if faults:

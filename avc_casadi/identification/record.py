@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._errors import Fault
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import MotionKind
+from avc_casadi._util.units import FORCE, MASS, METRE, MotionKind, Units, in_its_units, spoken_key, units_for
 from avc_casadi.identification.repair import LONGEST_STEP, laid_evenly, left_out, sound, wrapped
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
@@ -96,11 +96,17 @@ class Columns:
     motion: MotionKind = "linear"
     told: tuple[str, ...] = ()
 
+    @property
+    def units(self) -> Units:
+        """Names and units in which its values are printed."""
+        return units_for(self.motion)
+
     def at(self, row: int) -> int | None:
         """Return the line of a row."""
         return None if self.line is None else int(self.line[row])
 
 
+@in_its_units
 def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
     """Cut a log into records at its gaps, and find its faults.
 
@@ -247,7 +253,7 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
     for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
         wrong = np.flatnonzero(~sound(values))
         rows = [(columns.at(int(row)), f"is {values[row]}") for row in dict.fromkeys([*wrong[:TOLD], *wrong[-1:]])]
-        faults += faults_of_rows(columns.file, key, rows, "a finite number", wrong.size)
+        faults += faults_of_rows(columns.file, spoken_key(key), rows, "a finite number", wrong.size)
     if columns.time_s.size < _SHORTEST:
         message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
         return [*faults, Fault(columns.file, None, "", message)]
@@ -257,7 +263,7 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
     if jumps.size:
         far = number(abs(float(columns.position_m[jumps[0]] - columns.position_m[jumps[0] - 1])), 3)
         often = "once" if jumps.size == 1 else f"{jumps.size} times"
-        message = f"jumps by {far} m from one sample to the next, {often}, the most of all it covers"
+        message = f"jumps by {far} {METRE} from one sample to the next, {often}, the most of all it covers"
         allowed = "a position without jumps; add the counter's range where it wraps around"
         faults.append(Fault(columns.file, columns.at(int(jumps[0])), "position", f"{message}; allowed: {allowed}"))
         return faults
@@ -274,10 +280,12 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
             question = "" if size == 0 else "; is the unit right?"
             if size == 0:
                 question = {
-                    "position": "; log a multisine with several times the force, more than dry friction holds",
-                    "force": "; without a force no mass is identified: log a multisine, as avc excite plays one",
+                    "position": f"; log a multisine with several times the {FORCE}, more than dry friction holds",
+                    "force": f"; without a {FORCE} no {MASS} is identified: log a multisine, as avc excite plays one",
                 }[key]
-            faults.append(Fault(columns.file, None, key, f"{message}; allowed: {low:g} to {high:g} {unit}{question}"))
+            faults.append(
+                Fault(columns.file, None, spoken_key(key), f"{message}; allowed: {low:g} to {high:g} {unit}{question}")
+            )
     return faults
 
 

@@ -16,7 +16,7 @@ from scipy.interpolate import make_interp_spline
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import units_for
+from avc_casadi._util.units import METRE
 
 if TYPE_CHECKING:
     from avc_casadi.identification.record import Columns
@@ -108,8 +108,7 @@ def _jumps(columns: Columns, alone: BoolArray) -> str:
     if not alone.any():
         return ""
     size = float(np.abs(_bend(columns.position_m)[alone]).max())
-    unit = units_for(columns.motion).text("m")
-    return f"whose position jumps away and back by up to {number(size, 3)} {unit}"
+    return f"whose position jumps away and back by up to {number(size, 3)} {METRE}"
 
 
 def wrapped(position: FloatArray, time_s: FloatArray) -> IndexArray:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import FORCE
 from avc_casadi.identification.assumed_mass_ratio import shared
 from avc_casadi.identification.fit import (
     FIRST_RATE_PER_S,
@@ -87,7 +88,7 @@ def select(
     chosen = Selection(simplest)
     late: list[str] = []
     for index, terms in enumerate(_ORDER):
-        progress.advance(index, len(_ORDER), ", ".join(TERMS[term].words for term in terms))
+        progress.advance(index, len(_ORDER), ", ".join(str(TERMS[term].words) for term in terms))
         taken = _try(predictor, chosen, terms, guess, response, window, sides)
         following = [one for later in _ORDER[index + 1 :] for one in later]
         _prepare(predictor, chosen.fit.structure, [*following, *(terms if taken and index else ())])
@@ -238,7 +239,7 @@ def _tried(
     """
     simple = chosen.fit
     if not simple.structure.admits(term):
-        missing = [TERMS[need].words for need in TERMS[term].needs if need not in simple.structure.terms]
+        missing = [str(TERMS[need].words) for need in TERMS[term].needs if need not in simple.structure.terms]
         chosen.trials[term] = Trial(term, False, 0.0, 0.0, f"says nothing without {', '.join(missing)}")
         return None
     near: dict[tuple[str, int], Fit] = {}
@@ -306,7 +307,7 @@ def _beyond(found: Fit, term: str, response: Response, period: float) -> str:
     band = response.excited_hz
     top = min(HIGHEST_SEEN / period, 1.3 * band[1] if band else 0.0)
     if term == "resonance" and found.values["resonance.frequency_hz"] > top:
-        return "lies beyond the frequencies that the force excites"
+        return f"lies beyond the frequencies that the {FORCE} excites"
     fastest = _BESIDE_RESONANCE if found.structure.present("resonance.frequency_hz") else _FASTEST_LAG
     if term == "amplifier" and found.values["amplifier_bandwidth_hz"] > fastest / period:
         return "is too fast to be distinguished from a shorter delay at this sample rate"

@@ -46,7 +46,7 @@ class Selection:
         """Record that an amplifier and a resonance are confounded."""
         for term, found in (("amplifier", lagging), ("resonance", ringing)):
             self.rivals[term] = found
-            self.trials[term] = replace(self.trials[term], taken=False, why=NOT_TOLD_APART[term], inseparable=True)
+            self.trials[term] = replace(self.trials[term], taken=False, why=str(NOT_TOLD_APART[term]), inseparable=True)
 
 
 def settled(predictor: Predictor, found: Fit, window: Window) -> Fit:

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.units import FORCE, KG, M_PER_S, MASS, METRE, N_PER_M, NEWTON, NS_PER_M, Wording
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 
 Kind = Literal["log", "linear", "share"]
@@ -31,7 +32,7 @@ class Parameter:
     """
 
     name: str
-    unit: str
+    unit: str | Wording
     kind: Kind
     lowest: float
     highest: float
@@ -50,7 +51,7 @@ class Term:
     """
 
     name: str
-    words: str
+    words: str | Wording
     parameters: tuple[Parameter, ...]
     needs: tuple[str, ...] = ()
 
@@ -65,28 +66,30 @@ TERMS: Mapping[str, Term] = {
     for term in (
         Term(
             "base",
-            "mass, viscous damping, delay and a constant force",
+            Wording.of(lambda: f"{MASS}, viscous damping, delay and a constant {FORCE}"),
             (
-                Parameter("mass_kg", "kg", "log", 1e-5, 1e5),
-                Parameter("damping_ns_per_m", "N.s/m", "linear", 0.0, 1e7),
+                Parameter("mass_kg", KG, "log", 1e-5, 1e5),
+                Parameter("damping_ns_per_m", NS_PER_M, "linear", 0.0, 1e7),
                 Parameter("delay_samples", "samples", "linear", 0.0, LONGEST_DELAY),
-                Parameter("offset_n", "N", "linear", -_INF, _INF, part="friction"),
+                Parameter("offset_n", NEWTON, "linear", -_INF, _INF, part="friction"),
             ),
         ),
         Term(
-            "coulomb", "Coulomb friction", (Parameter("coulomb_friction_n", "N", "linear", 0.0, 1e5, part="friction"),)
+            "coulomb",
+            "Coulomb friction",
+            (Parameter("coulomb_friction_n", NEWTON, "linear", 0.0, 1e5, part="friction"),),
         ),
         Term(
             "asymmetry",
             "damping that depends on the direction",
-            (Parameter("damping_asymmetry_ns_per_m", "N.s/m", "linear", -1e7, 1e7, part="friction"),),
+            (Parameter("damping_asymmetry_ns_per_m", NS_PER_M, "linear", -1e7, 1e7, part="friction"),),
         ),
         Term(
             "stribeck",
             "Stribeck friction",
             (
-                Parameter("breakaway_excess_n", "N", "linear", 0.0, 1e5, part="friction"),
-                Parameter("stribeck_speed_m_per_s", "m/s", "log", 1e-5, 10.0, part="friction"),
+                Parameter("breakaway_excess_n", NEWTON, "linear", 0.0, 1e5, part="friction"),
+                Parameter("stribeck_speed_m_per_s", M_PER_S, "log", 1e-5, 10.0, part="friction"),
             ),
             ("coulomb",),
         ),
@@ -109,19 +112,19 @@ TERMS: Mapping[str, Term] = {
         Term(
             "stiffness",
             "a spring to ground (a hand, a cable, gravity along an arc)",
-            (Parameter("stiffness_n_per_m", "N/m", "linear", 0.0, 1e6),),
+            (Parameter("stiffness_n_per_m", N_PER_M, "linear", 0.0, 1e6),),
         ),
         Term(
             "drift",
-            "a constant force that drifts",
+            Wording.of(lambda: f"a constant {FORCE} that drifts"),
             (Parameter("offset_drift_n_per_s", "N/s", "linear", -_INF, _INF, part="friction"),),
         ),
         Term(
             "play",
             "play that the encoder stands behind",
-            (Parameter("backlash_m", "m", "linear", 0.0, 1.0, part="sensing"),),
+            (Parameter("backlash_m", METRE, "linear", 0.0, 1.0, part="sensing"),),
         ),
-        Term("scale", "a scale of the force", (Parameter("force_scale", "", "log", 1e-3, 1e3),)),
+        Term("scale", Wording.of(lambda: f"a scale of the {FORCE}"), (Parameter("force_scale", "", "log", 1e-3, 1e3),)),
     )
 }
 
@@ -148,7 +151,7 @@ def words_of(terms: Sequence[str], amplifier_order: int) -> str:
         amplifier_order: of the amplifier, if there is one.
     """
     order = " (a current loop of the second order)" if amplifier_order != 1 else ""
-    return ", ".join(TERMS[term].words + (order if term == "amplifier" else "") for term in terms)
+    return ", ".join(f"{TERMS[term].words}{order if term == 'amplifier' else ''}" for term in terms)
 
 
 OFFSET, PLAY = "offset_n", "backlash_m"

@@ -13,6 +13,7 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.units import FORCE
 from avc_casadi.identification.record import TOLD, faults_of_rows
 from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_columns
 
@@ -70,7 +71,7 @@ class TextLog:
             if len(first) > 1:
                 break
         if not first:
-            raise InputError.of("is empty; allowed: columns of time, position and force", file=file)
+            raise InputError.of(f"is empty; allowed: columns of time, position and {FORCE}", file=file)
         log._begin(first, remarks)
         for piece in pieces:
             if log.faults:

@@ -8,6 +8,7 @@ from typing import Any
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number, text_table
+from avc_casadi._util.units import FORCE, KG, MASS, METRE, N_PER_M, spoken_key
 from avc_casadi.identification.assumed_mass_ratio import at_the_other_side
 from avc_casadi.identification.closed_loop import EXCITATION, OnlyFeedback, coloured
 from avc_casadi.identification.fit import Fit
@@ -41,7 +42,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
             for key, one in found.estimates.items()
         },
         "refused": [
-            {"key": one.key, "why": one.why, "excitation": one.excitation, "bounds": one.bounds}
+            {"key": spoken_key(one.key), "why": one.why, "excitation": one.excitation, "bounds": one.bounds}
             for one in found.refused
         ],
         "evidence": [
@@ -55,7 +56,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
             for one in found.trials
         ],
         "correlation": {
-            "names": list(found.names),
+            "names": [*map(spoken_key, found.names)],
             "of_estimates": found.correlation,
             "of_sensitivities": found.sensitivity,
         },
@@ -67,7 +68,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
         "error_autocorrelation": found.lags,
         "notes": list(found.notes),
         "device": None if device is None else device.device.model_dump(mode="json", exclude_unset=True),
-        "gaps": None if device is None else list(device.gaps),
+        "gaps": None if device is None else [*map(spoken_key, device.gaps)],
         "response": {
             "frequency_hz": found.response.frequency_hz,
             "measured_re": found.response.velocity_per_force.real,
@@ -92,7 +93,7 @@ def identification_text(found: Identification) -> str:
             ("what", "value", "from", "to", "unit", "how"),
             [
                 (
-                    one.key,
+                    spoken_key(one.key),
                     *(number(each, one.digits(2, 4)) for each in (one.value, one.low, one.high)),
                     one.unit or "-",
                     one.how,
@@ -121,7 +122,9 @@ def identification_text(found: Identification) -> str:
     ]
     if found.refused:
         lines += ["", "not identified:"]
-        lines += [f"  {one.key}: {one.why}; it would be identified by {one.excitation}" for one in found.refused]
+        lines += [
+            f"  {spoken_key(one.key)}: {one.why}; it would be identified by {one.excitation}" for one in found.refused
+        ]
     if found.notes:
         lines += ["", *(f"note: {note}" for note in found.notes)]
     return "\n".join(lines)
@@ -155,16 +158,17 @@ def remarks(
     if "stiffness" in fit.structure.terms:
         stiffness = number(fit.values["stiffness_n_per_m"] * radius_m**2)
         notes.append(
-            f"a spring of {stiffness} N/m holds the device (its own, a hand, a cable, gravity along an arc): mass and "
-            "damping are those of the device with what holds it. A device file has no key for the spring: loops are "
-            "designed and judged without it, softer by it than they are; log the device released where it can be"
+            f"a spring of {stiffness} {N_PER_M} holds the device (its own, a hand, a cable, gravity along an arc): "
+            f"{MASS} and damping are those of the device with what holds it. A device file has no key for the spring: "
+            "loops are designed and judged without it, softer by it than they are; log the device released where it "
+            "can be"
         )
     other = at_the_other_side(fit)
     if other:
         mass, spring = (number(other[key] * radius_m**2, 3) for key in ("mass_kg", "stiffness_n_per_m"))
         notes.append(
             "the spring may be on either side of the resonance, which this log does not tell: at the motor it has "
-            f"{spring} N/m, and the device {mass} kg; the intervals hold both"
+            f"{spring} {N_PER_M}, and the device {mass} {KG}; the intervals hold both"
         )
     if "amplifier" in fit.structure.terms:
         notes.append(
@@ -185,33 +189,31 @@ def remarks(
         notes.append(
             f"a resonance that is damped by {number(fit.values['resonance.damping_ratio'], 2)} is rarely one of a "
             "structure: play in the transmission looks like one; that of a structure stays where it is with half the "
-            "force"
+            f"{FORCE}"
         )
     if "play" in fit.structure.terms:
         notes.append(
             "where the device turns, the position stands still and then goes on at speed: the encoder stands behind "
-            f"play of {number(fit.values[PLAY] / radius_m, 2)} m (backlash_m); mass, damping and friction are those "
-            "beside it, and what is found with this file knows of it. Better: take the play up (preload, a tighter "
-            "belt or capstan)"
+            f"play of {number(fit.values[PLAY] / radius_m, 2)} {METRE} ({spoken_key('backlash_m')}); {MASS}, damping "
+            "and friction are those beside it, and what is found with this file knows of it. Better: take the play up "
+            "(preload, a tighter belt or capstan)"
         )
     if driven is not None:
         notes.append(
             f"{driven.sentence(radius_m)}, and the device goes on moving: a hand or something else moves it, whose "
-            f"force is not in the log, so that mass, damping and friction are not identified. Better: {EXCITATION}"
+            f"{FORCE} is not in the log, so that {MASS}, damping and friction are not identified. Better: {EXCITATION}"
         )
     elif feedback and coloured(lags):
         notes.append(
-            "the force follows the measured position (a closed loop), and the prediction error is not white: what "
-            "disturbs "
-            "the device is not what the model takes it for, and estimates may be biased; the intervals hold what "
-            "another "
-            "observer would have found. Better: an external force (multisine) beside the controller, hands off"
+            f"the {FORCE} follows the measured position (a closed loop), and the prediction error is not white: what "
+            "disturbs the device is not what the model takes it for, and estimates may be biased; the intervals hold "
+            f"what another observer would have found. Better: an external {FORCE} (multisine) beside the controller, "
+            "hands off"
         )
     elif feedback:
         notes.append(
-            "the force follows the measured position (a closed loop); the prediction error is white, so that this "
-            "does not "
-            "bias the estimates"
+            f"the {FORCE} follows the measured position (a closed loop); the prediction error is white, so that this "
+            "does not bias the estimates"
         )
     elif coloured(lags):
         notes.append(
@@ -222,7 +224,7 @@ def remarks(
     no_lag = fit.values["delay_samples"] < _NO_DELAY and "amplifier" not in fit.structure.terms
     if estimates.get("delay_samples") is not None and no_lag:
         notes.append(
-            "the delay came out at 0: does the log pair each force with the position that it was computed from, and "
+            f"the delay came out at 0: does the log pair each {FORCE} with the position that it was computed from, and "
             "hold every tick? Of every second or tenth one, delay and friction lean"
         )
     return notes

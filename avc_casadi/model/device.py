@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, model_serializer
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.units import MotionKind, Units, units_for
+from avc_casadi._util.units import METRE, MotionKind, Units, units_for
 from avc_casadi.model.quantity import (
     Damping,
     DampingInterval,
@@ -39,7 +39,7 @@ from avc_casadi.model.quantity import (
     plain,
 )
 
-_Pitch = Annotated[float, BeforeValidator(Quantity("m", 1e-6, 10, zero=False))]
+_Pitch = Annotated[float, BeforeValidator(Quantity(METRE, 1e-6, 10, zero=False))]
 _Width = Annotated[float, BeforeValidator(Quantity("", 1e-2, 1, zero=False))]
 
 

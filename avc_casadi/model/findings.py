@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, BeforeValidator, ValidationError
 from pydantic.fields import FieldInfo
 
-from avc_casadi._util.units import LINEAR, ROTARY
+from avc_casadi._util.units import LINEAR, ROTARY, spoken_key
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.other_units import in_another_unit
 from avc_casadi.model.quantity import one_of, shown
@@ -136,9 +136,9 @@ def _keys(models: list[type[BaseModel]]) -> list[str]:
 def _table(models: list[type[BaseModel]]) -> str:
     """Return the keys of a table: required ones with their values, then the rest."""
     needed = [key for key in _keys(models)[:20] if len(models) == 1 and models[0].model_fields[key].is_required()]
-    told = [f"{key} ({_values(models[0].model_fields[key])})" for key in needed]
+    told = [f"{spoken_key(key)} ({_values(models[0].model_fields[key])})" for key in needed]
     rest = [key for key in _keys(models) if key not in needed]
-    return f"a table with {', '.join(told + rest)}"
+    return f"a table with {', '.join([*told, *map(spoken_key, rest)])}"
 
 
 def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
@@ -148,7 +148,7 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
         message = f"is missing; allowed: {_allowed(whole, tables, path)}"
     elif fault == "extra_forbidden":
         own = _models_at(whole, tables, path[:-1])
-        message = f"{UNKNOWN}{', '.join(_keys(own))}{_hint(whole, own, path)}"
+        message = f"{UNKNOWN}{', '.join(map(spoken_key, _keys(own)))}{_hint(whole, own, path)}"
     elif fault in {"model_type", "model_attributes_type"}:
         message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(whole, tables, path))}"
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:
@@ -177,7 +177,7 @@ def _hint(whole: type[BaseModel], own: list[type[BaseModel]], path: Path) -> str
         others = inside or [f"[{name}]" for name in usual]
         if others:
             return f"{BELONGS_IN}{' or '.join(others)}"
-    return f"; did you mean {near[0]}?" if near else ""
+    return f"; did you mean {spoken_key(near[0])}?" if near else ""
 
 
 def _tables_with(model: type[BaseModel], key: str) -> list[str]:

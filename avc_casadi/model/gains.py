@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import Float32Array, FloatArray
 from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -257,7 +258,7 @@ class GainTable(Tabular):
 
     def _summary(self) -> str:
         b, k, contact = self.gains
-        spans = f"b {short(b, 'N.s/m')}, k {short(k, 'N/m')}, b_p {short(contact, 'N.s/m')}"
+        spans = f"b {short(b, NS_PER_M)}, k {short(k, N_PER_M)}, b_p {short(contact, NS_PER_M)}"
         return f"{len(self)} row{'s' if len(self) > 1 else ''}: {spans}"
 
     @property

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Self
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
+from avc_casadi._util.units import FORCE, NS_PER_M
 from avc_casadi.model.quantity import LARGEST_DAMPING_NS_PER_M, Damping, Frequencies, Quantity, Table, refusal, sequence
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray, FloatArray
 
-_Part = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-12, LARGEST_DAMPING_NS_PER_M, signed=True))]
+_Part = Annotated[float, BeforeValidator(Quantity(NS_PER_M, 1e-12, LARGEST_DAMPING_NS_PER_M, signed=True))]
 
 
 # Negative real part, as a share of |Z|, beyond measurement error.
@@ -50,7 +51,7 @@ class MeasuredImpedance(Table):
         if 2 * active > points:
             raise refusal(
                 f"has a real part far below 0 at {active} of {points} points, which no passive environment has; "
-                "allowed: Re and Im of force over velocity, in these columns"
+                f"allowed: Re and Im of {FORCE} over velocity, in these columns"
             )
         return self
 

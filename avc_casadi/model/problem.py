@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, model_validator
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.text import Table as ShownTable
 from avc_casadi._util.text import short
-from avc_casadi._util.units import Units
+from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, Units, in_its_units
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.findings import checked
 from avc_casadi.model.follower import Follower
@@ -298,11 +298,14 @@ class Problem(Table):
             raise InputError([Fault(self.name or "problem", None, dotted(path), message) for path, message in found])
         return found
 
+    @in_its_units
     def __repr__(self) -> str:
         device, wall, f = self.device, self.environment, self.frequencies_hz()
-        return self.units.text(
-            f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} N/m, {wall.damping_ns_per_m:g} N.s/m; device "
-            f"{device.mass_kg:g} kg, {device.damping_ns_per_m:g} N.s/m, T {1e3 * device.sample_time_s:g} ms, delay "
+        return (
+            f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} {N_PER_M}, {wall.damping_ns_per_m:g} "
+            f"{NS_PER_M}; device "
+            f"{device.mass_kg:g} {KG}, {device.damping_ns_per_m:g} {NS_PER_M}, T {1e3 * device.sample_time_s:g} "
+            "ms, delay "
             f"{device.delay_samples};\n  {self.coupling.structure}, model {self.stability.model}, scope "
             f"{self.stability.scope}, {short(f, 'Hz')} in {len(f)} rows)"
         )
@@ -317,7 +320,7 @@ class Problem(Table):
     @property
     def units(self) -> Units:
         """Names and units in which its values are printed."""
-        return self.device.units.beside(self.name, self.title, self.source)
+        return self.device.units
 
     def frequencies_hz(self) -> NDArray[np.float64]:
         """Return the frequencies of interaction, shape (n,), Hz."""

@@ -14,6 +14,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 from pydantic_core import PydanticCustomError
 
+from avc_casadi._util.units import KG, M_PER_S, M_PER_S2, METRE, N_PER_M, NEWTON, NS_PER_M, Wording
+
 
 class Table(BaseModel):
     """A frozen table: unknown keys, wrong types and non-finite numbers are refused."""
@@ -74,7 +76,7 @@ class Quantity:
         signed: whether the negative range is allowed too.
     """
 
-    unit: str
+    unit: str | Wording
     lowest: float
     highest: float
     zero: bool = True
@@ -178,17 +180,17 @@ MOST_FREQUENCIES = 20_000
 
 Text = Annotated[str, BeforeValidator(_text)]
 
-Mass = Annotated[float, BeforeValidator(Quantity("kg", 1e-9, 1e6))]
-Damping = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M))]
-Stiffness = Annotated[float, BeforeValidator(Quantity("N/m", 1e-9, LARGEST_STIFFNESS_N_PER_M))]
-Force = Annotated[float, BeforeValidator(Quantity("N", 1e-9, 1e6))]
-ForceLimit = Annotated[float, BeforeValidator(Quantity("N", 1e-6, 1e6, zero=False))]
-Length = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 1))]
-Amplitude = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 10))]
+Mass = Annotated[float, BeforeValidator(Quantity(KG, 1e-9, 1e6))]
+Damping = Annotated[float, BeforeValidator(Quantity(NS_PER_M, 1e-9, LARGEST_DAMPING_NS_PER_M))]
+Stiffness = Annotated[float, BeforeValidator(Quantity(N_PER_M, 1e-9, LARGEST_STIFFNESS_N_PER_M))]
+Force = Annotated[float, BeforeValidator(Quantity(NEWTON, 1e-9, 1e6))]
+ForceLimit = Annotated[float, BeforeValidator(Quantity(NEWTON, 1e-6, 1e6, zero=False))]
+Length = Annotated[float, BeforeValidator(Quantity(METRE, 1e-12, 1))]
+Amplitude = Annotated[float, BeforeValidator(Quantity(METRE, 1e-12, 10))]
 Radius = Annotated[float, BeforeValidator(Quantity("m", *RADII_M, zero=False))]
-Position = Annotated[float, BeforeValidator(Quantity("m", 1e-9, 10, signed=True))]
-Speed = Annotated[float, BeforeValidator(Quantity("m/s", 1e-6, 100, zero=False))]
-Acceleration = Annotated[float, BeforeValidator(Quantity("m/s^2", 1e-6, 1e9, zero=False))]
+Position = Annotated[float, BeforeValidator(Quantity(METRE, 1e-9, 10, signed=True))]
+Speed = Annotated[float, BeforeValidator(Quantity(M_PER_S, 1e-6, 100, zero=False))]
+Acceleration = Annotated[float, BeforeValidator(Quantity(M_PER_S2, 1e-6, 1e9, zero=False))]
 SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]
 Span = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 3600, zero=False))]
 Wait = Annotated[float, BeforeValidator(Quantity("s", 1e-9, 3600))]

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from avc_casadi._util.units import A_MASS, KG, MASS, spoken_key
 from avc_casadi.model.device import DeviceRange, ResonanceRange
 from avc_casadi.model.quantity import plain, shown
 
@@ -168,15 +169,15 @@ def _known_range(*path: str) -> Rule:
             return
         nominal = values[where] if alone else _inside(values[".".join(("device", *path[:-1]))], quantity)
         if nominal is None and quantity in _WITHOUT_DEFAULT:
-            message = f"is {shown(interval)}, but {where} is missing; allowed: beside a nominal value in it"
+            message = f"is {shown(interval)}, but {spoken_key(where)} is missing; allowed: beside a nominal value in it"
             yield ("device", "range", *path), message
             return
         nominal = values[where] if nominal is None else nominal
         if not interval[0] <= nominal <= interval[1]:
-            message = f"is {shown(interval)}; allowed: an interval that holds {where} = {shown(nominal)}"
+            message = f"is {shown(interval)}; allowed: an interval that holds {spoken_key(where)} = {shown(nominal)}"
             yield ("device", "range", *path), message
         elif quantity == "mass_kg" and interval[0] == 0 < interval[1]:
-            message = f"is {shown(interval)}; allowed: from above 0 kg, for without a mass nothing is there to hold"
+            message = f"is {shown(interval)}; allowed: from above 0 {KG}, for without {A_MASS} nothing is there to hold"
             yield ("device", "range", *path), message
 
     return rule
@@ -205,7 +206,7 @@ def _resonance(values: Values) -> Iterator[Finding]:
     if values["device.resonance"] is None:
         return
     if values["device.mass_kg"] == 0:
-        message = "is 0, but device.resonance divides the mass; allowed: above 0, or no resonance"
+        message = f"is 0, but device.resonance divides the {MASS}; allowed: above 0, or no resonance"
         yield ("device", "mass_kg"), message
 
 
@@ -296,7 +297,9 @@ def _saturation(values: Values) -> Iterator[Finding]:
     for index, effect in enumerate(values["scene.effects"]):
         table = dict(effect)
         if table["kind"] == "saturation" and table.get("force_n") is None:
-            message = "has neither force_n nor device.max_force_n; allowed: one of the two"
+            message = (
+                f"has neither {spoken_key('force_n')} nor {spoken_key('device.max_force_n')}; allowed: one of the two"
+            )
             yield ("scene", "effects", index, "force_n"), message
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.printed import PrintedColumns
 from avc_casadi._util.text import Columns, short
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem, Structure
@@ -142,8 +143,8 @@ class GainSchedule(PrintedColumns):
         found = ", ".join(f"{count} {status}" for status, count in self.counts().items())
         return (
             f"{self.problem!r} by {self.method}, {self.rows} rows {short(self.frequency_hz, 'Hz')}: {found};\n"
-            f"  b {short(self.damping_ns_per_m, 'N.s/m')}, k {short(self.stiffness_n_per_m, 'N/m')}, "
-            f"b_p {short(self.contact_damping_ns_per_m, 'N.s/m')}"
+            f"  b {short(self.damping_ns_per_m, NS_PER_M)}, k {short(self.stiffness_n_per_m, N_PER_M)}, "
+            f"b_p {short(self.contact_damping_ns_per_m, NS_PER_M)}"
         )
 
     def counts(self) -> dict[str, int]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.units import spoken_key
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray
@@ -222,7 +223,7 @@ class Kalman(RunningEstimator):
 
 
 def _acceleration(table: Any, known: Known) -> tuple[float | None, float | None, str, str]:
-    source = "device.max_force_n and device.mass_kg, whose quotient is taken"
+    source = f"{spoken_key('device.max_force_n')} and {spoken_key('device.mass_kg')}, whose quotient is taken"
     return table.acceleration_m_per_s2, known.acceleration_m_per_s2, "acceleration_m_per_s2", source
 
 

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
+from avc_casadi._util.units import spoken_key
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.quantity import Acceleration, Hertz, Length, Window, one_of, refusal, shown
 from avc_casadi.model.velocity import VELOCITY_ESTIMATORS
@@ -54,8 +55,9 @@ class VelocityFilterEffect(EffectTable):
         told = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
         for key in told:
             if key not in one.keys:
-                raise refusal(f'has {key}, no key of estimator "{self.estimator}"; allowed: {", ".join(one.keys)}')
+                allowed = ", ".join(map(spoken_key, one.keys))
+                raise refusal(f'has {spoken_key(key)}, no key of estimator "{self.estimator}"; allowed: {allowed}')
         for key in one.required:
             if key not in told:
-                raise refusal(f'has no {key}; allowed: with it, which estimator "{self.estimator}" needs')
+                raise refusal(f'has no {spoken_key(key)}; allowed: with it, which estimator "{self.estimator}" needs')
         return self

@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.equations import coupling_gains, environment_impedance
@@ -86,9 +87,9 @@ def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
     faults = []
     box = problem.coupling
     for name, unit, value, (low, high) in (
-        ("stiffness", "N/m", k, box.stiffness_n_per_m),
-        ("damping", "N.s/m", b, box.damping_ns_per_m),
-        ("contact damping", "N.s/m", contact, box.contact_damping_ns_per_m),
+        ("stiffness", N_PER_M, k, box.stiffness_n_per_m),
+        ("damping", NS_PER_M, b, box.damping_ns_per_m),
+        ("contact damping", NS_PER_M, contact, box.contact_damping_ns_per_m),
     ):
         if not np.isfinite(value):
             faults.append(f"asks for {name} that is not finite")

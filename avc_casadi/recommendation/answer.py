@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from avc_casadi._errors import InputError
-from avc_casadi.files.problem_file import AnyProblem, as_problem
+from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
 from avc_casadi.recommendation.bilateral import BilateralRecommendation, recommend_bilateral
 from avc_casadi.recommendation.recommend import Recommendation
 from avc_casadi.recommendation.recommend import recommend as recommend_wall
@@ -15,6 +15,7 @@ from avc_casadi.recommendation.virtual_tool import ToolRecommendation, recommend
 _OF_WALLS = ("lean_on_friction", "prove", "workers", "executor")
 
 
+@of_problem
 def recommend(
     problem: AnyProblem, hands: int = 100, seed: int = 0, **options: Any
 ) -> Recommendation | ToolRecommendation | BilateralRecommendation:

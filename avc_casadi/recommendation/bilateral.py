@@ -11,6 +11,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import N_PER_M, NS_PER_M, in_its_units
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
@@ -93,11 +94,12 @@ class BilateralRecommendation(Printed):
     assumed: tuple[str, ...]
     not_used: tuple[str, ...]
 
+    @in_its_units
     def __repr__(self) -> str:
         if self.gains is None:
             return f"BilateralRecommendation({self.problem.name!r}: none; {self.reason})"
         k, b = self.gains.stiffness_n_per_m, self.gains.damping_ns_per_m
-        return f"BilateralRecommendation({self.problem.name!r}: K {quantity(k, 'N/m')}, B {quantity(b, 'N.s/m')})"
+        return f"BilateralRecommendation({self.problem.name!r}: K {quantity(k, N_PER_M)}, B {quantity(b, NS_PER_M)})"
 
     def document(self) -> dict[str, Any]:
         """Return the `recommend` document: JSON values only; keys that need a wall are null."""
@@ -258,7 +260,7 @@ def _longest_delay(device: Device) -> float:
 
 
 def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: BilateralTrial | None) -> str:
-    wanted, unit = required_follower(problem).stiffness_n_per_m, problem.units.unit("N/m")
+    wanted, unit = required_follower(problem).stiffness_n_per_m, str(N_PER_M)
     limit = quantity(stiffest.stiffness_n_per_m, unit)
     if gains is not None:
         what = (

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi._util.units import FORCE, MASS, METRE, N_PER_M, NEWTON, NS_PER_M, spoken_key
 from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.passivity.rendered_impedance import PRESS_N
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
@@ -37,11 +38,11 @@ def why_infeasible(problem: Problem) -> str:
     device, wall = problem.device, problem.environment
     if device.mass_kg == 0:
         return (
-            "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold; give "
-            "the mass of what moves"
+            f"the device has no {MASS} ({spoken_key('device.mass_kg')} is 0): released, nothing is there that a "
+            f"coupling could hold; give the {MASS} of what moves"
         )
     if not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        return "the wall gives no force: there is nothing to couple to; give [environment] a stiffness or a damping"
+        return f"the wall gives no {FORCE}: there is nothing to couple to; give [environment] a stiffness or a damping"
     slowest = max(one.delay_samples for one in device_corners(device, ("delay_samples",)))
     if slowest > MAX_DELAY_SAMPLES:
         return (
@@ -53,8 +54,9 @@ def why_infeasible(problem: Problem) -> str:
         most = damping_range(device, people, softest_wall_n_per_m(device)).highest_ns_per_m
         if wall.damping_ns_per_m > most:
             return (
-                f"a damper above {most:.3g} N.s/m is not linearly stable with every hand and released, and "
-                f"{wall.damping_ns_per_m:g} N.s/m are wanted (environment.damping_ns_per_m): ask for less"
+                f"a damper above {most:.3g} {NS_PER_M} is not linearly stable with every hand and released, and "
+                f"{wall.damping_ns_per_m:g} {NS_PER_M} are wanted ({spoken_key('environment.damping_ns_per_m')}): ask "
+                "for less"
             )
     if problem.detent is not None:
         passed, sentence, advice, _ = detent_verdict(problem)
@@ -78,14 +80,18 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     most_n = press_n if device.max_force_n is None else min(press_n, device.max_force_n)
     if felt_n_per_m * step > most_n:
         what = (
-            f"one step of the encoder (device.encoder_resolution_m, {step:g} m) is more than a press of {most_n:.3g} N"
+            f"one step of the encoder ({spoken_key('device.encoder_resolution_m')}, {step:g} {METRE}) is more than a "
+            f"press of {most_n:.3g} {NEWTON}"
         )
     elif np.isfinite(trial.stiffness):
         return ""
     elif trial.at_force_limit.any():
-        what = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g} N)"
+        what = (
+            f"every press ends at the {FORCE} limit ({spoken_key('device.max_force_n')}, {device.max_force_n:g} "
+            f"{NEWTON})"
+        )
     else:
-        what = f"no press ends in contact (device.encoder_resolution_m is {step:g} m)"
+        what = f"no press ends in contact ({spoken_key('device.encoder_resolution_m')} is {step:g} {METRE})"
     slips = "".join(f"; {doubt.key} {doubt.message}" for doubt in plausibility(problem))
     return f"nothing of the wall is rendered: {what}; check the units of these values{slips}"
 
@@ -116,11 +122,11 @@ def assumed(
     if tried:
         gaps += _of_trials(device)
     else:
-        gaps.append("linear stability alone: dry friction, encoder, noise and force limit play no part")
+        gaps.append(f"linear stability alone: dry friction, encoder, noise and {FORCE} limit play no part")
     linear, rest = _ranges(problem)
     at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
-    gaps += [f"{key}: linear stability at its corners{f', {at}' if tried else ''}" for key in linear]
-    gaps += [f"{key}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
+    gaps += [f"{spoken_key(key)}: linear stability at its corners{f', {at}' if tried else ''}" for key in linear]
+    gaps += [f"{spoken_key(key)}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
     if coupling is not None:
         gaps += _outside(coupling)
     gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
@@ -135,7 +141,7 @@ def _of_trials(device: Device) -> list[str]:
     if device.encoder_resolution_m == 0:
         gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
     if device.max_force_n is None:
-        gaps.append("no force limit is declared: any force is taken as given")
+        gaps.append(f"no {FORCE} limit is declared: any {FORCE} is taken as given")
     return gaps
 
 
@@ -158,7 +164,7 @@ def _outside(coupling: Coupling) -> list[str]:
     left = [
         f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} {unit} lies outside [{low:g}, {high:g}]"
         for (symbol, unit), (low, high), values in zip(
-            (("b", "N.s/m"), ("k", "N/m"), ("b_p", "N.s/m")),
+            (("b", NS_PER_M), ("k", N_PER_M), ("b_p", NS_PER_M)),
             stated,
             gains,
             strict=True,
@@ -184,8 +190,8 @@ def _far_end(problem: Problem) -> str:
 
 def not_used(problem: Problem) -> tuple[str, ...]:
     """Return the declared keys that no candidate, certificate or trial uses."""
-    unused = [f"{key} (not seen by an encoder at the handle)" for key in declared(problem)]
-    unused = [line for line in unused if line.partition(" ")[0] in _not_simulated(problem)]
+    unseen = [key for key in declared(problem) if key in _not_simulated(problem)]
+    unused = [f"{spoken_key(key)} (not seen by an encoder at the handle)" for key in unseen]
     simulated = {effect.kind for effect in declared_effects(problem)}
     listed = [
         effect.kind

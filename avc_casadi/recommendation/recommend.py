@@ -14,13 +14,14 @@ from avc_casadi._util.parallel import SharedTasks
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
+from avc_casadi._util.units import N_PER_M, in_its_units
 from avc_casadi.claims.deployable import certified, deployable
 from avc_casadi.claims.stability.margins import OpenLoop
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.problem_file import AnyProblem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
@@ -97,8 +98,11 @@ class Recommendation(Printed):
     assumed: tuple[str, ...]
     not_used: tuple[str, ...]
 
+    @in_its_units
     def __repr__(self) -> str:
-        felt = "none" if self.trial is None else f"{self.coupling!r}, felt {short(self.trial.stiffness_n_per_m, 'N/m')}"
+        felt = (
+            "none" if self.trial is None else f"{self.coupling!r}, felt {short(self.trial.stiffness_n_per_m, N_PER_M)}"
+        )
         return f"Recommendation({self.problem.name!r}: {felt}; {self.reason})"
 
     def felt(self) -> dict[str, Any]:
@@ -251,6 +255,7 @@ def judged_as_recommended(
     )
 
 
+@of_problem
 def recommend(
     problem: AnyProblem,
     hands: int = 100,

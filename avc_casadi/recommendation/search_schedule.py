@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.parallel import ALONE, SharedTasks
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.recommendation.evaluate import Evaluator
@@ -159,7 +160,7 @@ def _behind_laws(
 def _refine(evaluator: Evaluator, robust: RobustCandidates, coupling: Coupling) -> None:
     """Try laws like that of a coupling, for the same wall, of smaller mismatch."""
     for steps in robust.refinements(coupling, evaluator.screening()):
-        told = f"the same wall, nearer in motion, {steps[-1].stiffness_n_per_m:.4g} N/m"
+        told = f"the same wall, nearer in motion, {steps[-1].stiffness_n_per_m:.4g} {N_PER_M}"
         evaluator.ask([robust.alternatives(steps[-1])], told)
 
 
@@ -181,7 +182,7 @@ def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[S
             return
         if felt <= _LESS * asked:
             asked = felt
-            search = f"walls behind an observer, {felt:.4g} N/m"
+            search = f"walls behind an observer, {felt:.4g} {N_PER_M}"
             if evaluator.finds([robust.alternatives(step)], felt, search) and evaluator.holds(felt):
                 return
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, KG, M_PER_S, MASS, METRE, MM, N_PER_M, NEWTON, NS_PER_M, UM
 from avc_casadi.recommendation.contact_onset import NOTICED_N
 from avc_casadi.simulation.population.motions import TRIAL_S
 
@@ -46,8 +47,8 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         f"rendered: {stiffness}; impedance error{alone} against the physical wall {errors}",
         (
             f"trial{_nominal(document['confirmed'])}: {trial['at_rest']} of {trial['hands']} hands settle, "
-            f"{trial['at_rest_without_friction']} without friction; {_quietly(document)}; "
-            f"a tap reaches {number(trial['tap_force_n'], 3)} N and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
+            f"{trial['at_rest_without_friction']} without friction; {_quietly(document)}; a tap reaches "
+            f"{number(trial['tap_force_n'], 3)} {NEWTON} and {_depth(trial['tap_depth_m'])}{_watched(trial)}"
         ),
         _settling(document["transient"]),
         _ripple(felt["ripple"]),
@@ -79,9 +80,13 @@ def _settling(found: dict[str, Any]) -> str:
 
 def _ripple(found: dict[str, Any]) -> str:
     """Return the force ripple of the encoder in motion, and how many hands detect it."""
-    told = " and ".join(f"{number(force, 3)} N rms at {speed} m/s" for speed, force in found["force_n"].items())
+    told = " and ".join(
+        f"{number(force, 3)} {NEWTON} rms at {speed} {M_PER_S}" for speed, force in found["force_n"].items()
+    )
     slowest = next(iter(found["force_n"]))
-    return f"ripple in motion: {told}; {found['quiet']} of {found['hands']} hands at {slowest} m/s feel no vibration"
+    return (
+        f"ripple in motion: {told}; {found['quiet']} of {found['hands']} hands at {slowest} {M_PER_S} feel no vibration"
+    )
 
 
 def _margins(who: str, found: dict[str, Any]) -> str:
@@ -119,7 +124,9 @@ def rest_line(rest: dict[str, Any]) -> str:
     wall = rest["proved_wall_n_per_m"]
     ends = ""
     if rest["word"] == "open" and wall is not None:
-        ends = f"; proof ends at {number(wall)} N/m rendered" if wall else "; no softer wall of this kind is proved"
+        ends = (
+            f"; proof ends at {number(wall)} {N_PER_M} rendered" if wall else "; no softer wall of this kind is proved"
+        )
     return f"settling with every hand: {rest['word']}: {rest['sentence']}{ends}"
 
 
@@ -137,13 +144,13 @@ def _felt(felt: dict[str, Any], trial: dict[str, Any], *, springy: bool) -> str:
     if not springy:
         return "a damper, no stiffness"
     if felt["stiffness_n_per_m"] is None:
-        return "nothing but the force limit" if limited else "nothing: no press ends in contact"
+        return f"nothing but the {FORCE} limit" if limited else "nothing: no press ends in contact"
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     share = f"{100 * (felt['share_of_wall'] or 0):.3g} % of the wall"
-    behind = "" if handle == sensed else f" at the sensor, and {number(handle)} N/m at the handle"
+    behind = "" if handle == sensed else f" at the sensor, and {number(handle)} {N_PER_M} at the handle"
     below = trial["hands"] - limited
-    most = f" (median of the {below} hands that stay below the force limit)" if limited else ""
-    return f"{number(sensed)} N/m, {share}{behind}{most}{_spread(trial['stiffness_n_per_m'])}"
+    most = f" (median of the {below} hands that stay below the {FORCE} limit)" if limited else ""
+    return f"{number(sensed)} {N_PER_M}, {share}{behind}{most}{_spread(trial['stiffness_n_per_m'])}"
 
 
 def _spread(over_hands: dict[str, Any]) -> str:
@@ -151,7 +158,7 @@ def _spread(over_hands: dict[str, Any]) -> str:
     median, (low, high) = over_hands["median"], over_hands["nine_in_ten"]
     if (1 - _SPREAD) * median <= low <= high <= (1 + _SPREAD) * median:
         return ""
-    return f"; {number(low)} to {number(high)} N/m for nine hands in ten"
+    return f"; {number(low)} to {number(high)} {N_PER_M} for nine hands in ten"
 
 
 def _in_motion(felt: dict[str, Any]) -> list[str]:
@@ -176,14 +183,14 @@ def _edge(felt: dict[str, Any]) -> list[str]:
     if all(-elsewhere < depth < elsewhere + give for depth in at.values()):
         return []
     where = ", ".join(
-        f"{_depth(abs(depth))} {'before' if depth < 0 else 'behind'} its face at {speed} m/s"
+        f"{_depth(abs(depth))} {'before' if depth < 0 else 'behind'} its face at {speed} {M_PER_S}"
         for speed, depth in at.items()
     )
-    return [f"edge: a hand that comes fast meets the wall's first {noticed:g} N elsewhere: {where}"]
+    return [f"edge: a hand that comes fast meets the wall's first {noticed:g} {NEWTON} elsewhere: {where}"]
 
 
 def _depth(depth_m: float) -> str:
-    return f"{number(depth_m, 3)} m" if depth_m >= 1 else f"{number(1e3 * depth_m, 3)} mm"
+    return f"{number(depth_m, 3)} {METRE}" if depth_m >= 1 else f"{number(1e3 * depth_m, 3)} {MM}"
 
 
 def _off_file(off: dict[str, Any] | None) -> list[str]:
@@ -222,7 +229,7 @@ def beyond_file_text(one: dict[str, Any]) -> str:
     if one["key"] == "held":
         return "one fingertip" if value == "fingertip" else f"hands on a {value}"
     return {
-        "mass_share": f"{percent(value)} less mass",
+        "mass_share": f"{percent(value)} less {MASS}",
         "dropped_share": f"{percent(value)} of samples lost",
         "mode_hz": f"a {quantity(value, 'Hz')} mode",
     }[one["key"]]
@@ -247,13 +254,14 @@ def _limits(document: dict[str, Any]) -> list[str]:
     if limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit:
         presses = f"; so do the presses of {trial['at_force_limit']} hands" if trial["at_force_limit"] else ""
         lines.append(
-            f"force: a tap reaches the limit of {number(limit)} N, beyond which no coupling is stiffer{presses}"
+            f"{FORCE}: a tap reaches the limit of {number(limit)} {NEWTON}, beyond which no coupling is "
+            f"stiffer{presses}"
         )
     leaning, felt = document["with_friction_n_per_m"], document["felt"]["stiffness_n_per_m"]
     if leaning is not None and felt is not None and leaning > _STIFFER * felt:
         lines.append(
-            f"friction: if the declared {number(document['felt']['friction_n'])} N of dry friction may hold it, "
-            f"{number(leaning)} N/m at least; avc recommend P --lean-on-friction searches for it"
+            f"friction: if the declared {number(document['felt']['friction_n'])} {NEWTON} of dry friction may hold it, "
+            f"{number(leaning)} {N_PER_M} at least; avc recommend P --lean-on-friction searches for it"
         )
     return lines
 
@@ -262,9 +270,9 @@ def gains_line(coupling: dict[str, Any]) -> str:
     """Return the gains and the runtime, as numbers to type into any firmware."""
     rows = coupling["table"]
     named = (
-        ("b", "damping_ns_per_m", "N.s/m"),
-        ("k", "stiffness_n_per_m", "N/m"),
-        ("b_p", "contact_damping_ns_per_m", "N.s/m"),
+        ("b", "damping_ns_per_m", NS_PER_M),
+        ("k", "stiffness_n_per_m", N_PER_M),
+        ("b_p", "contact_damping_ns_per_m", NS_PER_M),
     )
     told = {symbol: f"{symbol} = {_span(rows[key])} {unit}" for symbol, key, unit in named}
     wall = coupling["wall"]
@@ -275,13 +283,13 @@ def gains_line(coupling: dict[str, Any]) -> str:
     beside = []
     if runtime["observer_mass_kg"] is not None:
         beside.append(
-            f"observer of {number(runtime['observer_mass_kg'])} kg (in exported C, not in the packaged firmware)"
+            f"observer of {number(runtime['observer_mass_kg'])} {KG} (in exported C, not in the packaged firmware)"
         )
     if runtime["state_feedback"] is not None:
         law = runtime["state_feedback"]
         beside.append(
-            f"observer of {len(law['innovation'])} states with a dead zone of +-{number(1e6 * law['dead_zone_m'])} um, "
-            "and state feedback (numbers in the coupling file, C by avc export)"
+            f"observer of {len(law['innovation'])} states with a dead zone of +-{number(1e6 * law['dead_zone_m'])} "
+            f"{UM}, and state feedback (numbers in the coupling file, C by avc export)"
         )
     if not coupling["constant"]:
         beside.append(f"estimator {runtime['estimator']} and adaptation over {len(rows['frequency_hz'])} rows")
@@ -289,8 +297,8 @@ def gains_line(coupling: dict[str, Any]) -> str:
         beside.append(f"guard {runtime['guard']}")
     return (
         f"{coupling['method']}: {gains}; beside them: {', '.join(beside) or 'nothing'}; wall "
-        f"{number(wall['stiffness_n_per_m'])} N/m, {number(wall['damping_ns_per_m'])} N.s/m; "
-        f"T {number(1e3 * coupling['sample_time_s'])} ms (coupling {coupling['id']})"
+        f"{number(wall['stiffness_n_per_m'])} {N_PER_M}, {number(wall['damping_ns_per_m'])} {NS_PER_M}; T "
+        f"{number(1e3 * coupling['sample_time_s'])} ms (coupling {coupling['id']})"
     )
 
 

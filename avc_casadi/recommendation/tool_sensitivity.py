@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import NS_PER_M
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.virtual_tool import ToolSearch, ToolSearchOptions
 
@@ -163,7 +164,7 @@ def what_would_help(problem: Problem, limit_n_per_m: float, *, local: bool) -> t
     ]
     if not local:
         beside = ToolSearch(problem, _ROUGHLY).stiffest_beside_local_damper()
-        damper = quantity(beside.local_damping_ns_per_m, problem.units.unit("N.s/m"))
+        damper = quantity(beside.local_damping_ns_per_m, NS_PER_M)
         found.append(ToolHelp(f"a damper of {damper} in the device's own loop", beside.stiffness_n_per_m))
     better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))

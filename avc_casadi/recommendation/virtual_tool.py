@@ -11,6 +11,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import FORCE, KG, MASS, N_PER_M, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
@@ -109,11 +110,12 @@ class ToolRecommendation(Printed):
     assumed: tuple[str, ...]
     not_used: tuple[str, ...]
 
+    @in_its_units
     def __repr__(self) -> str:
         if self.coupling is None:
             return f"ToolRecommendation({self.problem.name!r}: none; {self.reason})"
         k, b = self.coupling.gains.stiffness_n_per_m, self.coupling.gains.damping_ns_per_m
-        told = f"K {quantity(k, 'N/m')}, B {quantity(b, 'N.s/m')}"
+        told = f"K {quantity(k, N_PER_M)}, B {quantity(b, NS_PER_M)}"
         return f"ToolRecommendation({self.problem.name!r}: {told}; {self.reason})"
 
     def document(self) -> dict[str, Any]:
@@ -279,13 +281,16 @@ def why_infeasible(problem: Problem, search: ToolSearch) -> str:
     """
     tool = required_tool(problem)
     if problem.device.mass_kg == 0:
-        return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
+        return (
+            f"the device has no {MASS} ({spoken_key('device.mass_kg')} is 0): released, nothing is there that a "
+            "coupling could hold"
+        )
     if search.limit[0].stiffness_n_per_m > 0:
         return ""
     if not search.loops.engine_alone_stable():
-        unit, lightest = problem.units.unit, min(tool.tool_mass_kg or (math.inf,))
-        stiffest = quantity(tool.contact_stiffness_n_per_m[1], unit("N/m"))
-        step, mass = quantity(max(tool.step_s), "s"), quantity(lightest, unit("kg"))
+        lightest = min(tool.tool_mass_kg or (math.inf,))
+        stiffest = quantity(tool.contact_stiffness_n_per_m[1], N_PER_M)
+        step, mass = quantity(max(tool.step_s), "s"), quantity(lightest, KG)
         return (
             f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of {step} with {mass} "
             "(dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier tool, an "
@@ -296,7 +301,7 @@ def why_infeasible(problem: Problem, search: ToolSearch) -> str:
 
 def _why_none(problem: Problem, wanted: float | None, limit: float, trial: ToolTrial | None) -> str:
     if wanted is not None and trial is None:
-        asked, most = (quantity(one, problem.units.unit("N/m")) for one in (wanted, limit))
+        asked, most = (quantity(one, N_PER_M) for one in (wanted, limit))
         return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
     if trial is None:
         return "no damper keeps every loop stable"
@@ -335,9 +340,9 @@ def unusual(problem: Problem) -> dict[str, str]:
         )
     if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
         found["exchange"] = (
-            "is ahead: the device is given a place and a velocity that lie in the future of the force that made them, "
-            "which takes its damping: a damper of the device's own loop has to make that good; hand out the state that "
-            "the step began with (on-time)"
+            f"is ahead: the device is given a place and a velocity that lie in the future of the {FORCE} that made "
+            "them, which takes its damping: a damper of the device's own loop has to make that good; hand out the "
+            "state that the step began with (on-time)"
         )
     if tool.integrator == "explicit":
         found["integrator"] = "is explicit: it gives energy to whatever swings; no engine of note has it by default"

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi import InputError, UnsupportedError
+from avc_casadi._util.units import FORCE, N_PER_M, NEWTON, in_its_units, spoken_key
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
@@ -162,8 +163,8 @@ def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimi
     for effect in effects:
         if isinstance(effect, Saturation) and effect.force_n != limits.max_force_n:
             raise UnsupportedError(
-                f"{problem.name}: the scene limits the force at {effect.force_n:g} N, the board at "
-                f"{limits.max_force_n:g} N; set device.max_force_n instead"
+                f"{problem.name}: the scene limits the {FORCE} at {effect.force_n:g} {NEWTON}, the board at "
+                f"{limits.max_force_n:g} {NEWTON}; set {spoken_key('device.max_force_n')} instead"
             )
 
 
@@ -202,11 +203,13 @@ class LoopResult:
         """The result in one line."""
         if self.status.faults:
             word = DeviceFault(self.status.faults).word
-            return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no force: {word}"
+            return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no {FORCE}: {word}"
         stiffness = self.apparent_stiffness_n_per_m
-        felt = f", {stiffness:.4g} N/m at the sensor in the end" if self.at_rest and math.isfinite(stiffness) else ""
+        felt = (
+            f", {stiffness:.4g} {N_PER_M} at the sensor in the end" if self.at_rest and math.isfinite(stiffness) else ""
+        )
         rest = "settled" if self.at_rest else "DID NOT SETTLE"
-        return f"with a hand for {self.seconds:g} s it {rest}; at most {self.peak_force_n:.3g} N{felt}"
+        return f"with a hand for {self.seconds:g} s it {rest}; at most {self.peak_force_n:.3g} {NEWTON}{felt}"
 
     def document(self) -> dict[str, Any]:
         """Return the figures: JSON values only."""
@@ -227,6 +230,7 @@ class LoopResult:
         }
 
 
+@in_its_units
 def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, device: Device | None = None) -> LoopResult:
     """Push a coupling into an emulated board of its device, and press the wall with the central hand of ``[hands]``.
 

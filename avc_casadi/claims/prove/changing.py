@@ -17,6 +17,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.prove.contraction import ChangingLoop, NormedCell, covers, normed_cells, shrinks
 from avc_casadi.claims.prove.hands import Outcome, moving_box, out_of_reach
 from avc_casadi.claims.prove.interval import Interval
@@ -182,7 +183,7 @@ def prove_changes(
     if why:
         return told("open", why)
     if worst.low > _REFUTED:
-        held = "{:.4g} kg, {:.4g} N.s/m, {:.4g} N/m".format(*worst_hand.values())
+        held = f"{{:.4g}} {KG}, {{:.4g}} {NS_PER_M}, {{:.4g}} {N_PER_M}".format(*worst_hand.values())
         return told(
             "refuted",
             f"rows that change {words}: the pattern {worst.pattern} repeated grows by {worst.low:.6g} a sample in kept "

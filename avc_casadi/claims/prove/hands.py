@@ -17,6 +17,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import KG, MASS, N_PER_M, NS_PER_M
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
 from avc_casadi.claims.prove.frozen_loop import FrozenGains, FrozenLoop
 from avc_casadi.claims.prove.interval import Interval
@@ -75,7 +76,7 @@ class HandsProof:
             cells = sum(len(piece.cells) for piece in self.pieces)
             return f"proved: stable with every hand and device of the ranges ({cells} cells)"
         if self.outcome == "refuted" and self.hand is not None:
-            held = "{:.6g} kg, {:.6g} N.s/m, {:.6g} N/m".format(*self.hand.values())
+            held = f"{{:.6g}} {KG}, {{:.6g}} {NS_PER_M}, {{:.6g}} {N_PER_M}".format(*self.hand.values())
             return f"refuted by the hand {held}: spectral radius {self.radius:.8g}"
         return f"open: {self.reason}"
 
@@ -187,7 +188,7 @@ def out_of_reach(problem: Problem) -> str:
     if _delays(device)[1] > MAX_DELAY_SAMPLES:
         return f"more than {MAX_DELAY_SAMPLES} samples of delay"
     low, _ = moving_box(problem)
-    return "" if low[0] > 0 else "no mass moves with the lightest hand"
+    return "" if low[0] > 0 else f"no {MASS} moves with the lightest hand"
 
 
 def _delays(device: Device) -> tuple[float, float]:

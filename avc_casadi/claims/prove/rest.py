@@ -17,6 +17,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, MM, N_PER_M, NEWTON, NS_PER_M, UM
 from avc_casadi.claims.prove.hands import Outcome
 from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
@@ -35,8 +36,8 @@ if TYPE_CHECKING:
 
 
 _LEFT_OUT = {
-    "coulomb_friction_n": ("dry friction", "N"),
-    "encoder_resolution_m": ("encoder", "m"),
+    "coulomb_friction_n": ("dry friction", NEWTON),
+    "encoder_resolution_m": ("encoder", METRE),
     "position_noise_rms_m": ("noise", "m rms"),
 }
 
@@ -210,11 +211,11 @@ def prove_rest(
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
     lacking = {
-        f"the play of {1e6 * play:.3g} um is a second nonlinearity, which this proof does not know": play > 0,
+        f"the play of {1e6 * play:.3g} {UM} is a second nonlinearity, which this proof does not know": play > 0,
         'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"': (
             contact == "gated"
         ),
-        f"the dead zone of {1e6 * dead_zone:.3g} um is a second nonlinearity, which this proof does not know": (
+        f"the dead zone of {1e6 * dead_zone:.3g} {UM} is a second nonlinearity, which this proof does not know": (
             dead_zone > 0
         ),
     }
@@ -232,8 +233,8 @@ def prove_rest(
     if orbit is not None:
         size = float(np.abs(orbit.states[:, 1]).max() / law.sample_time_s)
         sentence = (
-            f"bounces for ever {_who(orbit.hand)} that rests at {1e3 * orbit.target_m:.4g} mm: an orbit of "
-            f"{orbit.period} samples and {size:.3g} m/s"
+            f"bounces for ever {_who(orbit.hand)} that rests at {1e3 * orbit.target_m:.4g} {MM}: an orbit of "
+            f"{orbit.period} samples and {size:.3g} {M_PER_S}"
         )
         return told("refuted", sentence, orbit=orbit, multiplier=found, cells=cells)
     beside = "; without that it is proved" if found is not None else f"; {why}" if why else ""
@@ -262,7 +263,7 @@ def _proof(
 ) -> tuple[str, Multiplier | None, int]:
     """Return the reason why there is no proof, or the multiplier; and the number of evaluated cells."""
     if not law.stable:
-        return "the law has a pole on or outside the unit circle while it gives no force", None, 0
+        return f"the law has a pole on or outside the unit circle while it gives no {FORCE}", None, 0
     try:
         held = SampledPlantBox(device, hand)
         held.tail(np.array([np.pi]))
@@ -325,9 +326,12 @@ def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | 
 
 def _who(hand: Mapping[str, float]) -> str:
     if tuple(hand) == STYLUS:
-        told = "{:.4g} kg, grip {:.4g} N.s/m and {:.4g} N/m, arm {:.4g} N.s/m and {:.4g} N/m".format(*hand.values())
+        told = (
+            f"{{:.4g}} {KG}, grip {{:.4g}} {NS_PER_M} and {{:.4g}} {N_PER_M}, arm {{:.4g}} {NS_PER_M} and {{:.4g}} "
+            f"{N_PER_M}"
+        ).format(*hand.values())
         return f"with a hand on a stylus of {told}"
     return (
-        f"with a hand of {hand['mass_kg']:.4g} kg, {hand['damping_ns_per_m']:.4g} N.s/m, "
-        f"{hand['stiffness_n_per_m']:.4g} N/m"
+        f"with a hand of {hand['mass_kg']:.4g} {KG}, {hand['damping_ns_per_m']:.4g} {NS_PER_M}, "
+        f"{hand['stiffness_n_per_m']:.4g} {N_PER_M}"
     )

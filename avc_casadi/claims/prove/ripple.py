@@ -19,6 +19,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import MASS
 from avc_casadi.claims.prove.held_device import HAND
 from avc_casadi.claims.prove.switching import SwitchingLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
@@ -97,7 +98,7 @@ def bound_ripple(
     if len(devices) > 1:
         raise UnsupportedError("ripple is bounded for a device whose linear values are known exactly")
     if tuple(hand) != HAND or device.delay_samples != int(device.delay_samples):
-        raise UnsupportedError("ripple is bounded for hands of mass, spring and damper and whole samples of delay")
+        raise UnsupportedError(f"ripple is bounded for hands of {MASS}, spring and damper and whole samples of delay")
     ends = np.array([hand[name] for name in HAND])
     corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")], axis=1)
     exact = _norms(law, device, corners, corners)

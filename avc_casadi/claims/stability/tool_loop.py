@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.units import spoken_key
 from avc_casadi.claims.stability.periodic import TOLERANCE, PeriodicLoops
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_released
@@ -118,7 +119,7 @@ def required_tool(problem: Problem) -> VirtualTool:
     """
     if problem.simulation is None:
         raise InputError.of(
-            "is missing; allowed: a table with step_s, and tool_mass_kg where the engine moves a tool",
+            f"is missing; allowed: a table with step_s, and {spoken_key('tool_mass_kg')} where the engine moves a tool",
             file=problem.name or "problem",
             key="simulation",
         )

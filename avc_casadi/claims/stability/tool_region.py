@@ -13,6 +13,7 @@ from avc_casadi._util.arrays import Comparable, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
+from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.model.lifted_loop import ToolGains
 
@@ -46,7 +47,7 @@ class ToolCurve(Comparable):
     stiffness_n_per_m: FloatArray
 
     def __repr__(self) -> str:
-        return f"ToolCurve({1 / self.step_s:.4g} Hz: {short(self.stiffness_n_per_m, 'N/m')})"
+        return f"ToolCurve({1 / self.step_s:.4g} Hz: {short(self.stiffness_n_per_m, N_PER_M)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -12,13 +12,14 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import Comparable, ComplexArray, FloatArray
 from avc_casadi._util.printed import PrintedColumns
 from avc_casadi._util.text import Columns, short
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
 from avc_casadi.design.comparison.verdict import AGREEMENT, Verdict, judge
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
-from avc_casadi.files.problem_file import AnyProblem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import tustin
@@ -123,6 +124,7 @@ class Comparison(PrintedColumns):
         return {verdict.value: found[verdict] for verdict in Verdict}
 
 
+@of_problem
 def compare(
     problem: AnyProblem,
     methods: Sequence[MethodName] = POINTWISE,
@@ -160,8 +162,8 @@ def compare(
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
         raise InputError.of(
-            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness in N/m and damping in N.s/m, finite and "
-            ">= 0, as 7000,10",
+            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness in {N_PER_M} and damping in {NS_PER_M}, "
+            "finite and >= 0, as 7000,10",
             key="mine",
         )
     stated = with_wall(problem)

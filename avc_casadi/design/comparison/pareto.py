@@ -17,10 +17,11 @@ from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import Columns, Tabular
+from avc_casadi._util.units import NS_PER_M
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.schedule.solver import solve_schedule
-from avc_casadi.files.problem_file import AnyProblem, with_wall
+from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
@@ -97,8 +98,8 @@ def variants(problem: Problem) -> list[Variant]:
         )
         value = share * largest
         found += [
-            Variant("contact", f"{value:g} N.s/m", value, False, damped),
-            Variant("contact", f"{value:g} N.s/m", value, True, damped),
+            Variant("contact", f"{value:g} {NS_PER_M}", value, False, damped),
+            Variant("contact", f"{value:g} {NS_PER_M}", value, True, damped),
         ]
     return found
 
@@ -201,6 +202,7 @@ class Pareto(Tabular):
         return {"schema": "avc-pareto/1", **plain(facts), "points": [plain(vars(point)) for point in self.points]}
 
 
+@of_problem
 def study_pareto(
     problem: AnyProblem,
     progress: Progress = SILENT,

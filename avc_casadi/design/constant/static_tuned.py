@@ -16,6 +16,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.design.schedule.scope import worst_slack
 from avc_casadi.design.schedule.solver import ScheduleSolver
 from avc_casadi.model.declared import scene_effects
@@ -142,12 +143,12 @@ class StaticTuned:
         if self.gains is None:
             return self.reason
         b, k, b_p = vars(self.gains).values()
-        contact = f", b_p = {b_p:.6g} N.s/m" if b_p else ""
+        contact = f", b_p = {b_p:.6g} {NS_PER_M}" if b_p else ""
         raised = f", raised {self.raised} times" if self.raised else ""
         return (
-            f"tuned constant gains: b = {b:.6g} N.s/m, k = {k:.6g} N/m{contact}, error {100 * self.error:.4g} %; "
-            f"linearly stable with every hand with {self.reserve_ns_per_m:.4g} N.s/m of damping in reserve{raised}; "
-            f"{self.hands} hands (seed {self.seed}) at rest in the scene"
+            f"tuned constant gains: b = {b:.6g} {NS_PER_M}, k = {k:.6g} {N_PER_M}{contact}, error "
+            f"{100 * self.error:.4g} %; linearly stable with every hand with {self.reserve_ns_per_m:.4g} {NS_PER_M} of "
+            f"damping in reserve{raised}; {self.hands} hands (seed {self.seed}) at rest in the scene"
         )
 
 
@@ -174,7 +175,7 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
     solver, reserve = ScheduleSolver(constant=True), problem.stability.margin_ns_per_m or tuned_margin(problem)
     rested = raised = 0
     for raised in range(1 + budget.raises):
-        progress.advance(raised, 1 + budget.raises, f"{reserve:.4g} N.s/m in reserve")
+        progress.advance(raised, 1 + budget.raises, f"{reserve:.4g} {NS_PER_M} in reserve")
         # Realism applies to tables: the best constant gains may be unrealistic at some row.
         stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
         table = solver.solve(stated)

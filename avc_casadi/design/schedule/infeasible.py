@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.design.schedule.hands import HandsRadii, admissible_states, hands_slack
 from avc_casadi.design.schedule.nlp import GOAL_ROWS, PENALTY_ROW, solve_program
 from avc_casadi.design.schedule.scope import REALISM_BACKOFF, Slots, realism_slack, worst_slack
@@ -133,7 +134,7 @@ def _with_hands(task: Task, gains: FloatArray, missing: BoolArray) -> tuple[Floa
 
 def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: float, frequency_hz: float) -> str:
     scope = task.problem.stability.scope
-    at = f"b = {b:.6g} N.s/m, k = {k:.6g} N/m, b_p = {p:.6g} N.s/m"
+    at = f"b = {b:.6g} {NS_PER_M}, k = {k:.6g} {N_PER_M}, b_p = {p:.6g} {NS_PER_M}"
     if scope == "hands":
         return (
             f"scope hands cannot be met in the gain box: at best a spectral radius of {1 - slack:.6g}, at {at};"
@@ -141,9 +142,9 @@ def _reason(task: Task, margin: float, b: float, k: float, p: float, slack: floa
         )
     lower = "lower the margin by that, " if margin >= -slack else ""
     return (
-        f"Re Z_h >= {margin:g} N.s/m (stability.margin_ns_per_m) over scope {scope} cannot be met in the gain box:"
-        f" missed by {-slack:.6g} N.s/m at {frequency_hz:.6g} Hz with the best gains {at}; {lower}add as much device"
-        " damping, widen the box of [coupling], or narrow the scope"
+        f"Re Z_h >= {margin:g} {NS_PER_M} ({spoken_key('stability.margin_ns_per_m')}) over scope {scope} cannot be met "
+        f"in the gain box: missed by {-slack:.6g} {NS_PER_M} at {frequency_hz:.6g} Hz with the best gains {at}; "
+        f"{lower}add as much device damping, widen the box of [coupling], or narrow the scope"
     )
 
 
@@ -333,11 +334,11 @@ def _unreal_reason(task: Task, at: int, states: FloatArray) -> str:
     target = np.asarray(task.loop.target)
     z = task.loop.perceived(*task.states.gains(states))[at]
     realism, stability = task.problem.realism, task.problem.stability
-    lower = "lower stability.margin_ns_per_m, " if stability.margin_ns_per_m > 0 else ""
+    lower = f"lower {spoken_key('stability.margin_ns_per_m')}, " if stability.margin_ns_per_m > 0 else ""
     narrow = "narrow the scope, " if stability.scope != "pointwise" else ""
     ending = (
-        f"with the best gains b = {b:.6g} N.s/m, k = {k:.6g} N/m, b_p = {p:.6g} N.s/m that meet scope"
-        f" {stability.scope}; {lower}{narrow}add device damping, widen the box of [coupling]"
+        f"with the best gains b = {b:.6g} {NS_PER_M}, k = {k:.6g} {N_PER_M}, b_p = {p:.6g} {NS_PER_M} that meet scope "
+        f"{stability.scope}; {lower}{narrow}add device damping, widen the box of [coupling]"
     )
     if realism.require == "jnd":
         error = float(abs(z - target[at]) / abs(target[at]))
@@ -348,6 +349,6 @@ def _unreal_reason(task: Task, at: int, states: FloatArray) -> str:
     low, high = (float(end[at]) for end in bound_magnitudes(task.problem, task.loop))
     size = float(abs(z))
     return (
-        f"|Z_h| between {low:.6g} and {high:.6g} N.s/m (realism.require, [boundaries]) cannot be met: at best"
-        f" {size:.6g} N.s/m, missed by {max(low - size, size - high):.6g} N.s/m, {ending} or [boundaries]"
+        f"|Z_h| between {low:.6g} and {high:.6g} {NS_PER_M} (realism.require, [boundaries]) cannot be met: at best "
+        f"{size:.6g} {NS_PER_M}, missed by {max(low - size, size - high):.6g} {NS_PER_M}, {ending} or [boundaries]"
     )

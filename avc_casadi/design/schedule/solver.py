@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.design.schedule.coarse_to_fine import (
     Outcome,
     as_guessed,
@@ -175,6 +176,6 @@ def _quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
     require = task.problem.realism.require
     if require != "none":
         notes.append(f'realism.require = "{require}" met at every row with gains')
-    floors = zip(names, task.states.floors, ("N.s/m", "N/m", "N.s/m"), strict=False)
+    floors = zip(names, task.states.floors, (NS_PER_M, N_PER_M, NS_PER_M), strict=False)
     notes.append("floors, well below which a gain counts as 0: " + ", ".join(f"{n} {f:.3g} {u}" for n, f, u in floors))
     return tuple(notes)

@@ -12,6 +12,7 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, N_PER_M, NEWTON, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.causes import weigh
 from avc_casadi.identification.diagnosis.evidence import felt, law_sentence, oscillation_sentence, ticks_sentence
@@ -69,14 +70,29 @@ def diagnose(
     if coupling is not None:
         device = device or coupling.problem.device
         hands = hands or coupling.problem.hands
+    meant = coupling, stiffness_n_per_m, damping_ns_per_m
+    return _diagnosed(columns, device, hands, meant, flip_force, seed, progress)
+
+
+@in_its_units
+def _diagnosed(
+    columns: Columns,
+    device: Device | None,
+    hands: Hands | None,
+    meant: tuple[Coupling | None, float | None, float | None],
+    flip_force: bool,
+    seed: int,
+    progress: Progress,
+) -> Diagnosis:
+    coupling, stiffness_n_per_m, damping_ns_per_m = meant
     _check_motion(columns, device)
     reach_m = 1.0 if device is None else device.metres_per_unit
     grid, notes = log_of(columns, flip_force=flip_force, reach_m=reach_m)
     if not np.ptp(grid.position_m):
         if np.ptp(grid.force_n):
             raise InputError.of(
-                "never changes, and the force does; allowed: a log of a device that moves. An encoder that is stuck, "
-                "or a column that is not the position, looks like this",
+                f"never changes, and the {FORCE} does; allowed: a log of a device that moves. An encoder that is "
+                "stuck, or a column that is not the position, looks like this",
                 file=columns.file,
                 key="position",
             )
@@ -89,7 +105,10 @@ def diagnose(
         unlimited = declared.device.model_copy(update={"max_force_n": None, "range": ranges})
         declared = replace(declared, device=unlimited)
         most = number(float(np.abs(grid.force_n).max()), 3)
-        said = f"the log commands up to {most} N, and max_force_n declares {number(limit_n, 3)} N"
+        said = (
+            f"the log commands up to {most} {NEWTON}, and {spoken_key('max_force_n')} declares {number(limit_n, 3)} "
+            f"{NEWTON}"
+        )
         notes = [*notes, f"{said}, beyond which it may not have acted: is the limit, or a unit, another one?"]
     grid = without_repeats(grid, declared.device.max_force_n)
     with progress.step("oscillation"):
@@ -97,15 +116,17 @@ def diagnose(
     law = find_law(grid, declared.device.max_force_n)
     if law is not None and law.told and law.stiffness_n_per_m < 0 and law.damping_ns_per_m < 0:
         raise InputError.of(
-            f"gives k = {number(law.stiffness_n_per_m, 3)} N/m and b = {number(law.damping_ns_per_m, 3)} N.s/m: the "
-            "force drives the device away; allowed: force along +position, or --flip-force; or the sign of the loop "
-            "is wrong, and that is what is wrong with it",
+            f"gives k = {number(law.stiffness_n_per_m, 3)} {N_PER_M} and b = {number(law.damping_ns_per_m, 3)} "
+            f"{NS_PER_M}: the {FORCE} drives the device away; allowed: {FORCE} along +position, or --flip-force; or "
+            "the sign of the loop is wrong, and that is what is wrong with it",
             file=columns.file,
             key="force",
         )
     evidence = [oscillation_sentence(swing.found, felt(grid, swing, declared)), ticks_sentence(grid.ticks, declared)]
     if law is None:
-        evidence.append("the force tells of no spring and no damper" if grid.force_n.any() else "no force is commanded")
+        evidence.append(
+            f"the {FORCE} tells of no spring and no damper" if grid.force_n.any() else f"no {FORCE} is commanded"
+        )
     else:
         evidence.append(law_sentence(law, grid.ticks.period_s))
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)

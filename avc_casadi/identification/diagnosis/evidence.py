@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, KG, MASS, MM, N_PER_M, NEWTON, NS_PER_M, UM, Wording, spoken_key
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
@@ -54,11 +55,13 @@ def _moved_by_its_force(log: Log, swing: TracedOscillation, declared: Declared) 
 
 
 _DECIDES = {
-    "delay": "a log of a force pulse commanded in free space, which tells the delay",
+    "delay": Wording.of(lambda: f"a log of a {FORCE} pulse commanded in free space, which tells the delay"),
     "damping": "the same press with b halved and k as it is",
     "stiffness": "the same press with k halved and b as it is",
     "encoder": "the same press with the encoder's positions smoothed by a velocity filter, or with b halved",
-    "resonance": "a slow sine sweep of the force in free space (its peak is the resonance), for avc identify",
+    "resonance": Wording.of(
+        lambda: f"a slow sine sweep of the {FORCE} in free space (its peak is the resonance), for avc identify"
+    ),
     "let-go": "the same with the device held firmly, and once released, in one log",
     "ticks": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
     "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
@@ -82,12 +85,12 @@ def oscillation_sentence(found: Oscillation, felt: float) -> str:
         what = "grew" if found.growth_per_s > 0 else "decays"
         grows = f"; it {what} by {number(abs(found.growth_per_s), 2)} +- {number(found.growth_error_per_s, 1)} 1/s"
     share = found.at_force_limit_share
-    stands = f", {100 * share:.0f} % of it with the force at its limit of {number(found.largest_force_n, 3)} N"
+    stands = f", {100 * share:.0f} % of it with the {FORCE} at its limit of {number(found.largest_force_n, 3)} {NEWTON}"
     bounded = f"{stands}, which bounds it" if share > _CUT else ""
     return (
         f"{found.kind} at {number(found.frequency_hz, 3)} +- {number(found.frequency_error_hz, 1)} Hz from "
         f"{number(found.begins_s, 3)} to {number(found.ends_s, 3)} s: {_um(found.peak_to_peak_m)} peak to peak{steps}, "
-        f"{number(found.force_peak_to_peak_n, 3)} N, in contact {100 * found.contact_share:.0f} % of the time, "
+        f"{number(found.force_peak_to_peak_n, 3)} {NEWTON}, in contact {100 * found.contact_share:.0f} % of the time, "
         f"{number(felt, 2)} times what a hand on a stylus detects{bounded}{grows}"
     )
 
@@ -96,11 +99,11 @@ def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
     """Describe the timing of the ticks."""
     parts = [f"ticks of {number(1e3 * ticks.sample_time_s, 4)} ms"]
     if ticks.held > 1:
-        parts.append(f"a new force only every {ticks.held} samples, {number(1 / ticks.period_s)} Hz")
+        parts.append(f"a new {FORCE} only every {ticks.held} samples, {number(1 / ticks.period_s)} Hz")
     if declared.known and abs(ticks.period_s / declared.device.sample_time_s - 1) > 0.02:
         parts.append(f"declared {number(1e3 * declared.device.sample_time_s)} ms")
     if ticks.missed_share > 0:
-        how = "did not run: the force stays while the position moves" if ticks.repeats else "missing"
+        how = f"did not run: the {FORCE} stays while the position moves" if ticks.repeats else "missing"
         parts.append(f"{100 * ticks.missed_share:.2g} % {how}, at most {ticks.longest_gap} in a row")
     if ticks.jitter_rms_s > 0.02 * ticks.sample_time_s:
         parts.append(f"stamps scatter by {number(1e6 * ticks.jitter_rms_s, 2)} us rms")
@@ -111,15 +114,16 @@ def law_sentence(law: Law, sample_time_s: float) -> str:
     """Describe how the force follows the position."""
     if not law.told:
         return (
-            f"the force is no spring and damper of the position: {100 * law.misfit:.0f} % of it is left "
-            "(another force, a filter of higher order, or a position that is not the one measured)"
+            f"the {FORCE} is no spring and damper of the position: {100 * law.misfit:.0f} % of it is left (another "
+            f"{FORCE}, a filter of higher order, or a position that is not the one measured)"
         )
     cut = law.filter_hz(sample_time_s)
     filtered = "" if cut is None else f", velocity filter {number(cut, 3)} Hz"
     late = f", {law.lag} samples after the position" if law.lag else ""
     return (
-        f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} N/m and b = {number(law.damping_ns_per_m, 3)} "
-        f"N.s/m{filtered}{late}, which is the force to {number(max(100 * law.misfit, 0.1), 2)} %"
+        f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} {N_PER_M} and b = "
+        f"{number(law.damping_ns_per_m, 3)} {NS_PER_M}{filtered}{late}, which is the {FORCE} to "
+        f"{number(max(100 * law.misfit, 0.1), 2)} %"
     )
 
 
@@ -135,22 +139,24 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
         late = f"the log does not tell the delay; {known} {number(low, 3)} to {number(high, 3)} samples"
     lines = [late]
     if measured.hand is None:
-        lines.append("the device answers its force as it does when no hand holds it")
+        lines.append(f"the device answers its {FORCE} as it does when no hand holds it")
     else:
         mass, damping, stiffness = measured.hand.values()
-        held = "held by about {} kg, {} N.s/m, {} N/m"
+        held = f"held by about {{}} {KG}, {{}} {NS_PER_M}, {{}} {N_PER_M}"
         if not declared.known:
             own_mass, own_damping = measured.device.values()
             mass, damping = mass + own_mass, damping + own_damping
-            held = "device and hand, which the log does not tell apart: about {} kg, {} N.s/m, {} N/m"
+            held = (
+                f"device and hand, which the log does not tell apart: about {{}} {KG}, {{}} {NS_PER_M}, {{}} {N_PER_M}"
+            )
         elif mass == 0:
-            held = "held by a grip of about {1} N.s/m, {2} N/m, as on a stylus, its mass behind it"
+            held = f"held by a grip of about {{1}} {NS_PER_M}, {{2}} {N_PER_M}, as on a stylus, its {MASS} behind it"
         lines.append(held.format(number(mass, 2), number(damping, 2), number(stiffness, 2)))
     if measured.resonance is not None:
         frequency, ratio, share = measured.resonance.values()
         lines.append(
             f"a resonance of {number(frequency, 3)} Hz, damping ratio {number(ratio, 2)}, {100 * share:.0f} % of the "
-            "mass beyond it"
+            f"{MASS} beyond it"
         )
     what = "grow by" if measured.growth_per_s > 0 else "decay by"
     lines.append(
@@ -168,13 +174,14 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared:
     known = "meant" if declared.known else "assumed"
     why = {
         "delay": f"{number(measured.delay_samples, 3)} samples, {known} {number(meant, 3)}, at which the loop settles",
-        "damping": f"b = {number(law.damping_ns_per_m, 3)} N.s/m {smallest}",
-        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} N/m {smallest}",
-        "encoder": f"the loop settles without steps of {number(1e6 * log.encoder_m, 3)} um, and swings with them",
+        "damping": f"b = {number(law.damping_ns_per_m, 3)} {NS_PER_M} {smallest}",
+        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} {N_PER_M} {smallest}",
+        "encoder": f"the loop settles without steps of {number(1e6 * log.encoder_m, 3)} {UM}, and swings with them",
         "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it settles",
         "let-go": f"no hand holds the device; with a hand of {_box(declared)} on it the loop settles",
         "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them {_rests(measured)}",
-        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was intended it settles",
+        "rate": f"a new {FORCE} every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was intended it "
+        "settles",
     }[cause]
     return f"{words}: {why}"
 
@@ -182,9 +189,9 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared:
 def _box(declared: Declared) -> str:
     """Return the intended hands."""
     ends = (
-        (declared.hands.mass_kg, "kg"),
-        (declared.hands.damping_ns_per_m, "N.s/m"),
-        (declared.hands.stiffness_n_per_m, "N/m"),
+        (declared.hands.mass_kg, KG),
+        (declared.hands.damping_ns_per_m, NS_PER_M),
+        (declared.hands.stiffness_n_per_m, N_PER_M),
     )
     return ", ".join(f"{number(low, 3)} to {number(high, 3)} {unit}" for (low, high), unit in ends)
 
@@ -205,21 +212,21 @@ def limit_sentence(log: Log) -> str:
     stepped = np.mean((steps[top] > 0.5 * log.encoder_m) | (steps[top - 1] > 0.5 * log.encoder_m))
     if log.encoder_m > 0 and stepped > _NEARLY_ALL and top.size < _SELDOM * np.count_nonzero(size):
         return (
-            f"{CAUSES['damping']} or {CAUSES['encoder']}; whenever the count changes the force jumps to {limit} N, its "
-            "limit, and what a damper would be beyond it is not in the log"
+            f"{CAUSES['damping']} or {CAUSES['encoder']}; whenever the count changes the {FORCE} jumps to {limit} "
+            f"{NEWTON}, its limit, and what a damper would be beyond it is not in the log"
         )
     share = top.size / np.count_nonzero(size)
     if share < _OFTEN:
         return ""
     return (
-        f"the force stands at {limit} N, its limit, for {100 * share:.0f} % of the contact, and what it would be "
-        "beyond is not in the log"
+        f"the {FORCE} stands at {limit} {NEWTON}, its limit, for {100 * share:.0f} % of the contact, and what it would "
+        "be beyond is not in the log"
     )
 
 
 def declared_resonance(measured: Measured) -> str:
     """Describe the identified resonance as the device file takes it."""
-    told = ", ".join(f"{key} = {value:.3g}" for key, value in (measured.resonance or {}).items())
+    told = ", ".join(f"{spoken_key(key)} = {value:.3g}" for key, value in (measured.resonance or {}).items())
     return f"with resonance = {{ {told} }} under [device] in its file, avc recommend finds gains and a filter beside it"
 
 
@@ -230,9 +237,9 @@ def deciding_log(candidates: Sequence[str], *, known: bool) -> str:
         candidates: causes by key.
         known: whether the device file was given.
     """
-    logs = [_DECIDES[cause] + _FILE * (cause == "delay" and not known) for cause in candidates if cause in _DECIDES]
+    logs = [f"{_DECIDES[cause]}{_FILE * (cause == 'delay' and not known)}" for cause in candidates if cause in _DECIDES]
     return "; ".join(dict.fromkeys(logs))
 
 
 def _um(length_m: float) -> str:
-    return f"{number(1e3 * length_m, 3)} mm" if length_m >= 1e-3 else f"{number(1e6 * length_m, 3)} um"
+    return f"{number(1e3 * length_m, 3)} {MM}" if length_m >= 1e-3 else f"{number(1e6 * length_m, 3)} {UM}"

@@ -9,6 +9,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, KG, METRE, MM, N_PER_M, NS_PER_M, UM, Wording
 from avc_casadi.claims.stability.frozen_loop import Rendering, joint_rendering
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.law import Law
@@ -58,7 +59,7 @@ class Declared:
         if device is None:
             device = Device.model_validate({**_ASSUMED, "sample_time_s": sample_time_s})
             notes.append(
-                "no device was given: 0.1 kg and one sample of delay are assumed, within a factor of 3, so that a "
+                f"no device was given: 0.1 {KG} and one sample of delay are assumed, within a factor of 3, so that a "
                 "released device is not distinguished from a held one; better: --device NAME|FILE"
             )
             return cls(device, known=False, hands=hands or Hands(), notes=tuple(notes))
@@ -147,7 +148,7 @@ def law_differs(
         hertz = found.frequency_hz if math.isfinite(found.frequency_hz) else 10.0
         angle = 2 * math.pi * hertz * period
         asked, ran = _dynamic(rendering, angle), _dynamic(law.rendering(period), angle)
-        for what, key, unit in (("spring", "real", "N/m"), ("damper", "imag", "N.s/m")):
+        for what, key, unit in (("spring", "real", N_PER_M), ("damper", "imag", NS_PER_M)):
             scale = 1.0 if key == "real" else 1 / (2 * math.pi * hertz)
             one, other = float(getattr(asked, key)) * scale, float(getattr(ran, key)) * scale
             if abs(other - one) > _OTHER * max(abs(one), abs(other)):
@@ -155,8 +156,8 @@ def law_differs(
         return [f"the log does not run the coupling that was given: {each} was meant" for each in meant]
     notes = []
     for name, told, wanted, unit in (
-        ("k", law.stiffness_n_per_m, stiffness_n_per_m, "N/m"),
-        ("b", law.damping_ns_per_m, damping_ns_per_m, "N.s/m"),
+        ("k", law.stiffness_n_per_m, stiffness_n_per_m, N_PER_M),
+        ("b", law.damping_ns_per_m, damping_ns_per_m, NS_PER_M),
     ):
         if wanted is not None and abs(told - wanted) > _OTHER * max(abs(told), abs(wanted)):
             notes.append(
@@ -178,11 +179,11 @@ def _dynamic(rendering: Rendering, angle: float) -> complex:
 # Ratio of a declared to a read length, and the unit errors that cause it.
 _FACTORS = {
     1e-2: ("100 times too large", "cm read as m"),
-    1e-3: ("1000 times too large", "mm read as m, or um as mm"),
-    1e-6: ("a million times too large", "um read as m"),
+    1e-3: ("1000 times too large", Wording.of(lambda: f"{MM} read as {METRE}, or {UM} as {MM}")),
+    1e-6: ("a million times too large", Wording.of(lambda: f"{UM} read as {METRE}")),
     1e2: ("100 times too small", "m read as cm"),
-    1e3: ("1000 times too small", "mm read as um, or m as mm"),
-    1e6: ("a million times too small", "m read as um"),
+    1e3: ("1000 times too small", Wording.of(lambda: f"{MM} read as {UM}, or {METRE} as {MM}")),
+    1e6: ("a million times too small", Wording.of(lambda: f"{METRE} read as {UM}")),
 }
 _ANGLE_FACTORS = {
     math.pi / 180: ("57 times too large", "degrees read as rad"),
@@ -229,10 +230,12 @@ def other_unit(
         # Millimetres read as metres make a spring a thousand times softer.
         factor = _factor(law.stiffness_n_per_m / meant, turns)
         if factor:
-            signs.append((factor, f"k = {number(law.stiffness_n_per_m, 3)} N/m ran and {number(meant, 3)} was meant"))
+            signs.append(
+                (factor, f"k = {number(law.stiffness_n_per_m, 3)} {N_PER_M} ran and {number(meant, 3)} was meant")
+            )
     step = declared.device.encoder_resolution_m
     if step and log.encoder_m:
-        told = f"their step is {number(log.encoder_m, 3)} m and {number(step, 3)} m is declared"
+        told = f"their step is {number(log.encoder_m, 3)} {METRE} and {number(step, 3)} {METRE} is declared"
         factor = _factor(step / log.encoder_m, turns)
         if factor:
             signs.append((factor, told))
@@ -244,13 +247,13 @@ def other_unit(
     if math.isfinite(found.frequency_hz) and found.force_peak_to_peak_n > 0 and found.contact_share > _TOUCHING:
         swings = found.force_peak_to_peak_n / found.peak_to_peak_m / (2 * math.pi * found.frequency_hz) ** 2
         heaviest = declared.device.mass_kg + declared.hands.mass_kg[1]
-        told = f"at {number(found.frequency_hz, 3)} Hz their force swings {number(swings, 2)} kg"
+        told = f"at {number(found.frequency_hz, 3)} Hz their {FORCE} swings {number(swings, 2)} {KG}"
         if swings < declared.device.mass_kg / _ABSURD:
-            told = f"{told}, the device has {number(declared.device.mass_kg, 3)} kg"
-            kinds = "degrees or counts read as rad" if turns else "mm, um or counts read as m"
+            told = f"{told}, the device has {number(declared.device.mass_kg, 3)} {KG}"
+            kinds = "degrees or counts read as rad" if turns else f"{MM}, {UM} or counts read as {METRE}"
             return f"the positions look like {kinds}: {told}"
         if swings > heaviest * _ABSURD:
-            return f"the positions look too small, or the force too large, by a unit: {told}"
+            return f"the positions look too small, or the {FORCE} too large, by a unit: {told}"
     return ""
 
 
@@ -258,8 +261,8 @@ def _factor(ratio: float, turns: bool) -> tuple[str, str] | None:
     """Return a phrase for the factor of a ratio, or nothing."""
     return next(
         (
-            words
-            for size, words in (_ANGLE_FACTORS if turns else _FACTORS).items()
+            (how_much, str(what))
+            for size, (how_much, what) in (_ANGLE_FACTORS if turns else _FACTORS).items()
             if abs(math.log(ratio / size)) < _NEAR
         ),
         None,

@@ -22,6 +22,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M
 from avc_casadi.identification.closed_loop import regression
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
@@ -65,11 +66,11 @@ class SwitchedForce:
     def sentence(self) -> str:
         """Describe the force in one sentence."""
         where = {
-            "position": f"where the position crosses {number(self.at_m, 3)} m",
+            "position": f"where the position crosses {number(self.at_m, 3)} {METRE}",
             "speed": "against the motion" if self.force_n > 0 else "along the motion (friction that is compensated)",
-            "force": "with its own sign: no force is smaller (a minimum force)",
+            "force": f"with its own sign: no {FORCE} is smaller (a minimum {FORCE})",
         }[self.by]
-        return f"a force of +-{number(abs(self.force_n), 3)} N is switched {where}"
+        return f"a {FORCE} of +-{number(abs(self.force_n), 3)} {NEWTON} is switched {where}"
 
 
 def find_switched_force(
@@ -194,10 +195,12 @@ def jump_sentence(jump: Jump, reach_m: float) -> str:
         reach_m: travel of the hand per unit of position.
     """
     nothing = _NOTHING * reach_m**2
-    parts = [f"{number(jump.force_n, 3)} N"]
-    parts += [f"{number(jump.stiffness_n_per_m, 3)} N/m of depth"] if abs(jump.stiffness_n_per_m) > nothing else []
-    parts += [f"{number(jump.damping_ns_per_m, 3)} N.s/m"] if abs(jump.damping_ns_per_m) > nothing else []
-    return f"in contact the force is {' + '.join(parts)}, and 0 outside: every cycle switches it"
+    parts = [f"{number(jump.force_n, 3)} {NEWTON}"]
+    parts += (
+        [f"{number(jump.stiffness_n_per_m, 3)} {N_PER_M} of depth"] if abs(jump.stiffness_n_per_m) > nothing else []
+    )
+    parts += [f"{number(jump.damping_ns_per_m, 3)} {NS_PER_M}"] if abs(jump.damping_ns_per_m) > nothing else []
+    return f"in contact the {FORCE} is {' + '.join(parts)}, and 0 outside: every cycle switches it"
 
 
 def find_jump(log: Log, swing: TracedOscillation, law: Law | None, limit_n: float | None) -> Jump | None:
@@ -289,8 +292,8 @@ class TwoRates:
         late = f" and {self.late} frame{'' if self.late == 1 else 's'} late" if self.late else ""
         return (
             f"two rates in one loop: the {self.slow} is new every {number(1e3 * self.ticks * period_s, 3)} ms{late}, "
-            f"the {fast} every {number(1e3 * period_s, 3)} ms (k = {number(self.law.stiffness_n_per_m, 3)} N/m, "
-            f"b = {number(self.law.damping_ns_per_m, 3)} N.s/m)"
+            f"the {fast} every {number(1e3 * period_s, 3)} ms (k = {number(self.law.stiffness_n_per_m, 3)} {N_PER_M}, "
+            f"b = {number(self.law.damping_ns_per_m, 3)} {NS_PER_M})"
         )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, NEWTON, Wording
 from avc_casadi.identification.diagnosis.causes import CAUSES, OTHER, Asked, shares_of
 from avc_casadi.identification.diagnosis.counterfactual import doubts_of_encoder, settled
 from avc_casadi.identification.diagnosis.evidence import (
@@ -36,7 +37,7 @@ from avc_casadi.identification.diagnosis.saturation import GROWN, fed, unlimited
 _SURE = 2 / 3
 # Log ratio of measured and modelled frequency, in contact throughout, beyond which the model is rejected.
 _FREQUENCY = 0.3
-_FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
+_FORCE_OFF = Wording.of(lambda: f"the same log with the {FORCE} off: what a {FORCE} from outside drives goes on")
 # The tremor of a hand: its frequencies, and an amplitude above its own.
 _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
 # With a delay so much longer than declared, in samples, a strong tremor is as likely a cause.
@@ -71,7 +72,7 @@ class Judge:
         if found.frequency_hz < LOWEST_HZ and not fed(log, self._swing, self._declared.device):
             said = (
                 f"nothing wrong: above {LOWEST_HZ:g} Hz nothing swings, and what goes to and fro at "
-                f"{number(found.frequency_hz, 2)} Hz takes work from the force: a hand moves it"
+                f"{number(found.frequency_hz, 2)} Hz takes work from the {FORCE}: a hand moves it"
             )
             return self._made("nothing wrong", said)
         if toggles(found) and felt(log, self._swing, self._declared) < 1:
@@ -85,7 +86,7 @@ class Judge:
             said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it settles in contact"
             return self._made("nothing wrong", said)
         if found.contact_share == 0:
-            said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
+            said = f"not the loop: it swings while no {FORCE} is commanded; a hand, a cable or the table moves it"
             return self._made("not the loop", said)
         return None
 
@@ -103,8 +104,8 @@ class Judge:
         size = number(jump.force_n, 3)
         told = jump_sentence(jump, self._log.reach_m)
         said = (
-            f"{CAUSES['stiffness']}: the force jumps by {size} N where contact begins, a spring without length; let it "
-            "grow with the depth (k below its limit), or keep it on through the whole cycle"
+            f"{CAUSES['stiffness']}: the {FORCE} jumps by {size} {NEWTON} where contact begins, a spring without "
+            "length; let it grow with the depth (k below its limit), or keep it on through the whole cycle"
         )
         return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
 
@@ -162,13 +163,13 @@ class Judge:
         """Return the verdict where no loop model can be made."""
         limit = limit_sentence(self._log)
         if limit:
-            less = "the same log below the force limit: a smaller start or touch, or a quarter of both k and b"
+            less = f"the same log below the {FORCE} limit: a smaller start or touch, or a quarter of both k and b"
             return self._made("cannot tell", f"cannot tell: {limit}", decides=less)
         said = (
-            "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no loop "
-            "model can be made"
+            f"cannot tell: the {FORCE} of this log is not that of a spring and a damper on its position, so that no "
+            "loop model can be made"
         )
-        decides = "a log of the position that the computer used and the force that it commanded, tick by tick"
+        decides = f"a log of the position that the computer used and the {FORCE} that it commanded, tick by tick"
         return self._made("cannot tell", said, decides=decides)
 
     def judged(self, law: Law, fits: Sequence[Fit], asked: Sequence[Asked]) -> Diagnosis:
@@ -220,7 +221,9 @@ class Judge:
             doubts += doubts_of_encoder([answer, *some], law, log, evidence)
         if doubts:
             candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
-            known = [CAUSES[cause] for cause in candidates] + ["a force from outside the loop"] * (driven or trembles)
+            known = [str(CAUSES[cause]) for cause in candidates] + [f"a {FORCE} from outside the loop"] * (
+                driven or trembles
+            )
             names = " or ".join(known) or "none of the causes it knows"
             said = f"cannot tell: {names}; {'; '.join(doubts)}"
             cures = tuple(cure for cause in candidates for cure in remedies_of(cause, answer, law, log, declared))
@@ -232,7 +235,7 @@ class Judge:
                 measured=measured,
                 evidence=evidence,
                 cures=tuple(dict.fromkeys(cures)),
-                decides=_FORCE_OFF if driven or trembles else deciding_log(candidates, known=declared.known),
+                decides=str(_FORCE_OFF) if driven or trembles else deciding_log(candidates, known=declared.known),
             )
         if first == "resonance":
             self._notes.append(declared_resonance(measured))

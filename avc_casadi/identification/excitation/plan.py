@@ -15,7 +15,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import MotionKind
+from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.identification.excitation.signal import FULL, WHOLE, Signal, ramp
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_with
 from avc_casadi.model.device import Device
@@ -64,6 +64,11 @@ class Plan:
     window: int
     signal: Signal
     motion: MotionKind = "linear"
+
+    @property
+    def units(self) -> Units:
+        """Names and units of its values."""
+        return units_for(self.motion)
 
     @property
     def seconds(self) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from avc_casadi._errors import AvcError, InputError, fault_document
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.text import with_problem
-from avc_casadi._util.units import speaking
+from avc_casadi._util.units import in_its_units, spoken_key
 from avc_casadi.claims.certificate import levels_table
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
@@ -47,7 +47,6 @@ from avc_casadi.simulation.scene import simulate
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from avc_casadi._util.units import Units
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.present.explore.explorer import Explorer
@@ -110,7 +109,7 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         "upper": short(np.abs(upper)),
         "lower": short(np.abs(lower)),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(problem.device)),
-        "gains": _gains(explorer.schedule(settings), problem.units),
+        "gains": _gains(explorer.schedule(settings)),
     }
 
 
@@ -132,7 +131,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         "levels": [
             {
                 "level": level,
-                "title": problem.units.text(one["title"]),
+                "title": one["title"],
                 "pass": one["pass"],
                 "refused": bool(one["refused"]),
             }
@@ -238,6 +237,7 @@ PARTS: Mapping[str, Part] = {
 _B, _K = "damping_ns_per_m", "stiffness_n_per_m"
 
 
+@in_its_units
 def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Answer a question; what is wrong with the settings is an answer too, each fault with its field.
 
@@ -245,8 +245,7 @@ def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str
         RequestError: the page would not ask so.
     """
     try:
-        with speaking(explorer.base.units):
-            return part(explorer, asked)
+        return part(explorer, asked)
     except InputError as error:
         return {"errors": [_fault(explorer, one) for one in fault_document(error)["errors"]]}
     except RequestError:
@@ -257,7 +256,7 @@ def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str
 
 def _fault(explorer: Explorer, fault: dict[str, Any]) -> dict[str, Any]:
     of_field = fault["key"] in explorer.form.keys or fault["key"].removeprefix("gains.") in explorer.form.gain_names
-    key = fault["key"] if of_field else explorer.base.units.text(fault["key"])
+    key = fault["key"] if of_field else spoken_key(fault["key"])
     return fault | {"key": key, "message": told_on_page(explorer, fault["message"])}
 
 
@@ -275,7 +274,7 @@ def _chosen(found: re.Match[str]) -> str:
 def told_on_page(explorer: Explorer, told: Any) -> Any:
     """Return a text, or every text of an answer, in the words and with the units of the page."""
     if isinstance(told, str):
-        return dotted_units(explorer.base.units.text(told))
+        return dotted_units(told)
     if isinstance(told, Mapping):
         return {key: told_on_page(explorer, one) for key, one in told.items()}
     return [told_on_page(explorer, one) for one in told] if isinstance(told, list | tuple) else told
@@ -316,7 +315,7 @@ def stem_of(problem: Problem, asked: Mapping[str, Any]) -> str:
     return f"{stem}-b" if asked.get("column") == "b" else stem
 
 
-def _gains(schedule: GainSchedule | None, units: Units) -> dict[str, Any] | None:
+def _gains(schedule: GainSchedule | None) -> dict[str, Any] | None:
     if schedule is None:
         return None
     usable = schedule.usable
@@ -328,7 +327,7 @@ def _gains(schedule: GainSchedule | None, units: Units) -> dict[str, Any] | None
         "contact_damping_ns_per_m": short(schedule.contact_damping_ns_per_m),
         **_impedance(np.where(usable, schedule.impedance, np.nan)),
         "counts": schedule.counts(),
-        "reasons": [units.text(reason) for reason in dict.fromkeys(filter(None, schedule.reason))][:3],
+        "reasons": [*dict.fromkeys(filter(None, schedule.reason))][:3],
     }
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from avc_casadi._util.background import Background
 from avc_casadi._util.progress import Progress
 from avc_casadi._util.text import number
+from avc_casadi._util.units import N_PER_M, Units
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.model.schedule import GainSchedule, Status
@@ -86,6 +87,11 @@ class Explorer:
     regions: Kept = field(default_factory=Kept)
     _tasks: dict[str, _Task] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    @property
+    def units(self) -> Units:
+        """Names and units in which the page speaks."""
+        return self.base.units
 
     @property
     def form(self) -> Form:
@@ -217,7 +223,9 @@ def _helpful(document: Mapping[str, Any]) -> list[str]:
     """Return what would help, as a line of the conclusion."""
     walls = [f"{one['change']} {number(one['stiffest_wall_n_per_m'])}" for one in document["what_would_help"]]
     now = number(document["plain_wall_n_per_m"])
-    return [f"what would help a plain spring and damper, which holds {now} N/m: {'; '.join(walls)}"] if walls else []
+    return (
+        [f"what would help a plain spring and damper, which holds {now} {N_PER_M}: {'; '.join(walls)}"] if walls else []
+    )
 
 
 def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | ToolCoupling | None, list[str]]:

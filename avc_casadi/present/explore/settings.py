@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, TypeGuard
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.units import FORCE
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.files.rotary_keys import power_at_handle
@@ -253,7 +254,7 @@ def _gain_faults(settings: Settings, base: Problem) -> Iterator[Fault]:
     if not any(settings.gains.values()):
         first, second = (field.label for field in form_of(base).gains if field.key != f"gains.{_SPRING}")
         allowed = f"a number above 0, here, for {first} or {second}"
-        message = f"is missing: without gains no force is rendered; allowed: {allowed}"
+        message = f"is missing: without gains no {FORCE} is rendered; allowed: {allowed}"
         yield Fault("", None, f"gains.{_SPRING}", message)
 
 

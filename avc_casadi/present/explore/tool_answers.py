@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import spoken_key
 from avc_casadi.claims.stability.tool_region import tool_region
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_certificate import tool_certificate
@@ -107,7 +108,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     limit = Row("Linear limit", why_infeasible(problem, search), Mark.FAIL)
     if stiffest.stiffness_n_per_m > 0:
         limit = Row("Linear limit", f"stiffest stable pair: {coupling_text(vars(stiffest), problem)}")
-    odd = [Row("Unusual", f"{key} {message}", Mark.CAUTION) for key, message in unusual(problem).items()]
+    odd = [Row("Unusual", f"{spoken_key(key)} {message}", Mark.CAUTION) for key, message in unusual(problem).items()]
     return {"stiffest": plain(vars(stiffest)), "rows": _rows(explorer, [limit, *odd])}
 
 

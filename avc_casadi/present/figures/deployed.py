@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import M_PER_S, MM, N_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import frequency_axis, styled
 from avc_casadi.recommendation.deployed import STRUCK_M_PER_S, Deployed, deployed
@@ -53,7 +54,7 @@ def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     left.set_xlabel("frequency (Hz)")
     top = 1.3 * float(max(wanted.max(), np.median(shaken.stiffness_n_per_m)))
     left.set_ylim(0, max(top, 1.05 * float(np.quantile(shaken.stiffness_n_per_m, 0.8))))
-    left.set_ylabel("stiffness (N/m)")
+    left.set_ylabel(f"stiffness ({N_PER_M})")
     _pressed(right, found)
     handles, labels = left.get_legend_handles_labels()
     for handle, label in zip(*right.get_legend_handles_labels(), strict=True):
@@ -82,7 +83,7 @@ def _pressed(axes: Axes, found: Deployed) -> None:
         axes.set_ylim(-0.6 * deepest, 1.15 * min(deepest, aim))
     axes.set_xlim(0, found.press_s[-1])
     axes.set_xlabel("time (s)")
-    axes.set_ylabel("depth in the wall (mm)")
+    axes.set_ylabel(f"depth in the wall ({MM})")
 
 
 @styled
@@ -165,8 +166,8 @@ def _struck(axes: Axes, found: Deployed) -> None:
     axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
     axes.set_xlim(0, found.struck_s[-1])
     axes.set_xlabel("time (s)")
-    speed = quantity(STRUCK_M_PER_S / found.coupling.problem.device.metres_per_unit, "m/s")
-    axes.set_ylabel(f"position (mm), struck at {speed}")
+    speed = quantity(STRUCK_M_PER_S / found.coupling.problem.device.metres_per_unit, M_PER_S)
+    axes.set_ylabel(f"position ({MM}), struck at {speed}")
 
 
 def _degrees(curve: ComplexArray) -> FloatArray:

@@ -14,12 +14,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.files import write_file
-from avc_casadi._util.units import spoken
 from avc_casadi.present.figures.style import WIDTH_INCHES, in_style, styled
 
 if TYPE_CHECKING:
@@ -80,20 +78,6 @@ _METADATA: dict[str, dict[str, str | None]] = {
 
 
 @contextmanager
-def _in_words(figure: Figure) -> Iterator[None]:
-    """Put every text of a figure into the current units while it is written."""
-    units = spoken()
-    before = [] if units.linear else [(one, one.get_text()) for one in figure.findobj(Text)]
-    for one, text in before:
-        one.set_text(units.text(text))
-    try:
-        yield
-    finally:
-        for one, text in before:
-            one.set_text(text)
-
-
-@contextmanager
 def _laid_out(figure: Figure) -> Iterator[None]:
     """Lay a figure out once for all files written of it; Matplotlib would draw it once more for each."""
     engine = figure.get_layout_engine()
@@ -113,7 +97,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure; the ending of ``path`` chooses PNG, SVG or PDF."""
     ending = path.suffix.lower()
     content = io.BytesIO()
-    with in_style(), _in_words(figure), _laid_out(figure):
+    with in_style(), _laid_out(figure):
         figure.savefig(content, format=ending[1:], metadata=_METADATA[ending])
     write_file(path, content.getvalue())
 
@@ -121,14 +105,14 @@ def save_figure(figure: Figure, path: Path) -> None:
 def figure_png_svg(figure: Figure) -> tuple[bytes, str]:
     """Return a figure as the content of a PNG file and as by `figure_svg`, laid out once."""
     content = io.BytesIO()
-    with in_style(), _in_words(figure), _laid_out(figure):
+    with in_style(), _laid_out(figure):
         figure.savefig(content, format="png", metadata=_METADATA[".png"])
         return content.getvalue(), _svg(figure)
 
 
 def figure_svg(figure: Figure) -> str:
     """Return a figure as an SVG element that can stand inside an HTML page."""
-    with in_style(), _in_words(figure), _laid_out(figure):
+    with in_style(), _laid_out(figure):
         return _svg(figure)
 
 

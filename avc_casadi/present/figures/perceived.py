@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.units import spoken
+from avc_casadi._util.units import KN_PER_M, N_PER_M, spoken
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import (
     DESIRED,
@@ -61,7 +61,7 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     _magnitude(panels["a"], comparison, shown)
     _enlarged(panels["b"], panels["a"], comparison, shown)
     # A rotary wall has tenths of a N.m/rad.
-    stiffness = (1e-3, "k (kN/m)") if spoken().linear else (1.0, "k (N/m)")
+    stiffness = (1e-3, f"k ({KN_PER_M})") if spoken().linear else (1.0, f"k ({N_PER_M})")
     gains = [
         (panels["c"], "damping_ns_per_m", 1.0, f"b ({IMPEDANCE_UNIT})"),
         (panels["d"], "stiffness_n_per_m", *stiffness),

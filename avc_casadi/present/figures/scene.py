@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi._util.units import FORCE, KN_PER_M, MM, NEWTON
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import styled
 
@@ -62,15 +63,15 @@ def draw_traces(
     for above, below in zip(panels.axes[:count], panels.axes[count:], strict=True):
         above.set_ylim(deepest_mm, -deepest_mm)
         below.set_ylim(-0.15 * strongest, 1.6 * strongest)
-    panels.axes[0].set_ylabel("position (mm),\ngrey: wall")
-    panels.axes[count].set_ylabel("force (N)")
+    panels.axes[0].set_ylabel(f"position ({MM}),\ngrey: wall")
+    panels.axes[count].set_ylabel(f"{FORCE} ({NEWTON})")
     return panels.figure
 
 
 def _verdict(run: Run) -> str:
     if not run.stable:
-        return f"unstable, up to {np.abs(run.force_n).max():.3g} N"
-    return f"stable, {run.apparent_stiffness_n_per_m / 1e3:.1f} kN/m"
+        return f"unstable, up to {np.abs(run.force_n).max():.3g} {NEWTON}"
+    return f"stable, {run.apparent_stiffness_n_per_m / 1e3:.1f} {KN_PER_M}"
 
 
 _LINES: tuple[tuple[str, Any, float], ...] = (
@@ -100,14 +101,14 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
     """
     titles = (
         "(a) position; the wall begins at 0",
-        "(b) force on the device",
-        "(c) force against penetration",
+        f"(b) {FORCE} on the device",
+        f"(c) {FORCE} against penetration",
         "(d) energy taken in by the virtual side",
     )
     panels = Panels.of(axes, titles, 5.6, lambda figure: figure.subplots(2, 2).ravel())
     position, force, loop, energy = panels.axes
     target = runs[0]
-    aim = f"target of the hand, up to {1e3 * target.target_m.max():.3g} mm"
+    aim = f"target of the hand, up to {1e3 * target.target_m.max():.3g} {MM}"
     position.plot(target.time_s, 1e3 * target.target_m, color="0.65", linewidth=2.4, label=aim, zorder=1)
     labels = [run.coupling for run in runs] if names is None else list(names)
     some_rest = any(run.stable for run in runs)
@@ -126,9 +127,9 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
         energy.plot(time, 1e3 * run.ledger.absorbed_j[kept], **line)
     _limits(position, force, loop, energy, runs)
     for panel, x_label, y_label in (
-        (position, "time (s)", "position (mm)"),
-        (force, "time (s)", "force (N)"),
-        (loop, "penetration (mm)", "force (N)"),
+        (position, "time (s)", f"position ({MM})"),
+        (force, "time (s)", f"{FORCE} ({NEWTON})"),
+        (loop, f"penetration ({MM})", f"{FORCE} ({NEWTON})"),
         (energy, "time (s)", "energy (mJ)"),
     ):
         panel.set_xlabel(x_label)

@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
+from avc_casadi._util.units import N_DOT_S_PER_M, in_its_units
 from avc_casadi.design import registry
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ P = ParamSpec("P")
 
 WIDTH_INCHES = 7.2
 FREQUENCY = "Interaction frequency (Hz)"
-IMPEDANCE_UNIT = "N·s/m"
+IMPEDANCE_UNIT = N_DOT_S_PER_M
 PERCEIVED = r"$|Z_\mathrm{h}|$"
 GRID = "0.88"
 
@@ -171,12 +172,13 @@ def method_lines(comparison: Comparison) -> dict[str, Line]:
 
 
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in this style without changing matplotlib's settings."""
+    """Draw in this style, and in the units of what is drawn, without changing matplotlib's settings."""
+    told = in_its_units(draw)
 
     @wraps(draw)
     def with_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(_RC):
-            return draw(*args, **kwargs)
+            return told(*args, **kwargs)
 
     return with_style
 

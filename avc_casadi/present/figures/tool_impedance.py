@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi._util.units import N_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import IMPEDANCE_UNIT, frequency_axis, styled
 
@@ -49,7 +50,7 @@ def draw_rendered_impedance(band: RenderedBand, axes: GivenAxes = None) -> Figur
     stiff.plot(hz, np.full(len(hz), band.stiffness_n_per_m), **_WANTED)
     stiff.plot(hz, rendered, **_FELT)
     stiff.set_ylim(0, 1.3 * max(band.stiffness_n_per_m, float(np.median(rendered))))
-    stiff.set_ylabel("stiffness (N/m)")
+    stiff.set_ylabel(f"stiffness ({N_PER_M})")
     for panel in panels.axes:
         frequency_axis(panel, hz)
         panel.set_xlabel("frequency (Hz)")

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import N_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
 
@@ -52,6 +53,6 @@ def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
         b, k = region.chosen.damping_ns_per_m, region.chosen.stiffness_n_per_m
         panel.plot(max(b, float(damping[0])), k, "k*", markersize=11, label="recommended")
     panel.set_xlabel(f"damper B ({IMPEDANCE_UNIT})")
-    panel.set_ylabel("spring K (N/m)")
+    panel.set_ylabel(f"spring K ({N_PER_M})")
     panels.legend(*panel.get_legend_handles_labels(), 5)
     return panels.figure

@@ -13,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, NullFormatter
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import KN_PER_M, MM, N_PER_M, NS_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
 
@@ -70,12 +71,12 @@ def draw_workspace(maps: Mapping[str, WorkspaceMap], axes: GivenAxes = None) -> 
             one.set_xlim(1e3 * grid[0][0], 1e3 * grid[0][-1])
             one.set_ylim(1e3 * grid[1][0], 1e3 * grid[1][-1])
             if row == len(maps) - 1:
-                one.set_xlabel(f"{sides[0]} (mm){section}")
+                one.set_xlabel(f"{sides[0]} ({MM}){section}")
             if column == 0:
-                one.set_ylabel(f"{sides[1]} (mm)")
+                one.set_ylabel(f"{sides[1]} ({MM})")
     ends = levels.boundaries
     handles = [Patch(color=colours(index)) for index in range(len(ends) - 1)]
-    spans = [f"{low:.3g} to {high:.3g} kN/m" for low, high in pairwise(ends)]
+    spans = [f"{low:.3g} to {high:.3g} {KN_PER_M}" for low, high in pairwise(ends)]
     panels.legend(handles, spans, 4, "stiffest wall of a spring and damper, every hand and released, along the normal")
     return panels.figure
 
@@ -98,7 +99,7 @@ def _plane(found: WorkspaceMap) -> tuple[tuple[str, str], tuple[FloatArray, Floa
     if across is not None:
         middle = found.counts[across] // 2
         whole, places = np.take(whole, middle, axis=across), np.take(places, middle, axis=across)
-        section = f", at {_AXES[across]} = {1e3 * float(places[0, 0, across]) + 0.0:.3g} mm"
+        section = f", at {_AXES[across]} = {1e3 * float(places[0, 0, across]) + 0.0:.3g} {MM}"
     grid = places[:, 0, left[0]], places[0, :, left[1]]
     sides = _AXES[left[0]], _AXES[left[1]]
     return sides, grid, [whole[..., column] for column in range(len(found.labels))], section
@@ -165,7 +166,7 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     if wanted > 0:
         # A wall without damping has no place on a logarithmic axis: the left edge.
         place = max(region.wanted_damping_ns_per_m, float(damping[0]))
-        name = f"wall wanted: {quantity(wanted, 'N/m')}, {quantity(region.wanted_damping_ns_per_m, 'N.s/m')}"
+        name = f"wall wanted: {quantity(wanted, N_PER_M)}, {quantity(region.wanted_damping_ns_per_m, NS_PER_M)}"
         axes.plot(
             [place], [wanted], linestyle="none", marker="*", markersize=11, color="#b2182b", markeredgecolor="white",
             markeredgewidth=0.6, label=name, zorder=6, clip_on=False,
@@ -192,13 +193,13 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     for line in axes.get_lines():
         highest_drawn = np.max(np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)), initial=0.0)
         if 0 < highest_drawn < 0.7 * bottom:
-            line.set_label(f"{line.get_label()}: below, at most {quantity(highest_drawn, 'N/m')}")
+            line.set_label(f"{line.get_label()}: below, at most {quantity(highest_drawn, N_PER_M)}")
     shown_to = [region.wanted_damping_ns_per_m, *(b[(b > 0) & (k > 0)].max(initial=0.0) for b, k in rendered.values())]
     for curve in region.curves:
         shown_to += [damping[np.nan_to_num(curve.stiffness_n_per_m[1:]) > 0].max(initial=0.0)]
     axes.set_xlim(damping[0], 1.5 * max(shown_to, default=0.0) or damping[-1])
     axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
-    axes.set_ylabel("wall stiffness K (N/m)")
+    axes.set_ylabel(f"wall stiffness K ({N_PER_M})")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: quantity(value, "", 1).strip()))
         axis.set_minor_formatter(NullFormatter())

@@ -7,6 +7,7 @@ from typing import Any
 
 from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import number, text_table
+from avc_casadi._util.units import METRE, MM
 from avc_casadi.present.terminal import Mark, Page, Row
 
 # A workspace with a larger share out of reach is warned of.
@@ -40,7 +41,7 @@ def _masses(free_kg: float, held_kg: float) -> str:
 
 def _pose(document: dict[str, Any], at: str | None, along: str) -> list[Row]:
     pose = document["at"]
-    rows = [Row("Here", f"{_masses(pose['free_kg'], pose['held_kg'])}, {along}, {at} m from home")]
+    rows = [Row("Here", f"{_masses(pose['free_kg'], pose['held_kg'])}, {along}, {at} {METRE} from home")]
     if not pose["in_workspace"]:
         outside = "outside the declared workspace, for which map and gains are made"
         rows.append(Row("Place", outside, Mark.CAUTION))
@@ -126,7 +127,7 @@ def arm_lines(document: dict[str, Any]) -> list[str]:
 
 
 def _place(position_m: Sequence[float]) -> str:
-    return f"{_vector([1e3 * one for one in position_m])} mm"
+    return f"{_vector([1e3 * one for one in position_m])} {MM}"
 
 
 def _vector(values: Sequence[float]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import spoken_key
 from avc_casadi.present.pages.subject import gains_text, headline, plural, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 
@@ -30,7 +31,7 @@ def plan_page(plan: Mapping[str, Any], units: Units, page: Page, shown: str, por
     """
     told, forecast, centring, force = quantities(units), plan["forecast"], plan["centring"], units.key("force")
     corners = "worst of its ranges" if plan["devices"] > 1 else "declared device"
-    held = {"force_n": force, "speed_m_per_s": "speed", "travel_m": "travel"}[plan["held_back_by"]]
+    held = {"force_n": force, "speed_m_per_s": "speed", "travel_m": "travel"}[units.inner(plan["held_back_by"])]
     spring, damper = told(centring["spring_n_per_m"], "N/m"), told(centring["damper_ns_per_m"], "N.s/m")
     span = f"{quantity(plan['lowest_hz'], 'Hz')} to {quantity(plan['highest_hz'], 'Hz')}"
     rows = [
@@ -171,7 +172,7 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
     equal = document["readback_equal"]
     rounding = "exact in" if not document["rounding_max"] else f"within {document['rounding_max']:.0e} by"
     rows = [
-        *([Row("Unsafe", units.text(document["unsafe"]), Mark.FAIL)] if document["unsafe"] else []),
+        *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
         Row(
             "Pushed",
             f"coupling {coupling.id}, {plural(document['rows'], 'row')} on {document['port']} ({took}), CRC "
@@ -189,8 +190,8 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
         rows.append(Row("Holes", f"rows without gains are interpolated, at most from {low} to {high}", Mark.CAUTION))
     if "in_the_loop" in document:
         rows.append(_in_the_loop(document["in_the_loop"], coupling))
-    rows += [Row("Note", units.text(note), Mark.CAUTION) for note in document.get("notes", ())]
-    rows += [Row("Lacks", units.text(one), Mark.CAUTION) for one in coupling.lacks]
+    rows += [Row("Note", note, Mark.CAUTION) for note in document.get("notes", ())]
+    rows += [Row("Lacks", one, Mark.CAUTION) for one in coupling.lacks]
     commands = [f"avc monitor --port {document['port']}"] if document["port"] != "emulator" else []
     return page.rendered(headline(problem, shown), rows, commands)
 
@@ -198,7 +199,7 @@ def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown
 def _in_the_loop(tried: Mapping[str, Any], coupling: Coupling) -> Row:
     """Describe how the pushed coupling performed with a hand on the emulated device."""
     if "skipped" in tried:
-        return Row("In the loop", f"not tried; {coupling.problem.units.text(tried['skipped'])}", Mark.CAUTION)
+        return Row("In the loop", f"not tried; {tried['skipped']}", Mark.CAUTION)
     told = quantities(coupling.problem.units)
     settled = "settles with a hand" if tried["at_rest"] else "does NOT settle with a hand"
     stiffness = told(tried["apparent_stiffness_n_per_m"], "N/m")
@@ -217,19 +218,19 @@ def export_page(document: Mapping[str, Any], coupling: Coupling, page: Page, sho
         page: where it is printed.
         shown: the coupling as the user names it.
     """
-    schedule, units = coupling.schedule, coupling.problem.units
+    schedule = coupling.schedule
     columns = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
     gains = {key: getattr(schedule, key)[schedule.usable].tolist() for key in columns}
     observer = "observer with state feedback, " if coupling.runtime.state_feedback is not None else ""
     rate, rows_of = quantity(1 / coupling.sample_time_s, "Hz"), plural(document["rows"], "row")
     packages = f", packages {', '.join(document['packages'])}" if document["packages"] else ""
     rows = [
-        *([Row("Unsafe", units.text(document["unsafe"]), Mark.FAIL)] if document["unsafe"] else []),
+        *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
         Row("Coupling", f"{coupling.id}: {observer}{gains_text(gains, coupling.problem)}"),
         Row("C", f"{document['precision']} precision, {rate}, {rows_of}{packages}"),
         *_files(document["files"]),
         *([Row("Note", document["holes"], Mark.CAUTION)] if document["holes"] else []),
-        *(Row("Lacks", units.text(one), Mark.CAUTION) for one in document["lacks"]),
+        *(Row("Lacks", one, Mark.CAUTION) for one in document["lacks"]),
     ]
     return page.rendered(headline(coupling.problem, shown), rows)
 
@@ -243,10 +244,10 @@ def velocity_export_page(document: Mapping[str, Any], problem: Problem, page: Pa
         page: where it is printed.
         shown: the problem as the user names it.
     """
-    settings = "".join(f", {key} {value}" for key, value in document["settings"].items())
+    settings = "".join(f", {spoken_key(key)} {value}" for key, value in document["settings"].items())
     rate = quantity(1 / document["sample_time_s"], "Hz")
     rows = [
-        Row("Estimator", problem.units.text(f"{document['estimator']}{settings}")),
+        Row("Estimator", f"{document['estimator']}{settings}"),
         Row("C", f"{document['precision']} precision, {rate}"),
         *_files(document["files"]),
     ]
@@ -270,7 +271,7 @@ def firmware_page(document: Mapping[str, Any], title: str, units: Units, page: P
         Row("Gains", held),
         Row("Serial line", f"{document['baud']} baud"),
         *_files(document["files"]),
-        *(Row("Note", units.text(note), Mark.CAUTION) for note in document["notes"]),
+        *(Row("Note", note, Mark.CAUTION) for note in document["notes"]),
         *(Row("Flash by" if not place else "or by", one) for place, one in enumerate(document["commands"])),
     ]
     size = f"{document['size_bytes']} bytes from {document['address']:#010x}"
@@ -284,12 +285,11 @@ def _files(files: Sequence[str]) -> list[Row]:
     return [Row("Written", f"{', '.join(files[:2])} and {len(files) - 2} more files")]
 
 
-def stream_page(document: Mapping[str, Any], units: Units, page: Page, faults: Sequence[str]) -> str:
+def stream_page(document: Mapping[str, Any], page: Page, faults: Sequence[str]) -> str:
     """Return the end of the `stream` document as a headline and rows.
 
     Args:
         document: of `avc stream --json`.
-        units: of the device's motion.
         page: where it is printed.
         faults: deviations from the expected state.
     """
@@ -297,7 +297,7 @@ def stream_page(document: Mapping[str, Any], units: Units, page: Page, faults: S
     mode = document["status"]["mode"]
     whole = not document["late"] and not document["lost"]
     rows = [
-        *([Row("Unsafe", units.text(document["unsafe"]), Mark.FAIL)] if document["unsafe"] else []),
+        *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
         Row(
             "Messages",
             f"{document['taken']} of {document['sent']} taken, {document['late']} late, {document['lost']} lost",

@@ -43,7 +43,7 @@ def bilateral_page(
     if verbose:
         lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]
         lines += [f"not used: {what}" for what in document["not_used"]]
-        text = "\n".join([text, "", problem.units.text("\n".join(lines))])
+        text = "\n".join([text, "", "\n".join(lines)])
     return text
 
 
@@ -111,7 +111,7 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     found, unit = document["teleoperation"], problem.units.unit
     limit = Row("Linear limit", f"K {quantity(found['stiffest_n_per_m'], unit('N/m'))}, set by {_set_by(found, unit)}")
     if not document["deployable"]:
-        return [Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL), limit]
+        return [Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL), limit]
     told = f"spring K {quantity(found['stiffness_n_per_m'], unit('N/m'))}"
     told += f", damper B {quantity(found['damping_ns_per_m'], unit('N.s/m'))}"
     if found["local_damping_ns_per_m"] > 0:

@@ -52,13 +52,10 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
     if document["declared"]:
         rows.append(Row("Declared", ", ".join(map(problem.units.key, document["declared"]))))
     rows += [
-        Row("Not used", problem.units.text(f"{what}: what is recommended is not judged with it"), Mark.CAUTION)
+        Row("Not used", f"{what}: what is recommended is not judged with it", Mark.CAUTION)
         for what in document["not_used"]
     ]
-    rows += [
-        Row("Warning", problem.units.text(f"{one['key']} {one['message']}"), Mark.CAUTION)
-        for one in document["warnings"]
-    ]
+    rows += [Row("Warning", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]]
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
 
@@ -73,7 +70,7 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
     """
     units, told, hands = problem.units, quantities(problem.units), problem.hands
     ranges = (
-        (f"{told(low, unit)} to {told(high, unit)}")
+        f"{told(low, unit)} to {told(high, unit)}"
         for (low, high), unit in (
             (hands.mass_kg, "kg"),
             (hands.damping_ns_per_m, "N.s/m"),
@@ -86,8 +83,8 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
         Row("Written", document["file"], Mark.PASS),
         Row("Hands", f"{document['held']}: {', '.join(ranges)}"),
         *([Row("Assumed", assumed)] if assumed else []),
-        *(Row("Not known", units.text(one), Mark.CAUTION) for one in not_known),
-        *(Row("Warning", units.text(f"{one['key']} {one['message']}"), Mark.CAUTION) for one in document["warnings"]),
+        *(Row("Not known", one, Mark.CAUTION) for one in not_known),
+        *(Row("Warning", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]),
     ]
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
@@ -111,9 +108,9 @@ def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
     if len(told) > _MOST_VALUES:
         rows.append(Row("and", "; ".join(f"{key} {value}" for key, value in list(told.items())[_MOST_VALUES:])))
     rows.insert(0, Row("Valid", document["title"] or "yes", Mark.PASS))
-    gaps = [gap for gap in document["gaps"] if gap not in document["values"]]
+    gaps = [gap for gap in document["gaps"] if units.inner(gap) not in document["values"]]
     if gaps:
-        rows.append(Row("Not known", ", ".join(map(units.key, gaps)), Mark.CAUTION))
+        rows.append(Row("Not known", ", ".join(gaps), Mark.CAUTION))
     onwards = [f'in a problem file: device = "{document["referred_as"]}"']
     return page.rendered(f"{document['device']}   device file", rows, onwards)
 
@@ -129,7 +126,9 @@ def device_lines(document: dict[str, Any], units: Units) -> list[str]:
     if document["sdk_example"] is not None:
         example = dict(document["sdk_example"])
         source = example.pop("source")
-        lines.append(f"example of an SDK: {', '.join(f'{key} {one}' for key, one in example.items())}   {source}")
+        lines.append(
+            f"example of an SDK: {', '.join(f'{units.key(key)} {one}' for key, one in example.items())}   {source}"
+        )
     return lines
 
 

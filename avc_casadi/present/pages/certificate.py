@@ -8,6 +8,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number, rows_text
+from avc_casadi._util.units import MASS
 from avc_casadi.claims.certificate import levels_table
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
 from avc_casadi.present.pages.subject import headline, passive_limit, quantities
@@ -39,11 +40,11 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
     rows = [
         _verdict(verdict),
         *_claims(verdict, levels["L5"], problem),
-        *(_proof(name, level, problem, page) for name, level in levels.items() if level["outcome"]),
+        *(_proof(name, level, page) for name, level in levels.items() if level["outcome"]),
         *_switching(levels["L5"]),
         _per_frequency(levels),
         passive_limit(document["passive_limit_n_per_m"], problem.units),
-        *(Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]),
+        *(Row("Note", note, Mark.CAUTION) for note in document["notes"]),
     ]
     if document["proof_files"]:
         rows.append(Row("Written", ", ".join(document["proof_files"])))
@@ -83,7 +84,7 @@ def _hardness(claim: Mapping[str, Any]) -> tuple[bool, float]:
 def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], problem: Problem) -> Row:
     radius = claim["spectral_radius"]
     if not claim["pass"] or radius is None:
-        return Row(label, problem.units.text(claim["sentence"]), Mark.PASS if claim["pass"] else Mark.FAIL)
+        return Row(label, claim["sentence"], Mark.PASS if claim["pass"] else Mark.FAIL)
     told = f"spectral radius {number(radius, 5)} at most"
     if claim["name"] == "hands" and hands["margin_ns_per_m"] is not None:
         margin = quantities(problem.units)(hands["margin_ns_per_m"], "N.s/m")
@@ -91,12 +92,12 @@ def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], probl
     return Row(label, told, Mark.PASS)
 
 
-def _proof(name: str, level: Mapping[str, Any], problem: Problem, page: Page) -> Row:
+def _proof(name: str, level: Mapping[str, Any], page: Page) -> Row:
     """Describe the result of a proof, in one line."""
     told = f"{level['outcome']}: {level['title'] if level['outcome'] == 'proved' else level['claim']}"
     return Row(
         name,
-        textwrap.shorten(problem.units.text(told), page.width - 18, placeholder=" ..."),
+        textwrap.shorten(told, page.width - 18, placeholder=" ..."),
         _OUTCOMES[level["outcome"]],
     )
 
@@ -180,7 +181,7 @@ def beside_hands(level: Mapping[str, Any]) -> list[str]:
         if radius < 1 - RADIUS_TOLERANCE:
             word = "settles"
         elif level["released_pass"] or radius <= 1 + RADIUS_TOLERANCE:
-            word = "keeps its speed or place where nothing acts on it, as any free mass, and does not run away"
+            word = f"keeps its speed or place where nothing acts on it, as any free {MASS}, and does not run away"
         else:
             word = "not stable"
         lines.append(f"device released: {word}; spectral radius {number(radius, 6)} at worst")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
+from avc_casadi._util.units import KG, MASS, NS_PER_M
 from avc_casadi.design.comparison.document import comparison_tables
 from avc_casadi.present.pages.subject import counts, headline, passive_limit, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
@@ -32,7 +33,7 @@ def comparison_page(document: dict[str, Any], problem: Problem, page: Page, show
         drawn: file of the picture, if one was drawn.
     """
     rows = [
-        *(_method(name, gains, document, problem) for name, gains in document["methods"].items()),
+        *(_method(name, gains, document) for name, gains in document["methods"].items()),
         Row("Verdicts", f"{counts(document['counts'])}, pointwise"),
         *_deployable(document),
         *_realism(document),
@@ -50,7 +51,7 @@ def comparison_page(document: dict[str, Any], problem: Problem, page: Page, show
     )
 
 
-def _method(name: str, gains: dict[str, Any], document: dict[str, Any], problem: Problem) -> Row:
+def _method(name: str, gains: dict[str, Any], document: dict[str, Any]) -> Row:
     """Describe where a method has gains, and the first reason why not, or its distance from the other optimum."""
     damping, check = gains["damping_ns_per_m"], document["cross_check"]
     missing = [row for row, b in enumerate(damping) if b is None]
@@ -62,7 +63,7 @@ def _method(name: str, gains: dict[str, Any], document: dict[str, Any], problem:
         told += f", parts at {len(check['partings'])} frequencies" if check["partings"] else ""
         mark = Mark.FAIL if not check["agree"] else Mark.CAUTION if check["partings"] else mark
     elif missing:
-        why = problem.units.text(gains["reason"][missing[0]])
+        why = gains["reason"][missing[0]]
         told += f"; at {quantity(document['frequency_hz'][missing[0]], 'Hz')} it {why}"
     return Row(name.replace("-", " ").capitalize(), told, mark)
 
@@ -101,7 +102,7 @@ def _injection(document: dict[str, Any], problem: Problem) -> list[Row]:
     if not needed:
         return [Row("Injected", "nothing: the desired wall meets (12) everywhere")]
     worst = max(needed, key=delta.__getitem__)
-    what = f"damper {told(delta[worst], 'N.s/m')}, mass {told(injection['virtual_mass_kg'][worst], 'kg')} at most"
+    what = f"damper {told(delta[worst], 'N.s/m')}, {MASS} {told(injection['virtual_mass_kg'][worst], 'kg')} at most"
     return [Row("Injected", f"by the closed form at {len(needed)} frequencies: {what}")]
 
 
@@ -150,19 +151,19 @@ def _injection_lines(document: dict[str, Any]) -> list[str]:
         return ["the desired wall meets (12) everywhere: the closed form projects nothing"]
     worst = max(needed, key=delta.__getitem__)
     lines = [
-        "what the closed form is: the desired wall with a damper and a small virtual mass beside it",
+        f"what the closed form is: the desired wall with a damper and a small virtual {MASS} beside it",
         (
-            f"  damper {number(delta[worst])} N.s/m and mass {number(injection['virtual_mass_kg'][worst])} kg at worst "
-            f"({number(frequency[worst])} Hz), needed at {len(needed)} frequencies"
+            f"  damper {number(delta[worst])} {NS_PER_M} and {MASS} {number(injection['virtual_mass_kg'][worst])} {KG} "
+            f"at worst ({number(frequency[worst])} Hz), needed at {len(needed)} frequencies"
         ),
     ]
     known = [(injection["residual_error"][row], row) for row in needed if injection["residual_error"][row] is not None]
     if known:
         error, row = max(known)
         lines.append(
-            "  a contact damper of at most "
-            f"{number(max(injection['contact_damper_ns_per_m'][r] for _, r in known))} N.s/m beside that wall does it "
-            f"without the mass, to {100 * error:.2g} % at worst ({number(frequency[row])} Hz)"
+            f"  a contact damper of at most {number(max(injection['contact_damper_ns_per_m'][r] for _, r in known))} "
+            f"{NS_PER_M} beside that wall does it without the {MASS}, to {100 * error:.2g} % at worst "
+            f"({number(frequency[row])} Hz)"
         )
     can = injection["damped_realisable"]
     line = f'  structure = "damped" can be built so at {sum(can)} of {len(can)} frequencies'
@@ -195,9 +196,9 @@ def _mine_lines(document: dict[str, Any]) -> list[str]:
     lowest = min(zip(mine["real_part"], document["frequency_hz"], strict=True))
     return [
         mine["safety_reason"],
-        f"mine: lowest Re Z_h {number(lowest[0])} N.s/m at {number(lowest[1])} Hz",
+        f"mine: lowest Re Z_h {number(lowest[0])} {NS_PER_M} at {number(lowest[1])} Hz",
         (
-            f"mine: median error of |Z| {number(_median(mine['magnitude_error']))} N.s/m, {mine['compared']} "
+            f"mine: median error of |Z| {number(_median(mine['magnitude_error']))} {NS_PER_M}, {mine['compared']} "
             f"{number(_median(ours['magnitude_error']))}; {mine['compared']} is nearer or alone meets (12) at "
             f"{100 * mine['share_schedule_better']:.3g} % of the frequencies, mine at "
             f"{100 * mine['share_pair_better']:.3g} %"

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from avc_casadi._util.units import FORCE, FORCES, KG, M_PER_S, MASS, MM, MM_PER_S, N_PER_M, NEWTON, NS_PER_M
 from avc_casadi.model.mujoco_constraint import SOFT_IMPEDANCE, MujocoConstraint
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def _gains(coupling: ToolCoupling) -> tuple[float, float]:
 
 def _device(coupling: ToolCoupling, loop: str) -> str:
     """Return the call that applies the force to the device."""
-    what = "force on the tool" if coupling.tool.exchange == "held-force" else "tool_x, tool_v"
+    what = f"{FORCE} on the tool" if coupling.tool.exchange == "held-force" else "tool_x, tool_v"
     every = number_text(1e3 * coupling.problem.device.sample_time_s)
     return f"F = avc_coupling_step(&c, x, {what}) in {loop}, every {every} ms"
 
@@ -129,14 +130,14 @@ def _mujoco(coupling: ToolCoupling) -> Said:
         lag = number_text(1e3 * b / k) if k else "0"
         traps += (
             (
-                "a weld grows with the tool: solref is -K (1 - d)/m, -B (1 - d)/m, d of solimp, m 1/body_invweight0; "
-                "d as MuJoCo has it, 0.9 to 0.95, makes the tool 10 to 20 times heavier towards other forces"
+                "a weld grows with the tool: solref is -K (1 - d)/m, -B (1 - d)/m, d of solimp, m 1/body_invweight0; d "
+                f"as MuJoCo has it, 0.9 to 0.95, makes the tool 10 to 20 times heavier towards other {FORCES}"
             ),
             (
                 "a mocap body has no velocity for MuJoCo: the weld's damper brakes the tool towards the ground, by "
-                f"{lag} mm for each m/s; qfrc_applied does not"
+                f"{lag} {MM} for each {M_PER_S}; qfrc_applied does not"
             ),
-            "a contact grows with the mass of the tool too: give it solref and solimp of its own",
+            f"a contact grows with the {MASS} of the tool too: give it solref and solimp of its own",
         )
     return Said(parameters, (_device(coupling, "the device's loop"), law, "mj_step(model, data)"), (), traps)
 
@@ -146,14 +147,14 @@ def _mujoco_constraints(k: float, b: float, masses: tuple[float, float]) -> tupl
     weld, contact = MujocoConstraint.of(k, b, masses[0]), MujocoConstraint()
     which = "<weld> or <connect> of the tool to a mocap body"
     if masses[0] != masses[1]:
-        which += f", for {number_text(masses[0])} kg"
+        which += f", for {number_text(masses[0])} {KG}"
     solref = " ".join(map(number_text, weld.solref))
     contacts = tuple(
         Parameter(
             "default contact",
             _span(*(contact.stiffness_n_per_m(mass, load) for mass in masses)),
             "N/m",
-            f"what the tool meets under {number_text(load)} N, with MuJoCo's own solref and solimp",
+            f"what the tool meets under {number_text(load)} {NEWTON}, with MuJoCo's own solref and solimp",
         )
         for load in _LOADS_N
     )
@@ -171,12 +172,12 @@ def _chai3d(coupling: ToolCoupling) -> Said:
         (
             Parameter("setStiffness", surface, "N/m", "m_material of what is touched, for each metre of the scene"),
             Parameter("workspace scale", tool.position_scale, "", "tool->getWorkspaceScaleFactor() must be this"),
-            *_mass(coupling, "mass", "of a dynamic tool (Bullet, ODE); that of the examples weighs 0.01 kg"),
+            *_mass(coupling, "mass", f"of a dynamic tool (Bullet, ODE); that of the examples weighs 0.01 {KG}"),
             _step(coupling, "time step", "updateDynamics(...)"),
         ),
         (_device(coupling, "the haptic thread"), "device->setForce(F), times the direction"),
         (
-            "cToolCursor's proxy is a bare spring without a place for B: leave its force out, and set F",
+            f"cToolCursor's proxy is a bare spring without a place for B: leave its {FORCE} out, and set F",
             "in the Bullet example K is linStiffness times linGain times the workspace scale, and there is no damper",
         ),
         (
@@ -192,8 +193,8 @@ def _unity(coupling: ToolCoupling) -> Said:
     drive = "xDrive, yDrive, zDrive" if linear else "angularXDrive"
     add = "AddForce" if linear else "AddTorque"
     others = (
-        "the spring of the OpenHaptics plugin, 0 to 1, is a share of what the device is rated for, no N/m",
-        "that of Haply's tutorial is in N/m, 0 to 800, with a damper of 0 to 3 N.s/m",
+        f"the spring of the OpenHaptics plugin, 0 to 1, is a share of what the device is rated for, no {N_PER_M}",
+        f"that of Haply's tutorial is in {N_PER_M}, 0 to 800, with a damper of 0 to 3 {NS_PER_M}",
     )
     body = "Rigidbody.mass of the tool, its drag 0" if linear else "Rigidbody.inertiaTensor of the tool, its drag 0"
     return Said(
@@ -202,7 +203,7 @@ def _unity(coupling: ToolCoupling) -> Said:
             *_mass(coupling, "mass" if linear else "inertia", body),
             Parameter("positionSpring", k, "N/m", f"JointDrive of a ConfigurableJoint: {drive}"),
             Parameter("positionDamper", b, "N.s/m", "the same"),
-            Parameter("useAcceleration", "false", "", "the same: with true both would be of a unit of mass"),
+            Parameter("useAcceleration", "false", "", f"the same: with true both would be of a unit of {MASS}"),
         ),
         (
             _device(coupling, "a thread of its own"),
@@ -236,14 +237,14 @@ def _sofa(coupling: ToolCoupling) -> Said:
         ),
         (
             (
-                "RestShapeSpringsForceField has no damper: add the force of "
-                f"{number_text(b)} N.s/m times (v of the device - v of the tool) with a ConstantForceField in each step"
+                f"RestShapeSpringsForceField has no damper: add the {FORCE} of {number_text(b)} {NS_PER_M} times (v of "
+                "the device - v of the tool) with a ConstantForceField in each step"
             ),
         ),
         (
-            "forceCoef scales the force alone: with 0.03 the device feels 0.03 of K",
+            f"forceCoef scales the {FORCE} alone: with 0.03 the device feels 0.03 of K",
             (
-                "SOFA has no units: in centimetres, kilograms and seconds a force of 1 is 0.01 N; say "
+                f"SOFA has no units: in centimetres, kilograms and seconds a {FORCE} of 1 is 0.01 {NEWTON}; say "
                 "position_scale = 100 and force_scale = 0.01 in [simulation]"
             ),
             "LCPForceFeedback solves the contacts again in the haptic thread: another loop than this one",
@@ -259,7 +260,10 @@ def _openhaptics(coupling: ToolCoupling) -> Said:
             Parameter("B", gains.damping_ns_per_m / 1e3, "N.s/mm", "at most hdGetDoublev(HD_NOMINAL_MAX_DAMPING)"),
             Parameter("rate", 1 / device.sample_time_s, "Hz", "hdSetSchedulerRate(...)"),
         ),
-        (_device(coupling, "the servo callback"), "hdSetDoublev(HD_CURRENT_FORCE, ...): F times the direction, in N"),
+        (
+            _device(coupling, "the servo callback"),
+            f"hdSetDoublev(HD_CURRENT_FORCE, ...): F times the direction, in {NEWTON}",
+        ),
         (
             "HDAPI has no coupling: call avc_coupling_step in the callback of hdScheduleAsynchronous",
             (
@@ -268,8 +272,8 @@ def _openhaptics(coupling: ToolCoupling) -> Said:
             ),
         ),
         (
-            "HD_CURRENT_POSITION is in mm: x is a thousandth of it",
-            f"HD_CURRENT_VELOCITY is smoothed, and in mm/s: {_OWN_VELOCITY}",
+            f"HD_CURRENT_POSITION is in {MM}: x is a thousandth of it",
+            f"HD_CURRENT_VELOCITY is smoothed, and in {MM_PER_S}: {_OWN_VELOCITY}",
             "a stiffness that the device is rated for is no proof that K up to it is stable",
         ),
     )
@@ -280,16 +284,19 @@ def _imstk(coupling: ToolCoupling) -> Said:
     linear = coupling.problem.units.linear
     critical = ""
     if tool.tool_mass_kg is not None:
-        critical = f", here {number_text(2 * math.sqrt(k * min(tool.tool_mass_kg)))} N.s/m"
+        critical = f", here {number_text(2 * math.sqrt(k * min(tool.tool_mass_kg)))} {NS_PER_M}"
     traps: tuple[str, ...] = (
         f"setUseCritDamping(true) takes 2 sqrt(Ks m) for Kd{critical}",
-        "setUseForceSmoothening(true) hands out the mean of setSmoothingKernelSize forces, usually 10 to 30: a delay",
+        (
+            f"setUseForceSmoothening(true) hands out the mean of setSmoothingKernelSize {FORCES}, usually 10 to 30: a "
+            "delay"
+        ),
     )
     if tool.exchange != "held-force":
         traps += (
             (
-                "the controller hands out a force, and the device holds it: say exchange = held-force in [simulation] "
-                "and make it again, or do without the controller"
+                f"the controller hands out a {FORCE}, and the device holds it: say exchange = held-force in "
+                "[simulation] and make it again, or do without the controller"
             ),
         )
     return Said(
@@ -318,13 +325,15 @@ def _ros2(coupling: ToolCoupling) -> Said:
     (k, b), masses = _gains(coupling), coupling.tool.tool_mass_kg
     instead: tuple[str, ...] = (
         (
-            "admittance_controller takes a force and gives a position: the robot is the tool, the device its "
+            f"admittance_controller takes a {FORCE} and gives a position: the robot is the tool, the device its "
             "reference, and avc_coupling_step is the device's own end"
         ),
     )
     ratio: tuple[Parameter, ...] = ()
     if masses is None or k == 0:
-        instead += ("damping_ratio is told of mass and stiffness, and this coupling has not both: choose them for B",)
+        instead += (
+            f"damping_ratio is told of {MASS} and stiffness, and this coupling has not both: choose them for B",
+        )
     else:
         value = b / (2 * math.sqrt(k * min(masses)))
         ratio = (Parameter("damping_ratio", value, "", "admittance.damping_ratio of the axis: B/(2 sqrt(m K))"),)
@@ -340,7 +349,7 @@ def _ros2(coupling: ToolCoupling) -> Said:
         (_device(coupling, "the device's loop"),),
         instead,
         (
-            "B is damping_ratio 2 sqrt(mass stiffness): it changes with both of them",
+            f"B is damping_ratio 2 sqrt({MASS} stiffness): it changes with both of them",
             "ft_sensor.filter_coefficient is 0.05 by default: a low-pass over some 20 periods, which no one declared",
         ),
     )
@@ -364,9 +373,9 @@ def _pybullet(coupling: ToolCoupling) -> Said:
             f"f = {number_text(k)}*({x} - tool_x) + {number_text(b)}*({v} - tool_v), times the direction",
             f"p.{add}; p.stepSimulation()",
         ),
-        ("createConstraint takes maxForce, and its softness is no N/m: leave it out, and apply the force",),
+        (f"createConstraint takes maxForce, and its softness is no {N_PER_M}: leave it out, and apply the {FORCE}",),
         (
-            "an applied force is forgotten after each stepSimulation, and setRealTimeSimulation(1) takes none",
+            f"an applied {FORCE} is forgotten after each stepSimulation, and setRealTimeSimulation(1) takes none",
             "stepSimulation does not wait: pace it to the step by a clock",
         ),
     )

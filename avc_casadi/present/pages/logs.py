@@ -111,7 +111,7 @@ def diagnosis_page(found: Sequence[Diagnosis], units: Units, page: Page, command
         )
         rows.append(Row("Borne out", ", ".join(told)))
     rows += [Row("Remedy", _remedy(cure, one, units)) for cure in one.cures[:_MOST_REMEDIES]]
-    rows += [Row("Would decide", units.text(one.decides))] if one.decides else []
+    rows += [Row("Would decide", one.decides)] if one.decides else []
     rows += [*_swings(one, units), *_ticks(one), *_law(one, units), *_measured(one, units)]
     return page.rendered(f"{one.source}   {quantity(one.seconds, 's')}", rows + beside, [command])
 
@@ -126,13 +126,13 @@ def _conclusion(one: Diagnosis, units: Units) -> str:
         return f"{CAUSES['stiffness']}: k {told(law.stiffness_n_per_m, 'N/m')}; less of it is the smallest remedy"
     if one.cause == "damping" and law is not None:
         return f"{CAUSES['damping']}: b {told(law.damping_ns_per_m, 'N.s/m')}; less of it is the smallest remedy"
-    return units.text(one.conclusion)
+    return one.conclusion
 
 
 def _remedy(cure: Remedy, one: Diagnosis, units: Units) -> str:
     """Describe a remedy with its number in the units of the motion, and its effect on the loop."""
     told, law, measured = quantities(units), one.law, one.measured
-    change = units.text(cure.change)
+    change = cure.change
     if cure.key == "stiffness_n_per_m" and law is not None:
         change = f"k {told(cure.value, 'N/m')} in place of {told(law.stiffness_n_per_m, 'N/m')}"
     elif cure.key == "damping_ns_per_m" and law is not None:

@@ -7,6 +7,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
+from avc_casadi._util.units import FORCE
 from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 from avc_casadi.recommendation.preconditions import SLIP
@@ -33,11 +34,6 @@ _PUSH_THROUGH = 0.5
 _FEW_FEEL = 0.1
 # Steps of the force, and shortfalls of the handle, from which on they are printed.
 _NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
-_SHORT = {
-    "half the sample time": "half T",
-    "twice the damping of the device": "twice the damping",
-    "twice the mass of the device": "twice the mass",
-}
 
 
 def recommendation_page(
@@ -74,13 +70,13 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         briefly: coupling and claims alone, without limits.
     """
     if document["coupling"] is None:
-        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
-        return [none] if briefly else [*_slips(document, problem), none, *_limit(document, problem)]
+        none = Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL)
+        return [none] if briefly else [*_slips(document), none, *_limit(document, problem)]
     rows = [
-        *_slips(document, problem),
+        *_slips(document),
         _coupling(document, problem),
         *_rendered(document, problem),
-        _stability(document, problem),
+        _stability(document),
         *([_damped(document["margins"], document["transient"])] if document["deployable"] else []),
         *_simulated(document),
     ]
@@ -88,7 +84,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         return rows
     return [
         *rows,
-        *_beyond_file(document["beyond_file"], problem),
+        *_beyond_file(document["beyond_file"]),
         *_outside(document),
         *_force(document, problem),
         *_onset(document, problem),
@@ -98,10 +94,10 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
     ]
 
 
-def _slips(document: dict[str, Any], problem: Problem) -> list[Row]:
+def _slips(document: dict[str, Any]) -> list[Row]:
     """Describe implausible values before their consequences."""
     told = [what.removeprefix(SLIP) for what in document["assumed"] if what.startswith(SLIP)]
-    return [Row("Values", problem.units.text("; ".join(told)), Mark.CAUTION)] if told else []
+    return [Row("Values", "; ".join(told), Mark.CAUTION)] if told else []
 
 
 def _coupling(document: dict[str, Any], problem: Problem) -> Row:
@@ -115,7 +111,7 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
         parts.append(f"observer of assumed {noun} {quantity(runtime['observer_mass_kg'], unit('kg'))}")
     if not coupling["constant"]:
         parts.append(f"{len(table['frequency_hz'])} rows")
-    trial, limit, without = document["trial"], coupling["max_force_n"], _without(document, problem)
+    trial, limit, without = document["trial"], coupling["max_force_n"], _without(document)
     if not document["deployable"]:
         return Row("Coupling", f"{', '.join(parts)}: NOT deployable", Mark.FAIL)
     through = ""
@@ -126,12 +122,12 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
     return Row("Coupling", f"{', '.join(parts)}: deployable{without}{through}", mark)
 
 
-def _without(document: dict[str, Any], problem: Problem) -> str:
+def _without(document: dict[str, Any]) -> str:
     """Name what is declared and not used: no claim covers it."""
     if not document["not_used"]:
         return ""
     names = ", ".join(what.partition(" (")[0] for what in document["not_used"])
-    return f" without {problem.units.text(names)}, which is declared and not used"
+    return f" without {names}, which is declared and not used"
 
 
 def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
@@ -140,9 +136,9 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     if problem.environment.stiffness_n_per_m == 0:
         return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}")]
     if felt["stiffness_n_per_m"] is None or document["reason"].startswith("nothing"):
-        what = problem.units.text(document["reason"])
+        what = document["reason"]
         if document["deployable"] or not what.startswith("nothing"):
-            what = "nothing: no press ends below the force limit"
+            what = f"nothing: no press ends below the {FORCE} limit"
         return [Row("Rendered", what, Mark.FAIL)]
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
     # The unit of the first number serves those after it.
@@ -191,11 +187,11 @@ def _damped(margins: dict[str, Any], transient: dict[str, Any]) -> Row:
     return Row("Margins", f"{', '.join(told)}; rings {rings} free, {ringing}", mark)
 
 
-def _stability(document: dict[str, Any], problem: Problem) -> Row:
+def _stability(document: dict[str, Any]) -> Row:
     claims, rest = document["certificate"]["deployable"]["claims"], document["rest"]["word"]
     failed = [claim["sentence"] for claim in claims if not claim["pass"]]
     if failed:
-        return Row("Stability", problem.units.text(failed[0]), Mark.FAIL)
+        return Row("Stability", failed[0], Mark.FAIL)
     if rest == "proved":
         return Row("Stability", "every hand and released, from any state: proved (L7)", Mark.PASS)
     told = {
@@ -235,12 +231,12 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def _beyond_file(found: list[dict[str, Any]], problem: Problem) -> list[Row]:
+def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
     """Describe how many hands settle under model mismatch, beside a plain coupling."""
     if not found:
         return []
     settled, hands = [one["at_rest_without_friction"] for one in found], found[0]["hands"]
-    names = [problem.units.text(beyond_file_text(one)) for one in found]
+    names = [beyond_file_text(one) for one in found]
     if min(settled) == hands:
         return [Row("Unmodelled", f"{hands} of {hands} settle with {', '.join(names)}", Mark.PASS)]
     told = ", ".join(f"{count} with {name}" for count, name in zip(settled, names, strict=True))
@@ -335,15 +331,16 @@ def _limit(document: dict[str, Any], problem: Problem) -> list[Row]:
         return []
     unit = problem.units.unit("N/m")
     helps = [
-        f"{_change(one, problem)} {quantity(one['stiffest_wall_n_per_m'], unit)}"
+        f"{_change(one)} {quantity(one['stiffest_wall_n_per_m'], unit)}"
         for one in document["what_would_help"][:_MOST_HELPS]
     ]
     plain = quantity(document["plain_wall_n_per_m"], unit)
     return [Row("Linear limit", f"plain coupling {plain}; {'; '.join(helps)}")]
 
 
-def _change(one: dict[str, Any], problem: Problem) -> str:
-    return problem.units.text(_SHORT.get(one["change"], one["change"]))
+def _change(one: dict[str, Any]) -> str:
+    change = str(one["change"])
+    return "half T" if change == "half the sample time" else change.removesuffix(" of the device")
 
 
 def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
@@ -363,7 +360,7 @@ def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown:
         what = f"{settled} of {hands} other draws of hands settle, {free} without friction; {quiet}"
         rows.append(Row("Confirmed", what, _all(settled, free, hands)))
     helps = document["what_would_help"]
-    rows += [_stiffest(_change(one, problem).capitalize(), one, told) for one in helps]
+    rows += [_stiffest(_change(one).capitalize(), one, told) for one in helps]
     if plain:
         low, high = (told(one, "N.s/m") for one in document["damping_ns_per_m"])
         rows.append(Row("Linear limit", f"plain coupling {told(plain, 'N/m')}, with {low} to {high} of damping"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from avc_casadi._util.text import number, text_table
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.recommendation.told import conclusion_lines
 
 _RESTING = ("at_rest", "at_rest_without_friction")
@@ -21,11 +22,11 @@ def recommendation_lines(document: dict[str, Any]) -> list[str]:
         rows = [[one["change"], number(one["stiffest_wall_n_per_m"])] for one in document["what_would_help"]]
         lines += [
             (
-                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m for every hand, by linear "
-                "stability alone: no hand tries it, with encoder, friction or bouncing, so what is deployed may be "
-                "softer (--stiffest: the stiffest wall at which simulated hands settle, and its sensitivity)"
+                f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} {N_PER_M} for every hand, by "
+                "linear stability alone: no hand tries it, with encoder, friction or bouncing, so what is deployed may "
+                "be softer (--stiffest: the stiffest wall at which simulated hands settle, and its sensitivity)"
             ),
-            text_table(["what would help", "plain wall,\nlinear alone\nN/m"], rows, left=(0,)),
+            text_table(["what would help", f"plain wall,\nlinear alone\n{N_PER_M}"], rows, left=(0,)),
         ]
     if document["certificate"]:
         lines += [f"claim: {claim['sentence']}" for claim in document["certificate"]["deployable"]["claims"]]
@@ -55,19 +56,19 @@ def stiffest_lines(document: dict[str, Any]) -> list[str]:
         ]
         for one in (document | {"change": "as it is"}, *document["what_would_help"])
     ]
-    found = f"{number(wall)} N/m ({document['by']})" if wall is not None else "none was found"
+    found = f"{number(wall)} {N_PER_M} ({document['by']})" if wall is not None else "none was found"
     asked = f", tried by {document['hands']} simulated hands" if wall is not None else ""
     return [
         f"{document['problem']}: stiffest wall: {found}, linearly stable with every hand and released{asked}",
         *_confirmed(document["confirmed"]),
         (
-            f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} N/m, with {number(low)} to "
-            f"{number(high)} N.s/m of wall and contact damping together, by linear stability alone: where hands "
+            f"a plain spring and damper: {number(document['plain_wall_n_per_m'])} {N_PER_M}, with {number(low)} to "
+            f"{number(high)} {NS_PER_M} of wall and contact damping together, by linear stability alone: where hands "
             "settle may be softer"
             if document["plain_wall_n_per_m"]
             else "a plain spring and damper: no wall is linearly stable with every hand and released"
         ),
-        text_table(["what would help", "stiffest wall\nN/m", "settle", "without\nfriction"], rows, left=(0,)),
+        text_table(["what would help", f"stiffest wall\n{N_PER_M}", "settle", "without\nfriction"], rows, left=(0,)),
         *(f"assumed: {gap}" for gap in document["assumed"]),
         *(f"not used: {what}" for what in document["not_used"]),
     ]

@@ -10,7 +10,6 @@ from avc_casadi.present.pages.subject import headline
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
-    from avc_casadi._util.units import Units
     from avc_casadi.model.problem import Problem
 
 
@@ -27,7 +26,7 @@ def run_page(document: dict[str, Any], problem: Problem, page: Page, shown: str,
     rows = [
         *_question(document, problem),
         *recommendation_rows(document["deploy"], problem, briefly=True),
-        _device(document["push"], problem.units),
+        _device(document["push"]),
         Row("Written", written),
     ]
     return page.rendered(headline(problem, shown), rows, spare=("Margins",))
@@ -71,17 +70,17 @@ def _question(document: dict[str, Any], problem: Problem) -> list[Row]:
     return [*found, Row("Verdicts", f"{verdicts or 'none'}, pointwise")]
 
 
-def _device(push: dict[str, Any], units: Units) -> Row:
+def _device(push: dict[str, Any]) -> Row:
     """Describe the result of the push."""
     if "skipped" in push:
-        return Row("Device", f"push skipped; {units.text(push['skipped'])}", Mark.CAUTION)
+        return Row("Device", f"push skipped; {push['skipped']}", Mark.CAUTION)
     if push.get("deployable") is False:
         return Row("Device", "push refused, as the coupling is not deployable; --unsafe overrides", Mark.FAIL)
     if "refused" in push:
-        return Row("Device", f"push refused; {units.text(push['refused'])}", Mark.FAIL)
+        return Row("Device", f"push refused; {push['refused']}", Mark.FAIL)
     tried, equal = push.get("in_the_loop"), "read back equal" if push["readback_equal"] else "read back NOT EQUAL"
     settled = tried is not None and tried.get("at_rest") is True
     loop = "" if tried is None else "; the hand in the loop settles" if settled else "; see -v for the loop with a hand"
-    unsafe = f"; {units.text(push['unsafe'])}" if push.get("unsafe") else ""
+    unsafe = f"; {push['unsafe']}" if push.get("unsafe") else ""
     mark = Mark.FAIL if not push["readback_equal"] else Mark.PASS if settled and not unsafe else Mark.CAUTION
     return Row("Device", f"coupling {push['coupling_id']} on {push['port']}, {equal}{loop}{unsafe}", mark)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number, text_table
+from avc_casadi._util.units import FORCE, MASS
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.present.pages.subject import RIGID, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
@@ -46,7 +47,7 @@ def scene_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
         Row("Energy", f"{quantity(_kept(document['energy_generated_j']), 'J')} given out beyond that taken in"),
         *_without_guard(document, problem),
         *(_other(run, problem) for run in document.get("against", ())),
-        *(Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]),
+        *(Row("Note", note, Mark.CAUTION) for note in document["notes"]),
     ]
     if document["left_out"]:
         left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, document['left_out']))}"
@@ -151,7 +152,7 @@ def explanation_lines(document: dict[str, Any]) -> list[str]:
             effect["kind"],
             effect["station"],
             str(effect["states"]),
-            "the only mass" if effect["instructions"] is None else str(effect["instructions"]),
+            f"the only {MASS}" if effect["instructions"] is None else str(effect["instructions"]),
             nanoseconds(effect["ns_per_step"], document["scatter_ns"]),
         ]
         for effect in document["effects"]
@@ -200,7 +201,7 @@ def screening_page(document: dict[str, Any], problem: Problem, page: Page, shown
             for one in needed
         ),
         *(
-            [Row("Only mass", f"cannot be left out: {', '.join(document['essential'])}")]
+            [Row(f"Only {MASS}", f"cannot be left out: {', '.join(document['essential'])}")]
             if document["essential"]
             else []
         ),
@@ -211,7 +212,7 @@ def screening_page(document: dict[str, Any], problem: Problem, page: Page, shown
     else:
         rows.append(Row("Not needed", f"at a tolerance of {tolerance}: {', '.join(document['unneeded'])}"))
         rows.append(Row("Without these", f"{_changes(together, problem.units)}, {_WORDS[together['outcome']]}"))
-    rows += [Row("Note", problem.units.text(note), Mark.CAUTION) for note in document["notes"]]
+    rows += [Row("Note", note, Mark.CAUTION) for note in document["notes"]]
     return page.rendered(headline(problem, shown), rows, [f"avc simulate {quote(shown)} --screen -v"])
 
 
@@ -244,5 +245,5 @@ def screening_lines(document: dict[str, Any]) -> list[str]:
     ]
     return [
         text_table((*head, "saves\nns a sample", "needed"), rows, left=(0, 4, 7)),
-        "changes are relative: rms over the run for position and force",
+        f"changes are relative: rms over the run for position and {FORCE}",
     ]

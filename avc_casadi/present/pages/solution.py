@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number, sample_rows, text_table
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import levels_table
 from avc_casadi.present.pages.subject import (
     counts,
@@ -46,7 +47,7 @@ def solution_page(document: dict[str, Any], problem: Problem, page: Page, shown:
         Row("Status", counts(document["counts"])),
         *_errors(document, problem),
         _realism(document["realism"]),
-        deployable(document["deployable"], problem.units),
+        deployable(document["deployable"]),
         passive_limit(document["passive_limit_n_per_m"], problem.units),
     ]
     if "paper_errors" in document:
@@ -86,12 +87,12 @@ def solution_lines(document: dict[str, Any]) -> list[str]:
         document: of `avc solve --json`.
     """
     keys = ["frequency_hz", "damping_ns_per_m", "stiffness_n_per_m"]
-    head = ["f\nHz", "b\nN.s/m", "k\nN/m"]
+    head = ["f\nHz", f"b\n{NS_PER_M}", f"k\n{N_PER_M}"]
     if document["structure"] == "damped":
         keys.append("contact_damping_ns_per_m")
-        head.append("b_p\nN.s/m")
+        head.append(f"b_p\n{NS_PER_M}")
     keys += ["magnitude_error", "complex_error", "real_part"]
-    head += ["error of |Z|\nN.s/m", "impedance error\nto Z_h_ds", "Re Z_h\nN.s/m", "\nstatus"]
+    head += [f"error of |Z|\n{NS_PER_M}", "impedance error\nto Z_h_ds", f"Re Z_h\n{NS_PER_M}", "\nstatus"]
     rows = [
         [*(number(document[key][row]) for key in keys), document["status"][row]]
         for row in sample_rows(len(document["status"]))

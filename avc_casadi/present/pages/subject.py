@@ -85,12 +85,11 @@ def passive_limit(limit_n_per_m: float | None, units: Units) -> Row:
     return Row("Passive limit", f"{told} static for any passive linear rendering (sampled-data)")
 
 
-def deployable(verdict: dict[str, Any] | None, units: Units) -> Row:
+def deployable(verdict: dict[str, Any] | None) -> Row:
     """Return the verdict on deployment as a row: the claims that hold, or the first that fails.
 
     Args:
         verdict: ``deployable`` of a document; None where no row has gains.
-        units: of the motion.
     """
     if verdict is None:
         return Row("Deployable", "no: no row has gains", Mark.FAIL)
@@ -98,7 +97,7 @@ def deployable(verdict: dict[str, Any] | None, units: Units) -> Row:
     if verdict["pass"]:
         return Row("Deployable", "yes: linearly stable with every hand and released", Mark.PASS)
     sentence = failed[0]["sentence"] if failed else verdict["sentence"]
-    return Row("Deployable", f"no: {units.text(sentence)}", Mark.FAIL)
+    return Row("Deployable", f"no: {sentence}", Mark.FAIL)
 
 
 def counts(found: dict[str, int]) -> str:

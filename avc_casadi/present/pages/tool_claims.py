@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import Table, sample_rows
+from avc_casadi._util.units import FORCE, MASS, METRE, NEWTON, Wording
 from avc_casadi.claims.stability.periodic import TOLERANCE
 from avc_casadi.present.pages.virtual_tool import headline
 from avc_casadi.present.terminal import Mark, Page, Row
@@ -27,7 +28,7 @@ _EXCHANGES = {
     "on-time": "the device is given the state that the engine's step began with",
     "late": "the device is given the state of the step before",
     "ahead": "the device is given the state that the step has just made",
-    "held-force": "the engine makes the force, and the device holds it for a step",
+    "held-force": Wording.of(lambda: f"the engine makes the {FORCE}, and the device holds it for a step"),
 }
 
 
@@ -138,7 +139,7 @@ def passivity_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
         rows.append(
             Row(
                 "Passive engine?",
-                f"{integrator} is none: its mass is explicit; what holds for it is Stability, for the declared tools",
+                f"{integrator} is none: its {MASS} is explicit; what holds for it is Stability, for the declared tools",
                 Mark.CAUTION if found["passive"] else Mark.NONE,
             )
         )
@@ -296,7 +297,7 @@ def check_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
         Row("Engine", engine),
         Row("Exchange", f"{tool.exchange}{late}: {_EXCHANGES[tool.exchange]}"),
         *(
-            [Row("Scene", f"{tool.position_scale:g} m a metre, {tool.force_scale:g} N a newton")]
+            [Row("Scene", f"{tool.position_scale:g} {METRE} a metre, {tool.force_scale:g} {NEWTON} a newton")]
             if tool.scale != 1
             else []
         ),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.quantity import quantity
+from avc_casadi._util.units import FORCE, FORCES, NS_PER_M, Wording
 from avc_casadi.present.pages.engines import ENGINES, Engine, Parameter, Said, number_text
 from avc_casadi.present.pages.tool_claims import coupling_text
 from avc_casadi.present.pages.virtual_tool import headline as tool_headline
@@ -18,7 +19,12 @@ if TYPE_CHECKING:
     from avc_casadi.other_end_coupling import ToolCoupling
 
 _KEY = "--parameters"
-_AHEAD = "its position and velocity lie in the future of the force that made them: that costs a factor of 10 to 60 of K"
+_AHEAD = Wording.of(
+    lambda: (
+        f"its position and velocity lie in the future of the {FORCE} that made them: that costs a factor of 10 to 60 "
+        "of K"
+    )
+)
 
 
 def tool_parameters(coupling: ToolCoupling, engine: str) -> Said:
@@ -60,7 +66,7 @@ def parameters_document(said: Said, coupling: ToolCoupling, engine: str) -> dict
         "title": ENGINES[engine].title,
         "coupling": coupling.id,
         "exchange": coupling.tool.exchange,
-        "parameters": [vars(one) for one in said.parameters],
+        "parameters": [vars(one) | {"unit": coupling.units.unit(one.unit)} for one in said.parameters],
         "lines": list(said.lines),
         "instead": list(said.instead),
         "traps": list(said.traps),
@@ -78,18 +84,18 @@ def parameters_page(said: Said, coupling: ToolCoupling, engine: str, page: Page,
         shown: the file as the user names it.
     """
     gains, units = coupling.gains, coupling.problem.units
-    unit, text = units.unit, units.text
+    unit = units.unit
     headline = (
         f"{shown}   in the words of {ENGINES[engine].title} · K {quantity(gains.stiffness_n_per_m, unit('N/m'))}, "
         f"B {quantity(gains.damping_ns_per_m, unit('N.s/m'))} at the device · exchange {coupling.tool.exchange}"
     )
     rows = [
-        Row(one.name, f"{number_text(one.value)}{' ' * bool(one.unit)}{unit(one.unit)} · {text(one.where)}")
+        Row(one.name, f"{number_text(one.value)}{' ' * bool(one.unit)}{unit(one.unit)} · {one.where}")
         for one in said.parameters
     ]
-    rows += [Row("" if number else "Each step", text(line)) for number, line in enumerate(said.lines)]
-    rows += [Row("Instead", text(one)) for one in said.instead]
-    rows += [Row("Trap", text(one), Mark.CAUTION) for one in said.traps]
+    rows += [Row("" if number else "Each step", line) for number, line in enumerate(said.lines)]
+    rows += [Row("Instead", one) for one in said.instead]
+    rows += [Row("Trap", one, Mark.CAUTION) for one in said.traps]
     return page.rendered(headline, rows, [f"avc export {quote(shown)} --c DIR"])
 
 
@@ -118,7 +124,7 @@ def _scales(coupling: ToolCoupling) -> list[Parameter]:
     if tool.position_scale != 1:
         found.append(Parameter("position scale", tool.position_scale, "", "the scene's lengths for one of the device"))
     if tool.force_scale != 1:
-        found.append(Parameter("force scale", tool.force_scale, "", "the device's forces for one of the scene"))
+        found.append(Parameter(f"{FORCE} scale", tool.force_scale, "", f"the device's {FORCES} for one of the scene"))
     return found
 
 
@@ -138,12 +144,12 @@ def _exchange(coupling: ToolCoupling, engine: Engine) -> str:
         "on-time": f"hand out position and velocity that {step} begins with{later}; read after it, {_AHEAD}",
         "late": f"hand out position and velocity that the {step} before began with{later}; read after {step}, {_AHEAD}",
         "ahead": f"certified with position and velocity read after {step}{later}: {_AHEAD}; on-time allows more",
-        "held-force": f"hand out the force that you apply in {step}{later}; the device holds it until the next one",
+        "held-force": f"hand out the {FORCE} that you apply in {step}{later}; the device holds it until the next one",
     }
     return said[coupling.tool.exchange]
 
 
 def _local(coupling: ToolCoupling) -> list[str]:
     damping = coupling.gains.local_damping_ns_per_m
-    what = f"the damper of {number_text(damping)} N.s/m acts in the device's own loop, and no engine has it"
+    what = f"the damper of {number_text(damping)} {NS_PER_M} acts in the device's own loop, and no engine has it"
     return [f"{what}: avc_coupling_step does"] if damping else []

@@ -46,7 +46,7 @@ def tool_page(
         commands = [f"avc check {quote(shown)}"]
     text = page.rendered(headline(problem, shown), tool_rows(document, problem), commands)
     if verbose:
-        text = "\n".join([text, "", problem.units.text("\n".join(_all(document, problem)))])
+        text = "\n".join([text, "", "\n".join(_all(document, problem))])
     return text
 
 
@@ -77,7 +77,7 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     """
     found = document["simulation"]
     if document["coupling"] is None:
-        none = Row("Coupling", f"none is deployable: {problem.units.text(document['reason'])}", Mark.FAIL)
+        none = Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL)
         # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
         wanted = problem.simulation and problem.simulation.stiffness_n_per_m
         refuted = wanted is not None and wanted <= found["stiffest_n_per_m"]

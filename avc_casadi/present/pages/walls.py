@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent
 from avc_casadi._util.text import number, sample_rows, text_table
+from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.present.pages.subject import headline, passive_limit, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 
@@ -38,7 +39,7 @@ def walls_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
         unused = ", ".join(map(problem.units.key, document["not_used"]))
         rows.append(Row("Not used", f"{unused}: declared, and no part of these claims", Mark.CAUTION))
     rows += [*_curves(document, problem), *_constant(document, problem), *_bounds(document, problem)]
-    rows += [Row("Not judged", problem.units.text(why), Mark.CAUTION) for why in document["refused"]]
+    rows += [Row("Not judged", why, Mark.CAUTION) for why in document["refused"]]
     if drawn is not None:
         rows.append(Row("Drawn", drawn))
     onwards = [f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v"]
@@ -117,8 +118,8 @@ def walls_lines(document: dict[str, Any]) -> list[str]:
         for row in sample_rows(len(damping), _ROWS)
     ]
     lines = [
-        "largest stiffness (N/m) of a wall B + K/s without coupling",
-        text_table(["B\nN.s/m", *(_SHORT[key] for key in curves)], rows),
+        f"largest stiffness ({N_PER_M}) of a wall B + K/s without coupling",
+        text_table([f"B\n{NS_PER_M}", *(_SHORT[key] for key in curves)], rows),
         *(f"  {_SHORT[key].replace(chr(10), ' ')}: {curve['claim']}" for key, curve in curves.items()),
     ]
     if any(None in curve["stiffness_n_per_m"] for curve in curves.values()):
@@ -157,7 +158,9 @@ def _static(document: dict[str, Any]) -> list[str]:
         "",
         "best constant coupling: llewellyn for any passive wall, all for this wall at all frequencies"
         + ("; nominal device, not its ranges" if document["device_corners"] > 1 else ""),
-        text_table(("condition", "model", "b\nN.s/m", "k\nN/m", "b_p\nN.s/m", "error\n%"), body, left=(0, 1)),
+        text_table(
+            ("condition", "model", f"b\n{NS_PER_M}", f"k\n{N_PER_M}", f"b_p\n{NS_PER_M}", "error\n%"), body, left=(0, 1)
+        ),
     ]
 
 

@@ -11,7 +11,7 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import Cell, Table, number
-from avc_casadi._util.units import spoken
+from avc_casadi._util.units import spoken_key
 from avc_casadi.present.figures.layout import figure_png_svg, figure_svg, stacked
 
 if TYPE_CHECKING:
@@ -32,8 +32,7 @@ def page_html(title: str, source: str, body: str, versions: Mapping[str, str]) -
         versions: versions by package.
     """
     told = table_html(Table(("package", "version"), tuple(versions.items()), (0, 1)), "versions")
-    page = filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
-    return spoken().page(page)
+    return filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
 
 
 def filled(name: str, **parts: str) -> str:
@@ -129,5 +128,5 @@ def settings(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]
         if isinstance(value, Mapping):
             rows += settings(value, f"{prefix}{key}.")
         elif value is not None:
-            rows.append((f"{prefix}{key}", value_text(value)))
+            rows.append((spoken_key(f"{prefix}{key}"), value_text(value)))
     return rows

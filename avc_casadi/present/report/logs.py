@@ -7,6 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.text import Table, number
+from avc_casadi._util.units import FORCE, MASS, Wording, spoken_key
 from avc_casadi.present.figures.diagnosis import draw_diagnosis
 from avc_casadi.present.figures.identification import draw_correlations, draw_identification
 from avc_casadi.present.report.frame import Picture, filled, items_html, page_html, table_html
@@ -16,10 +17,12 @@ if TYPE_CHECKING:
     from avc_casadi.identification.model import Identification
 
 
-_CAPTION = (
-    "the grey stretch is the oscillation (a); the position without the hand's slow motion, with the envelope of the "
-    "oscillation (b); commanded force against position in its middle (c); its spectrum, with the frequency of the loop "
-    "model (d)"
+_CAPTION = Wording.of(
+    lambda: (
+        "the grey stretch is the oscillation (a); the position without the hand's slow motion, with the envelope of "
+        f"the oscillation (b); commanded {FORCE} against position in its middle (c); its spectrum, with the frequency "
+        "of the loop model (d)"
+    )
 )
 
 
@@ -47,7 +50,7 @@ def _body(found: Diagnosis) -> str:
     )
     shares = Table(
         ("cause", "share of what the log bears out\n%"),
-        tuple((CAUSES.get(cause, "none of them"), 100 * share) for cause, share in found.shares.items()),
+        tuple((str(CAUSES.get(cause, "none of them")), 100 * share) for cause, share in found.shares.items()),
         (0,),
         digits=3,
     )
@@ -77,18 +80,21 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
 
     estimates = Table(
         ("what", "value", "from", "to", "unit", "how"),
-        tuple((one.key, one.value, one.low, one.high, one.unit or "-", one.how) for one in found.estimates.values()),
+        tuple(
+            (spoken_key(one.key), one.value, one.low, one.high, one.unit or "-", one.how)
+            for one in found.estimates.values()
+        ),
         (0, 4, 5),
     )
     refused = Table(
         ("what", "why", "what would tell it"),
-        tuple((one.key, one.why, one.excitation) for one in found.refused),
+        tuple((spoken_key(one.key), one.why, one.excitation) for one in found.refused),
         (0, 1, 2),
     )
     evidence = Table(
         ("term", "taken", "change of the error, %", "standard errors", "why"),
         tuple(
-            (TERMS[one.term].words, one.taken, 100 * one.held_out_change, one.standard_errors, one.why)
+            (str(TERMS[one.term].words), one.taken, 100 * one.held_out_change, one.standard_errors, one.why)
             for one in found.trials
         ),
         (0, 1, 4),
@@ -96,22 +102,27 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
     shown = found.shown[0]
     caption = (
         f"{shown.record}: the model runs through {shown.time_s[-1] - shown.time_s[0]:.2g} s of the log on the "
-        f"commanded "
-        "force, an observer of 4 rad/s holding it near (a, b); frequency response where force and motion are coherent "
-        "(c, d); intervals (e); prediction error from sample to sample, white inside the grey band (f)"
+        f"commanded {FORCE}, an observer of 4 rad/s holding it near (a, b); frequency response where {FORCE} and "
+        "motion are coherent (c, d); intervals (e); prediction error from sample to sample, white inside the grey band "
+        "(f)"
     )
-    named = ", ".join(f"{one.key} {number(one.value)} {one.unit or ''}".strip() for one in found.estimates.values())
+    named = ", ".join(
+        f"{spoken_key(one.key)} {number(one.value)} {one.unit or ''}".strip() for one in found.estimates.values()
+    )
     figures = (
         Picture.of(draw_identification, found, caption, f"{shown.record}: log and model side by side; found: {named}"),
         Picture.of(
             draw_correlations,
             found,
             "Correlations of the estimates: two numbers near +-1 are known together better than alone",
-            f"Correlations of {', '.join(found.estimates)} as a table of shades; the numbers stand in --json",
+            (
+                f"Correlations of {', '.join(map(spoken_key, found.estimates))} as a table of shades; the numbers "
+                "stand in --json"
+            ),
         ),
     )
     device = (
-        "No device file: mass or damping was not identified." if found.device is None else device_text(found.device)
+        f"No device file: {MASS} or damping was not identified." if found.device is None else device_text(found.device)
     )
     source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
     body = filled(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.text import counts_text, number, with_problem
+from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, spoken
 from avc_casadi.claims.certificate import levels_table
 from avc_casadi.design.comparison.document import comparison_document, comparison_tables
 from avc_casadi.files.catalogue import catalogue_names
@@ -52,14 +53,15 @@ def picture_words(comparison: Comparison) -> Mapping[str, str]:
         error, closed_error = (100 * one.magnitude_error / desired for one in (gains, closed))
     return {
         "boundaries": (
-            f"Two charts {band}. The desired |Z_h| runs from {_span(desired)} N.s/m. Relative to it the upper bound "
-            f"lies at {_span(upper)} %, the lower at {_span(lower)} %, the wall without coupling at {_span(bare)} %."
+            f"Two charts {band}. The desired |Z_h| runs from {_span(desired)} {NS_PER_M}. Relative to it the upper "
+            f"bound lies at {_span(upper)} %, the lower at {_span(lower)} %, the wall without coupling at "
+            f"{_span(bare)} %."
         ),
         "perceived": (
             f"Charts {band} of {comparison.delivered} beside the closed form. |Z_h| of {comparison.delivered} errs by "
-            f"{_most(error)} % of the desired at most; b lies within {_span(gains.damping_ns_per_m)} N.s/m, k within "
-            f"{_span(gains.stiffness_n_per_m)} N/m. Re Z_h is {_least(gains.real_part)} N.s/m at least; without "
-            f"coupling {_least(np.real(comparison.without_coupling))}."
+            f"{_most(error)} % of the desired at most; b lies within {_span(gains.damping_ns_per_m)} {NS_PER_M}, k "
+            f"within {_span(gains.stiffness_n_per_m)} {N_PER_M}. Re Z_h is {_least(gains.real_part)} {NS_PER_M} at "
+            f"least; without coupling {_least(np.real(comparison.without_coupling))}."
         ),
         "comparison": (
             f"Errors {band}: {comparison.delivered} misses |Z_h| by at most {_most(error)} % and the complex impedance "
@@ -144,11 +146,11 @@ def report_html(contents: ReportContents) -> str:
         method=escape(comparison["delivered"]),
         gains=_gains(best),
         device=escape(device_line(push)),
-        push=columns_html(("what", "value"), [(key, value_text(value)) for key, value in push.items()]),
+        push=columns_html(("what", "value"), [(key, value_text(value)) for key, value in spoken().keyed(push).items()]),
         problem=columns_html(
             ("key", "value"), settings(contents.problem.model_dump(exclude={"name", "title", "source"}))
         ),
-        assumptions=columns_html(("what", "assumed"), [(item.what, item.assumed) for item in ASSUMPTIONS]),
+        assumptions=columns_html(("what", "assumed"), [(item.what, str(item.assumed)) for item in ASSUMPTIONS]),
         paper_errors=columns_html(
             ("equation", "as printed", "correct", "effect"),
             [(item.equation, item.as_printed, item.correct, item.effect) for item in PAPER_ERRORS],
@@ -171,7 +173,7 @@ def deployed_words(document: Mapping[str, Any], found: Deployed) -> Mapping[str,
     hand = found.hands.values(found.worst)
     least = ", ".join(
         f"{number(hand[key], 3)} {unit}"
-        for key, unit in (("mass_kg", "kg"), ("damping_ns_per_m", "N.s/m"), ("stiffness_n_per_m", "N/m"))
+        for key, unit in (("mass_kg", KG), ("damping_ns_per_m", NS_PER_M), ("stiffness_n_per_m", N_PER_M))
     )
     told = "; ".join(
         f"{who.replace('_', ' ')} gain {_limit(one['gain'])}, phase {_limit(one['phase_deg'])} degrees, delay "
@@ -179,16 +181,18 @@ def deployed_words(document: Mapping[str, Any], found: Deployed) -> Mapping[str,
         for who, one in margins.items()
     )
     stiffness = ", ".join(
-        f"{number(stiff, 3)} N/m at {hz:g} Hz"
+        f"{number(stiff, 3)} {N_PER_M} at {hz:g} Hz"
         for hz, stiff in zip(shaken.frequency_hz, shaken.stiffness_n_per_m, strict=True)
     )
     static = (
-        "nothing at rest" if felt["stiffness_n_per_m"] is None else f"{number(felt['stiffness_n_per_m'])} N/m at rest"
+        "nothing at rest"
+        if felt["stiffness_n_per_m"] is None
+        else f"{number(felt['stiffness_n_per_m'])} {N_PER_M} at rest"
     )
     rendered = (
         f"Two charts. A handle that is shaken measures {stiffness}; {static}, where "
-        f"{number(found.coupling.problem.environment.stiffness_n_per_m)} N/m are wanted. Simulated hands press the "
-        f"wall; the least damped one has {least}."
+        f"{number(found.coupling.problem.environment.stiffness_n_per_m)} {N_PER_M} are wanted. Simulated hands press "
+        f"the wall; the least damped one has {least}."
     )
     loop = (
         "Four charts: size and phase of the loop gain over frequency, its Nyquist plot, and where the device is after "
@@ -226,7 +230,7 @@ def _verdict(found: Mapping[str, Any]) -> str:
     felt, share = found["felt"]["stiffness_n_per_m"], found["felt"]["share_of_wall"]
     if felt is None or share is None or share >= _THE_WALL:
         return '<p class="verdict pass">Deploy this coupling.</p>'
-    softer = f"{number(felt)} N/m are rendered, {100 * share:.3g} % of the wall"
+    softer = f"{number(felt)} {N_PER_M} are rendered, {100 * share:.3g} % of the wall"
     if share < _NO_WALL:
         return f'<p class="verdict fail">Deployable, but hardly a wall: {softer}.</p>'
     return f'<p class="verdict pass">Deploy this coupling; the wall is softened: {softer}.</p>'
@@ -280,7 +284,7 @@ def _deployment(found: Mapping[str, Any]) -> str:
         ),
         "<h3>What limits it, and what would help</h3>",
         columns_html(
-            ("what would help", "plain spring and damper hold, by linear stability alone, N/m"),
+            ("what would help", f"plain spring and damper hold, by linear stability alone, {N_PER_M}"),
             [
                 ("the device as it is", found["plain_wall_n_per_m"]),
                 *((one["change"], one["stiffest_wall_n_per_m"]) for one in found["what_would_help"]),
@@ -295,12 +299,12 @@ def _deployment(found: Mapping[str, Any]) -> str:
 def _gains(document: Mapping[str, Any]) -> str:
     columns = (
         ("f\nHz", "frequency_hz"),
-        ("b\nN.s/m", "damping_ns_per_m"),
-        ("k\nN/m", "stiffness_n_per_m"),
-        ("b_p\nN.s/m", "contact_damping_ns_per_m"),
-        ("error of |Z|\nN.s/m", "magnitude_error"),
+        (f"b\n{NS_PER_M}", "damping_ns_per_m"),
+        (f"k\n{N_PER_M}", "stiffness_n_per_m"),
+        (f"b_p\n{NS_PER_M}", "contact_damping_ns_per_m"),
+        (f"error of |Z|\n{NS_PER_M}", "magnitude_error"),
         ("impedance error\nrelative", "complex_error"),
-        ("Re Z_h\nN.s/m", "real_part"),
+        (f"Re Z_h\n{NS_PER_M}", "real_part"),
         ("status", "status"),
         ("reason", "reason"),
     )

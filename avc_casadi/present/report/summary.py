@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import rows_text
+from avc_casadi._util.units import KG, MASS, N_PER_M, NS_PER_M
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
@@ -100,21 +101,21 @@ def summary_lines(summary: Mapping[str, Any]) -> list[str]:
     counts, closed, rows = summary["counts"], summary["closed_form"], summary["rows"]
     realisable = closed.get("solved", 0) + closed.get("active-bound", 0)
     limit = summary["passive_limit_n_per_m"]
-    limit = "not known" if limit is None else f"{limit:.4g} N/m"
+    limit = "not known" if limit is None else f"{limit:.4g} {N_PER_M}"
     return [
         (
             f"{': '.join(filter(None, (summary['problem'], summary['title'])))} (structure {summary['structure']}, "
             f"model {summary['model']}, scope {summary['scope']})"
         ),
         (
-            f"wall {wall['stiffness_n_per_m']:g} N/m, {wall['damping_ns_per_m']:g} N.s/m; "
-            f"device {device['mass_kg']:g} kg, {device['damping_ns_per_m']:g} N.s/m, "
-            f"T {1e3 * device['sample_time_s']:g} ms, delay {device['delay_samples']:g}; passive limit at DC {limit}"
+            f"wall {wall['stiffness_n_per_m']:g} {N_PER_M}, {wall['damping_ns_per_m']:g} {NS_PER_M}; device "
+            f"{device['mass_kg']:g} {KG}, {device['damping_ns_per_m']:g} {NS_PER_M}, T "
+            f"{1e3 * device['sample_time_s']:g} ms, delay {device['delay_samples']:g}; passive limit at DC {limit}"
         ),
         (
-            f"{delivered}: {summary['rows_with_gains']} of {rows} frequencies have gains "
-            f"({summary['lowest_hz']:g} to {summary['highest_hz']:g} Hz; {seconds['solve']:.2g} s); "
-            f"b {_span(summary['damping_ns_per_m'])} N.s/m, k {_span(summary['stiffness_n_per_m'])} N/m"
+            f"{delivered}: {summary['rows_with_gains']} of {rows} frequencies have gains ({summary['lowest_hz']:g} to "
+            f"{summary['highest_hz']:g} Hz; {seconds['solve']:.2g} s); b {_span(summary['damping_ns_per_m'])} "
+            f"{NS_PER_M}, k {_span(summary['stiffness_n_per_m'])} {N_PER_M}"
         ),
         f"error of |Z|: {_percent(summary['magnitude_error'])}; impedance error: {_percent(summary['complex_error'])}",
         _cross_check(summary["cross_check"]),
@@ -145,8 +146,8 @@ def injection_line(summary: Mapping[str, Any]) -> str:
     if summary["injected_damping_ns_per_m"] == 0:
         return "the desired wall meets (12) everywhere, so that nothing is projected"
     return (
-        f"it is the desired wall with a damper of up to {summary['injected_damping_ns_per_m']:.4g} N.s/m and a virtual "
-        f"mass of {summary['virtual_mass_kg']:.3g} kg"
+        f"it is the desired wall with a damper of up to {summary['injected_damping_ns_per_m']:.4g} {NS_PER_M} and a "
+        f"virtual {MASS} of {summary['virtual_mass_kg']:.3g} {KG}"
     )
 
 
@@ -174,7 +175,7 @@ def _cross_check(check: Mapping[str, Any] | None) -> str:
 def _levels(levels: Mapping[str, Mapping[str, Any]]) -> str:
     passed = [f"{level} ({found['title']})" for level, found in levels.items() if found["pass"]]
     failed = [
-        level if found["margin_ns_per_m"] is None else f"{level} by {-found['margin_ns_per_m']:.2g} N.s/m"
+        level if found["margin_ns_per_m"] is None else f"{level} by {-found['margin_ns_per_m']:.2g} {NS_PER_M}"
         for level, found in levels.items()
         if not (found["pass"] or found["refused"])
     ]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.units import MASS, spoken_key
 from avc_casadi.model.effects import EffectTable, StructureEffect
 from avc_casadi.model.plant import Plant
 from avc_casadi.model.problem import Problem
@@ -36,7 +37,9 @@ class Structure(SceneEffect):
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
         """Build it from the table; a device without mass has no such part."""
         if problem.device.mass_kg == 0:
-            message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
+            message = (
+                f"needs {spoken_key('device.mass_kg')} above 0; leave the effect out or give the device its {MASS}"
+            )
             raise InputError([Fault(problem.name, None, place, message)])
         return cls(table.frequency_hz, table.damping_ratio, table.mass_ratio)
 

@@ -16,6 +16,7 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import one_ahead
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.units import N_PER_M
 from avc_casadi.simulation.native import compiler
 from avc_casadi.simulation.population.motions import MOTIONS, QUIET, TRIAL_S, course_of
 from avc_casadi.simulation.population.settled import exact_interval
@@ -102,8 +103,8 @@ class CouplingTrial(Tabular):
 
     def _summary(self) -> str:
         return (
-            f"{int(self.stable.sum())} of {self.hands} hands settle, {int(self.stable_without_friction.sum())} "
-            f"without friction; {short(self.stiffness_n_per_m, 'N/m')} felt"
+            f"{int(self.stable.sum())} of {self.hands} hands settle, {int(self.stable_without_friction.sum())} without "
+            f"friction; {short(self.stiffness_n_per_m, N_PER_M)} felt"
         )
 
     def counts(self) -> dict[str, int]:

@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.units import N_PER_M
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,4 +79,6 @@ class OtherEndTrial(Tabular):
         return {}
 
     def _summary(self) -> str:
-        return f"{int(self.stable.sum())} of {self.hands} hands settle; {short(self.stiffness_n_per_m, 'N/m')} rendered"
+        return (
+            f"{int(self.stable.sum())} of {self.hands} hands settle; {short(self.stiffness_n_per_m, N_PER_M)} rendered"
+        )

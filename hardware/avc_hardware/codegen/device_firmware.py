@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
 from avc_casadi._util.files import write_file
+from avc_casadi._util.units import in_its_units
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.problem import Problem
 from avc_hardware.codegen.boards import MANIFEST, TARGETS, Target, flashing, read_board
@@ -76,6 +77,7 @@ const avc_table_header_t avc_built_in = {{
 """
 
 
+@in_its_units
 def build_firmware(
     of: Coupling | Problem | Device,
     board: str,

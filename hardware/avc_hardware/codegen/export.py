@@ -7,11 +7,12 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
+from avc_casadi._util.units import KG, M_PER_S, METRE, NEWTON, NS_PER_M, in_its_units
 from avc_casadi.claims.deployable import require_deployable
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
 from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, SINGLE, Precision
-from avc_hardware.codegen.packages import checked_name, comment, comment_lines, packaged
+from avc_hardware.codegen.packages import WORDS, checked_name, comment, comment_lines, packaged
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
@@ -32,9 +33,9 @@ _HEADER = """\
  *
  * Coupling {id} for {problem}{title}
  * method {method}, structure {structure}, {rows}
- * wall: {wall_damping:.9g} N.s/m and {wall_stiffness:.9g} N/m, on one side, at position 0; contact law {contact}
+ * wall: {wall_b:.9g} {NS_PER_M} and {wall_k:.9g} {N_PER_M}, on one side, at position 0; contact law {contact}
  * beside the gains: {beside}{detents}
- * force: {force}
+ * {FORCE}: {force}
  * {verdict}
  * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
  *
@@ -78,7 +79,7 @@ typedef struct {{
 void avc_coupling_start(avc_coupling_t *coupling);
 
 /* One sample. position_m: as measured, signed, never clipped: above 0 inside the wall, below 0 outside.
- * Returns the force on the device, N, positive out of the wall{limited}; never NaN.
+ * Returns the {FORCE} on the device, {NEWTON}, positive out of the wall{limited}; never NaN.
 {faults}
  */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
@@ -210,17 +211,17 @@ _BEGIN_OUTSIDE = """\
     coupling->position_before_m = position_m;
 """
 _UNBELIEVED = (
-    "{bounds} Then the force is 0, and the next position is believed. Outside all is forgotten, and there is no force "
-    "until the device has been inside for two samples. Inside the coupling goes on at the depth that it knows: what a "
-    "device went into the wall unseen, before the first sample or meanwhile, does not count. The wall begins so much "
-    "deeper until the device has been at 0 or below, and gives back no energy that it has not got."
+    "{bounds} Then the {FORCE} is 0, and the next position is believed. Outside all is forgotten, and there is no "
+    "{FORCE} until the device has been inside for two samples. Inside the coupling goes on at the depth that it knows: "
+    "what a device went into the wall unseen, before the first sample or meanwhile, does not count. The wall begins so "
+    "much deeper until the device has been at 0 or below, and gives back no energy that it has not got."
 )
 _SIGNLESS = (
     "A position that is 0 where none was below 0 twice in a row since the start is taken for a depth that is clipped "
-    "at 0 (of an engine, of a proxy): outside, where there is no force and all is forgotten."
+    "at 0 (of an engine, of a proxy): outside, where there is no {FORCE} and all is forgotten."
 )
 _UNBELIEVED_BY_DETENTS = (
-    "{bounds} Then the force is 0 and all is forgotten; so it is inside the wall before the first sample outside, "
+    "{bounds} Then the {FORCE} is 0 and all is forgotten; so it is inside the wall before the first sample outside, "
     "until the device has been at 0 or below."
 )
 
@@ -245,7 +246,7 @@ enum {{ ROWS = {rows} }};
 #define FROM_FLASH(place) (place)
 #endif
 
-/* ln(frequency), frequency (Hz), b (N.s/m), k (N/m), b_p (N.s/m). */
+/* ln(frequency), frequency (Hz), b ({NS_PER_M}), k ({N_PER_M}), b_p ({NS_PER_M}). */
 static const {real} table[ROWS][5] IN_FLASH = {{
 {table}
 }};
@@ -305,6 +306,7 @@ static void look_up({real} frequency_hz, {real} gains[3])
 """
 
 
+@in_its_units
 def export_c(
     coupling: Coupling,
     *,
@@ -341,8 +343,7 @@ def export_c(
     rows = single_rows(coupling) if chosen is SINGLE else coupling.table.rows
     program = coupling_program(coupling, chosen)
     files = {HEADER: _header(coupling, program, chosen, verdict), SOURCE: _source(coupling, program, chosen, rows)}
-    units = coupling.problem.units
-    made = {file: units.code(text) for file, text in packaged(files, coupling, packages).items()}
+    made = {file: coupling.units.code(text) for file, text in packaged(files, coupling, packages).items()}
     return made if name == NAME else {renamed(file, name): renamed(text, name) for file, text in made.items()}
 
 
@@ -357,11 +358,11 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
     beside = []
     if runtime.observer_mass_kg is not None:
         ahead = problem.device.delay_samples
-        beside.append(f"observer for {runtime.observer_mass_kg:g} kg" + (f", {ahead} samples ahead" if ahead else ""))
+        beside.append(f"observer for {runtime.observer_mass_kg:g} {KG}" + (f", {ahead} samples ahead" if ahead else ""))
     if runtime.state_feedback is not None:
         half = runtime.state_feedback.dead_zone_m
         beside.append(
-            f"observer of {runtime.state_feedback.states} states with a dead zone of +-{half:.4g} m, and feedback"
+            f"observer of {runtime.state_feedback.states} states with a dead zone of +-{half:.4g} {METRE}, and feedback"
         )
     if program.before is not None:
         slew = "no slew limit" if runtime.slew_per_s is None else f"at most {runtime.slew_per_s:g} a second"
@@ -372,6 +373,7 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
     count = len(coupling.table)
     low, high = coupling.table.frequency_hz[[0, -1]]
     return _HEADER.format(
+        **WORDS,
         id=coupling.id,
         problem=comment(problem.name or "a problem"),
         title=comment(f": {problem.title}") if problem.title else "",
@@ -382,11 +384,11 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         verdict=comment_lines(
             verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"
         ),
-        wall_damping=coupling.wall.damping_ns_per_m,
-        wall_stiffness=coupling.wall.stiffness_n_per_m,
+        wall_b=coupling.wall.damping_ns_per_m,
+        wall_k=coupling.wall.stiffness_n_per_m,
         beside=comment("; ".join(beside) or "nothing"),
         detents=_detents(problem),
-        force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
+        force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} {NEWTON}",
         sample_time=coupling.sample_time_s,
         sample_time_literal=precision.literal(coupling.sample_time_s),
         sample_time_ns=round(coupling.sample_time_s * 1e9),
@@ -397,7 +399,7 @@ def _header(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
         faults="\n".join(
-            f" * {comment_lines(told.format(bounds=_unbelieved(_bounds(problem))))}"
+            f" * {comment_lines(told.format(**WORDS, bounds=_unbelieved(_bounds(problem))))}"
             for told in ((_UNBELIEVED, _SIGNLESS) if problem.detent is None else (_UNBELIEVED_BY_DETENTS,))
         ),
     )
@@ -410,11 +412,11 @@ def _bounds(problem: Problem) -> SensorBounds:
 def _unbelieved(bounds: SensorBounds) -> str:
     """Return the description of rejected positions."""
     return (
-        f"Not believed is a position that is NaN, infinite or beyond {FARTHEST_M:.0e} m; one that is more than "
-        f"{bounds.jump_m:.4g} m from the one before, {bounds.fastest_m_per_s:.4g} m/s, which no hand does; and one "
-        f"that comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} m outside of "
-        f"the wall, {bounds.outside_m_per_s2:.4g} m/s in a second, or {bounds.change_m:.4g} m inside, "
-        f"{bounds.acceleration_m_per_s2:.4g} m/s in a second."
+        f"Not believed is a position that is NaN, infinite or beyond {FARTHEST_M:.0e} {METRE}; one that is more than "
+        f"{bounds.jump_m:.4g} {METRE} from the one before, {bounds.fastest_m_per_s:.4g} {M_PER_S}, which no hand does; "
+        f"and one that comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} "
+        f"{METRE} outside of the wall, {bounds.outside_m_per_s2:.4g} {M_PER_S} in a second, or {bounds.change_m:.4g} "
+        f"{METRE} inside, {bounds.acceleration_m_per_s2:.4g} {M_PER_S} in a second."
     )
 
 
@@ -423,9 +425,10 @@ def _detents(problem: Problem) -> str:
     one = problem.detent
     if one is None:
         return ""
-    damper = f", a damper of {one.damping_ns_per_m:.9g} N.s/m" if one.damping_ns_per_m else ""
+    damper = f", a damper of {one.damping_ns_per_m:.9g} {NS_PER_M}" if one.damping_ns_per_m else ""
     return (
-        f"\n * detents everywhere: {one.force_n:.9g} N at most, every {one.pitch_m:.9g} m from {one.centre_m:.9g} m, on"
+        f"\n * detents everywhere: {one.force_n:.9g} {NEWTON} at most, every {one.pitch_m:.9g} {METRE} from "
+        f"{one.centre_m:.9g} {METRE}, on"
         f"\n * {100 * one.width:.9g} % of the way{damper}"
     )
 
@@ -466,6 +469,7 @@ def _look_up(rows: NDArray[Any], precision: Precision) -> str:
     ]
     first, *others = map(literal, precision.ln.coefficients)
     return _LOOK_UP.format(
+        **WORDS,
         rows=len(rows),
         table="\n".join(lines),
         real=precision.c_type,

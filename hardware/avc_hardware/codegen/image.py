@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import MissingExtraError, UnsupportedError
+from avc_casadi._util.units import METRE
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, RuntimeFigures
 
 if TYPE_CHECKING:
@@ -142,8 +143,8 @@ def image_for(image: Image, limits: BoardLimits, figures: RuntimeFigures) -> Ima
     """
     if (figures.sample_time_s, figures.metres_per_count) != (limits.sample_time_s, limits.metres_per_count):
         raise UnsupportedError(
-            f"the board ticks every {limits.sample_time_s:g} s with steps of {limits.metres_per_count:g} m, its tick "
-            f"is made for {figures.sample_time_s:g} s and {figures.metres_per_count:g} m; give both the same"
+            f"the board ticks every {limits.sample_time_s:g} s with steps of {limits.metres_per_count:g} {METRE}, its "
+            f"tick is made for {figures.sample_time_s:g} s and {figures.metres_per_count:g} {METRE}; give both the same"
         )
     if limits != BoardLimits():
         image = image.patched("hal_limits", limits.packed())

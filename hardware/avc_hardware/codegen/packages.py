@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi
 from avc_casadi import InputError
+from avc_casadi._util.units import FORCE, M_PER_S, N_PER_M, NEWTON, NS_PER_M, Wording
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -47,6 +48,9 @@ def checked_name(name: str) -> str:
     return name
 
 
+WORDS = {"FORCE": FORCE, "NEWTON": NEWTON, "NS_PER_M": NS_PER_M, "N_PER_M": N_PER_M, "M_PER_S": M_PER_S}
+"""Nouns and units in templates of C."""
+_WAY = Wording("along the handle's way", "of the handle's angle")
 _FOLDER = Path(__file__).resolve().parent.parent / "packaging"
 _SKETCH = {"examples/wall/wall.ino": "wall.ino"}
 # Further files for a registry; the license is that of the project, whose text the C consists of.
@@ -102,6 +106,8 @@ def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str])
         "@PERIOD_US@": f"{1e6 * coupling.sample_time_s:.7g}",
         "@VERSION@": avc_casadi.__version__,
         "@PER_COUNT@": f"{device.encoder_resolution_m or _USUAL_STEP_M / device.metres_per_unit:.7g}",
+        "@FORCE@": str(FORCE),
+        "@WAY@": str(_WAY),
         "@FULL_DUTY@": f"{coupling.max_force_n or _USUAL_FORCE_N * device.metres_per_unit:.7g}",
     }
     for package in wanted:

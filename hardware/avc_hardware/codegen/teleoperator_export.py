@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from avc_casadi._util.units import FORCE, M_PER_S, NEWTON, NS_PER_M, in_its_units
 from avc_casadi.claims.stability.bilateral import BilateralLoops
 from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
 from avc_hardware.codegen.operations import DOUBLE, Precision
 from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
-from avc_hardware.codegen.packages import comment, comment_lines
+from avc_hardware.codegen.packages import WORDS, comment, comment_lines
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 
 if TYPE_CHECKING:
@@ -24,30 +25,30 @@ _HEADER = """\
 /* The coupling between a leader and its follower, made by avc-casadi; do not edit. One source for both ends.
  *
  * Coupling {id} for {problem}{title}
- * at the leader: spring {stiffness:.9g} N/m, damper {damping:.9g} N.s/m{local}
- * at the follower: spring {far_stiffness:.9g} N/m, damper {far_damping:.9g} N.s/m{far_local}
+ * at the leader: spring {stiffness:.9g} {N_PER_M}, damper {damping:.9g} {NS_PER_M}{local}
+ * at the follower: spring {far_stiffness:.9g} {N_PER_M}, damper {far_damping:.9g} {NS_PER_M}{far_local}
  * {architecture}; {scales}
  * link: {link}
- * force: {force}
+ * {FORCE}: {force}
  * {verdict}
  * sample times: leader {leader_t:.9g} s, follower {follower_t:.9g} s, and no other: the gains mean another loop then
  *
  * Each end, once:     avc_coupling_init(&coupling, &AVC_COUPLING_LEADER), or AVC_COUPLING_FOLLOWER
  * in each sample:     avc_coupling_receive for each message that has arrived, in any order (the last may go with step);
- *                     force = avc_coupling_step(&coupling, own_position, NULL or a message);
+ *                     {FORCE} = avc_coupling_step(&coupling, own_position, NULL or a message);
  *                     message = avc_coupling_message(&coupling), sent to the other end.
  * A message holds each end's own units and scales are applied here by who receives it. How it is packed into bytes is
  * yours; number is what tells old from new.{measured}
  *
- * What goes wrong ends in less force, never in a kick:
- * - The force comes in over {fade_s:.3g} s, at the beginning and after every fault, wherever both ends are.
+ * What goes wrong ends in less {FORCE}, never in a kick:
+ * - The {FORCE} comes in over {fade_s:.3g} s, at the beginning and after every fault, wherever both ends are.
  * - Old messages and duplicates are ignored. So are those with a number that is none (NaN, infinite), or that is
- *   farther from the last good one than {fastest:.4g} m/s would bring it, as no hand does.
+ *   farther from the last good one than {fastest:.4g} {M_PER_S} would bring it, as no hand does.
  * - No new message for more than {leader_silence:.4g} s at the leader, {follower_silence:.4g} s at the follower: the
- *   force fades to 0 over {fade_s:.3g} s. Once nothing is left, whatever message comes is believed (the other end may
- *   have started anew), and the force comes back as slowly.
+ *   {FORCE} fades to 0 over {fade_s:.3g} s. Once nothing is left, whatever message comes is believed (the other end may
+ *   have started anew), and the {FORCE} comes back as slowly.
  * - An own position that is none, or jumps, by that speed or by a movement that differs from the one before by more
- *   than {accelerations}: the last good one is held, the dampers are left out, the force
+ *   than {accelerations}: the last good one is held, the dampers are left out, the {FORCE}
  *   fades while it lasts, and no new message is made: the other end fades too.
  *
  * One thread at a time. C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is
@@ -86,10 +87,10 @@ typedef struct {{
     /* The farthest that the own position goes in a sample, that its movement changes by, and that the other's goes from
      * one message to the next; what its encoder adds; its fastest. */
     {real} jump_m, change_m, far_jump_m, far_step_m, far_fastest_m_per_s;
-    /* In own samples: until a link is silent, and in which a force fades; messages that may lie between two. */
+    /* In own samples: until a link is silent, and in which a {FORCE} fades; messages that may lie between two. */
     unsigned long watchdog, fade;
     uint32_t most;
-    /* Whether a force of the other end is felt in place of spring and damper. */
+    /* Whether a {FORCE} of the other end is felt in place of spring and damper. */
     unsigned char feels_force;
 }} avc_coupling_end_t;
 
@@ -105,7 +106,7 @@ typedef struct {{
     avc_coupling_message_t far;
     /* Samples since the last good position, and since the last good message. */
     unsigned long missed, silent;
-    /* How far the force has faded; 0 is all of it. */
+    /* How far the {FORCE} has faded; 0 is all of it. */
     unsigned long faded;
     unsigned char started, given;
 }} avc_coupling_t;
@@ -113,7 +114,7 @@ typedef struct {{
 /* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
 void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end);
 
-/* One sample; returns the force on the own device, N, along its positions; never NaN.
+/* One sample; returns the {FORCE} on the own device, {NEWTON}, along its positions; never NaN.
  * own_position_m: as measured. message: one that has arrived, or NULL. */
 {real} avc_coupling_step(
     avc_coupling_t *coupling, {real} own_position_m, const avc_coupling_message_t *message);
@@ -145,7 +146,7 @@ _SOURCE = """\
 {check}
 {ends}
 {believed}
-/* What is left of a force that fades; 0 where it is no number. */
+/* What is left of a {FORCE} that fades; 0 where it is no number. */
 static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
 {{
     if (!within(force_n, {largest})) {{
@@ -277,6 +278,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
 """
 
 
+@in_its_units
 def export_teleoperator_c(
     coupling: TeleoperatorCoupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
@@ -304,8 +306,8 @@ def export_teleoperator_c(
     )
     numbers = _numbers(coupling, chosen)
     files = {
-        HEADER: _HEADER.format(**numbers, **_told(coupling, judged)),
-        SOURCE: _SOURCE.format(**numbers, ends=_ends(coupling, chosen)),
+        HEADER: _HEADER.format(**WORDS, **numbers, **_told(coupling, judged)),
+        SOURCE: _SOURCE.format(**WORDS, **numbers, ends=_ends(coupling, chosen)),
     }
     return named(coupling.problem, files, name)
 
@@ -394,7 +396,7 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
     device = problem.device
     to_leader, to_follower = _delays(coupling)
     limits = [
-        f"{who} {'no limit is known, limit it yourself' if force is None else f'limited at {force:.9g} N'}"
+        f"{who} {'no limit is known, limit it yourself' if force is None else f'limited at {force:.9g} {NEWTON}'}"
         for who, force in (("leader", device.max_force_n), ("follower", follower.max_force_n))
     ]
     measured = follower.architecture == "position-force" and follower.force == "measured"
@@ -408,9 +410,9 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
         "far_damping": far.damping_ns_per_m,
         "far_local": _local(far),
         "architecture": comment(
-            follower.architecture + (f", force {follower.force}" if follower.architecture == "position-force" else "")
+            follower.architecture + (f", {FORCE} {follower.force}" if follower.architecture == "position-force" else "")
         ),
-        "scales": comment(f"position scale {follower.position_scale:.9g}, force scale {follower.force_scale:.9g}"),
+        "scales": comment(f"position scale {follower.position_scale:.9g}, {FORCE} scale {follower.force_scale:.9g}"),
         "link": comment(
             f"up to {to_follower:.9g} s to the follower, {to_leader:.9g} s back; jitter {follower.jitter:.9g}, "
             f"lost {follower.lost_share:.9g}"
@@ -420,13 +422,14 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
         "leader_t": device.sample_time_s,
         "follower_t": follower.sample_time_s,
         "measured": (
-            "\n * The follower puts the force with which it presses, as measured, into message.force_n before it sends."
+            f"\n * The follower puts the {FORCE} with which it presses, as measured, into message.force_n before "
+            "it sends."
             if measured
             else ""
         ),
         "fade_s": FADE_S,
         "accelerations": " and ".join(
-            f"{SensorBounds.of(own).acceleration_m_per_s2:.4g} m/s in a second ({who})"
+            f"{SensorBounds.of(own).acceleration_m_per_s2:.4g} {M_PER_S} in a second ({who})"
             for who, own in (("leader", device), ("follower", follower))
         ),
         "fastest": SensorBounds.of(device).fastest_m_per_s,
@@ -437,4 +440,4 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
 
 def _local(gains: ToolGains) -> str:
     own = gains.local_damping_ns_per_m
-    return f", damper of its own loop {own:.9g} N.s/m" if own else ""
+    return f", damper of its own loop {own:.9g} {NS_PER_M}" if own else ""

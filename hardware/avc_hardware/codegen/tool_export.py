@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M, in_its_units
 from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
 from avc_hardware.codegen.operations import DOUBLE, Precision
 from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
-from avc_hardware.codegen.packages import comment, comment_lines
+from avc_hardware.codegen.packages import WORDS, comment, comment_lines
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ _HEADER = """\
 /* The coupling between a haptic device and the tool of a simulation, made by avc-casadi; do not edit.
  *
  * Coupling {id} for {problem}{title}
- * at the device: spring {stiffness:.9g} N/m, damper {damping:.9g} N.s/m{local}
+ * at the device: spring {stiffness:.9g} {N_PER_M}, damper {damping:.9g} {NS_PER_M}{local}
  * in the scene: spring {scene_stiffness:.9g}, damper {scene_damping:.9g}; {scales}
  * engine: {engine}
- * force: {force}
+ * {FORCE}: {force}
  * {verdict}
  * sample time of the device: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
  *
@@ -39,12 +40,12 @@ _HEADER = """\
  * The tool's numbers are the engine's own, in SI units of the scene, with the device's origin and direction. Put the
  * tool where the device is before the first sample: the spring pulls from then on.
  *
- * What goes wrong ends in less force, never in a kick:
+ * What goes wrong ends in less {FORCE}, never in a kick:
  * - The first sample has no velocity.
  * - {bad}
- *   The last good ones are held, the dampers are left out, and the force fades to 0 over {fade_s:.3g} s as
- *   long as it lasts. Once nothing is left of it, whatever comes is believed, and the force comes back as slowly.
- * - No step of the engine in more than {watchdog} samples, {steps} of its steps: it hangs, and the force fades to 0
+ *   The last good ones are held, the dampers are left out, and the {FORCE} fades to 0 over {fade_s:.3g} s as
+ *   long as it lasts. Once nothing is left of it, whatever comes is believed, and the {FORCE} comes back as slowly.
+ * - No step of the engine in more than {watchdog} samples, {steps} of its steps: it hangs, and the {FORCE} fades to 0
  *   over {fade_s:.3g} s; it comes back as slowly. avc_coupling_tool_force says that the engine lives; where it
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
  *
@@ -83,7 +84,7 @@ typedef struct {{
     {real} {held};
     /* Samples since the last good position, since the last good number of the engine, and since its last step. */
     unsigned long missed, lost, silent;
-    /* How far the force has faded; 0 is all of it. */
+    /* How far the {FORCE} has faded; 0 is all of it. */
     unsigned long faded;
     /* Known of the position: 0 nothing, 1 the last one, 2 its velocity too; and whether anything is of the engine. */
     unsigned char started, given;
@@ -92,7 +93,7 @@ typedef struct {{
 /* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
 void avc_coupling_init(avc_coupling_t *coupling);
 
-/* One sample of the device; returns the force on it, N{limited}; never NaN.
+/* One sample of the device; returns the {FORCE} on it, {NEWTON}{limited}; never NaN.
  * position_m: as measured. {given_is} */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given});
 
@@ -100,7 +101,8 @@ void avc_coupling_init(avc_coupling_t *coupling);
 void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m);
 {real} avc_coupling_force(avc_coupling_t *coupling, {given});
 
-/* The force on the tool, in units of the scene, from the device's newest sample: once in each step of the engine, with
+/* The {FORCE} on the tool, in units of the scene, from the device's newest sample: once in each step of the engine, \
+with
  * position and velocity that the step begins with. 0 before the first sample, and where one of them is no number. */
 {real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
 
@@ -122,12 +124,12 @@ _SOURCE = """\
 #error "compile without -ffast-math: a position that is not a number must be seen"
 #endif
 {check}
-/* In samples: until an engine that does not step hangs, and in which the force fades. */
+/* In samples: until an engine that does not step hangs, and in which the {FORCE} fades. */
 #define WATCHDOG {watchdog}ul
 #define FADE {fade}ul
 
 {believed}
-/* What is left of a force that fades; 0 where it is no number. */
+/* What is left of a {FORCE} that fades; 0 where it is no number. */
 static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
 {{
     if (!within(force_n, {largest})) {{
@@ -234,6 +236,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
 """
 
 
+@in_its_units
 def export_tool_c(
     coupling: ToolCoupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
@@ -256,8 +259,8 @@ def export_tool_c(
     judged = verdict(coupling.problem, ToolLoops(coupling.problem), coupling.gains, unsafe=unsafe)
     words, numbers = _words(coupling.tool, chosen), _numbers(coupling, chosen)
     files = {
-        HEADER: _HEADER.format(**words, **numbers, **_told(coupling, judged)),
-        SOURCE: _SOURCE.format(**words, **numbers),
+        HEADER: _HEADER.format(**WORDS, **words, **numbers, **_told(coupling, judged)),
+        SOURCE: _SOURCE.format(**WORDS, **words, **numbers),
     }
     return named(coupling.problem, files, name)
 
@@ -337,9 +340,9 @@ def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
             "given": f"{real} tool_force_n",
             "passed": "tool_force_n",
             "held": "tool_force_n",
-            "held_is": "The last good force on the tool, in units of the scene.",
+            "held_is": f"The last good {FORCE} on the tool, in units of the scene.",
             "given_is": (
-                "tool_force_n: the newest force on the tool, from avc_coupling_tool_force\n"
+                f"tool_force_n: the newest {FORCE} on the tool, from avc_coupling_tool_force\n"
                 " * or of the engine itself, the same until its next step; 0 before the first one."
             ),
         }
@@ -366,15 +369,17 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
         "title": comment(f": {problem.title}") if problem.title else "",
         "stiffness": gains.stiffness_n_per_m,
         "damping": gains.damping_ns_per_m,
-        "local": f", damper of the device's own loop {own:.9g} N.s/m" if (own := gains.local_damping_ns_per_m) else "",
+        "local": f", damper of the device's own loop {own:.9g} {NS_PER_M}"
+        if (own := gains.local_damping_ns_per_m)
+        else "",
         "scene_stiffness": scene.stiffness_n_per_m,
         "scene_damping": scene.damping_ns_per_m,
-        "scales": comment(f"position scale {tool.position_scale:.9g}, force scale {tool.force_scale:.9g}"),
+        "scales": comment(f"position scale {tool.position_scale:.9g}, {FORCE} scale {tool.force_scale:.9g}"),
         "engine": comment(_engine(tool)),
         "force": (
             "the problem knows no limit; limit it yourself"
             if device.max_force_n is None
-            else f"limited at {device.max_force_n:.9g} N"
+            else f"limited at {device.max_force_n:.9g} {NEWTON}"
         ),
         "verdict": comment_lines(verdict),
         "sample_time": device.sample_time_s,
@@ -383,8 +388,9 @@ def _told(coupling: ToolCoupling, verdict: str) -> dict[str, object]:
         "otherwise": comment_lines(_otherwise(coupling)),
         "bad": comment_lines(
             f"A number that is none (NaN, infinite), and a position of {whose} that moves faster than "
-            f"{bounds.fastest_m_per_s:.4g} m/s, as no hand does; of the device one with a movement that differs from "
-            f"the one before by more than {bounds.change_m:.4g} m, {bounds.acceleration_m_per_s2:.4g} m/s in a second."
+            f"{bounds.fastest_m_per_s:.4g} {M_PER_S}, as no hand does; of the device one with a movement that differs "
+            f"from the one before by more than {bounds.change_m:.4g} {METRE}, {bounds.acceleration_m_per_s2:.4g} "
+            f"{M_PER_S} in a second."
         ).replace(" * ", " *   "),
         "fade_s": max(1, round(FADE_S / device.sample_time_s)) * device.sample_time_s,
         "steps": _STEPS,
@@ -399,20 +405,20 @@ def _engine(tool: VirtualTool) -> str:
     what = "the spring leads to a place that the engine sets"
     if tool.tool_mass_kg is not None:
         masses = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.tool_mass_kg))
-        what = f"a tool of {masses} kg (in the scene), {tool.integrator}"
+        what = f"a tool of {masses} {KG} (in the scene), {tool.integrator}"
     return f"a step every {steps} s, {what}"
 
 
 def _order(tool: VirtualTool) -> list[str]:
     """Return the operations of a sample of the exchange, in order."""
-    engine = "where the engine steps: force = avc_coupling_tool_force(its state), then the step"
+    engine = f"where the engine steps: {FORCE} = avc_coupling_tool_force(its state), then the step"
     late = tool.queued
     age = f" {_steps(late)} before this one" if late else ""
     if tool.exchange == "held-force":
         return [
             "avc_coupling_sample(position)",
             engine,
-            f"avc_coupling_force({f'the force of{age}' if late else 'that force'}), the same until the next step",
+            f"avc_coupling_force({f'the {FORCE} of{age}' if late else f'that {FORCE}'}), the same until the next step",
         ]
     if tool.exchange == "ahead":
         return [
@@ -436,8 +442,8 @@ def _otherwise(coupling: ToolCoupling) -> str:
     return (
         f"With these gains another exchange is another loop: {told}. On-time hands out the state that the engine's "
         "step begins with, late that of the step before, ahead the state that the step has just made: it lies in the "
-        "future of the force that made it, and costs a factor of 10 to 60 of the stiffness. Held-force hands out the "
-        "force."
+        f"future of the {FORCE} that made it, and costs a factor of 10 to 60 of the stiffness. Held-force hands out "
+        f"the {FORCE}."
     )
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
+from avc_casadi._util.units import in_its_units
 from avc_casadi.model.velocity import RunningEstimator, VelocityEstimator, velocity_estimator
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_hardware.codegen.export import NAME, renamed
 from avc_hardware.codegen.float_program import FloatProgram
 from avc_hardware.codegen.operations import PRECISIONS
-from avc_hardware.codegen.packages import checked_name, comment
+from avc_hardware.codegen.packages import WORDS, checked_name, comment
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -40,7 +41,7 @@ typedef struct {{
 /* At rest at a position. */
 void avc_coupling_velocity_init(avc_coupling_velocity_t *of, {real} position_m);
 
-/* One sample; returns the velocity, m/s. */
+/* One sample; returns the velocity, {M_PER_S}. */
 {real} avc_coupling_velocity(avc_coupling_velocity_t *of, {real} position_m);
 
 /* The position for the spring of the wall, in the unit of position: the measured one, or the estimator's own. */
@@ -81,6 +82,7 @@ void avc_coupling_velocity_init(avc_coupling_velocity_t *of, {real} position_m)
 """
 
 
+@in_its_units
 def export_velocity_c(problem: Problem, *, precision: str = "single", name: str = NAME) -> dict[str, str]:
     """Return header and source of the estimator of a scene's effect velocity-filter.
 
@@ -122,6 +124,7 @@ def export_velocity_c(problem: Problem, *, precision: str = "single", name: str 
     told = table.model_dump(exclude_none=True, exclude={"kind", "estimator"})
     settings = "".join(f", {key} = {value}" for key, value in told.items())
     header = _HEADER.format(
+        **WORDS,
         estimator=comment(table.estimator),
         settings=comment(settings),
         problem=comment(problem.name),

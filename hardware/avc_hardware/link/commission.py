@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi import Fault, InputError, LinkError
+from avc_casadi._util.units import METRE, MM, NEWTON, NS_PER_M, in_its_units
 from avc_casadi.identification.excitation.plan import Plan, speed_window
 from avc_casadi.identification.excitation.signal import FULL, Signal
 from avc_hardware.emulator.bench import WiredBench, Wiring
@@ -133,9 +134,9 @@ class Moved:
         return high
 
 
-INTO_WALL = "1. push it by hand INTO the wall, the way in which it shall be stopped, {mm:g} mm or more; hold it there"
+INTO_WALL = "1. push it by hand INTO the wall, the way in which it shall be stopped, {far} or more; hold it there"
 BACK = "2. draw it back to where the face of the wall shall be, and hold it still there"
-HANDS_OFF = "3. hands off: in {wait:g} s a pulse of {force:g} N for {time:.0f} ms, into the wall and back"
+HANDS_OFF = "3. hands off: in {wait:g} s a pulse of {force:g} {unit} for {time:.0f} ms, into the wall and back"
 # Parameters of the steps: polling rate, stillness, patience, pause before the pulse.
 _RATE_HZ, _STILL_S, _PATIENCE_S, _WAIT_S = 100.0, 0.5, 30.0, 2.0
 # Still: within this share of the requested travel.
@@ -178,6 +179,7 @@ class Commissioned:
         return vars(self) | found
 
 
+@in_its_units
 def commission(
     declared: DeclaredDevice,
     port: str | ByteLink,
@@ -230,19 +232,19 @@ def commission(
         limits = Limits(touch_n, device.lowered_speed_m_per_s, device.lowered_energy_j)
         _begin(connection, limits)
         result = Commissioned(link.name, DeviceFault(0), "", 0.0, pulse_n, math.nan, False, limits)
-        on_step(INTO_WALL.format(mm=1e3 * by_hand_m))
+        on_step(INTO_WALL.format(far=f"{1e3 * by_hand_m:g} {MM}"))
         moved = _by_hand(connection, lambda way: abs(way) >= by_hand_m, by_hand_m)
         if abs(moved) < by_hand_m:
             if abs(moved) > 2 * device.metres_per_count:
                 raise LinkError(
-                    f"{link.name}: moved by {1e3 * moved:.3g} mm only in {_PATIENCE_S:g} s; commission again, "
-                    f"and push it {1e3 * by_hand_m:g} mm into the wall"
+                    f"{link.name}: moved by {1e3 * moved:.3g} {MM} only in {_PATIENCE_S:g} s; commission again, and "
+                    f"push it {1e3 * by_hand_m:g} {MM} into the wall"
                 )
             said = "the encoder showed no movement (or nobody moved the device)"
             return _wrong(connection, replace(result, by_hand_m=moved), DeviceFault.STUCK, said)
         result = replace(result, by_hand_m=moved)
         if moved < 0:
-            said = f"the encoder counted down, by {-1e3 * moved:.3g} mm, on the way into the wall"
+            said = f"the encoder counted down, by {-1e3 * moved:.3g} {MM}, on the way into the wall"
             return _wrong(connection, result, DeviceFault.ENCODER_REVERSED, said)
         on_step(BACK)
         back = _by_hand(connection, lambda way: way <= -by_hand_m / 2, by_hand_m)
@@ -252,19 +254,20 @@ def commission(
         # An earlier commissioning's limits do not apply to this pulse.
         limit_over(connection, replace(limits, force_n=max(pulse_n, touch_n)))
         plan = pulse_plan(moved_by, device, pulse_n)
-        on_step(HANDS_OFF.format(wait=_WAIT_S, force=pulse_n, time=1e3 * plan.seconds))
+        on_step(HANDS_OFF.format(wait=_WAIT_S, force=pulse_n, unit=NEWTON, time=1e3 * plan.seconds))
         connection.run(pause(_WAIT_S))
         log = excite_over(connection, plan)
         limit_over(connection, limits)
         result = replace(result, zero=True, pulse_m=_answer(log))
         if abs(result.pulse_m) <= LEAST_COUNTS * device.metres_per_count:
-            return _wrong(connection, result, DeviceFault.MOTOR_DEAD, f"a pulse of {pulse_n:g} N moved nothing")
+            return _wrong(connection, result, DeviceFault.MOTOR_DEAD, f"a pulse of {pulse_n:g} {NEWTON} moved nothing")
         if result.pulse_m < 0:
-            said = f"a pulse of {pulse_n:g} N into the wall moved it {-1e3 * result.pulse_m:.3g} mm out of it"
+            said = f"a pulse of {pulse_n:g} {NEWTON} into the wall moved it {-1e3 * result.pulse_m:.3g} {MM} out of it"
             return _wrong(connection, result, DeviceFault.MOTOR_REVERSED, said)
     said = (
-        f"encoder and motor agree: the hand moved it {1e3 * moved:.3g} mm into the wall, a pulse of {pulse_n:g} N "
-        f"{1e3 * result.pulse_m:.3g} mm. Position 0, the face of the wall, is where it was held, until it starts anew"
+        f"encoder and motor agree: the hand moved it {1e3 * moved:.3g} {MM} into the wall, a pulse of {pulse_n:g} "
+        f"{NEWTON} {1e3 * result.pulse_m:.3g} {MM}. Position 0, the face of the wall, is where it was held, until it "
+        "starts anew"
     )
     return replace(result, sentence=said)
 
@@ -277,8 +280,9 @@ def _check_asked(force_n: float | None, moved_by: Moved, by_hand_m: float) -> No
         faults.append(_weak(force_n, moved_by, 0.0))
     if not 0 < by_hand_m <= longest_m:
         message = (
-            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS} counts of the encoder to {longest_m:g} m: a hand "
-            f"pushes the device so far and holds it still; {_USUAL_WAY_M / moved_by.reach_m:g} m tells the sign as well"
+            f"{by_hand_m:g} {METRE}; allowed: {_LEAST_WAY_COUNTS} counts of the encoder to {longest_m:g} {METRE}: a "
+            f"hand pushes the device so far and holds it still; {_USUAL_WAY_M / moved_by.reach_m:g} {METRE} tells the "
+            "sign as well"
         )
         faults.append(Fault("", None, "by_hand_m", message))
     if faults:
@@ -287,13 +291,14 @@ def _check_asked(force_n: float | None, moved_by: Moved, by_hand_m: float) -> No
 
 def _weak(force_n: float, moved_by: Moved, metres_per_count: float) -> Fault:
     least_n = moved_by.least_n(metres_per_count)
-    damped = f" and a damping of {moved_by.damping_ns_per_m:g} N.s/m" if least_n > moved_by.least_n(0.0) else ""
+    damped = f" and a damping of {moved_by.damping_ns_per_m:g} {NS_PER_M}" if least_n > moved_by.least_n(0.0) else ""
     # Three digits, rounded up: the printed value is allowed.
     grain = 10.0 ** (math.floor(math.log10(least_n)) - 2)
     least_n = math.ceil(least_n / grain - 1e-6) * grain
     message = (
-        f"{force_n:g} N against a dry friction of {moved_by.friction_n:g} N{damped}; allowed: {least_n:g} N or "
-        "more, as the device gives it: a weaker pulse moves nothing, which would be taken for a dead motor"
+        f"{force_n:g} {NEWTON} against a dry friction of {moved_by.friction_n:g} {NEWTON}{damped}; allowed: "
+        f"{least_n:g} {NEWTON} or more, as the device gives it: a weaker pulse moves nothing, which would be taken for "
+        "a dead motor"
     )
     return Fault("", None, "force_n", message)
 
@@ -302,7 +307,7 @@ def _check_of_device(device: Device, pulse_n: float, touch_n: float, moved_by: M
     """Refuse arguments impossible for this device, before it is touched."""
     most, step_m = device.max_force_n, device.metres_per_count
     faults = [
-        Fault("", None, key, f"{value:g} N; allowed: above 0, at most the device's {most:g} N")
+        Fault("", None, key, f"{value:g} {NEWTON}; allowed: above 0, at most the device's {most:g} {NEWTON}")
         for key, value in (("force_n", pulse_n), ("first_touch_n", touch_n))
         if not 0 < value <= most
     ]
@@ -311,8 +316,9 @@ def _check_of_device(device: Device, pulse_n: float, touch_n: float, moved_by: M
     longest_m = _LONGEST_WAY_M / moved_by.reach_m
     if by_hand_m < _LEAST_WAY_COUNTS * step_m:
         message = (
-            f"{by_hand_m:g} m; allowed: {_LEAST_WAY_COUNTS * step_m:g} to {longest_m:g} m: one count of this "
-            f"encoder is {step_m:g} m, and {_LEAST_WAY_COUNTS} of them tell a hand that holds still from one that moves"
+            f"{by_hand_m:g} {METRE}; allowed: {_LEAST_WAY_COUNTS * step_m:g} to {longest_m:g} {METRE}: one count of "
+            f"this encoder is {step_m:g} {METRE}, and {_LEAST_WAY_COUNTS} of them tell a hand that holds still from "
+            "one that moves"
         )
         faults.append(Fault("", None, "by_hand_m", message))
     if faults:

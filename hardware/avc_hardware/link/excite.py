@@ -17,7 +17,7 @@ from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import uninterrupted
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import units_for
+from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M, Units, in_its_units
 from avc_casadi.identification.excitation.plan import Plan
 from avc_casadi.identification.excitation.signal import FULL
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
@@ -104,23 +104,31 @@ class ExcitationLog:
             "peak_travel_m": float(np.abs(self.position_m - start).max(initial=0.0)),
         }
 
+    @property
+    def units(self) -> Units:
+        """Names and units in which it is printed."""
+        return self.plan.units
+
+    @in_its_units
     def csv(self) -> str:
         """Return the log as `avc identify` reads it: tick, time, position, force; remarks after '#'."""
         plan = self.plan
-        units = units_for(plan.motion)
-        columns = "position_um,force_N" if units.linear else "angle_urad,torque_Nm"
+        columns = "position_um,force_N" if plan.units.linear else "angle_urad,torque_Nm"
         time_ms = 1e3 * plan.sample_time_s * self.index
         given = (
-            f"given, in steps of {self.output_n:.4g} N," if self.output_n else "commanded, before the output rounds it,"
+            f"given, in steps of {self.output_n:.4g} {NEWTON},"
+            if self.output_n
+            else "commanded, before the output rounds it,"
         )
         head = (
             f"# avc excite: {plan.kind}, {plan.band_hz[0]:.4g} to {plan.band_hz[1]:.4g} Hz; {self.end}\n"
-            f"# the force is all that was {given} along +position, with the centring: a spring of "
-            f"{plan.spring_n_per_m:.4g} N/m and a damper of {plan.damper_ns_per_m:.4g} N.s/m to where it began\n"
+            f"# the {FORCE} is all that was {given} along +position, with the centring: a spring of "
+            f"{plan.spring_n_per_m:.4g} {N_PER_M} and a damper of {plan.damper_ns_per_m:.4g} {NS_PER_M} to where "
+            "it began\n"
             f"tick,time_ms,{columns}\n"
         )
         rows = zip(self.start_tick + self.index, time_ms, 1e6 * self.position_m, self.force_n, strict=True)
-        return units.text(head) + "".join(
+        return head + "".join(
             f"{tick},{time:.10g},{position:.10g},{force:.9g}\n" for tick, time, position, force in rows
         )
 
@@ -136,6 +144,7 @@ class ExcitationLog:
             raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
 
 
+@in_its_units
 def excite(
     plan: Plan,
     port: str | ByteLink,
@@ -289,12 +298,14 @@ def _check_device(plan: Plan, device: Device, name: str) -> None:
     faults = []
     for what, wanted, found, unit in (
         ("a sample time", plan.sample_time_s, device.sample_time_s, "s"),
-        ("encoder steps", plan.metres_per_count, device.metres_per_count, "m"),
+        ("encoder steps", plan.metres_per_count, device.metres_per_count, METRE),
     ):
         if not np.isclose(wanted, found, rtol=1e-5):
             faults.append(f"the plan is for {what} of {wanted:g} {unit}, the device has {found:g} {unit}")
     if plan.max_force_n > device.max_force_n * (1 + 1e-6):
-        faults.append(f"the plan asks for {plan.max_force_n:g} N, the device gives {device.max_force_n:g} N")
+        faults.append(
+            f"the plan asks for {plan.max_force_n:g} {NEWTON}, the device gives {device.max_force_n:g} {NEWTON}"
+        )
     if len(plan.signal.step) > device.capacity_tones:
         faults.append(f"the plan has {len(plan.signal.step)} tones, the device holds {device.capacity_tones}")
     if faults:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
+from avc_casadi._util.units import FORCE, MASS, Wording, spoken_key
 from avc_hardware.link.frames import PROTOCOL_VERSION
 
 
@@ -34,7 +36,7 @@ class DeviceFault(IntFlag):
     @property
     def word(self) -> str:
         """Return the faults in a few words, separated by commas."""
-        return ", ".join(_WORDS[fault] for fault in type(self)(self))
+        return ", ".join(str(_WORDS[fault]) for fault in type(self)(self))
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -42,12 +44,12 @@ class DeviceFault(IntFlag):
         return tuple(f"{_WORDS[fault]}: {_ADVICE[fault]}" for fault in type(self)(self))
 
 
-_WORDS = {
+_WORDS: Mapping[DeviceFault, str | Wording] = {
     DeviceFault.JUMP: "encoder jumped",
     DeviceFault.STUCK: "encoder stuck",
     DeviceFault.SPEED: "too fast",
     DeviceFault.ENERGY: "too much energy",
-    DeviceFault.NOT_FINITE: "force not a number",
+    DeviceFault.NOT_FINITE: Wording.of(lambda: f"{FORCE} not a number"),
     DeviceFault.OVERRUN: "ticks too long",
     DeviceFault.DISABLED: "enable line open",
     DeviceFault.WATCHDOG: "reset by the watchdog",
@@ -57,10 +59,16 @@ _WORDS = {
     DeviceFault.MOTOR_REVERSED: "motor reversed",
     DeviceFault.MOTOR_DEAD: "motor dead",
 }
-_ADVICE = {
-    DeviceFault.JUMP: "between two ticks it moved as nothing of this mass can; look at its wires, shield and supply",
-    DeviceFault.STUCK: "no count came though the force swung, or a hand was to move it; look at its wires, or for what "
-    "blocks the device",
+_ADVICE: Mapping[DeviceFault, str | Wording] = {
+    DeviceFault.JUMP: Wording.of(
+        lambda: f"between two ticks it moved as nothing of this {MASS} can; look at its wires, shield and supply"
+    ),
+    DeviceFault.STUCK: Wording.of(
+        lambda: (
+            f"no count came though the {FORCE} swung, or a hand was to move it; look at its wires, or for what blocks "
+            "the device"
+        )
+    ),
     DeviceFault.SPEED: "the device was faster than its limit; look for an unstable coupling, or a hand that let go",
     DeviceFault.ENERGY: "the coupling gave out more than it got; it does not hold this device (avc diagnose)",
     DeviceFault.NOT_FINITE: "the observer or the gains went beyond all bounds; push another coupling",
@@ -70,9 +78,15 @@ _ADVICE = {
     DeviceFault.BROWN_OUT: "the supply fell below its limit and the device started anew; push the coupling again",
     DeviceFault.HEARTBEAT: "no heartbeat in time; send them again, and let go of the device",
     DeviceFault.ENCODER_REVERSED: "it counts down on the way into the wall; swap its lines A and B, commission again",
-    DeviceFault.MOTOR_REVERSED: "a force into the wall moved it out; swap the motor's two wires, then commission again",
-    DeviceFault.MOTOR_DEAD: "a force moved it by no count; look at the amplifier's enable and supply, the motor's "
-    "wires, and whether friction holds it (--force-n), then commission again",
+    DeviceFault.MOTOR_REVERSED: Wording.of(
+        lambda: f"a {FORCE} into the wall moved it out; swap the motor's two wires, then commission again"
+    ),
+    DeviceFault.MOTOR_DEAD: Wording.of(
+        lambda: (
+            f"a {FORCE} moved it by no count; look at the amplifier's enable and supply, the motor's wires, and "
+            f"whether friction holds it ({spoken_key('--force-n')}), then commission again"
+        )
+    ),
 }
 WIRED_WRONGLY = DeviceFault.ENCODER_REVERSED | DeviceFault.MOTOR_REVERSED | DeviceFault.MOTOR_DEAD
 """Faults found by commissioning; with any of them a device takes no table."""
@@ -130,7 +144,7 @@ _SENTENCES = {
     Reason.LIMIT: "{row} is outside the device's limits",
     Reason.SAMPLE_TIME: "the table was designed for another sample time than the device's",
     Reason.WALL: "the table has no wall, or one outside the device's limits",
-    Reason.FORCE: "the table was designed for more force than the device gives, or its limit is no force",
+    Reason.FORCE: "the table was designed for more {force} than the device gives, or its limit is no {force}",
     Reason.COUPLING: "the table does not name its coupling",
     Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
     Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
@@ -172,6 +186,7 @@ class Refusal:
             row=_PLACES.get(self.detail, f"row {self.detail}"),
             own=PROTOCOL_VERSION,
             interface=INTERFACE_VERSION,
+            force=FORCE,
             fault=DeviceFault(self.detail).word if self.reason is Reason.FAULT else "",
         )
 

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 from avc_casadi import InputError, LinkError, UnsupportedError
 from avc_casadi._util.interrupt import uninterrupted
+from avc_casadi._util.units import FORCE, MM, N_PER_M, NEWTON, Wording
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
@@ -169,10 +170,10 @@ def pause(seconds: float) -> Generator[Exchange, Answer, None]:
 # Drawing takes tens of milliseconds, in which no record is read: they wait on the line.
 _EVERY_S = 0.2
 _KEPT = 20_000
-_ROWS: tuple[tuple[str, Callable[[TelemetrySample], float]], ...] = (
-    ("position, mm", lambda sample: 1e3 * sample.position_m),
-    ("force out of the wall, N", lambda sample: sample.force_n),
-    ("stiffness k, N/m", lambda sample: sample.stiffness_n_per_m),
+_ROWS: tuple[tuple[str | Wording, Callable[[TelemetrySample], float]], ...] = (
+    (Wording.of(lambda: f"position, {MM}"), lambda sample: 1e3 * sample.position_m),
+    (Wording.of(lambda: f"{FORCE} out of the wall, {NEWTON}"), lambda sample: sample.force_n),
+    (Wording.of(lambda: f"stiffness k, {N_PER_M}"), lambda sample: sample.stiffness_n_per_m),
     ("interaction frequency, Hz", lambda sample: sample.frequency_hz),
 )
 
@@ -205,7 +206,7 @@ class LivePlot:
         self._axes = self.figure.subplots(len(_ROWS), 1, sharex=True)
         self._lines = [axes.plot([], [], linewidth=1)[0] for axes in self._axes]
         for axes, (label, _) in zip(self._axes, _ROWS, strict=True):
-            axes.set_ylabel(label, fontsize="small")
+            axes.set_ylabel(str(label), fontsize="small")
             axes.grid(visible=True, alpha=0.3)
         self._axes[-1].set_xlabel("time since the device started, s")
 

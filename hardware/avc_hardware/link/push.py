@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import InputError, LinkError
+from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling
 from avc_hardware.codegen.firmware_fit import check_runs_on
@@ -77,6 +78,7 @@ class PushResult:
         }
 
 
+@in_its_units
 def push(
     coupling: Coupling,
     port: str | ByteLink,
@@ -169,7 +171,7 @@ def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
     """Check safe gains as the device runs them: alone, on the loop of the coupling's problem."""
     if safe.contact_damping_ns_per_m:
         raise InputError.of(
-            f"has a contact damper of {safe.contact_damping_ns_per_m:g} N.s/m; allowed: b and k", key="safe"
+            f"has a contact damper of {safe.contact_damping_ns_per_m:g} {NS_PER_M}; allowed: b and k", key="safe"
         )
     if safe.damping_ns_per_m or safe.stiffness_n_per_m:
         require_deployable(Coupling.constant(coupling.problem, safe, "safe gains"), unsafe=unsafe)
@@ -190,28 +192,29 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     notes = []
     if device.faults:
         word = DeviceFault(device.faults).word
-        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {word}")
+        notes.append(f"the device gives no {FORCE} until its faults are cleared (avc device --clear): {word}")
     force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
     tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
     if force is None and tapped > device.max_force_n:
         notes.append(
-            f"the device limits the force at {device.max_force_n:g} N, the coupling was made without a limit, and in "
-            f"its trial a tap took {tapped:.3g} N; give device.max_force_n and make it again"
+            f"the device limits the {FORCE} at {device.max_force_n:g} {NEWTON}, the coupling was made without a limit, "
+            f"and in its trial a tap took {tapped:.3g} {NEWTON}; give {spoken_key('device.max_force_n')} and make it "
+            "again"
         )
     if force is not None and force > device.max_force_n * (1 + 1e-6):
         notes.append(
-            f"the device limits the force at {device.max_force_n:g} N, the coupling was made for {force:g} N; its "
-            "certificate does not know the lower limit"
+            f"the device limits the {FORCE} at {device.max_force_n:g} {NEWTON}, the coupling was made for {force:g} "
+            f"{NEWTON}; its certificate does not know the lower limit"
         )
     if device.lowered_force_n < min(device.max_force_n, force or device.max_force_n) * (1 - 1e-6):
         notes.append(
-            f"the device's force is limited to {device.lowered_force_n:g} N at run time; raise it when the first touch "
-            "was good: avc device --force-n F"
+            f"the device's {FORCE} is limited to {device.lowered_force_n:g} {NEWTON} at run time; raise it when the "
+            f"first touch was good: avc device {spoken_key('--force-n')} F"
         )
     if step and step < device.metres_per_count * (1 - 1e-6):
         notes.append(
-            f"the device's encoder has steps of {device.metres_per_count:g} m, the coupling was made for {step:g} m; "
-            "its trial does not know the coarser steps"
+            f"the device's encoder has steps of {device.metres_per_count:g} {METRE}, the coupling was made for "
+            f"{step:g} {METRE}; its trial does not know the coarser steps"
         )
     return tuple(notes)
 
@@ -239,9 +242,9 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
             "this capacity (avc_casadi.coupling.reduce_rows) and certify that one: what runs is what was certified"
         )
     limits = (
-        ("damping b", "N.s/m", device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),
-        ("stiffness k", "N/m", device.max_stiffness_n_per_m, "coupling.stiffness_n_per_m"),
-        ("contact damping b_p", "N.s/m", device.max_contact_damping_ns_per_m, "coupling.contact_damping_ns_per_m"),
+        ("damping b", NS_PER_M, device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),
+        ("stiffness k", N_PER_M, device.max_stiffness_n_per_m, "coupling.stiffness_n_per_m"),
+        ("contact damping b_p", NS_PER_M, device.max_contact_damping_ns_per_m, "coupling.contact_damping_ns_per_m"),
     )
     for column, (name, unit, most, key) in enumerate(limits, start=1):
         over = np.flatnonzero(table.rows[:, column] > np.float32(most))
@@ -254,8 +257,9 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
     faults += _wall_faults(coupling, device)
     if table.max_force_n > device.max_force_n * _ROUNDED:
         faults.append(
-            f"the coupling was made for a force limit of {table.max_force_n:g} N, the device gives "
-            f"{device.max_force_n:g} N; solve with device.max_force_n = {device.max_force_n:g}, or push with --unsafe"
+            f"the coupling was made for a {FORCE} limit of {table.max_force_n:g} {NEWTON}, the device gives "
+            f"{device.max_force_n:g} {NEWTON}; solve with {spoken_key('device.max_force_n')} = {device.max_force_n:g}, "
+            "or push with --unsafe"
         )
     if faults:
         raise LinkError(f"{port}: not sent: " + "; ".join(faults))
@@ -264,10 +268,10 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
 def _wall_faults(coupling: Coupling, device: Device) -> list[str]:
     wall = coupling.wall
     if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
-        return ["the coupling has no wall; give environment.stiffness_n_per_m"]
+        return [f"the coupling has no wall; give {spoken_key('environment.stiffness_n_per_m')}"]
     limits = (
-        ("damping", wall.damping_ns_per_m, device.max_damping_ns_per_m, "N.s/m"),
-        ("stiffness", wall.stiffness_n_per_m, device.max_stiffness_n_per_m, "N/m"),
+        ("damping", wall.damping_ns_per_m, device.max_damping_ns_per_m, NS_PER_M),
+        ("stiffness", wall.stiffness_n_per_m, device.max_stiffness_n_per_m, N_PER_M),
     )
     return [
         f"the wall's {name} is {value:.6g} {unit}, the device's limit {most:.6g} {unit}; lower environment.{name}_*"

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from avc_casadi import Fault, InputError, LinkError
+from avc_casadi._util.units import M_PER_S, NEWTON
 from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
@@ -69,7 +70,7 @@ def clear_faults(
     return Cleared(link.name, were, left, first, before.fault_tick, after)
 
 
-_UNITS = {"force_n": "N", "speed_m_per_s": "m/s", "energy_j": "J"}
+_UNITS = {"force_n": NEWTON, "speed_m_per_s": M_PER_S, "energy_j": "J"}
 # Ticks until immediate limits hold.
 _TICKS = 5
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import Float32Array, FloatArray
+from avc_casadi._util.units import in_its_units
 from avc_casadi.claims.deployable import require_deployable
 from avc_hardware.codegen.firmware_fit import check_runs_on
 from avc_hardware.link import messages as m
@@ -104,6 +105,7 @@ class StreamResult:
     faults: tuple[str, ...]
 
 
+@in_its_units
 def stream(
     coupling: Coupling,
     port: str | ByteLink,

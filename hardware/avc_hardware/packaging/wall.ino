@@ -1,5 +1,5 @@
 /* The wall of the coupling on a device with one degree of freedom: a quadrature encoder on two interrupt pins, a motor
- * driver with PWM and direction. Set the numbers of your device; have an emergency stop at hand, begin with little force.
+ * driver with PWM and direction. Set the numbers of your device; have an emergency stop at hand, begin with little @FORCE@.
  *
  * The coupling is certified for its own sample time and for no other, AVC_COUPLING_SAMPLE_TIME_S. loop() takes a sample
  * whenever one is due; nothing else that takes long may stand in it. Missed samples are counted: a board that misses more
@@ -9,7 +9,7 @@
 #include <avc_coupling.h>
 
 static const int ENCODER_A = 2, ENCODER_B = 3, MOTOR_PWM = 9, MOTOR_DIRECTION = 8;
-/* Of the encoder along the handle's way; counts rise into the wall, 0 is its surface. */
+/* Of the encoder @WAY@; counts rise into the wall, 0 is its surface. */
 static const avc_coupling_real_t METRES_PER_COUNT = (avc_coupling_real_t)@PER_COUNT@;
 /* What the handle feels at a duty cycle of 255, measured on your own driver: at first the largest that is declared; direction LOW pushes out of the wall. */
 static const avc_coupling_real_t NEWTONS_AT_FULL_DUTY = (avc_coupling_real_t)@FULL_DUTY@;

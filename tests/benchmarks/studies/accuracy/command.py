@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.units import spoken
+from avc_casadi._util import units
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
         with console.step("figure"):
             save_figure(draw_accuracy(study), plot)
-    return Answer(study.document(), spoken().text(_text(study, args.plot)))
+    return Answer(study.document(), _text(study, args.plot))
 
 
 def _text(study: Accuracy, plot: str | None) -> str:
@@ -112,7 +112,7 @@ def _grids(misses: list[dict[str, Any]]) -> list[str]:
     rows = [[str(miss["points"]), number(miss["missed_violation"], 3), str(miss["missed_rows"])] for miss in misses]
     return [
         f"grids of frequencies against the exact test of all: {misses[0]['rows']} frozen gains violate the margin",
-        table(["\npoints", "violation not\nseen (N.s/m)", "gains\ncalled passive"], rows, left=()),
+        table(["\npoints", f"violation not\nseen ({units.NS_PER_M})", "gains\ncalled passive"], rows, left=()),
         "",
     ]
 
@@ -133,7 +133,7 @@ def _scenes(costs: list[dict[str, Any]], why: str) -> list[str]:
     head = [
         "\nintegrator",
         "\nsubsteps",
-        "largest error of\nthe position (um)",
+        f"largest error of\nthe position ({units.UM})",
         "whole scene\n(ms)",
         "instructions\na sample",
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.units import spoken
+from avc_casadi._util import units
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_problem
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         with console.step("figure"):
             save_figure(draw_pareto(study), plot)
     document = study.document()
-    return Answer(document, spoken().text(_text(document, args.plot)))
+    return Answer(document, _text(document, args.plot))
 
 
 def _text(document: dict[str, Any], plot: str | None) -> str:
@@ -56,11 +56,11 @@ def _text(document: dict[str, Any], plot: str | None) -> str:
     ]
     for study, what in _STUDIES.items():
         points = [point for point in document["points"] if point["study"] == study]
-        lines += ["", what, table(_HEAD, map(_row, points), left=(0, 1, 8))]
+        lines += ["", what, table([*map(str, _HEAD)], map(_row, points), left=(0, 1, 8))]
     lines += [
         "",
         (
-            f"desired stiffness {number(document['desired_stiffness_n_per_m'])} N/m; "
+            f"desired stiffness {number(document['desired_stiffness_n_per_m'])} {units.N_PER_M}; "
             f"{passive_limit(document['passive_limit_n_per_m'])}"
         ),
         "levels: L0 own frequency; L1 band of the design; L2, L3 all frequencies, paper's and sampled-data hold;",
@@ -76,9 +76,9 @@ _HEAD = (
     "\ngains",
     "|Z| error\n%",
     "impedance error\n%",
-    "DC stiffness\nN/m",
+    units.Wording.of(lambda: f"DC stiffness\n{units.N_PER_M}"),
     "steepest\nslope",
-    "b_p\nN.s/m",
+    units.Wording.of(lambda: f"b_p\n{units.NS_PER_M}"),
     "rows\nwithout",
     "\nlevels met",
 )

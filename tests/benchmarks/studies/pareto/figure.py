@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.ticker import FuncFormatter
 
+from avc_casadi._util import units
 from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import styled
+from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -59,7 +60,7 @@ def draw_pareto(study: Pareto, axes: GivenAxes = None) -> Figure:
     for name in ("c", "d"):
         by_letter[name].set_xlabel("slope limit |d ln gain / d ln f|")
     for name in ("e", "f"):
-        by_letter[name].set_xlabel(r"largest $b_\mathrm{p}$ (N·s/m); stable with every hand")
+        by_letter[name].set_xlabel(rf"largest $b_\mathrm{{p}}$ ({IMPEDANCE_UNIT}); stable with every hand")
     _certificates(by_letter["a"], study.of("scope", constant=False))
     handles: dict[str, Any] = {}
     for one in panels.axes:
@@ -95,7 +96,7 @@ def _stiffness(axes: Axes, study: Pareto, name: Study) -> None:
     if np.isfinite(limit):
         axes.axhline(limit, color="0.35", linestyle=(0, (1, 1.4)), zorder=1, label="limit of passive linear rendering")
     axes.set_ylim(0, 1.12 * (desired or limit or 1.0))
-    axes.set_ylabel(f"at {study.dc_frequency_hz:.3g} Hz (kN/m)")
+    axes.set_ylabel(f"at {study.dc_frequency_hz:.3g} Hz ({units.KN_PER_M})")
 
 
 def _curves(
@@ -117,7 +118,7 @@ def _curves(
 
 
 def _categories(axes: Axes, labels: Sequence[str]) -> None:
-    short = [_SHORT.get(label, label.replace(" N.s/m", "").replace(" ", "\n")) for label in labels]
+    short = [_SHORT.get(label, label.replace(f" {units.NS_PER_M}", "").replace(" ", "\n")) for label in labels]
     axes.set_xticks(range(len(labels)), short)
     axes.set_xlim(-0.4, len(labels) - 0.6)
 
