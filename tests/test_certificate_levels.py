@@ -82,8 +82,7 @@ def test_document_is_plain_json_with_the_fixed_keys():
     case = load_problem("figure5")
     document = certify(case, solve(case, "closed-form")).document()
     again = json.loads(json.dumps(document, allow_nan=False))
-    assert list(again["levels"]) == ["L0", "L1", "L2", "L3", "L4", "L5"]
-    assert list(CLAIMS) == [*again["levels"], "L7", "L8", "L9"]
+    assert list(again["levels"]) == [name for name, claim in CLAIMS.items() if not claim.on_demand]
     for level in again["levels"].values():
         assert {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim", "tolerance_ns_per_m"} <= set(level)
         assert isinstance(level["pass"], bool)

@@ -174,7 +174,7 @@ def test_a_claim_is_one_file(tmp_path):
     package = "avc_casadi.claims.level"
     told = with_file(tmp_path, package, CLAIM, COMMAND.format(["solve", "soft", "--method", "exact", "--json"]))
     levels = json.loads(told)["certificate"]["levels"]
-    assert list(levels) == ["L0", "L1", "L2", "L3", "L4", "T1", "L5"]
+    assert set(levels) == {"T1", *(name for name, claim in CLAIMS.items() if not claim.on_demand)}
     k = np.array(json.loads(told)["stiffness_n_per_m"], dtype=float)
     assert levels["T1"]["title"] == "softer than 1 kN/m"
     assert levels["T1"]["row_pass"] == [bool(one < 1e3) for one in k]

@@ -116,9 +116,10 @@ def recommended(checkout: Path, tables: Mapping[str, Mapping[str, Any]], *, trie
             found |= ranked(coupling)
             exported(folder / "c.json", folder)
             problem, told_s = told["coupling"]["problem_file"], course_of(coupling.problem).longest_s
-            for seconds, where in ((SECONDS, "plant"), (told_s, "plant_as_told")):
-                counted = on_the_plant(problem, folder, seconds)
-                found |= {key.replace("plant", where, 1): settled for key, (settled, _) in counted.items()}
+            counted = on_the_plant(problem, folder)
+            later = counted if told_s == SECONDS else on_the_plant(problem, folder, told_s)
+            found |= {key: settled for key, (settled, _) in counted.items()}
+            found |= {key.replace("plant", "plant_as_told"): settled for key, (settled, _) in later.items()}
         return found
 
 
