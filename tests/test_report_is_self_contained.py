@@ -100,7 +100,7 @@ def test_it_tells_everything(contents, html):
         assert error.as_printed in text
         assert error.effect in text
     for assumption in ASSUMPTIONS:
-        assert assumption.assumed in text
+        assert str(assumption.assumed) in text
     for level, found in contents.certificate["levels"].items():
         assert level in text
         assert found["claim"] in text
