@@ -12,8 +12,10 @@ from walled import has_wall
 
 from avc_casadi import catalogue, certify, load_problem, solve
 from avc_casadi._util.json_values import json_text
+from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.registry import METHODS
-from avc_casadi.files.coupling_file import read_file
+from avc_casadi.files.coupling_file import coupling_document, read_file
 from avc_casadi.files.gain_file import gain_document
 
 NAMES = [entry.name for entry in catalogue() if has_wall(entry.name)]
@@ -89,3 +91,13 @@ def test_a_file_that_does_not_say_which_damper_was_asked_for_is_not_judged_witho
     path.write_text(json_text(document))
     certificate = certify(problem, read_file(path), requested=True)
     assert certificate.rows_without_gains == int(np.count_nonzero(~gains.usable))
+
+
+@pytest.mark.parametrize(("name", "next_one"), [("mine", "avc recommend P"), ("figure5", "avc recommend figure5")])
+def test_the_next_command_names_a_problem_that_is_there(tmp_path, monkeypatch, capsys, name, next_one):
+    """A coupling file holds its problem, and not the name of its file."""
+    monkeypatch.chdir(tmp_path)
+    problem = load_problem("figure5").changed(frequency={"points": 5}).model_copy(update={"name": name})
+    Path("gains.json").write_text(json_text(coupling_document(Coupling.of(problem, solve(problem, "direct")))))
+    assert main(["certify", "gains.json"]) == 1
+    assert f"next: {next_one} --out coupling.json" in capsys.readouterr().out

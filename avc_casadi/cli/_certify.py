@@ -77,6 +77,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
     from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.claims.registry import asked_for
     from avc_casadi.coupling import Coupling
+    from avc_casadi.files.catalogue import catalogue_names
     from avc_casadi.present.pages.certificate import certificate_lines, certificate_page
     from avc_casadi.present.pages.subject import holes
 
@@ -107,10 +108,13 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
         "proof_files": written,
         "deployable": deployment,
     } | certificate
+    # A coupling file names its problem, whose own file is not known here.
+    named = problem.name if problem.name in catalogue_names() else "P"
+    shown = named if args.gains is None else args.problem
     complaint = "" if deployment["pass"] else f"avc: {problem.name}: {file} is not deployable"
     return Answer(
         document,
-        certificate_page(document, problem, console.page, problem.name if args.gains is None else args.problem),
+        certificate_page(document, problem, console.page, shown),
         code=1 if complaint else 0,
         complaint=complaint,
         more="\n".join(certificate_lines(document, problem)),
