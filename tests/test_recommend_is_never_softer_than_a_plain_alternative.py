@@ -161,7 +161,7 @@ def test_what_no_coupling_mends_is_told_before_any_is_looked_for():
     assert (found.considered, found.deployable, found.helps) == (0, False, ())
     assert "linearly unstable in a valley" in found.reason
     # With what it advises there is something to deploy.
-    advised = re.search(r"damping_ns_per_m (\S+) to (\S+) ", found.reason)
+    advised = re.search(r"damping_nms_per_rad (\S+) to (\S+) ", found.reason)
     middle = math.sqrt(float(advised[1]) * float(advised[2]))
     assert avc.recommend(deep.changed(detent={"damping_ns_per_m": middle}), hands=5).considered > 0
 
