@@ -52,6 +52,10 @@ TOLD_HZ = (1.0, 10.0)
 TRIED, OTHERS = 100, 200
 RENDERS = ("method", "at_rest_n_per_m", "in_motion_n_per_m", "error")
 PLANTS = ("plant", "plant_without_friction")
+KNOWN = (
+    "Figures of the other release, and counts on the plant of couplings that render the same, are those of an earlier run",
+    "of this study; the other release ran again where this one is softer.",
+)
 # A share of the stiffness at rest that needs a reason.
 SOFTER = 0.95
 # Who is near a device: table, key, factor and summand.
@@ -208,6 +212,7 @@ def write_page(document: dict[str, Any]) -> None:
         "of coupling and wall in series. Who settles is counted on the plant of the tests (`whole_device.c`), which",
         f"runs the exported C of each, {HANDS} hands, and judges them a second after their last strike; and, where",
         "device and hand without a coupling would still swing then, when `avc recommend` judges them too (*as told*).",
+        *(KNOWN if "--known" in document["about"]["command"] else ()),
         "",
         f"{len(cells)} devices; {len(both)} on which both recommend something"
         + (f", without: {', '.join(without)}." if without else "."),
@@ -330,6 +335,7 @@ def main() -> None:
     parser.add_argument("--known", type=Path, help="results of which those of the other release are taken")
     args = parser.parse_args()
     command = f"python tests/benchmarks/before_after.py --before CHECKOUT --count N --neighbours {args.neighbours}"
+    command += "" if args.known is None else " --known FILE"
     head = ["git", "-C", str(args.before), "rev-parse", "--short", "HEAD"]
     commit = subprocess.run(head, capture_output=True, text=True, check=True).stdout.strip()  # noqa: S603
     known = {} if args.known is None else json.loads(args.known.read_text(encoding="utf-8"))
