@@ -53,8 +53,8 @@ TRIED, OTHERS = 100, 200
 RENDERS = ("method", "at_rest_n_per_m", "in_motion_n_per_m", "error")
 PLANTS = ("plant", "plant_without_friction")
 KNOWN = (
-    "Figures of the other release, and counts on the plant of couplings that render the same, are those of an earlier run",
-    "of this study; the other release ran again where this one is softer.",
+    "Figures of the other release, and counts on the plant of couplings that render the same, are those of an earlier",
+    "run of this study; the other release ran again where this one is softer.",
 )
 # A share of the stiffness at rest that needs a reason.
 SOFTER = 0.95
