@@ -60,3 +60,11 @@ def test_only_the_ranges_that_matter_are_filled(keys):
     found = device_set(device(0.1, 1.0, 150.0, 0.2), keys, draws=5)
     assert len(found) == 2 + 5
     assert len({one.delay_samples for one in found}) == 1
+
+
+def test_a_delay_drawn_from_0_is_one_that_a_device_may_have():
+    known = Device(mass_kg=0.1, damping_ns_per_m=1.0, range={"mass_kg": (0.09, 0.11), "delay_samples": (0.0, 2e-3)})
+    late = {one.delay_samples for one in device_set(known, draws=200)}
+    assert min(late) == 0
+    assert all(one == 0 or 1e-3 <= one <= 2e-3 for one in late)
+    assert len(late) > 50

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.model.device import Device
+from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -56,6 +57,9 @@ def device_set(device: Device, keys: Collection[str] | None = None, *, draws: in
     intervals = _intervals(device, keys)
     low, high = np.array(list(intervals.values())).T
     drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
+    # A range from 0 passes delays that no device may have.
+    none = np.array([key == "delay_samples" for key in intervals]) & (drawn < LEAST_DELAY_SAMPLES)
+    drawn[none] = 0.0
     return [*corners, *(device_with(device, dict(zip(intervals, row, strict=True))) for row in drawn.tolist())]
 
 

@@ -122,9 +122,13 @@ class Whole:
         return int(value)
 
 
+LEAST_DELAY_SAMPLES = 1e-3
+"""Least delay other than 0."""
+
+
 def _delay(value: Any) -> float:
     """Return a number of samples, an int where it is whole."""
-    number = Quantity("samples", 1e-3, 1000)(value)
+    number = Quantity("samples", LEAST_DELAY_SAMPLES, 1000)(value)
     return int(number) if number.is_integer() else number
 
 
