@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
+from avc_casadi._util.parallel import ALONE
 from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust.lqg import Space
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_casadi.recommendation import search_schedule
+from avc_casadi.recommendation import generate, search_schedule
 from avc_casadi.recommendation.evaluate import likeliest
 from avc_casadi.recommendation.generate import (
+    RobustCandidates,
     plain_candidates,
     softened_to,
     static_stiffness_n_per_m,
@@ -121,3 +124,41 @@ def test_the_way_from_what_is_held_to_what_is_not_is_halved(share, monkeypatch):
         low, high = (felt, high) if felt <= held else (low, felt)
     assert len(met) == 3
     assert low <= held < high
+
+
+def wall_at(stiffness_n_per_m, distance):
+    best = SimpleNamespace(cost=SimpleNamespace(distance=distance), logarithms=stiffness_n_per_m)
+    return SimpleNamespace(stiffness_n_per_m=stiffness_n_per_m, best=best)
+
+
+def test_the_nearest_of_the_walls_that_were_reached_is_refined(monkeypatch):
+    asked = []
+    monkeypatch.setattr(generate, "_refined", lambda _, step, who: asked.append((step, who)) or ["refined"])
+    robust = RobustCandidates(before(1e4), LIMIT, ALONE)
+    assert robust.refined("hands") == []
+    robust.steps = [wall_at(5e3, 0.9), wall_at(4e3, 0.5), wall_at(3e3, 0.7)]
+    nearest = robust.steps[1]
+    assert robust.refined("hands") == ["refined"]
+    assert asked == [(nearest, "hands")]
+    assert robust.steps[-1] == "refined"
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_continuations_begin_at_the_wall_that_a_known_law_holds_else_at_initial_guesses(known, monkeypatch):
+    held, asked = wall_at(2e3, 0.5), []
+    monkeypatch.setattr(generate, "_known", lambda *_: held if known else None)
+
+    def continued(_, point, walls, who, **how):
+        asked.append((point, walls, who, how["seed"]))
+        return [how["seed"]]
+
+    monkeypatch.setattr(generate, "_continued", continued)
+    found = list(RobustCandidates(before(4e5), LIMIT, ALONE).continuations("hands", range(2)))
+    assert found == ([[held]] if known else []) + [[0], [1]]
+    points, walls, who, seeds = zip(*asked, strict=True)
+    assert walls == ((2e3 if known else pytest.approx(0.9 * LIMIT.stiffness_n_per_m), 4e5),) * 2
+    assert who == ("hands",) * 2
+    assert seeds == (0, 1)
+    guesses = Space(PROBLEM.device, PROBLEM.hands).starts
+    for place, point in enumerate(points):
+        np.testing.assert_array_equal(point, 2e3 if known else guesses[place])

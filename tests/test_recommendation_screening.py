@@ -251,3 +251,37 @@ def test_hands_on_devices_off_the_file_are_asked_where_that_is_wanted():
     np.testing.assert_array_equal(both.ends(coupling(300.0))([None]), ends)
     np.testing.assert_array_equal(both.and_off().ends(coupling(300.0))([None]), np.concatenate([ends, ends], axis=1))
     np.testing.assert_array_equal(both.only_off().ends(coupling(300.0))([None]), ends)
+
+
+ROUGH = PROBLEM.changed(device={"coulomb_friction_n": 0.3, "max_force_n": 10.0})
+
+
+@pytest.mark.parametrize("lean", [False, True])
+@pytest.mark.parametrize(("problem", "rough"), [(PROBLEM, False), (ROUGH, True)])
+def test_some_try_a_law_with_dry_friction_too_where_others_try_it_without(problem, rough, lean):
+    """Some laws vibrate only with it."""
+    people = people_of(problem.hands, HANDS)
+    screening = Evaluator(problem, people, 0, SILENT, lean_on_friction=lean, executor=None).screening()
+    asked = [group.friction for stage in screening.stages for group in stage]
+    assert sum(asked) == (rough and not lean)
+    assert screening.friction == lean
+
+
+def test_a_group_with_dry_friction_is_simulated_with_it():
+    loose, rough = Group(people_of(ROUGH.hands, HANDS)), Group(people_of(ROUGH.hands, HANDS), friction=True)
+    one = Coupling.constant(ROUGH, Gains(0.0, 300.0, 0.5), "x")
+    with_it, without = (loose.residual_speeds([one], friction=friction) for friction in (True, False))
+    assert np.abs(with_it - without).max() > 0.01
+    np.testing.assert_array_equal(rough.residual_speeds([one], friction=False), with_it)
+    np.testing.assert_array_equal(rough.ends(one, friction=False)([None]), loose.ends(one, friction=True)([None]))
+
+
+def test_all_hands_of_the_trial_try_a_refined_law():
+    hall, people = jury()
+    few, whole = (
+        sum(len(group.people) for stage in hall.screening(whole=one).stages for group in stage) for one in (False, True)
+    )
+    assert whole - few == HANDS - _evaluate.FIRST
+    np.testing.assert_array_equal(
+        hall.screening(whole=True).stages[-1][0].people.mass_kg, people.mass_kg[_evaluate.FIRST :]
+    )

@@ -32,8 +32,21 @@ SOFT, DAMPED = 1, 2
 
 def test_to_settle_four_times_as_long_is_worth_a_third_of_the_stiffness():
     a_third = abs(np.log(1 - 1 / 3))
-    assert distance(0.2, 4.0) - distance(0.2, 1.0) == pytest.approx(a_third, rel=0.05)
-    assert distance(0.2, 0.01) == distance(0.2, 0.25) == pytest.approx(0.2)
+    assert distance(0.2, 4.0, 1.0) - distance(0.2, 1.0, 1.0) == pytest.approx(a_third, rel=0.05)
+    assert distance(0.2, 0.01, 1.0) == distance(0.2, 0.25, 1.0) == pytest.approx(0.2)
+
+
+def test_a_share_at_rest_is_worth_a_fifth_of_the_same_share_in_motion():
+    softer_in_motion = distance(0.2 + np.log(2), 0.25, 1.0) - distance(0.2, 0.25, 1.0)
+    assert distance(0.2, 0.25, 0.5) - distance(0.2, 0.25, 1.0) == pytest.approx(softer_in_motion / 5)
+    assert distance(0.2, 0.25, 1.01) == distance(0.2, 0.25, 1.0)
+    assert distance(0.2, 0.25, 0.0) < np.inf
+
+
+def test_the_share_at_rest_is_that_of_the_wall():
+    for wall, share in (({"stiffness_n_per_m": 2 * STIFFNESS}, 0.5), ({"stiffness_n_per_m": 0.0}, 1.0)):
+        loops = Loops.of(PROBLEM.changed(environment=wall | {"damping_ns_per_m": 5.0}))
+        assert cost_of(LAWS[DAMPED], RENDERING, loops).facts["static_share"] == pytest.approx(share)
 
 
 def radius(plants, law, shares=(1.0,)):

@@ -8,7 +8,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.present.pages.recommendation_lines import stiffest_lines
 from avc_casadi.recommendation import stiffest as _stiffest
-from avc_casadi.recommendation.search_schedule import CONTINUATIONS, RESUMED
+from avc_casadi.recommendation.search_schedule import CONTINUATIONS
 from avc_casadi.recommendation.stiffest import stiffest
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_hands
@@ -38,8 +38,8 @@ def searched():
         return lambda problem: {name: changes(problem)[name] for name in names}
 
     with pytest.MonkeyPatch.context() as patch:
-        # Two climbs from two places; whoever asks has five.
-        patch.setattr(_stiffest, "_AS_IT_IS", ((range(1), range(1)), (range(2, 3), range(1))))
+        # Two continuations; whoever asks has four.
+        patch.setattr(_stiffest, "_AS_IT_IS", (range(1), range(2, 3)))
         patch.setattr(_stiffest, "linear_changes", some(_stiffest.linear_changes, "no delay"))
         patch.setattr(_stiffest, "simulated_changes", some(_stiffest.simulated_changes, "no play", "twice the force"))
         for way in WAYS:
@@ -128,7 +128,6 @@ def test_a_device_that_nothing_holds_has_none():
 @pytest.mark.thorough
 def test_the_device_as_it_is_is_searched_as_for_a_recommendation_and_more():
     """So that before a wall out of reach nothing stiffer is recommended, but for rounding."""
-    (climbs, onwards), *beside = _stiffest._AS_IT_IS
-    assert {*CONTINUATIONS} <= {*climbs}
-    assert {*RESUMED} <= {*onwards}
-    assert all(not set(others) & set(climbs) for others, _ in beside)
+    first, *beside = _stiffest._AS_IT_IS
+    assert {*CONTINUATIONS} <= {*first}
+    assert all(not set(others) & set(first) for others in beside)

@@ -247,6 +247,32 @@ def test_a_law_whose_press_settles_too_slowly_holds_no_wall(step):
     assert costs[0].lacks_per_s == 0 < costs[1].lacks_per_s
 
 
+def test_a_continuation_ends_after_some_generations_however_near_the_next_wall(monkeypatch):
+    taken = []
+
+    def held(point, wall):
+        taken.append(wall)
+        return SimpleNamespace(stiffness_n_per_m=wall, best=SimpleNamespace(logarithms=point)), 12
+
+    monkeypatch.setattr(cma_continuation, "_Search", lambda *_: SimpleNamespace(held=held))
+    walls = continuation(PROBLEM, None, (100.0, 1e9), rise=1.01)
+    # Those of the first wall do not count: to find any law takes as long as it takes.
+    assert len(walls) == len(taken) == 1 + 60 // 12
+
+
+@pytest.mark.parametrize("wanted", [3000.0, 4000.0])
+def test_where_the_wanted_wall_is_stiffer_a_refinement_chooses_the_stiffness_too(wanted):
+    before = PROBLEM.changed(environment={"stiffness_n_per_m": wanted})
+    first = step_at(before, 3000.0)
+    nearer = refined(before, first, wanted_n_per_m=wanted)
+    assert nearer.best.cost.distance < first.best.cost.distance
+    assert nearer.stiffness_n_per_m <= wanted * (1 + 1e-9)
+    assert (nearer.stiffness_n_per_m != first.stiffness_n_per_m) == (wanted > 3000)
+    loops, rendering = Loops.of(before), frozen_rendering(before, 0.0, nearer.gains.stiffness_n_per_m)
+    for one in nearer.candidates:
+        assert cost_of(one.law, rendering, loops).distance == pytest.approx(one.cost.distance)
+
+
 def test_a_refined_law_gives_way_less_and_all_who_are_asked_still_settle(step):
     """Nobody is asked, then hands who settle only with laws of less feedback than the first."""
     nearer = refined(PROBLEM, step)

@@ -88,6 +88,8 @@ class Evaluator:
             *held_otherwise(problem, FIRST, seed),
         )
         self._elsewhere = (*elsewhere(problem.device, (self._first, self._loose), seed), *few)
+        friction, known = problem.device.coulomb_friction_n, problem.device.range.coulomb_friction_n
+        self._rough = not lean_on_friction and (friction > 0 or known is not None)
         self._off = off_file(problem.device, self._first, self._loose)
         self._candidates: list[Alternatives] = []
         self._unsettled: list[Alternatives] = []
@@ -116,14 +118,19 @@ class Evaluator:
         self._candidates = [one for one in self._candidates if id(one[0]) not in gone]
         self.judged = [one for one in self.judged if id(one.coupling) not in gone]
 
-    def screening(self) -> Screening:
-        """Return the current screening hands, which later trials may extend."""
+    def screening(self, *, whole: bool = False) -> Screening:
+        """Return the current screening hands, which later trials may extend.
+
+        Args:
+            whole: whether all hands of the trial are among them.
+        """
         few = np.arange(len(self._loose)) % _ONE_IN == 0
-        loose = Group(self._loose)
         likely = Group(together(self._first, self._loose.pick(np.flatnonzero(few))))
-        others = loose.pick(~few)
-        stages = ((likely,), self._elsewhere, (others,) if len(others.people) else ())
-        return Screening(tuple(stage for stage in stages if stage), self._lean, self._off)
+        others, rough = Group(self._loose.pick(np.flatnonzero(~few))), Group(self._first, friction=True)
+        rest = Group(self._people.pick(slice(FIRST, None)))
+        stages = ((likely,), (rough,) if self._rough else (), self._elsewhere, (others,), (rest,) if whole else ())
+        some = (tuple(group for group in stage if len(group.people)) for stage in stages)
+        return Screening(tuple(stage for stage in some if stage), self._lean, self._off)
 
     def finds(self, more: Iterable[Alternatives], stiffness_n_per_m: float, search: str) -> bool:
         """Try more candidates until one of this stiffness is acceptable so far; return whether there is one."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +15,7 @@ from avc_casadi.claims.stability.stiffest_wall import DampingRange, damping_rang
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.design.robust.cma_continuation import continuation, refined
-from avc_casadi.design.robust.known_laws import from_known
+from avc_casadi.design.robust.known_laws import KnownLaws
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.solve import FIRST
 from avc_casadi.design.robust.uncertainty_set import why_no_law
@@ -46,14 +44,15 @@ SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
 SOFTENED = "softened wall"
 Alternatives = list[Coupling]
 """Equally stiff couplings, the likeliest first: the first acceptable one is taken."""
-# Start of a continuation, as a share of the stiffest wall stable with spring and damper.
-_SOFT = 0.25
-# Stiffness ratio at which a continuation ends below an unstable wall, and the smaller steps of a resumed one.
-_ROUGHLY, _NEARLY, _ONWARDS = 1.12, 1.06, 1.15
-# Seed offset of their draws.
-_OTHERS = 100
-# From a given law, continuation retries a few softer walls only: if these fail, its neighbourhood is poor.
-_NEAR: dict[str, Any] = {"softer": 2}
+# Softest wall for which known laws are tried, as a share of the stiffest one stable with spring and damper.
+_SOFTEST = 0.05
+# A continuation from a known law: stiffness ratio of its first step, and that at which it ends.
+_FROM_KNOWN: dict[str, Any] = {"rise": 1.15, "close": 1.06, "softer": 0}
+# From a given law a few softer walls are tried only: if these fail, its neighbourhood is poor.
+_FROM_GIVEN: dict[str, Any] = {"close": 1.12, "softer": 2}
+_FROM_GUESS: dict[str, Any] = {"close": 1.12}
+# Distances that differ by less do not outweigh that all hands settle on perturbed devices too.
+_ABOUT_AS_NEAR = 0.1
 # Least stiffness ratio of two walls tried.
 _BARELY = 1.02
 
@@ -127,64 +126,44 @@ class RobustCandidates:
         self._wanted = problem.environment.stiffness_n_per_m
         # Slopes of detents are not analysed behind an observer.
         self._possible = problem.detent is None and not why_no_law(problem)
-        first = FIRST * stiffest.stiffness_n_per_m
-        self._first = first if self._wanted > first else _SOFT * self._wanted
+        self._first = FIRST * stiffest.stiffness_n_per_m
 
     def continuations(self, asked: Screening, numbers: range) -> Iterator[list[Step]]:
-        """Yield walls up to the wanted one, the softest of a continuation first.
+        """Yield the wanted wall, where a known law stabilises it; then walls up to it, the softest first.
 
         Args:
-            asked: screening hands, who must all settle.
-            numbers: of the continuations: from the known laws, then from each initial guess in turn, and with
-                other draws.
-        """
-        if not self._possible:
-            return
-        first, starts = self._first, (None, *Space(self._problem.device, self._problem.hands).starts[1:])
-        how: dict[str, Any] = {"close": _ROUGHLY}
-        if self._start is not None:
-            first, starts, how = self._start.stiffness_n_per_m, (self._start.best.logarithms,), how | _NEAR
-        tasks: list[Callable[[], list[Step]]] = []
-        for number in numbers:
-            draw, place = divmod(number, len(starts))
-            walls = (min(first, self._wanted), self._wanted)
-            tasks.append(partial(_continued, self._problem, starts[place], walls, asked, seed=draw, **how))
-        yield from map(self._kept, self._crew.each(tasks))
-
-    def onwards(
-        self, coupling: Coupling, felt_n_per_m: float, asked: Screening, numbers: range
-    ) -> Iterator[list[Step]]:
-        """Yield stiffer walls, up to the wanted one, from a stable one; none for a law of another structure.
-
-        Args:
-            coupling: that stabilises it.
-            felt_n_per_m: its stiffness.
             asked: screening hands, who must all settle.
             numbers: of the continuations, each with its own random draws.
         """
-        law = coupling.runtime.state_feedback
-        point = next((one.logarithms for step in self.steps for one in step.candidates if one.law is law), None)
-        if point is None:
+        if not self._possible:
             return
-        walls = (min(felt_n_per_m, self._wanted), self._wanted)
-        how: dict[str, Any] = {"rise": _ONWARDS, "close": _NEARLY, "softer": 0}
-        tasks = [partial(_continued, self._problem, point, walls, asked, seed=_OTHERS + one, **how) for one in numbers]
+        problem, wanted, start, how = self._problem, self._wanted, self._start, _FROM_GIVEN
+        if start is None:
+            start, how = _known(problem, self._first, asked), _FROM_KNOWN
+            if start is not None:
+                yield self._kept([start])
+        starts = Space(problem.device, problem.hands).starts
+        tasks: list[Callable[[], list[Step]]] = []
+        for number in numbers:
+            point, first, rest = starts[number % len(starts)], self._first, _FROM_GUESS
+            if start is not None:
+                point, first, rest = start.best.logarithms, start.stiffness_n_per_m, how
+            walls = (min(first, wanted), wanted)
+            tasks.append(partial(_continued, problem, point, walls, asked, seed=number, **rest))
         yield from map(self._kept, self._crew.each(tasks))
 
-    def refinements(self, coupling: Coupling, asked: Screening) -> Iterator[list[Step]]:
-        """Yield the same wall with laws of less compliance in motion; none for a law of another structure.
+    def refined(self, asked: Screening) -> list[Step]:
+        """Return the nearest of the walls found, with laws nearer to the wanted one; none where none was found.
 
-        Where such exist, these are laws with which all hands also settle on perturbed devices.
+        Where there are any, these are laws with which all hands also settle on perturbed devices.
 
         Args:
-            coupling: that stabilises it.
             asked: screening hands, who must all settle.
         """
-        law = coupling.runtime.state_feedback
-        pairs = ((step, one) for step in self.steps for one in step.candidates if one.law is law)
-        for step, one in itertools.islice(pairs, 1):
-            task = partial(_refined, self._problem, replace(step, candidates=(one,)), asked)
-            yield from map(self._kept, self._crew.each([task]))
+        if not self.steps:
+            return []
+        nearest = min(self.steps, key=lambda step: step.best.cost.distance)
+        return self._kept(_refined(self._problem, nearest, asked))
 
     def alternatives(self, step: Step) -> Alternatives:
         """Return the couplings of a wall."""
@@ -196,30 +175,35 @@ class RobustCandidates:
 
 
 def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
-    """Return laws for a wall with less compliance in motion, also on perturbed devices where one is found."""
-    everybody, wall, best = _residual_speed_at(problem, asked.and_off()), step.stiffness_n_per_m, step.best
+    """Return laws nearer to the wanted wall, also on perturbed devices where those are about as near."""
+    who, best = asked, step.best
     if asked.off:
+        everybody = asked.and_off()
         if (asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law]) < 1).all():
-            return [refined(problem, step, everybody)]
-        known = from_known(problem, wall, everybody)
-        from_here = partial(_continued, problem, best.logarithms, (wall, wall), asked.and_off(), softer=0)
-        found = from_here() if known is None else [known]
-        if found:
-            return [refined(problem, found[-1], everybody)]
-    return [refined(problem, step, _residual_speed_at(problem, asked))]
+            who = everybody
+        else:
+            known = KnownLaws(problem, _residual_speed_at(problem, everybody)).before(step.stiffness_n_per_m)
+            if known is not None and known.best.cost.distance < best.cost.distance + _ABOUT_AS_NEAR:
+                step, who = known, everybody
+    wanted = problem.environment.stiffness_n_per_m
+    return [refined(problem, step, _residual_speed_at(problem, who), wanted_n_per_m=wanted)]
+
+
+def _known(problem: Problem, first_n_per_m: float, asked: Screening) -> Step | None:
+    """Return the wanted wall with known laws that stabilise it, else a softer one; None where there is none."""
+    wanted = problem.environment.stiffness_n_per_m
+    # Laws with which all settle on perturbed devices too come first, even if others are nearer.
+    for who in (asked.and_off(), asked) if asked.off else (asked,):
+        laws = KnownLaws(problem, _residual_speed_at(problem, who))
+        if (found := laws.before(wanted)) is not None:
+            return found
+    return laws.softer(_SOFTEST * first_n_per_m, wanted)
 
 
 def _continued(
-    problem: Problem, point: FloatArray | None, walls_n_per_m: tuple[float, float], asked: Screening, **how: Any
+    problem: Problem, point: FloatArray, walls_n_per_m: tuple[float, float], asked: Screening, **how: Any
 ) -> list[Step]:
-    """Continue from a point; without one from the initial guess, unless a known law stabilises the last wall."""
-    if point is None:
-        # Laws with which all settle on perturbed devices too come first, even if others have a smaller mismatch.
-        for who in (asked.and_off(), asked) if asked.off else (asked,):
-            known = from_known(problem, walls_n_per_m[1], _residual_speed_at(problem, who))
-            if known is not None:
-                return [known]
-        point = Space(problem.device, problem.hands).starts[0]
+    """Continue from a point; no walls where it has no law."""
     with suppress(np.linalg.LinAlgError):
         return continuation(problem, point, walls_n_per_m, _residual_speed_at(problem, asked), **how)
     return []

@@ -103,8 +103,10 @@ class Judged:
 
     @cached_property
     def distance(self) -> float:
-        """Distance from the wall: mismatch in motion, with a price on the settling time when released."""
-        return distance(self.mismatch, transients(self.coupling)[0].settling_s)
+        """Distance from the wall: mismatch in motion, with prices on settling time and softness at rest."""
+        wall = self.coupling.wall.stiffness_n_per_m
+        share = static_stiffness_n_per_m(self.coupling) / wall if wall > 0 else 1.0
+        return distance(self.mismatch, transients(self.coupling)[0].settling_s, share)
 
     def complete(self, *, lean_on_friction: bool) -> bool:
         """Return whether it is acceptable: as safe as required, vibration below the threshold."""

@@ -41,11 +41,14 @@ class Group:
         people: the hands.
         device: theirs; None is that of the problem.
         effects: simulated beside those that the device declares.
+        friction: whether the declared dry friction acts also where the screening leaves it out: some laws vibrate only
+            with it.
     """
 
     people: Hand | StylusHand
     device: Device | None = None
     effects: tuple[Effect, ...] = ()
+    friction: bool = False
 
     def pick(self, moving: BoolArray) -> Group:
         """Return a subset."""
@@ -53,13 +56,15 @@ class Group:
 
     def residual_speeds(self, couplings: Sequence[Coupling], *, friction: bool) -> FloatArray:
         """Return residual speeds over the threshold of settling, shape (couplings, hands)."""
-        how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return residual_speeds(couplings, self.people, **how)
+        return residual_speeds(couplings, self.people, **self._how(friction=friction))
 
     def ends(self, coupling: Coupling, *, friction: bool) -> Ends:
         """Return the evaluation of residual speeds for laws of one structure, stopping at the first unsettled hand."""
-        how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
-        return prepared_residual_speeds(coupling, self.people, racing=True, **how)
+        return prepared_residual_speeds(coupling, self.people, racing=True, **self._how(friction=friction))
+
+    def _how(self, *, friction: bool) -> dict[str, Any]:
+        rough = friction or self.friction
+        return {"friction": rough, "beyond": True, "device": self.device, "effects": self.effects}
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,9 @@ from avc_casadi.recommendation.generate import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from concurrent.futures import Executor
 
     from avc_casadi.claims.stability.stiffest_wall import DampingRange
-    from avc_casadi.coupling import Coupling
     from avc_casadi.design.robust.cma_continuation import Step
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
@@ -36,14 +34,8 @@ if TYPE_CHECKING:
 
 # Bisection between the stiffest stable wall and the next stiffer one: final ratio, largest number of steps.
 _CLOSE, _MOST_HALVED = 1.05, 3
-CONTINUATIONS, RESUMED = range(2), range(0)
-"""Continuations by number until one holds the wanted wall, and those resumed from a stable wall.
-
-On seven random devices a third continuation and two resumed ones reduced the mismatch of none, for half as much time
-again, though two became an eighth stiffer at rest; with one continuation two of twenty rendered half as much. A second
-one for a wall that is held, to refine its law too, reduced the mismatch of four of twenty by 4 to 14 %, for two thirds
-more time.
-"""
+CONTINUATIONS = range(2)
+"""Continuations by number, until one holds the wanted wall."""
 # Ratio to the next softer wall of a continuation that is tried.
 _LESS = 0.96
 # Names of searches, as reported.
@@ -63,7 +55,6 @@ def judged_candidates(
     crew: SharedTasks = ALONE,
     start: Step | None = None,
     climbs: range = CONTINUATIONS,
-    onwards: range = RESUMED,
     stiffest: bool = False,
 ) -> Candidates:
     """Return the judged couplings: likeliest first, the others only where none renders the wall itself.
@@ -79,7 +70,6 @@ def judged_candidates(
         crew: workers of the search.
         start: as in `RobustCandidates`.
         climbs: numbers of the continuations.
-        onwards: numbers of those resumed from a stable wall.
         stiffest: as in `best_of`.
     """
     wall = problem.environment.stiffness_n_per_m
@@ -99,7 +89,7 @@ def judged_candidates(
     if held_plainly:
         _plainly(evaluator, plain, wall)
     if not evaluator.holds(wall):
-        _behind_laws(evaluator, robust, wall, climbs, onwards)
+        _behind_laws(evaluator, robust, wall, climbs, stiffest=stiffest)
     if not held_plainly:
         if evaluator.holds(limit.stiffness_n_per_m):
             # Softer at rest, but a law may have more compliance in motion.
@@ -144,33 +134,18 @@ def _plainly(evaluator: Evaluator, plain: list[Alternatives], stiffness_n_per_m:
 
 
 def _behind_laws(
-    evaluator: Evaluator, robust: RobustCandidates, wall_n_per_m: float, climbs: range, onwards: range
+    evaluator: Evaluator, robust: RobustCandidates, wall_n_per_m: float, climbs: range, *, stiffest: bool
 ) -> None:
-    """Continue to the wanted wall, then on from a stable one, with hands that did not settle added to the screening."""
-    held = _held(evaluator, robust, robust.continuations(evaluator.screening(), climbs), wall_n_per_m)
-    best = evaluator.stiffest()
-    if best is not None and not held:
-        more = robust.onwards(best.coupling, best.felt_n_per_m, evaluator.screening(), onwards)
-        _held(evaluator, robust, more, wall_n_per_m)
-        best = evaluator.stiffest()
-    if best is not None:
-        _refine(evaluator, robust, best.coupling)
-
-
-def _refine(evaluator: Evaluator, robust: RobustCandidates, coupling: Coupling) -> None:
-    """Try laws like that of a coupling, for the same wall, of smaller mismatch."""
-    for steps in robust.refinements(coupling, evaluator.screening()):
-        told = f"the same wall, nearer in motion, {steps[-1].stiffness_n_per_m:.4g} {N_PER_M}"
-        evaluator.ask([robust.alternatives(steps[-1])], told)
-
-
-def _held(evaluator: Evaluator, robust: RobustCandidates, climbs: Iterable[list[Step]], wall_n_per_m: float) -> bool:
-    """Try the walls that each continuation reached; return whether one stabilises the wanted wall."""
-    for steps in climbs:
+    """Continue to the wanted wall; then refine the nearest of the walls reached, where stiffness is not all."""
+    for steps in robust.continuations(evaluator.screening(), climbs):
         _stiffest_held(evaluator, robust, steps)
         if evaluator.holds(wall_n_per_m):
-            return True
-    return False
+            break
+    if stiffest or evaluator.stiffest() is None:
+        return
+    for step in robust.refined(evaluator.screening(whole=True)):
+        told = f"nearer in motion, {step.stiffness_n_per_m:.4g} {N_PER_M}"
+        evaluator.ask([robust.alternatives(step)], told)
 
 
 def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[Step]) -> None:

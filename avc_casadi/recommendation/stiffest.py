@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 # Unreachable stiffness, over the limit of spring and damper.
 _FAR = 1e3
-# Numbers of continuations and of resumed ones: for the device as it is those of a recommendation and of a second
-# search; one for a changed device.
-_AS_IT_IS, _ONCE = ((range(3), range(2)), (range(3, 5), range(1))), range(1)
+# Numbers of continuations: for the device as it is those of a recommendation and of a second search; one for a changed
+# device.
+_AS_IT_IS, _ONCE = (range(2), range(2, 4)), range(1)
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def stiffest(
         if executor is None and workers > 1:
             executor = stack.enter_context(Processes(workers))
         with progress.step("stiffest wall"):
-            begun: list[_Task] = [partial(_as_it_is, problem, asked, *numbers) for numbers in _AS_IT_IS]
+            begun: list[_Task] = [partial(_as_it_is, problem, asked, numbers) for numbers in _AS_IT_IS]
             best = _best_of(_done(begun, executor, progress), asked)
         reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} {N_PER_M}"
         changed: list[_Task] = [partial(_changed, best, one, asked) for one in better.values()]
@@ -158,7 +158,6 @@ def _best(
     asked: _Asked,
     *,
     climbs: range,
-    onwards: range = range(0),
     start: Step | None = None,
 ) -> _Best | None:
     """Return the stiffest coupling, if any is stable; arguments as for `judged_candidates`."""
@@ -174,7 +173,6 @@ def _best(
         lean_on_friction=lean,
         start=start,
         climbs=climbs,
-        onwards=onwards,
         stiffest=True,
     )
     if not found.judged:
@@ -186,10 +184,10 @@ def _best(
     return _Best(best, next(steps, None))
 
 
-def _as_it_is(problem: Problem, asked: _Asked, climbs: range, onwards: range) -> _Best | None:
+def _as_it_is(problem: Problem, asked: _Asked, climbs: range) -> _Best | None:
     """Search on the unchanged device."""
     simple, walled = _unreachable_wall(problem)
-    return _best(walled, simple, asked, climbs=climbs, onwards=onwards)
+    return _best(walled, simple, asked, climbs=climbs)
 
 
 def _changed(before: _Best | None, changed: Problem, asked: _Asked) -> _Best | None:

@@ -58,11 +58,19 @@ def _returns(value: Any) -> Callable[[Any], Any]:
 
 
 def _one_climb(original: Any) -> Any:
-    return lambda evaluator, robust, wall, _climbs, onwards: original(evaluator, robust, wall, range(1), onwards)
+    return lambda evaluator, robust, wall, _climbs, **how: original(evaluator, robust, wall, range(1), **how)
 
 
 def _fewer_softer(original: Any) -> Any:
     return lambda *args, **how: original(*args, **{"softer": 4} | how)
+
+
+def _without_friction(original: Any) -> Any:
+    def screening(self: Any, **how: Any) -> Any:
+        self._rough = False
+        return original(self, **how)
+
+    return screening
 
 
 def _first_alone(_: Any) -> Any:
@@ -102,12 +110,17 @@ RULES = {
         {f"{EVALUATE}.Evaluator.may_win": _returns(True)},
     ),
     "laws": Rule("laws behind an observer at all", LAW, {LAW: _returns(None)}),
-    "known": Rule(
-        "laws known from other devices", f"{GENERATE}.from_known", {f"{GENERATE}.from_known": _returns(None)}
-    ),
+    "known": Rule("laws known from other devices", f"{GENERATE}._known", {f"{GENERATE}._known": _returns(None)}),
     "climb": Rule("a second continuation where one does not hold the wall", LAW, {LAW: _one_climb}),
     "refine": Rule(
-        "nearer laws for the wall that is held", f"{SCHEDULE}._refine", {f"{SCHEDULE}._refine": _returns(None)}
+        "nearer laws than the nearest of those found",
+        f"{GENERATE}.RobustCandidates.refined",
+        {f"{GENERATE}.RobustCandidates.refined": _returns([])},
+    ),
+    "rough": Rule(
+        "some screening hands with dry friction",
+        f"{EVALUATE}.Evaluator.screening",
+        {f"{EVALUATE}.Evaluator.screening": _without_friction},
     ),
     "generations": Rule("20 generations of a refinement, not 10", REFINES, {f"{LAWS}._REFINED": _is(10)}),
     "narrower": Rule("laws drawn nearer after none was", REFINES, {f"{LAWS}._NARROWER": _is(1.0)}),

@@ -32,7 +32,7 @@ IMPERCEPTIBLE = 0.05
 """Imperceptible relative difference in stiffness: Weber fractions are 0.08 and more (Jones and Hunter 1990)."""
 AT_ONCE_S = 0.25
 """Settling time after release below which no difference is noticed."""
-_PER_SETTLING = 0.3
+_PER_SETTLING, _PER_SOFTER = 0.3, 0.2
 DECAY_PER_S = {1.0: 20.2, 0.5: 15.1, 0.25: 11.1, 0.16: 8.0, 0.09: 4.8, 0.05: 3.6, 0.025: 3.4, 0.01: 0.0}
 """Sector gain of the dead zone -> required decay, 1/s, of oscillations above `_SLOW_HZ`."""
 _SLOW_HZ = 2.0
@@ -61,16 +61,23 @@ PER_SOFTNESS, PER_SENSITIVITY, PER_GAIN = 40.0, 2.0, 2.0
 USUAL_SENSITIVITY = 3.0
 
 
-def distance(mismatch: float, settling_s: float) -> float:
-    """Return the distance from the wall: mismatch in motion plus a price on the settling time when released.
+# Share at rest below which nothing is rendered.
+_NOTHING = 1e-9
 
-    A settling time four times as long counts as much as a third of the stiffness.
+
+def distance(mismatch: float, settling_s: float, static_share: float) -> float:
+    """Return the distance from the wall: mismatch in motion, with prices on settling time and softness at rest.
+
+    A settling time four times as long counts as much as a third of the stiffness, a share at rest as a fifth of the
+    same share in motion.
 
     Args:
         mismatch: rms of abs(ln(rendered/wanted)) over `BAND_HZ`; `IMPERCEPTIBLE` at least.
-        settling_s: of the slowest oscillation; `AT_ONCE_S` at least.
+        settling_s: of the slowest oscillation when released; `AT_ONCE_S` at least.
+        static_share: rendered stiffness at rest over the wanted one; 1 where none is wanted.
     """
-    return max(mismatch, IMPERCEPTIBLE) + _PER_SETTLING * math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S)
+    slow, soft = math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S), max(0.0, -math.log(max(static_share, _NOTHING)))
+    return max(mismatch, IMPERCEPTIBLE) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
 
 @dataclass(frozen=True)
@@ -83,7 +90,7 @@ class Cost:
         radius_any_share: the same over all sector gains, on the devices for which that is claimed.
         lacks_per_s: missing decay of an inadmissible law: the fastest growth rate of its loops, and the decay that a
             press lacks to settle; 0 for an admissible one.
-        facts: sensitivity, gain and softness.
+        facts: sensitivity, gain, softness, and what the distance is made of.
     """
 
     total: float
@@ -99,8 +106,8 @@ class Cost:
 
     @property
     def distance(self) -> float:
-        """Distance from the wall: mismatch over the hand's band, and settling time when released."""
-        return distance(self.facts["mismatch"], self.facts["settling_s"])
+        """Distance from the wall: mismatch over the hand's band, settling time when released, softness at rest."""
+        return distance(self.facts["mismatch"], self.facts["settling_s"], self.facts["static_share"])
 
 
 def cost_of(law: StateFeedback, rendering: Rendering, loops: Loops) -> Cost:
@@ -219,6 +226,7 @@ def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
         "settling_s": settling_s(poles(state_feedback_loops(_nominal(loops.free), laws, rendering))[:, 0, 0], t),
     }
     over = np.maximum(0, found.softness_3hz - found.bound_3hz) + np.maximum(0, found.softness_10hz - found.bound_10hz)
+    facts["static_share"] = np.full(len(laws), loops.handle.static_share(stiffness_at_rest(rendering)))
     return [
         _Felt({name: float(values[row]) for name, values in facts.items()}, float(over[row]))
         for row in range(len(laws))

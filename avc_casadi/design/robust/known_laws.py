@@ -8,6 +8,7 @@ rests on it: a law from the table is judged like any other, and without it a sea
 from __future__ import annotations
 
 import csv
+import math
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,8 +27,10 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 _TABLE = Path(__file__).with_name("known_laws.csv")
-# Number of the table's best laws that are judged with all loops and simulated.
-_TRIED = 20
+# Number of laws judged with all loops and simulated at once.
+_AT_ONCE = 20
+# Stiffness ratio of the softer walls that are tried, and their number.
+_RUNG, _RUNGS = 1.4, 20
 
 
 @cache
@@ -39,10 +42,14 @@ def _rows() -> tuple[dict[str, str], ...]:
 
 
 def known_points(space: Space) -> FloatArray:
-    """Return the known laws as points in the search space of a device, logarithms, shape (laws, parameters)."""
+    """Return the known laws, and the initial guesses, as points in the search space of a device.
+
+    Returns:
+        Logarithms of the parameters, shape (laws, parameters).
+    """
     names = [knob.name for knob in space.knobs]
     rows = [[float(row[name]) for name in names] for row in _rows() if _told(row) == set(names)]
-    points = space.starts[0] + np.reshape(rows, (len(rows), len(names)))
+    points = np.concatenate([space.starts, space.starts[0] + np.reshape(rows, (len(rows), len(names)))])
     return np.asarray(np.clip(points, *space.bounds))
 
 
@@ -50,38 +57,57 @@ def _told(row: dict[str, str]) -> set[str]:
     return {name for name, value in row.items() if value}
 
 
-def from_known(
-    problem: Problem, stiffness_n_per_m: float, residual_speed_at: ResidualSpeedAt | None = None
-) -> Step | None:
-    """Return the known laws that stabilise a wall.
+class KnownLaws:
+    """The known laws before the walls of one problem.
 
     Args:
         problem: device with its ranges, hands and wall.
-        stiffness_n_per_m: static, of the wall.
         residual_speed_at: as for `continuation`.
-
-    Returns:
-        The wall with laws that stabilise it, by increasing mismatch; None where no known one does.
     """
-    space = Space(problem.device, problem.hands)
-    points = known_points(space)
-    if len(points) == 0:
+
+    def __init__(self, problem: Problem, residual_speed_at: ResidualSpeedAt | None = None) -> None:
+        self._problem, self._residual_speed_at = problem, residual_speed_at
+        self._space, self._loops = Space(problem.device, problem.hands), Loops.of(problem)
+        self._points = known_points(self._space)
+
+    def before(self, stiffness_n_per_m: float) -> Step | None:
+        """Return the known laws that stabilise a wall, by increasing distance; None where no known one does.
+
+        Args:
+            stiffness_n_per_m: static, of the wall.
+        """
+        space, loops = self._space, self._loops
+        gains, rendering = softened(self._problem, stiffness_n_per_m)
+        stiffness = stiffness_at_rest(rendering)
+        laws = space.laws(self._points, stiffness)
+        defined = np.flatnonzero(np.isfinite(laws.innovation).all(axis=1))
+        if len(defined) == 0:
+            return None
+        one, laws = space.one_of(laws, int(defined[0])), laws.pick(defined)
+        costs = costs_of(laws, rendering, loops.hardest(one, rendering))
+        holding = [row for row, cost in enumerate(costs) if cost.holds]
+        holding.sort(key=lambda row: costs[row].distance)
+        asked = None if self._residual_speed_at is None else self._residual_speed_at(gains, one)
+        for first in range(0, len(holding), _AT_ONCE):
+            rows = np.array(holding[first : first + _AT_ONCE])
+            whole = costs_of(laws.pick(rows), rendering, loops)
+            stable = [int(row) for row, cost in zip(rows, whole, strict=True) if cost.holds]
+            settled = settling(space, laws, stable, asked)
+            found = laws_of_all(space, loops, rendering, list(self._points[defined[settled]]))
+            best = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.distance)
+            if best:
+                return Step(gains, stiffness_n_per_m, tuple(best[:MOST_LAWS]))
         return None
-    gains, rendering = softened(problem, stiffness_n_per_m)
-    stiffness = stiffness_at_rest(rendering)
-    laws = space.laws(points, stiffness)
-    defined = np.flatnonzero(np.isfinite(laws.innovation).all(axis=1)).tolist()
-    if not defined:
-        return None
-    loops = Loops.of(problem)
-    likely = costs_of(laws, rendering, loops.hardest(space.one_of(laws, defined[0]), rendering))
-    order = np.argsort([cost.total for cost in likely], kind="stable")[:_TRIED]
-    laws, costs = laws.pick(order), costs_of(laws.pick(order), rendering, loops)
-    holding = [row for row, cost in enumerate(costs) if cost.holds]
-    if not holding:
-        return None
-    asked = None if residual_speed_at is None else residual_speed_at(gains, space.one_of(laws, holding[0]))
-    settled = settling(space, laws, holding, asked)
-    found = laws_of_all(space, loops, rendering, [points[order[row]] for row in settled])
-    best = sorted((one for one in found if one.cost.holds), key=lambda one: one.cost.distance)
-    return Step(gains, stiffness_n_per_m, tuple(best[:MOST_LAWS])) if best else None
+
+    def softer(self, softest_n_per_m: float, wanted_n_per_m: float) -> Step | None:
+        """Return the stiffest wall, softer than a wanted one, that a known law stabilises; None where there is none.
+
+        The walls that are tried do not depend on the wanted one, so that a stiffer wanted wall brings none softer.
+
+        Args:
+            softest_n_per_m: static stiffness of the softest wall.
+            wanted_n_per_m: of the wanted one.
+        """
+        below = min(math.ceil(math.log(wanted_n_per_m / softest_n_per_m, _RUNG)), _RUNGS)
+        walls = (softest_n_per_m * _RUNG**place for place in reversed(range(below)))
+        return next((step for wall in walls if (step := self.before(wall)) is not None), None)
