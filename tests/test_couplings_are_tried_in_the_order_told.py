@@ -9,6 +9,7 @@ import avc_casadi as avc
 from avc_casadi._util.parallel import ALONE
 from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.robust.cma_continuation import Step
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
@@ -126,20 +127,25 @@ def test_the_way_from_what_is_held_to_what_is_not_is_halved(share, monkeypatch):
     assert low <= held < high
 
 
-def wall_at(stiffness_n_per_m, distance):
-    best = SimpleNamespace(cost=SimpleNamespace(distance=distance), logarithms=stiffness_n_per_m)
-    return SimpleNamespace(stiffness_n_per_m=stiffness_n_per_m, best=best)
+def wall_at(stiffness_n_per_m, *distances):
+    """A wall with laws of these distances, the first of which is the likeliest."""
+    laws = tuple(
+        SimpleNamespace(cost=SimpleNamespace(distance=one), logarithms=stiffness_n_per_m, law=one) for one in distances
+    )
+    return Step(None, stiffness_n_per_m, laws)
 
 
-def test_the_nearest_of_the_walls_that_were_reached_is_refined(monkeypatch):
+def test_the_nearest_of_the_laws_found_with_which_all_settle_is_refined(monkeypatch):
     asked = []
-    monkeypatch.setattr(generate, "_refined", lambda _, step, who: asked.append((step, who)) or ["refined"])
+    monkeypatch.setattr(generate, "_refined", lambda _, step, who: asked.append((step, who)) or "refined")
+    monkeypatch.setattr(generate, "_settles", lambda _, step, who: step.best.law > 0.6 and who == "hands")
     robust = RobustCandidates(before(1e4), LIMIT, ALONE)
     assert robust.refined("hands") == []
-    robust.steps = [wall_at(5e3, 0.9), wall_at(4e3, 0.5), wall_at(3e3, 0.7)]
-    nearest = robust.steps[1]
+    robust.steps = [wall_at(5e3, 0.9), wall_at(4e3, 0.5, 0.65), wall_at(3e3, 0.7)]
     assert robust.refined("hands") == ["refined"]
-    assert asked == [(nearest, "hands")]
+    ((step, who),) = asked
+    assert (step.stiffness_n_per_m, who) == (4e3, "hands")
+    assert [one.law for one in step.candidates] == [0.65]
     assert robust.steps[-1] == "refined"
 
 

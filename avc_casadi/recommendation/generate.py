@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -153,17 +154,18 @@ class RobustCandidates:
         yield from map(self._kept, self._crew.each(tasks))
 
     def refined(self, asked: Screening) -> list[Step]:
-        """Return the nearest of the walls found, with laws nearer to the wanted one; none where none was found.
+        """Return laws nearer to the wanted wall than the nearest one found with which all settle; none without one.
 
         Where there are any, these are laws with which all hands also settle on perturbed devices.
 
         Args:
             asked: screening hands, who must all settle.
         """
-        if not self.steps:
-            return []
-        nearest = min(self.steps, key=lambda step: step.best.cost.distance)
-        return self._kept(_refined(self._problem, nearest, asked))
+        each = [replace(step, candidates=(one,)) for step in self.steps for one in step.candidates]
+        for step in sorted(each, key=lambda step: step.best.cost.distance):
+            if _settles(self._problem, step, asked):
+                return self._kept([_refined(self._problem, step, asked)])
+        return []
 
     def alternatives(self, step: Step) -> Alternatives:
         """Return the couplings of a wall."""
@@ -174,19 +176,25 @@ class RobustCandidates:
         return steps
 
 
-def _refined(problem: Problem, step: Step, asked: Screening) -> list[Step]:
+def _refined(problem: Problem, step: Step, asked: Screening) -> Step:
     """Return laws nearer to the wanted wall, also on perturbed devices where those are about as near."""
     who, best = asked, step.best
     if asked.off:
         everybody = asked.and_off()
-        if (asked.only_off().ends(_robust(problem, step.gains, best.law))([best.law]) < 1).all():
+        if _settles(problem, step, asked.only_off()):
             who = everybody
         else:
             known = KnownLaws(problem, _residual_speed_at(problem, everybody)).before(step.stiffness_n_per_m)
             if known is not None and known.best.cost.distance < best.cost.distance + _ABOUT_AS_NEAR:
                 step, who = known, everybody
     wanted = problem.environment.stiffness_n_per_m
-    return [refined(problem, step, _residual_speed_at(problem, who), wanted_n_per_m=wanted)]
+    return refined(problem, step, _residual_speed_at(problem, who), wanted_n_per_m=wanted)
+
+
+def _settles(problem: Problem, step: Step, asked: Screening) -> bool:
+    """Return whether all hands settle with the best law of a step."""
+    law = step.best.law
+    return bool((asked.ends(_robust(problem, step.gains, law))([law]) < 1).all())
 
 
 def _known(problem: Problem, first_n_per_m: float, asked: Screening) -> Step | None:
