@@ -90,4 +90,4 @@ def test_without_its_table_a_recommendation_is_as_safe(monkeypatch):
     found = avc.recommend("reference-r1")
     assert found.deployable
     assert found.trial.counts()["at_rest_without_friction"] == 100
-    assert found.felt()["share_of_wall"] > 0.9
+    assert found.felt()["share_of_wall"] > 0.8

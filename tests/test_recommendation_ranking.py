@@ -185,7 +185,7 @@ def test_springs_between_a_law_and_what_they_do_not_hold_are_tried(law, held, be
     monkeypatch.setattr(_evaluate, "deployable", lambda _: SimpleNamespace(passed=True))
     monkeypatch.setattr(_rank, "likely_provable", lambda left: left)
     monkeypatch.setattr(_evaluate, "likeliest", lambda alternatives, *_, **__: (alternatives, True))
-    monkeypatch.setattr(_stages, "_behind_laws", lambda evaluator, *_: evaluator.ask([[behind]], "laws"))
+    monkeypatch.setattr(_stages, "_behind_laws", lambda evaluator, *_, **__: evaluator.ask([[behind]], "laws"))
     monkeypatch.setattr(_stages, "tuned_candidates", lambda *_: iter(()))
     found = judged_candidates(PROBLEM, people, 0, limit, lean_on_friction=False).judged
     best = best_of(found)

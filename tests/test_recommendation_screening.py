@@ -16,7 +16,7 @@ from avc_casadi.recommendation import screening as _asked_first
 from avc_casadi.recommendation.evaluate import Evaluator
 from avc_casadi.recommendation.screening import Group, Screening, elsewhere, off_file
 from avc_casadi.simulation.population.coupling_trial import try_coupling
-from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.operators import loose_grips, people_of
 
 PROBLEM = avc.load_problem("spring")
 HANDS = 40
@@ -187,7 +187,7 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
 
     monkeypatch.setattr(_asked_first, "prepared_residual_speeds", lambda _, people, **__: Known(len(people)))
     found = hall.screening().ends(coupling(300.0))([0.1, 2.0, 0.2, 0.99])
-    first, others = 16 + HANDS // 4, HANDS - HANDS // 4
+    first, others = 16 + 100 // 4, 100 - 100 // 4
     # With the last one some of the first rest, and some do not.
     assert asked == [(first, 4), (others, 2)]
     assert found.shape == (4, first + others)
@@ -281,7 +281,10 @@ def test_all_hands_of_the_trial_try_a_refined_law():
     few, whole = (
         sum(len(group.people) for stage in hall.screening(whole=one).stages for group in stage) for one in (False, True)
     )
-    assert whole - few == HANDS - _evaluate.FIRST
-    np.testing.assert_array_equal(
-        hall.screening(whole=True).stages[-1][0].people.mass_kg, people.mass_kg[_evaluate.FIRST :]
-    )
+    own, loose = HANDS - _evaluate.FIRST, 2 * 100
+    assert whole - few == own + loose
+    last = hall.screening(whole=True).stages[-1][0].people.mass_kg
+    np.testing.assert_array_equal(last[:own], people.mass_kg[_evaluate.FIRST :])
+    grips = loose_grips(PROBLEM.hands, loose, 1).mass_kg
+    np.testing.assert_array_equal(last[own:], grips)
+    assert not np.isin(grips, loose_grips(PROBLEM.hands, 100, 0).mass_kg).any()

@@ -43,8 +43,9 @@ FIRST = 16
 _MOST_TRIED = 5
 # Number of devices of the declared ranges among which the confirming hands are divided.
 _DEVICES = 16
-# One in this many loose grips screens a law first.
-_ONE_IN = 4
+# Least number of loose grips that screen a law, of which one in so many does first; and how many times as many others
+# screen a refined law, which is the nearest of many: those who refute it are then rarer by as much.
+_LOOSE, _ONE_IN, _MORE_LOOSE = 100, 4, 2
 # Settled with margin: residual speed below this share of the threshold.
 _SETTLED_MARGIN = 0.7
 # Largest share of hands not settling at which these join the screening hands.
@@ -78,7 +79,9 @@ class Evaluator:
         count = 2 * len(people)
         draws = itertools.count(0, count)
         self._others = (draw_hands(problem.hands, count, seed, "training", first=first) for first in draws)
-        self._first, self._loose = people.pick(slice(FIRST)), loose_grips(problem.hands, len(people), seed)
+        loose = max(len(people), _LOOSE)
+        self._first, self._loose = people.pick(slice(FIRST)), loose_grips(problem.hands, loose, seed)
+        self._more_loose = loose_grips(problem.hands, _MORE_LOOSE * loose, seed + 1)
         self._asked = (
             *beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed)),
             *held_otherwise(problem, BEYOND_HANDS, seed),
@@ -122,12 +125,12 @@ class Evaluator:
         """Return the current screening hands, which later trials may extend.
 
         Args:
-            whole: whether all hands of the trial are among them.
+            whole: whether all hands of the trial are among them, and more loose grips.
         """
         few = np.arange(len(self._loose)) % _ONE_IN == 0
         likely = Group(together(self._first, self._loose.pick(np.flatnonzero(few))))
         others, rough = Group(self._loose.pick(np.flatnonzero(~few))), Group(self._first, friction=True)
-        rest = Group(self._people.pick(slice(FIRST, None)))
+        rest = Group(together(self._people.pick(slice(FIRST, None)), self._more_loose))
         stages = ((likely,), (rough,) if self._rough else (), self._elsewhere, (others,), (rest,) if whole else ())
         some = (tuple(group for group in stage if len(group.people)) for stage in stages)
         return Screening(tuple(stage for stage in some if stage), self._lean, self._off)

@@ -49,8 +49,6 @@ Alternatives = list[Coupling]
 _SOFTEST = 0.05
 # A continuation from a known law: stiffness ratio of its first step, and that at which it ends.
 _FROM_KNOWN: dict[str, Any] = {"rise": 1.15, "close": 1.06, "softer": 0}
-# From a given law a few softer walls are tried only: if these fail, its neighbourhood is poor.
-_FROM_GIVEN: dict[str, Any] = {"close": 1.12, "softer": 2}
 _FROM_GUESS: dict[str, Any] = {"close": 1.12}
 # Distances that differ by less do not outweigh that all hands settle on perturbed devices too.
 _ABOUT_AS_NEAR = 0.1
@@ -118,7 +116,7 @@ class RobustCandidates:
         problem: device, wall and hands.
         stiffest: the stiffest wall stable with all hands and released.
         crew: workers of the search.
-        start: a wall, and the law for it, from which to continue; None starts from the limit of spring and damper.
+        start: a wall and a law for it, known beside those of the table; None without.
     """
 
     def __init__(self, problem: Problem, stiffest: DampingRange, crew: SharedTasks, start: Step | None = None) -> None:
@@ -138,19 +136,18 @@ class RobustCandidates:
         """
         if not self._possible:
             return
-        problem, wanted, start, how = self._problem, self._wanted, self._start, _FROM_GIVEN
-        if start is None:
-            start, how = _known(problem, self._first, asked), _FROM_KNOWN
-            if start is not None:
-                yield self._kept([start])
+        problem, wanted = self._problem, self._wanted
+        known = _known(problem, self._first, asked, self._start)
+        if known is not None:
+            yield self._kept([known])
         starts = Space(problem.device, problem.hands).starts
         tasks: list[Callable[[], list[Step]]] = []
         for number in numbers:
-            point, first, rest = starts[number % len(starts)], self._first, _FROM_GUESS
-            if start is not None:
-                point, first, rest = start.best.logarithms, start.stiffness_n_per_m, how
+            point, first, how = starts[number % len(starts)], self._first, _FROM_GUESS
+            if known is not None:
+                point, first, how = known.best.logarithms, known.stiffness_n_per_m, _FROM_KNOWN
             walls = (min(first, wanted), wanted)
-            tasks.append(partial(_continued, problem, point, walls, asked, seed=number, **rest))
+            tasks.append(partial(_continued, problem, point, walls, asked, seed=number, **how))
         yield from map(self._kept, self._crew.each(tasks))
 
     def refined(self, asked: Screening) -> list[Step]:
@@ -197,12 +194,12 @@ def _settles(problem: Problem, step: Step, asked: Screening) -> bool:
     return bool((asked.ends(_robust(problem, step.gains, law))([law]) < 1).all())
 
 
-def _known(problem: Problem, first_n_per_m: float, asked: Screening) -> Step | None:
+def _known(problem: Problem, first_n_per_m: float, asked: Screening, start: Step | None) -> Step | None:
     """Return the wanted wall with known laws that stabilise it, else a softer one; None where there is none."""
-    wanted = problem.environment.stiffness_n_per_m
+    wanted, more = problem.environment.stiffness_n_per_m, () if start is None else (start.best.logarithms,)
     # Laws with which all settle on perturbed devices too come first, even if others are nearer.
     for who in (asked.and_off(), asked) if asked.off else (asked,):
-        laws = KnownLaws(problem, _residual_speed_at(problem, who))
+        laws = KnownLaws(problem, _residual_speed_at(problem, who), more)
         if (found := laws.before(wanted)) is not None:
             return found
     return laws.softer(_SOFTEST * first_n_per_m, wanted)

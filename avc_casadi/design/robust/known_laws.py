@@ -22,6 +22,8 @@ from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, softened
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from avc_casadi._util.arrays import FloatArray
     from avc_casadi.design.robust.cma_continuation import ResidualSpeedAt
     from avc_casadi.model.problem import Problem
@@ -63,12 +65,15 @@ class KnownLaws:
     Args:
         problem: device with its ranges, hands and wall.
         residual_speed_at: as for `continuation`.
+        more: laws known beside those of the table, logarithms of their parameters.
     """
 
-    def __init__(self, problem: Problem, residual_speed_at: ResidualSpeedAt | None = None) -> None:
+    def __init__(
+        self, problem: Problem, residual_speed_at: ResidualSpeedAt | None = None, more: Sequence[FloatArray] = ()
+    ) -> None:
         self._problem, self._residual_speed_at = problem, residual_speed_at
         self._space, self._loops = Space(problem.device, problem.hands), Loops.of(problem)
-        self._points = known_points(self._space)
+        self._points = np.array([*more, *known_points(self._space)])
 
     def before(self, stiffness_n_per_m: float) -> Step | None:
         """Return the known laws that stabilise a wall, by increasing distance; None where no known one does.
