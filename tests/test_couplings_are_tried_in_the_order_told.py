@@ -146,7 +146,10 @@ def test_the_nearest_of_the_laws_found_with_which_all_settle_is_refined(monkeypa
     ((step, who),) = asked
     assert (step.stiffness_n_per_m, who) == (4e3, "hands")
     assert [one.law for one in step.candidates] == [0.65]
-    assert robust.steps[-1] == "refined"
+    assert robust.steps.pop() == "refined"
+    # Where nobody settles with any, laws about the nearest may be better.
+    robust.refined("others")
+    assert asked[-1][0].best.law == 0.5
 
 
 @pytest.mark.parametrize("known", [True, False])

@@ -151,18 +151,19 @@ class RobustCandidates:
         yield from map(self._kept, self._crew.each(tasks))
 
     def refined(self, asked: Screening) -> list[Step]:
-        """Return laws nearer to the wanted wall than the nearest one found with which all settle; none without one.
+        """Return laws nearer to the wanted wall than the nearest one found with which all settle, else than any.
 
-        Where there are any, these are laws with which all hands also settle on perturbed devices.
+        Where there are any, these are laws with which all hands also settle on perturbed devices; none where no law was
+        found.
 
         Args:
             asked: screening hands, who must all settle.
         """
         each = [replace(step, candidates=(one,)) for step in self.steps for one in step.candidates]
-        for step in sorted(each, key=lambda step: step.best.cost.distance):
-            if _settles(self._problem, step, asked):
-                return self._kept([_refined(self._problem, step, asked)])
-        return []
+        each.sort(key=lambda step: step.best.cost.distance)
+        settled = (step for step in each if _settles(self._problem, step, asked))
+        start = next(settled, each[0] if each else None)
+        return [] if start is None else self._kept([_refined(self._problem, start, asked)])
 
     def alternatives(self, step: Step) -> Alternatives:
         """Return the couplings of a wall."""
