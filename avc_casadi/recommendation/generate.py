@@ -130,6 +130,8 @@ class RobustCandidates:
     def continuations(self, asked: Screening, numbers: range) -> Iterator[list[Step]]:
         """Yield the wanted wall, where a known law stabilises it; then walls up to it, the softest first.
 
+        Continuations begin at the stiffest softer wall that a known law stabilises.
+
         Args:
             asked: screening hands, who must all settle.
             numbers: of the continuations, each with its own random draws.
@@ -140,6 +142,9 @@ class RobustCandidates:
         known = _known(problem, self._first, asked, self._start)
         if known is not None:
             yield self._kept([known])
+            if known.stiffness_n_per_m >= wanted:
+                laws = KnownLaws(problem, _residual_speed_at(problem, asked))
+                known = laws.softer(_SOFTEST * self._first, wanted) or known
         starts = Space(problem.device, problem.hands).starts
         tasks: list[Callable[[], list[Step]]] = []
         for number in numbers:

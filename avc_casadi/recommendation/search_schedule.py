@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 _CLOSE, _MOST_HALVED = 1.05, 3
 CONTINUATIONS = range(2)
 """Continuations by number, until one holds the wanted wall."""
+# Distance of a known law below which no continuation follows: reference-r2 is 32 % off at 1 Hz with one, 57 % without.
+_NEAR_ENOUGH = 0.5
 # Ratio to the next softer wall of a continuation that is tried.
 _LESS = 0.96
 # Names of searches, as reported.
@@ -136,10 +138,13 @@ def _plainly(evaluator: Evaluator, plain: list[Alternatives], stiffness_n_per_m:
 def _behind_laws(
     evaluator: Evaluator, robust: RobustCandidates, wall_n_per_m: float, climbs: range, *, stiffest: bool
 ) -> None:
-    """Continue to the wanted wall; then refine the nearest of the walls reached, where stiffness is not all."""
-    for steps in robust.continuations(evaluator.screening(), climbs):
+    """Continue to the wanted wall; then refine the nearest of the walls reached, where stiffness is not all.
+
+    A known law that holds the wanted wall poorly is followed by a continuation all the same.
+    """
+    for place, steps in enumerate(robust.continuations(evaluator.screening(), climbs)):
         _stiffest_held(evaluator, robust, steps)
-        if evaluator.holds(wall_n_per_m):
+        if evaluator.holds(wall_n_per_m) and (place > 0 or steps[0].best.cost.distance < _NEAR_ENOUGH):
             break
     if stiffest or evaluator.stiffest() is None:
         return
