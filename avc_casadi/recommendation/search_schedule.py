@@ -144,7 +144,7 @@ def _behind_laws(
     """
     for place, steps in enumerate(robust.continuations(evaluator.screening(), climbs)):
         _stiffest_held(evaluator, robust, steps)
-        if evaluator.holds(wall_n_per_m) and (place > 0 or steps[0].best.cost.distance < _NEAR_ENOUGH):
+        if evaluator.holds(wall_n_per_m) and (place > 0 or steps[-1].best.cost.distance < _NEAR_ENOUGH):
             break
     if stiffest or evaluator.stiffest() is None:
         return
