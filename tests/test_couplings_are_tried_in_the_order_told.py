@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._util.parallel import ALONE
 from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.cma_continuation import Step
@@ -139,7 +138,7 @@ def test_the_nearest_of_the_laws_found_with_which_all_settle_is_refined(monkeypa
     asked = []
     monkeypatch.setattr(generate, "_refined", lambda _, step, who: asked.append((step, who)) or "refined")
     monkeypatch.setattr(generate, "_settles", lambda _, step, who: step.best.law > 0.6 and who == "hands")
-    robust = RobustCandidates(before(1e4), LIMIT, ALONE)
+    robust = RobustCandidates(before(1e4), LIMIT)
     assert robust.refined("hands") == []
     robust.steps = [wall_at(5e3, 0.9), wall_at(4e3, 0.5, 0.65), wall_at(3e3, 0.7)]
     assert robust.refined("hands") == ["refined"]
@@ -162,7 +161,7 @@ def test_continuations_begin_at_the_wall_that_a_known_law_holds_else_at_initial_
         return [how["seed"]]
 
     monkeypatch.setattr(generate, "_continued", continued)
-    found = list(RobustCandidates(before(4e5), LIMIT, ALONE).continuations("hands", range(2)))
+    found = list(RobustCandidates(before(4e5), LIMIT).continuations("hands", range(2)))
     assert found == ([[held]] if known else []) + [[0], [1]]
     points, walls, who, seeds = zip(*asked, strict=True)
     assert walls == ((2e3 if known else pytest.approx(0.9 * LIMIT.stiffness_n_per_m), 4e5),) * 2

@@ -9,7 +9,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import device_corners, linear_values
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.recommendation.perturbed_devices import _off, off_file
+from avc_casadi.recommendation.perturbed_devices import off_file, perturbed
 from avc_casadi.recommendation.told import conclusion_lines
 
 WALL_N_PER_M = 20e3
@@ -64,7 +64,7 @@ def test_a_wall_that_only_a_hand_holds_is_told_to_be_unstable_let_go():
     found = off_file(coupling)
     assert found.trial.counts()["at_rest_without_friction"] == found.trial.hands
     damping = float(coupling.table.gains[2, 0])
-    expected = [radius_let_go(device, wall, damping) > 1 for device in _off(held.device, found.keys, 0)]
+    expected = [radius_let_go(device, wall, damping) > 1 for device in perturbed(held.device, found.keys, 0)]
     assert found.unstable == found.document()["linearly_unstable"] == sum(expected)
     assert 0 < sum(expected) < len(expected)
 
@@ -73,7 +73,7 @@ def test_each_number_is_a_tenth_off_up_or_down():
     device = before(WALL_N_PER_M).device
     values = linear_values(device)
     keys = tuple(key for key, value in values.items() if value > 0)
-    drawn = [one for seed in range(4) for one in _off(device, keys, seed)]
+    drawn = [one for seed in range(4) for one in perturbed(device, keys, seed)]
     for key in keys:
         assert {round(linear_values(one)[key] / values[key], 9) for one in drawn} == {0.9, 1.1}
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._util.progress import SILENT
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import RIGID_KEYS, device_corners
 from avc_casadi.model.gains import Gains
@@ -24,7 +23,7 @@ HANDS = 40
 
 def jury():
     people = people_of(PROBLEM.hands, HANDS)
-    return Evaluator(PROBLEM, people, 0, SILENT, lean_on_friction=False, executor=None), people
+    return Evaluator(PROBLEM, people, 0, lean_on_friction=False, executor=None), people
 
 
 def coupling(stiffness):
@@ -106,7 +105,7 @@ def test_where_the_device_has_ranges_some_try_a_law_on_light_devices_and_on_some
     light = {
         (one.damping_ns_per_m, one.delay_samples) for one in corners if one.mass_kg == min(RANGED.device.range.mass_kg)
     }
-    groups = groups_asked(Evaluator(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None))
+    groups = groups_asked(Evaluator(RANGED, people, 0, lean_on_friction=False, executor=None))
     met = [group.device for group in groups]
     assert {(one.damping_ns_per_m, one.delay_samples) for one in met if one in corners} == light
     within = [one for one in met if one not in corners]
@@ -136,7 +135,7 @@ def test_of_many_light_corners_those_that_differ_most_are_tried():
 @pytest.mark.thorough
 def test_who_moves_on_another_device_tries_the_next_laws_on_that_one(monkeypatch):
     people = people_of(RANGED.hands, HANDS)
-    hall = Evaluator(RANGED, people, 0, SILENT, lean_on_friction=False, executor=None)
+    hall = Evaluator(RANGED, people, 0, lean_on_friction=False, executor=None)
     before, met, real = groups_asked(hall), [], _evaluate.try_on_devices
 
     def refuted(one, some, devices, *rest):
@@ -198,7 +197,7 @@ def test_all_try_a_law_with_which_the_first_rest_and_nobody_else_one_with_which_
 
 @pytest.mark.parametrize("hands", [1, 2])
 def test_few_who_are_asked_are_all_among_the_first(hands):
-    one = Evaluator(PROBLEM, people_of(PROBLEM.hands, hands), 0, SILENT, lean_on_friction=False, executor=None)
+    one = Evaluator(PROBLEM, people_of(PROBLEM.hands, hands), 0, lean_on_friction=False, executor=None)
     stages = one.screening().stages
     assert all(len(group.people) for stage in stages for group in stage)
     ends = one.screening().ends(coupling(300.0))
@@ -261,7 +260,7 @@ ROUGH = PROBLEM.changed(device={"coulomb_friction_n": 0.3, "max_force_n": 10.0})
 def test_some_try_a_law_with_dry_friction_too_where_others_try_it_without(problem, rough, lean):
     """Some laws vibrate only with it."""
     people = people_of(problem.hands, HANDS)
-    screening = Evaluator(problem, people, 0, SILENT, lean_on_friction=lean, executor=None).screening()
+    screening = Evaluator(problem, people, 0, lean_on_friction=lean, executor=None).screening()
     asked = [group.friction for stage in screening.stages for group in stage]
     assert sum(asked) == (rough and not lean)
     assert screening.friction == lean

@@ -13,9 +13,10 @@ from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import Laws, largest_radius, state_feedback_loop
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust import cma_continuation
-from avc_casadi.design.robust.cma_continuation import continuation, refined, weighed
+from avc_casadi.design.robust.cma_continuation import continuation, weighed
 from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.refinement import refined
 from avc_casadi.design.robust.uncertainty_set import Loops
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners

@@ -65,7 +65,7 @@ class Evaluator:
         problem: Problem,
         people: Hand,
         seed: int,
-        progress: Progress,
+        progress: Progress = SILENT,
         *,
         lean_on_friction: bool,
         executor: Executor | None,

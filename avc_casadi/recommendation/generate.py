@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.parallel import ALONE, SharedTasks
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.stiffest_wall import DampingRange, damping_range
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.constant.static_tuned import tuned_margin
-from avc_casadi.design.robust.cma_continuation import continuation, refined
+from avc_casadi.design.robust.cma_continuation import continuation
 from avc_casadi.design.robust.known_laws import KnownLaws
 from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.robust.refinement import refined
 from avc_casadi.design.robust.solve import FIRST
 from avc_casadi.design.robust.uncertainty_set import why_no_law
 from avc_casadi.design.tuning import tuned
@@ -27,7 +29,6 @@ from avc_casadi.model.runtime import Runtime
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
-    from avc_casadi._util.parallel import SharedTasks
     from avc_casadi.design.robust.cma_continuation import ResidualSpeed, ResidualSpeedAt, Step
     from avc_casadi.model.hands import Hand, StylusHand
     from avc_casadi.model.problem import Problem
@@ -119,7 +120,9 @@ class RobustCandidates:
         start: a wall and a law for it, known beside those of the table; None without.
     """
 
-    def __init__(self, problem: Problem, stiffest: DampingRange, crew: SharedTasks, start: Step | None = None) -> None:
+    def __init__(
+        self, problem: Problem, stiffest: DampingRange, crew: SharedTasks = ALONE, start: Step | None = None
+    ) -> None:
         self._problem, self._crew, self._start = problem, crew, start
         self.steps: list[Step] = []
         self._wanted = problem.environment.stiffness_n_per_m
@@ -143,7 +146,7 @@ class RobustCandidates:
         if known is not None:
             yield self._kept([known])
             if known.stiffness_n_per_m >= wanted:
-                laws = KnownLaws(problem, _residual_speed_at(problem, asked))
+                laws = KnownLaws(problem, residual_speed_at(problem, asked))
                 known = laws.softer(_SOFTEST * self._first, wanted) or known
         starts = Space(problem.device, problem.hands).starts
         tasks: list[Callable[[], list[Step]]] = []
@@ -187,11 +190,11 @@ def _refined(problem: Problem, step: Step, asked: Screening) -> Step:
         if _settles(problem, step, asked.only_off()):
             who = everybody
         else:
-            known = KnownLaws(problem, _residual_speed_at(problem, everybody)).before(step.stiffness_n_per_m)
+            known = KnownLaws(problem, residual_speed_at(problem, everybody)).before(step.stiffness_n_per_m)
             if known is not None and known.best.cost.distance < best.cost.distance + _ABOUT_AS_NEAR:
                 step, who = known, everybody
     wanted = problem.environment.stiffness_n_per_m
-    return refined(problem, step, _residual_speed_at(problem, who), wanted_n_per_m=wanted)
+    return refined(problem, step, residual_speed_at(problem, who), wanted_n_per_m=wanted)
 
 
 def _settles(problem: Problem, step: Step, asked: Screening) -> bool:
@@ -205,7 +208,7 @@ def _known(problem: Problem, first_n_per_m: float, asked: Screening, start: Step
     wanted, more = problem.environment.stiffness_n_per_m, () if start is None else (start.best.logarithms,)
     # Laws with which all settle on perturbed devices too come first, even if others are nearer.
     for who in (asked.and_off(), asked) if asked.off else (asked,):
-        laws = KnownLaws(problem, _residual_speed_at(problem, who), more)
+        laws = KnownLaws(problem, residual_speed_at(problem, who), more)
         if (found := laws.before(wanted)) is not None:
             return found
     return laws.softer(_SOFTEST * first_n_per_m, wanted)
@@ -216,15 +219,22 @@ def _continued(
 ) -> list[Step]:
     """Continue from a point; no walls where it has no law."""
     with suppress(np.linalg.LinAlgError):
-        return continuation(problem, point, walls_n_per_m, _residual_speed_at(problem, asked), **how)
+        return continuation(problem, point, walls_n_per_m, residual_speed_at(problem, asked), **how)
     return []
 
 
-def _residual_speed_at(problem: Problem, asked: Screening) -> ResidualSpeedAt:
-    def residual_speed_at(gains: Gains, law: StateFeedback) -> ResidualSpeed:
+def residual_speed_at(problem: Problem, asked: Screening) -> ResidualSpeedAt:
+    """Return the simulation of some hands, for walls and laws.
+
+    Args:
+        problem: device, wall and hands.
+        asked: the hands.
+    """
+
+    def before(gains: Gains, law: StateFeedback) -> ResidualSpeed:
         return asked.ends(_robust(problem, gains, law))
 
-    return residual_speed_at
+    return before
 
 
 def _robust(problem: Problem, gains: Gains, law: StateFeedback) -> Coupling:

@@ -60,7 +60,7 @@ def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
     if not keys:
         return None
     people = people_of(problem.hands, FIRST, seed)
-    devices = _off(problem.device, keys, seed)
+    devices = perturbed(problem.device, keys, seed)
     each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
     theirs = [replace(coupling, problem=problem.changed(device=device)) for device in devices]
     unstable = sum(not deployable(one).passed for one in theirs)
@@ -73,7 +73,7 @@ def _without_range(problem: Problem) -> tuple[str, ...]:
     return tuple(key for key, value in values.items() if value > 0 and f"device.range.{key}" not in ranged)
 
 
-def _off(device: Device, keys: tuple[str, ...], seed: int) -> list[Device]:
+def perturbed(device: Device, keys: tuple[str, ...], seed: int) -> list[Device]:
     """Draw perturbed devices; a value at the end of its admissible range moves inwards only."""
     random = np.random.default_rng(seed)
     values = linear_values(device)

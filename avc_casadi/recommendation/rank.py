@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.stability.transient import transients
-from avc_casadi.design.robust.goal import BAND_HZ, distance
+from avc_casadi.design.robust.goal import BAND_HZ, distance, static_share
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
 from avc_casadi.recommendation.shaken import Shaken, shaken
@@ -104,8 +104,7 @@ class Judged:
     @cached_property
     def distance(self) -> float:
         """Distance from the wall: mismatch in motion, with prices on settling time and softness at rest."""
-        wall = self.coupling.wall.stiffness_n_per_m
-        share = static_stiffness_n_per_m(self.coupling) / wall if wall > 0 else 1.0
+        share = static_share(static_stiffness_n_per_m(self.coupling), self.coupling.wall.stiffness_n_per_m)
         return distance(self.mismatch, transients(self.coupling)[0].settling_s, share)
 
     def complete(self, *, lean_on_friction: bool) -> bool:

@@ -37,6 +37,7 @@ ALL = "all rules"
 SCHEDULE, GENERATE = "recommendation.search_schedule", "recommendation.generate"
 EVALUATE = "recommendation.evaluate"
 LAWS, KNOWN = "design.robust.cma_continuation", "design.robust.known_laws"
+REFINEMENT = "design.robust.refinement"
 # What a user would notice: a share of the stiffness, a difference of impedance error; or one hand.
 STIFFER, NEARER = 0.03, 0.02
 
@@ -122,8 +123,8 @@ RULES = {
         f"{EVALUATE}.Evaluator.screening",
         {f"{EVALUATE}.Evaluator.screening": _without_friction},
     ),
-    "generations": Rule("20 generations of a refinement, not 10", REFINES, {f"{LAWS}._REFINED": _is(10)}),
-    "narrower": Rule("laws drawn nearer after none was", REFINES, {f"{LAWS}._NARROWER": _is(1.0)}),
+    "generations": Rule("20 generations of a refinement, not 10", REFINES, {f"{REFINEMENT}._REFINED": _is(10)}),
+    "narrower": Rule("laws drawn nearer after none was", REFINES, {f"{REFINEMENT}._NARROWER": _is(1.0)}),
     "most_laws": Rule(
         "three laws kept a wall, not one", LAW, {f"{LAWS}.MOST_LAWS": _is(1), f"{KNOWN}.MOST_LAWS": _is(1)}
     ),

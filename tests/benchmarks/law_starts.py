@@ -26,14 +26,13 @@ import random_devices
 from studied import about, made_by, table, write_rows
 
 import avc_casadi as avc
-from avc_casadi._util.progress import SILENT
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.design.robust import cma_continuation, known_laws
+from avc_casadi.design.robust import known_laws, refinement
 from avc_casadi.design.robust.known_laws import KnownLaws, known_points
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.recommendation.evaluate import Evaluator
-from avc_casadi.recommendation.generate import _residual_speed_at
+from avc_casadi.recommendation.generate import residual_speed_at
 from avc_casadi.recommendation.rank import best_of
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.simulation.population.operators import people_of
@@ -71,7 +70,7 @@ def solved(index: int) -> Row:
         return row
     limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
     people = people_of(problem.hands, HANDS, 0)
-    with mock.patch.multiple(cma_continuation, **REFINED):
+    with mock.patch.multiple(refinement, **REFINED):
         found = judged_candidates(problem, people, 0, limit, lean_on_friction=False)
     best = best_of(found.judged) if found.judged else None
     law = None if best is None or best.safety > 0 else best.coupling.runtime.state_feedback
@@ -111,12 +110,12 @@ def _distances(device: Row, rows: list[Row]) -> list[float]:
     """
     problem, names = drawn(device["index"], device["seed"]), set(device["numbers"])
     assert problem is not None
-    jury = Evaluator(problem, people_of(problem.hands, HANDS, 0), 0, SILENT, lean_on_friction=False, executor=None)
+    jury = Evaluator(problem, people_of(problem.hands, HANDS, 0), 0, lean_on_friction=False, executor=None)
     some = [place for place, row in enumerate(rows) if set(row["numbers"]) == names and row is not device]
     told = [{name: str(value) for name, value in rows[place]["numbers"].items()} for place in some]
     found = np.full(len(rows), np.inf)
     with mock.patch.multiple(known_laws, _rows=mock.Mock(return_value=told), MOST_LAWS=len(rows)):
-        laws = KnownLaws(problem, _residual_speed_at(problem, jury.screening()))
+        laws = KnownLaws(problem, residual_speed_at(problem, jury.screening()))
         points = known_points(Space(problem.device, problem.hands))[-len(some) :]
         places = {point.tobytes(): place for point, place in zip(points, some, strict=True)}
         step = laws.before(min(device["reached_n_per_m"], problem.environment.stiffness_n_per_m))

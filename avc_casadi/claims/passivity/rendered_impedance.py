@@ -107,11 +107,6 @@ class Handle:
         unit = loop.hold * environment_impedance(angle, "sampled-data", 0.0, 1.0) * on_time
         return cls(device, problem.environment, frequency_hz, np.asarray(unit))
 
-    def static_share(self, stiffness_n_per_m: float) -> float:
-        """Return a stiffness over the wall's; 1 before a wall without stiffness."""
-        own = self.environment.stiffness_n_per_m
-        return stiffness_n_per_m / own if own > 0 else 1.0
-
     def rendered(self, force_n_per_m: ComplexArray, excitation: Excitation) -> Rendered:
         """Return what a transfer from measured position to force renders.
 

@@ -65,7 +65,12 @@ USUAL_SENSITIVITY = 3.0
 _NOTHING = 1e-9
 
 
-def distance(mismatch: float, settling_s: float, static_share: float) -> float:
+def static_share(stiffness_n_per_m: float, wanted_n_per_m: float) -> float:
+    """Return a stiffness at rest over the wanted one; 1 where none is wanted."""
+    return stiffness_n_per_m / wanted_n_per_m if wanted_n_per_m > 0 else 1.0
+
+
+def distance(mismatch: float, settling_s: float, share: float) -> float:
     """Return the distance from the wall: mismatch in motion, with prices on settling time and softness at rest.
 
     A settling time four times as long counts as much as a third of the stiffness, a share at rest as a fifth of the
@@ -74,9 +79,9 @@ def distance(mismatch: float, settling_s: float, static_share: float) -> float:
     Args:
         mismatch: rms of abs(ln(rendered/wanted)) over `BAND_HZ`; `IMPERCEPTIBLE` at least.
         settling_s: of the slowest oscillation when released; `AT_ONCE_S` at least.
-        static_share: rendered stiffness at rest over the wanted one; 1 where none is wanted.
+        share: of the wanted stiffness at rest.
     """
-    slow, soft = math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S), max(0.0, -math.log(max(static_share, _NOTHING)))
+    slow, soft = math.log(max(settling_s, AT_ONCE_S) / AT_ONCE_S), max(0.0, -math.log(max(share, _NOTHING)))
     return max(mismatch, IMPERCEPTIBLE) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
 
@@ -226,7 +231,9 @@ def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
         "settling_s": settling_s(poles(state_feedback_loops(_nominal(loops.free), laws, rendering))[:, 0, 0], t),
     }
     over = np.maximum(0, found.softness_3hz - found.bound_3hz) + np.maximum(0, found.softness_10hz - found.bound_10hz)
-    facts["static_share"] = np.full(len(laws), loops.handle.static_share(stiffness_at_rest(rendering)))
+    facts["static_share"] = np.full(
+        len(laws), static_share(stiffness_at_rest(rendering), loops.handle.environment.stiffness_n_per_m)
+    )
     return [
         _Felt({name: float(values[row]) for name, values in facts.items()}, float(over[row]))
         for row in range(len(laws))
