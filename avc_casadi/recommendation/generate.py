@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -133,7 +134,8 @@ class RobustCandidates:
     def continuations(self, asked: Screening, numbers: range) -> Iterator[list[Step]]:
         """Yield the wanted wall, where a known law stabilises it; then walls up to it, the softest first.
 
-        Continuations begin at the stiffest softer wall that a known law stabilises.
+        Every other continuation begins at the stiffest softer wall that a known law stabilises, where there is one;
+        else at a default guess: either may end in the better basin.
 
         Args:
             asked: screening hands, who must all settle.
@@ -152,7 +154,7 @@ class RobustCandidates:
         tasks: list[Callable[[], list[Step]]] = []
         for number in numbers:
             point, first, how = starts[number % len(starts)], self._first, _FROM_GUESS
-            if known is not None:
+            if known is not None and number % 2 == 0:
                 point, first, how = known.best.logarithms, known.stiffness_n_per_m, _FROM_KNOWN
             walls = (min(first, wanted), wanted)
             tasks.append(partial(_continued, problem, point, walls, asked, seed=number, **how))
@@ -172,6 +174,10 @@ class RobustCandidates:
         settled = (step for step in each if _settles(self._problem, step, asked))
         start = next(settled, each[0] if each else None)
         return [] if start is None else self._kept([_refined(self._problem, start, asked)])
+
+    def nearest(self) -> float:
+        """Return the smallest distance from the wanted wall of the laws found so far; infinite where there is none."""
+        return min((step.best.cost.distance for step in self.steps), default=math.inf)
 
     def alternatives(self, step: Step) -> Alternatives:
         """Return the couplings of a wall."""

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 # Bisection between the stiffest stable wall and the next stiffer one: final ratio, largest number of steps.
 _CLOSE, _MOST_HALVED = 1.05, 3
 CONTINUATIONS = range(2)
-"""Continuations by number, until one holds the wanted wall."""
-# Distance of a known law below which no continuation follows: reference-r2 is 32 % off at 1 Hz with one, 57 % without.
+"""Continuations by number, until the wanted wall is held and a law is near."""
+# Distance of a law below which no continuation follows: reference-r2 is 32 % off at 1 Hz with one, 57 % without.
 _NEAR_ENOUGH = 0.5
 # Ratio to the next softer wall of a continuation that is tried.
 _LESS = 0.96
@@ -140,11 +140,11 @@ def _behind_laws(
 ) -> None:
     """Continue to the wanted wall; then refine the nearest of the walls reached, where stiffness is not all.
 
-    A known law that holds the wanted wall poorly is followed by a continuation all the same.
+    Laws that hold the wanted wall poorly are followed by a continuation all the same.
     """
-    for place, steps in enumerate(robust.continuations(evaluator.screening(), climbs)):
+    for steps in robust.continuations(evaluator.screening(), climbs):
         _stiffest_held(evaluator, robust, steps)
-        if evaluator.holds(wall_n_per_m) and (place > 0 or steps[-1].best.cost.distance < _NEAR_ENOUGH):
+        if evaluator.holds(wall_n_per_m) and robust.nearest() < _NEAR_ENOUGH:
             break
     if stiffest or evaluator.stiffest() is None:
         return
