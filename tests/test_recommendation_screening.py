@@ -87,6 +87,30 @@ def test_others_who_refute_it_are_among_the_first_and_the_next_are_others_again(
     assert hall.judged[0].asked is met[0]
 
 
+STYLUS = PROBLEM.changed(device={"held": "stylus"})
+
+
+@pytest.mark.parametrize(("rows", "learned"), [((40,), True), ((3, 20, 50), True), (tuple(range(20)), False)])
+def test_stylus_hands_who_refute_it_screen_from_then_on_once_each(rows, learned, monkeypatch):
+    """However many couplings they refute; a refined law is screened by all of them."""
+    hall = Evaluator(STYLUS, people_of(STYLUS.hands, HANDS), 0, lean_on_friction=False, executor=None)
+    first, every = groups_asked(hall)[-1].people, hall.screening(whole=True).stages[-1][-1].people
+    assert (len(first), len(every)) == (16, 60)
+    real = Group.residual_speeds
+
+    def refuted(group, couplings, **how):
+        found = real(group, couplings, **how)
+        if len(group.people) == len(every):
+            found[:, list(rows)] = np.inf
+        return found
+
+    monkeypatch.setattr(Group, "residual_speeds", refuted)
+    hall.ask([[coupling(300.0)], [coupling(150.0)]], "springs")
+    assert not hall.holds(100.0)
+    rows_now = sorted({*range(16), *(rows if learned else ())})
+    np.testing.assert_array_equal(groups_asked(hall)[-1].people.mass_kg, every.mass_kg[rows_now])
+
+
 RANGED = PROBLEM.changed(
     device={"range": {"mass_kg": (0.05, 0.2), "damping_ns_per_m": (0.0, 2.0), "delay_samples": (0, 3)}}
 )

@@ -86,11 +86,9 @@ class Evaluator:
             *beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed)),
             *held_otherwise(problem, BEYOND_HANDS, seed),
         )
-        few = (
-            *beyond_file(problem, problem.robustness, self._first),
-            *held_otherwise(problem, FIRST, seed),
-        )
-        self._elsewhere = (*elsewhere(problem.device, (self._first, self._loose), seed), *few)
+        # Which of these screen, the first ones to begin with.
+        self._screening = [np.arange(len(group.people)) < FIRST for group in self._asked]
+        self._in_ranges = elsewhere(problem.device, (self._first, self._loose), seed)
         friction, known = problem.device.coulomb_friction_n, problem.device.range.coulomb_friction_n
         self._rough = not lean_on_friction and (friction > 0 or known is not None)
         self._off = off_file(problem.device, self._first, self._loose)
@@ -113,6 +111,12 @@ class Evaluator:
         self._try()
         return everybody
 
+    @property
+    def _elsewhere(self) -> tuple[Group, ...]:
+        """Screening hands on devices of the ranges and beyond."""
+        few = (group.pick(rows) for group, rows in zip(self._asked, self._screening, strict=True))
+        return (*self._in_ranges, *few)
+
     def _replace(self, better: Coupling) -> None:
         """Drop equally stiff couplings with which some screening hand did not settle."""
         felt = static_stiffness_n_per_m(better)
@@ -125,13 +129,13 @@ class Evaluator:
         """Return the current screening hands, which later trials may extend.
 
         Args:
-            whole: whether all hands of the trial are among them, and more loose grips.
+            whole: whether all hands of the trial are among them, those on required devices too, and more loose grips.
         """
         few = np.arange(len(self._loose)) % _ONE_IN == 0
         likely = Group(together(self._first, self._loose.pick(np.flatnonzero(few))))
         others, rough = Group(self._loose.pick(np.flatnonzero(~few))), Group(self._first, friction=True)
-        rest = Group(together(self._people.pick(slice(FIRST, None)), self._more_loose))
-        stages = ((likely,), (rough,) if self._rough else (), self._elsewhere, (others,), (rest,) if whole else ())
+        rest = (Group(together(self._people.pick(slice(FIRST, None)), self._more_loose)), *self._asked)
+        stages = ((likely,), (rough,) if self._rough else (), self._elsewhere, (others,), rest if whole else ())
         some = (tuple(group for group in stage if len(group.people)) for stage in stages)
         return Screening(tuple(stage for stage in some if stage), self._lean, self._off)
 
@@ -142,9 +146,15 @@ class Evaluator:
                 return True
         return self.reaches(stiffness_n_per_m)
 
-    def reaches(self, stiffness_n_per_m: float) -> bool:
-        """Return whether a coupling of this stiffness is acceptable so far: safe, vibration below the threshold."""
-        return bool(self.judged) and self.reached_n_per_m() >= (1 - AS_STIFF) * stiffness_n_per_m
+    def reaches(self, stiffness_n_per_m: float, *, plain: bool = False) -> bool:
+        """Return whether a coupling of this stiffness is acceptable so far: safe, vibration below the threshold.
+
+        Args:
+            stiffness_n_per_m: static.
+            plain: without state feedback.
+        """
+        best = self.stiffest(plain=plain)
+        return best is not None and best.felt_n_per_m >= (1 - AS_STIFF) * stiffness_n_per_m
 
     def pleases(self, stiffness_n_per_m: float) -> bool:
         """Return whether all hands settle without a detectable vibration with a coupling of this stiffness."""
@@ -154,14 +164,14 @@ class Evaluator:
             for one in self.judged
         )
 
-    def reached_n_per_m(self) -> float:
-        """Return the largest rendered stiffness of the acceptable couplings; below 0 where there is none."""
-        best = self.stiffest()
-        return -1.0 if best is None else best.felt_n_per_m
+    def stiffest(self, *, plain: bool = False) -> Judged | None:
+        """Return the stiffest acceptable coupling, if any; `plain` without state feedback."""
+        some = (one for one in self._enough() if not (plain and one.coupling.runtime.state_feedback))
+        return max(some, key=lambda one: one.felt_n_per_m, default=None)
 
-    def stiffest(self) -> Judged | None:
-        """Return the stiffest acceptable coupling, if any."""
-        return max(self._enough(), key=lambda one: one.felt_n_per_m, default=None)
+    def nearest(self) -> Judged | None:
+        """Return the acceptable coupling of smallest distance from the wall, if any."""
+        return min(self._enough(), key=lambda one: one.distance, default=None)
 
     def may_win(self, alternatives: Alternatives) -> bool:
         """Return whether untried couplings may be as stiff as the acceptable ones, or of smaller mismatch."""
@@ -171,9 +181,9 @@ class Evaluator:
     def _enough(self) -> list[Judged]:
         return [one for one in self.judged if one.complete(lean_on_friction=self._lean)]
 
-    def holds(self, stiffness_n_per_m: float) -> bool:
+    def holds(self, stiffness_n_per_m: float, *, plain: bool = False) -> bool:
         """Return whether a coupling of this stiffness is acceptable, also with hands outside the selection."""
-        while self.reaches(stiffness_n_per_m):
+        while self.reaches(stiffness_n_per_m, plain=plain):
             if not self.confirm():
                 return True
             self._try()
@@ -198,6 +208,9 @@ class Evaluator:
         """Add to the screening hands those that did not settle with a coupling with which the others did."""
         known = {id(one) for one in before}
         for one in (one for one in self.judged if id(one) not in known):
+            for place, rests in enumerate(one.beyond):
+                if (~rests).mean() <= _FEW_MOVE:
+                    self._screening[place] |= ~rests
             trial, people = (one.trial, self._people) if one.others is None else (one.others, one.asked)
             if people is None or trial.hands < len(people):
                 continue
@@ -209,7 +222,7 @@ class Evaluator:
             else:
                 met = moving % len(one.devices)
                 groups = (Group(people.pick(moving[met == place]), one.devices[place]) for place in np.unique(met))
-                self._elsewhere = (*self._elsewhere, *groups)
+                self._in_ranges = (*self._in_ranges, *groups)
 
     def _try(self) -> None:
         judged = tried(

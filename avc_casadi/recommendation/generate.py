@@ -14,10 +14,12 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.parallel import ALONE, SharedTasks
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.passivity.rendered_impedance import Excitation, Handle, below_quarter_rate, wall_over_position
 from avc_casadi.claims.stability.stiffest_wall import DampingRange, damping_range
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.design.robust.cma_continuation import continuation
+from avc_casadi.design.robust.goal import BAND_HZ
 from avc_casadi.design.robust.known_laws import KnownLaws
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.refinement import refined
@@ -26,6 +28,7 @@ from avc_casadi.design.robust.uncertainty_set import why_no_law
 from avc_casadi.design.tuning import tuned
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import with_released
+from avc_casadi.model.problem import Impedance
 from avc_casadi.model.runtime import Runtime
 
 if TYPE_CHECKING:
@@ -38,15 +41,17 @@ if TYPE_CHECKING:
 
 # Damping reserves, as multiples of the tuned designs' own: a coarse encoder needs more.
 _RESERVES = (1.0, 3.0)
-# Contact damper as a share of the interval of stable dampings.
+# Contact damper as a share of the interval of stable dampings: each tried, or together behind a spring, where a few
+# hands settle with some of them only.
 _SHARES = (0.5, 0.25, 0.1, 0.03, 0.01)
+_MANY_SHARES = (0.7, 0.5, 0.35, 0.25, 0.18, 0.12, 0.08, 0.05, 0.03, 0.01)
 OF_STIFFEST = (0.9, 0.82, 0.75)
 """Rendered stiffness for a wall that is too stiff, as shares of the stiffest that is stable with all hands."""
 SAFER = (0.6, 0.45, 0.33, 0.24, 0.15)
 """The same where all hands settle with nothing stiffer: of the wall, if that is softer."""
 SOFTENED = "softened wall"
 Alternatives = list[Coupling]
-"""Equally stiff couplings, the likeliest first: the first acceptable one is taken."""
+"""Equally stiff couplings, the nearest first: the first acceptable one is taken."""
 # Softest wall for which known laws are tried, as a share of the stiffest one stable with spring and damper.
 _SOFTEST = 0.05
 # A continuation from a known law: stiffness ratio of its first step, and that at which it ends.
@@ -276,22 +281,29 @@ def _rigid(problem: Problem, people: Hand | StylusHand) -> Iterator[tuple[Gains,
 
 
 def _softened(problem: Problem, people: Hand | StylusHand, felt_n_per_m: float) -> Iterator[Alternatives]:
-    """Put a spring in series with a wall that is too stiff, for a wanted total stiffness; least damped first.
-
-    Less damping means less force before contact, and at equal stiffness many dampers perform alike.
-    """
+    """Put a spring in series with a wall that is too stiff, for a wanted total stiffness; nearest in motion first."""
     wall = problem.environment.stiffness_n_per_m
     if 0 < felt_n_per_m < wall:
         spring = spring_before(problem, felt_n_per_m)
-        dampings = _dampings(damping_range(problem.device, people, felt_n_per_m))
-        alike = [Coupling.constant(problem, Gains(0.0, spring, total), SOFTENED) for total in reversed(dampings)]
+        dampings = _dampings(damping_range(problem.device, people, felt_n_per_m), _MANY_SHARES)
+        dampings.sort(key=partial(_mismatch, problem, felt_n_per_m))
+        alike = [Coupling.constant(problem, Gains(0.0, spring, total), SOFTENED) for total in dampings]
         yield from [alike] if alike else []
 
 
-def _dampings(found: DampingRange) -> list[float]:
+def _mismatch(problem: Problem, stiffness_n_per_m: float, damping_ns_per_m: float) -> float:
+    """Return the root mean square mismatch in motion of a spring and damper that never pull."""
+    heard = below_quarter_rate(problem.device, BAND_HZ)
+    excitation = Excitation.of(problem.device, stiffness_n_per_m)
+    both = Impedance(damping_ns_per_m=damping_ns_per_m, stiffness_n_per_m=stiffness_n_per_m)
+    rendered = Handle.of(problem, heard).rendered(wall_over_position(both, excitation, heard), excitation)
+    return float(np.sqrt(np.mean(rendered.mismatch**2)))
+
+
+def _dampings(found: DampingRange, shares: tuple[float, ...] = _SHARES) -> list[float]:
     if np.isnan(found.lowest_ns_per_m):
         return []
-    return [found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m) for share in _SHARES]
+    return [found.lowest_ns_per_m + share * (found.highest_ns_per_m - found.lowest_ns_per_m) for share in shares]
 
 
 def _with_observer(coupling: Coupling) -> Iterator[Alternatives]:

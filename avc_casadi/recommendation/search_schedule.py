@@ -104,11 +104,7 @@ def judged_candidates(
     if not evaluator.holds(0.0):
         evaluator.ask(tuned_candidates(problem, progress), "tuned gains")
     if evaluator.judged:
-        best = evaluator.stiffest()
-        # Continuations have come this close to the limit already, where laws reach further than springs.
-        behind_a_law = best is not None and best.coupling.runtime.state_feedback is not None
-        if not behind_a_law or evaluator.reached_n_per_m() < plainly:
-            _closer(problem, evaluator, limit)
+        _closer(problem, evaluator, limit)
         evaluator.confirm()
     return Candidates(evaluator.judged, evaluator.considered, tuple(robust.steps))
 
@@ -170,14 +166,22 @@ def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[S
 def _closer(problem: Problem, evaluator: Evaluator, limit: DampingRange) -> None:
     """Bisect towards the next stiffer wall behind a spring, a few times.
 
-    So the rendered stiffness hardly depends on the grid of walls tried, and thus on the wanted wall.
+    So the rendered stiffness hardly depends on the grid of walls tried, and thus on the wanted wall. Beside a law
+    between the spring that is as far from the wall by its softness alone and the stiffest: law and spring differ in
+    motion, so that either may be nearer.
     """
-    corners = hand_corners(problem.hands)
-    low = evaluator.reached_n_per_m()
-    high = None if low < 0 else stiffer_n_per_m(problem, limit, low)
+    corners, wall = hand_corners(problem.hands), problem.environment.stiffness_n_per_m
+    nearest, spring = evaluator.nearest(), evaluator.stiffest(plain=True)
+    if nearest is None:
+        return
+    high: float | None = min(wall, limit.stiffness_n_per_m)
+    low = wall * math.exp(-nearest.distance)
+    if spring is not None and nearest.coupling.runtime.state_feedback is None:
+        low = spring.felt_n_per_m
+        high = stiffer_n_per_m(problem, limit, low)
     for _ in range(_MOST_HALVED):
         if high is None or high < _CLOSE * low:
             return
         felt = math.sqrt(low * high)
         evaluator.ask(softened_to(problem, corners, felt), _BETWEEN)
-        low, high = (felt, high) if evaluator.holds(felt) else (low, felt)
+        low, high = (felt, high) if evaluator.holds(felt, plain=True) else (low, felt)
