@@ -82,8 +82,9 @@ def _before_wall(
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
     from avc_casadi.present.pages.baselines import baselines_page
-    from avc_casadi.present.pages.recommendation import recommendation_page, stiffest_page
+    from avc_casadi.present.pages.recommendation import recommendation_page
     from avc_casadi.present.pages.recommendation_lines import recommendation_lines, stiffest_lines
+    from avc_casadi.present.pages.stiffest import stiffest_page
     from avc_casadi.recommendation.baselines import baselines
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.stiffest import stiffest

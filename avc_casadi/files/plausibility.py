@@ -35,7 +35,7 @@ _USUAL = {
     "device.delay_samples": _Usual(0, 20, "samples"),
     "device.coulomb_friction_n": _Usual(0, 20, NEWTON),
     "device.encoder_resolution_m": _Usual(1e-7, 1e-3, METRE),
-    "device.position_noise_rms_m": _Usual(1e-9, 1e-3, METRE),
+    "device.position_noise_rms_m": _Usual(1e-9, 1e-4, METRE),  # a tenth of the coarsest step; trackers have more
     "device.amplifier_bandwidth_hz": _Usual(20, 20e3, "Hz"),
     "device.amplifier_damping_ratio": _Usual(0.2, 3, ""),
     "device.max_force_n": _Usual(0.5, 500, NEWTON),

@@ -19,7 +19,9 @@ NOTICED_N = 0.1
 """Detectable force."""
 # Grip stiff enough that the wall does not slow the hand.
 _FIRM = Hand(np.array([1.0]), np.array([600.0]), np.array([1e5]))
-_FROM_M, _TO_M = -0.04, 0.01
+_FROM_M = -0.04
+REACHED_M = 0.01
+"""Depth to which the hand is led, at the handle."""
 
 
 def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
@@ -28,7 +30,7 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
     Depth and speed are the device's, in rad and rad/s of a rotary one; the force is that at its handle.
 
     The hand approaches from free space, with every declared effect of the device simulated. None where no detectable
-    force sets in within 10 mm.
+    force sets in within `REACHED_M`.
 
     Args:
         coupling: gains and runtime.
@@ -38,8 +40,8 @@ def contact_onset_m(coupling: Coupling) -> dict[str, float | None]:
     chosen = coupling.table.at_rest if coupling.table.constant else coupling.table
     found: dict[str, float | None] = {}
     for speed in SPEEDS_M_PER_S:
-        press = Press(start_m=_FROM_M / radius, end_m=_TO_M / radius, speed_m_per_s=speed / radius)
-        duration_s = (_TO_M - _FROM_M) / speed
+        press = Press(start_m=_FROM_M / radius, end_m=REACHED_M / radius, speed_m_per_s=speed / radius)
+        duration_s = (REACHED_M - _FROM_M) / speed
         (run,) = traces(coupling.problem, chosen, hand, press, Conditions.of(coupling), duration_s)
         pushed = np.flatnonzero(run.force_n[0] / radius > NOTICED_N)
         found[f"{speed / radius:g}"] = float(run.depth_m[0, pushed[0]]) if len(pushed) else None

@@ -8,7 +8,7 @@ from typing import Any
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, KG, M_PER_S, MASS, METRE, MM, N_PER_M, NEWTON, NS_PER_M, UM
-from avc_casadi.recommendation.contact_onset import NOTICED_N
+from avc_casadi.recommendation.contact_onset import NOTICED_N, REACHED_M
 from avc_casadi.simulation.population.motions import TRIAL_S
 
 # Shares of the force limit and of the rendered stiffness above which a line is printed.
@@ -37,7 +37,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     if document["deployable"] and at_rest < hands:
         first = f"the least bad, which {hands - at_rest} of {hands} hands do not settle at, on"
     springy = coupling["wall"]["stiffness_n_per_m"] > 0
-    if first == "deploy on" and springy and (felt["share_of_wall"] or 1.0) < _HARDLY:
+    if first == "deploy on" and hardly_rendered(document):
         first = "deploy, though hardly anything of the wall is left, on"
     stiffness = _felt(felt, trial, springy=springy)
     alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which no hand feels,"
@@ -65,6 +65,17 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     ]
 
 
+def hardly_rendered(document: dict[str, Any]) -> bool:
+    """Return whether a wall with a spring is nearly lost, at rest or to a hand that moves at 1 Hz.
+
+    Args:
+        document: of `avc recommend --json`, with a coupling.
+    """
+    wall, felt = document["coupling"]["wall"]["stiffness_n_per_m"], document["felt"]
+    moving = felt["stiffness_in_motion_n_per_m"].get("1", wall)
+    return bool(wall > 0 and min(felt["share_of_wall"] or 1.0, moving / wall) < _HARDLY)
+
+
 def _watched(trial: dict[str, Any]) -> str:
     """Return the trial's duration where hand and device alone oscillate for longer than the usual one."""
     return "" if trial["longest_s"] <= TRIAL_S else f"; all are watched for {number(trial['longest_s'])} s"
@@ -81,9 +92,10 @@ def _settling(found: dict[str, Any]) -> str:
 def _ripple(found: dict[str, Any]) -> str:
     """Return the force ripple of the encoder in motion, and how many hands detect it."""
     told = " and ".join(
-        f"{number(force, 3)} {NEWTON} rms at {speed} {M_PER_S}" for speed, force in found["force_n"].items()
+        f"{number(force, 3)} {NEWTON} rms at {number(float(speed), 3)} {M_PER_S}"
+        for speed, force in found["force_n"].items()
     )
-    slowest = next(iter(found["force_n"]))
+    slowest = number(float(next(iter(found["force_n"]))), 3)
     return (
         f"ripple in motion: {told}; {found['quiet']} of {found['hands']} hands at {slowest} {M_PER_S} feel no vibration"
     )
@@ -175,18 +187,30 @@ def _in_motion(felt: dict[str, Any]) -> list[str]:
 
 def _edge(felt: dict[str, Any]) -> list[str]:
     """Return the contact onset for a moving hand, if noticeably off the wall's face."""
-    at = {speed: depth for speed, depth in felt["edge_m"].items() if depth is not None}
     noticed = felt["edge_force_n"]
-    give = noticed / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
-    metres_per_unit = noticed / NOTICED_N
-    elsewhere = _ELSEWHERE_M / metres_per_unit
-    if all(-elsewhere < depth < elsewhere + give for depth in at.values()):
+    if not begins_elsewhere(felt):
         return []
+    nowhere = f"not in its first {_depth(REACHED_M * NOTICED_N / noticed)}"
     where = ", ".join(
-        f"{_depth(abs(depth))} {'before' if depth < 0 else 'behind'} its face at {speed} {M_PER_S}"
-        for speed, depth in at.items()
+        f"{nowhere if depth is None else _from_face(depth)} at {number(float(speed), 3)} {M_PER_S}"
+        for speed, depth in felt["edge_m"].items()
     )
     return [f"edge: a hand that comes fast meets the wall's first {noticed:g} {NEWTON} elsewhere: {where}"]
+
+
+def _from_face(depth_m: float) -> str:
+    return f"{_depth(abs(depth_m))} {'before' if depth_m < 0 else 'behind'} its face"
+
+
+def begins_elsewhere(felt: dict[str, Any]) -> bool:
+    """Return whether the force sets in noticeably off the wall's face for a moving hand, or not at all.
+
+    Args:
+        felt: of `avc recommend --json`.
+    """
+    noticed, stiffness = felt["edge_force_n"], felt["stiffness_n_per_m"]
+    give, elsewhere = noticed / stiffness if stiffness else 0.0, _ELSEWHERE_M * NOTICED_N / noticed
+    return not all(depth is not None and -elsewhere < depth < elsewhere + give for depth in felt["edge_m"].values())
 
 
 def _depth(depth_m: float) -> str:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.units import FORCE
-from avc_casadi.present.pages.subject import Quantities, gains_text, headline, quantities
+from avc_casadi.present.pages.subject import gains_text, headline
 from avc_casadi.present.terminal import Mark, Page, Row
+from avc_casadi.recommendation.contact_onset import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP
-from avc_casadi.recommendation.told import beyond_file_text
+from avc_casadi.recommendation.told import begins_elsewhere, beyond_file_text, hardly_rendered
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -23,8 +24,8 @@ _SOFTER, _AT_LIMIT = 0.2, 0.97
 _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
 # Half of the usual margins, 6 dB and 20 degrees.
 _THIN_GAIN, _THIN_DEG = 10 ** (3 / 20), 10.0
-# A noticeable offset of the onset from the wall's face, m; a stiffness gain by friction that is worth a row.
-_ELSEWHERE_M, _STIFFER = 5e-4, 1.1
+# A stiffness gain by friction that is worth a row.
+_STIFFER = 1.1
 # A rebound above that of a passive wall by more than an encoder's step makes of a speed.
 _FASTER = 1.02
 _MOST_HELPS = 3
@@ -118,8 +119,11 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
     if trial["at_force_limit"] > _PUSH_THROUGH * trial["hands"]:
         hands = f"{trial['at_force_limit']} of {trial['hands']} hands push through the wall"
         through = f", but {hands} (limit {quantity(limit, unit('N'))})"
-    mark = Mark.CAUTION if through or without else Mark.PASS
-    return Row("Coupling", f"{', '.join(parts)}: deployable{without}{through}", mark)
+    lost = ""
+    if hardly_rendered(document) and not through:
+        lost = ", but hardly anything of the wall is rendered to a moving hand"
+    mark = Mark.CAUTION if through or lost or without else Mark.PASS
+    return Row("Coupling", f"{', '.join(parts)}: deployable{without}{through}{lost}", mark)
 
 
 def _without(document: dict[str, Any]) -> str:
@@ -212,7 +216,7 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
         Row(
             "Simulated",
             f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold",
-            _all(settled, free, hands),
+            settled_mark(settled, free, hands),
         )
     ]
     off = document["off_file"]
@@ -225,7 +229,7 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
                 f"{off['at_rest_without_friction']} without friction{unstable}",
                 Mark.CAUTION
                 if unstable and off["at_rest"] == off["hands"]
-                else _all(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
+                else settled_mark(off["at_rest"], off["at_rest_without_friction"], off["hands"]),
             )
         )
     return rows
@@ -247,7 +251,14 @@ def _beyond_file(found: list[dict[str, Any]]) -> list[Row]:
     return [Row("Unmodelled", told, Mark.FAIL if lacks else Mark.CAUTION)]
 
 
-def _all(settled: int, free: int, hands: int) -> Mark:
+def settled_mark(settled: int, free: int, hands: int) -> Mark:
+    """Return the mark of a trial: fails where hands do not settle, a caution where some need dry friction for it.
+
+    Args:
+        settled: how many settle.
+        free: how many of them without dry friction.
+        hands: how many were simulated.
+    """
     return Mark.FAIL if settled < hands else Mark.CAUTION if free < hands else Mark.PASS
 
 
@@ -265,9 +276,11 @@ def _force(document: dict[str, Any], problem: Problem) -> list[Row]:
     trial, limit, unit = document["trial"], document["coupling"]["max_force_n"], problem.units.unit
     label = _force_label(problem)
     reached, depth = quantity(trial["tap_force_n"], unit("N")), quantity(trial["tap_depth_m"], unit("m"))
-    coarse = _steps(document["felt"], problem)
+    coarse, ripple = _steps(document["felt"], problem), document["felt"]["ripple"]
     if limit is None or trial["tap_force_n"] < _AT_LIMIT * limit:
-        return [Row(label, f"a tap reaches {reached}, {depth} deep{coarse}")]
+        vibrates = ripple["hands"] - ripple["quiet"] > _FEW_FEEL * ripple["hands"]
+        mark = Mark.CAUTION if vibrates else Mark.NONE
+        return [Row(label, f"a tap reaches {reached}, {depth} deep{coarse}", mark)]
     presses = f"; so do {trial['at_force_limit']} presses" if trial["at_force_limit"] else ""
     told = f"a tap reaches the {quantity(limit, unit('N'))} limit{presses}{coarse}"
     return [Row(label, told, Mark.CAUTION)]
@@ -281,7 +294,8 @@ def _steps(felt: dict[str, Any], problem: Problem) -> str:
     if not noticed and loud <= _FEW_FEEL * ripple["hands"]:
         return ""
     force = next(iter(ripple["force_n"].values()))
-    noticed_by = f", noticed by {loud} of {ripple['hands']}" if loud else ""
+    what = "vibration with the noise " if problem.device.position_noise_rms_m else ""
+    noticed_by = f", {what}noticed by {loud} of {ripple['hands']}" if loud else ""
     moving = f"ripple {quantity(force, unit('N'))}{noticed_by}"
     return f"; encoder step {quantity(sum(steps.values()), unit('N'))}, {moving}"
 
@@ -292,23 +306,23 @@ def _force_label(problem: Problem) -> str:
 
 def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
     felt, unit = document["felt"], problem.units.unit
-    at = {speed: depth for speed, depth in felt["edge_m"].items() if depth is not None}
-    elsewhere = _ELSEWHERE_M / problem.device.metres_per_unit
-    give = felt["edge_force_n"] / felt["stiffness_n_per_m"] if felt["stiffness_n_per_m"] else 0.0
-    if all(-elsewhere < depth < elsewhere + give for depth in at.values()):
+    if not begins_elsewhere(felt):
         return []
-    told = ", ".join(
-        f"{quantity(abs(depth), unit('m'))} {'before' if depth < 0 else 'behind'} the face at {speed} {unit('m/s')}"
-        for speed, depth in at.items()
-    )
-    return [Row("Contact onset", told, Mark.CAUTION)]
+    first = quantity(REACHED_M / problem.device.metres_per_unit, unit("m"))
+    none = f"no {problem.units.key('force')} in the first {first}"
+    parts = []
+    for speed, depth in felt["edge_m"].items():
+        side = "before" if (depth or 0.0) < 0 else "behind"
+        place = none if depth is None else f"{quantity(abs(depth), unit('m'))} {side} the face"
+        parts.append(f"{place} at {float(speed):.3g} {unit('m/s')}")
+    return [Row("Contact onset", ", ".join(parts), Mark.CAUTION)]
 
 
 def _rebound(document: dict[str, Any], problem: Problem) -> list[Row]:
     """Describe strikes of the released device from which it returns faster than it came."""
     unit = problem.units.unit("m/s")
     told = [
-        f"{share:.3g} times its {speed} {unit}"
+        f"{share:.3g} times its {float(speed):.3g} {unit}"
         for speed, share in document["felt"]["rebound"].items()
         if share > _FASTER
     ]
@@ -331,51 +345,18 @@ def _limit(document: dict[str, Any], problem: Problem) -> list[Row]:
         return []
     unit = problem.units.unit("N/m")
     helps = [
-        f"{_change(one)} {quantity(one['stiffest_wall_n_per_m'], unit)}"
+        f"{change_text(one)} {quantity(one['stiffest_wall_n_per_m'], unit)}"
         for one in document["what_would_help"][:_MOST_HELPS]
     ]
     plain = quantity(document["plain_wall_n_per_m"], unit)
     return [Row("Linear limit", f"plain coupling {plain}; {'; '.join(helps)}")]
 
 
-def _change(one: dict[str, Any]) -> str:
-    change = str(one["change"])
-    return "half T" if change == "half the sample time" else change.removesuffix(" of the device")
-
-
-def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
-    """Return the `recommend --stiffest` document as a headline and rows, a change of the device each.
+def change_text(one: dict[str, Any]) -> str:
+    """Return a change of the device that would help, in few words.
 
     Args:
-        document: of `avc recommend --stiffest --json`.
-        problem: of the document.
-        page: where it is printed.
-        shown: the problem as the user names it.
+        one: of `what_would_help`.
     """
-    told, plain, others = quantities(problem.units), document["plain_wall_n_per_m"], document["confirmed"]
-    rows = [_stiffest("Stiffest wall", document, told, document["by"] or "")]
-    if others is not None:
-        settled, free, hands = (others[key] for key in ("at_rest", "at_rest_without_friction", "hands"))
-        quiet = f"{others['quiet']} below the vibrotactile threshold"
-        what = f"{settled} of {hands} other draws of hands settle, {free} without friction; {quiet}"
-        rows.append(Row("Confirmed", what, _all(settled, free, hands)))
-    helps = document["what_would_help"]
-    rows += [_stiffest(_change(one).capitalize(), one, told) for one in helps]
-    if plain:
-        low, high = (told(one, "N.s/m") for one in document["damping_ns_per_m"])
-        rows.append(Row("Linear limit", f"plain coupling {told(plain, 'N/m')}, with {low} to {high} of damping"))
-    else:
-        rows.append(Row("Linear limit", "a plain coupling is stable at no wall", Mark.CAUTION))
-    onwards = [f"avc recommend {quote(shown)} --out coupling.json", f"avc recommend {quote(shown)} --stiffest -v"]
-    return page.rendered(headline(problem, shown), rows, onwards)
-
-
-def _stiffest(label: str, found: dict[str, Any], told: Quantities, by: str | None = None) -> Row:
-    if found["stiffest_wall_n_per_m"] is None:
-        return Row(label, "none was found", Mark.NONE if by is None else Mark.FAIL)
-    wall = told(found["stiffest_wall_n_per_m"], "N/m") + (f" ({by})" if by else "")
-    settled, free = found["at_rest"], found["at_rest_without_friction"]
-    if settled is None:
-        return Row(label, wall)
-    mark = _all(settled, free, found["hands"]) if by else Mark.NONE
-    return Row(label, f"{wall}: {settled} of {found['hands']} hands settle, {free} without friction", mark)
+    change = str(one["change"])
+    return "half T" if change == "half the sample time" else change.removesuffix(" of the device")

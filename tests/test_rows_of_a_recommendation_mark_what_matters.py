@@ -1,0 +1,121 @@
+"""Rows of a recommendation, from documents written by hand: what is marked, what is told, and what stays quiet."""
+
+import copy
+
+import pytest
+
+import avc_casadi as avc
+from avc_casadi.present.pages.recommendation import recommendation_page, recommendation_rows
+from avc_casadi.present.terminal import Mark, Page
+
+PROBLEM = avc.parse_problem(
+    """
+    [device]
+    mass_kg = 0.12
+    damping_ns_per_m = 0.8
+    max_force_n = 8.0
+    [environment]
+    stiffness_n_per_m = 3000.0
+    damping_ns_per_m = 0.0
+    """,
+    name="wall",
+)
+COUNTS = {"hands": 100, "at_rest": 100, "at_rest_without_friction": 100, "quiet": 100}
+MARGINS = {"gain": 5.0, "phase_deg": 40.0, "delay_samples": 2.0}
+# All that rows are made of, of a wall that is rendered as wanted.
+DOCUMENT = {
+    "deployable": True,
+    "reason": "",
+    "assumed": [],
+    "not_used": [],
+    "coupling": {
+        "table": {
+            "frequency_hz": [1.0],
+            "damping_ns_per_m": [0.0],
+            "stiffness_n_per_m": [1e8],
+            "contact_damping_ns_per_m": [5.0],
+        },
+        "runtime": {"state_feedback": None, "observer_mass_kg": None},
+        "constant": True,
+        "max_force_n": 8.0,
+        "wall": {"stiffness_n_per_m": 3000.0},
+    },
+    "felt": {
+        "stiffness_n_per_m": 3000.0,
+        "stiffness_at_handle_n_per_m": 3000.0,
+        "share_of_wall": 1.0,
+        "complex_error": {"1": 0.01, "10": 0.05, "50": 0.1},
+        "stiffness_in_motion_n_per_m": {"1": 3000.0, "10": 3000.0, "50": 3000.0},
+        "shaken": {"amplitude_m": 6e-4},
+        "edge_m": {"0.1": 0.0, "0.4": 0.0},
+        "edge_force_n": 0.1,
+        "rebound": {"0.1": 0.9},
+        "rest_error_m": None,
+        "encoder_step_n": {"spring": 0.0, "damping": 0.0},
+        "ripple": {"force_n": {"0.02": 4e-4}, "hands": 16, "quiet": 16},
+    },
+    "trial": COUNTS
+    | {"at_force_limit": 0, "tap_force_n": 4.0, "tap_depth_m": 1e-3}
+    | {"stiffness_n_per_m": {"nine_in_ten": [3000.0, 3000.0]}},
+    "confirmed": None,
+    "off_file": None,
+    "beyond_file": [],
+    "other_hands": {},
+    "margins": {"released": MARGINS},
+    "transient": {
+        "released": {"settling_s": 0.1},
+        "worst_hand": {"damping_ratio": 0.2, "frequency_hz": 10.0},
+    },
+    "rest": {"word": "proved"},
+    "certificate": {"deployable": {"claims": []}},
+    "with_friction_n_per_m": None,
+    "what_would_help": [],
+}
+
+
+def changed(**tables):
+    """The document with some keys of its tables changed."""
+    document = copy.deepcopy(DOCUMENT)
+    for name, value in tables.items():
+        document[name] = document[name] | value if isinstance(value, dict) else value
+    return document
+
+
+def rows(document, problem=PROBLEM):
+    return {row.label: row for row in recommendation_rows(document, problem)}
+
+
+def test_a_wall_that_is_rendered_as_wanted_has_no_caution():
+    found = rows(DOCUMENT)
+    assert {row.mark for row in found.values()} == {Mark.PASS, Mark.NONE}
+    assert {"Contact onset", "Rebound", "With friction"}.isdisjoint(found)
+
+
+@pytest.mark.parametrize(("share", "at_1_hz", "lost"), [(1.0, 3000.0, False), (0.17, 69.0, True), (0.17, 310.0, False)])
+def test_a_wall_that_is_lost_to_a_moving_hand_is_no_plain_pass(share, at_1_hz, lost):
+    motion = {"1": at_1_hz, "10": 3000.0, "50": 3000.0}
+    row = rows(changed(felt={"share_of_wall": share, "stiffness_in_motion_n_per_m": motion}))["Coupling"]
+    assert row.mark is (Mark.CAUTION if lost else Mark.PASS)
+    assert row.text.endswith("hardly anything of the wall is rendered to a moving hand") == lost
+
+
+def test_a_speed_at_which_no_force_sets_in_is_told():
+    assert rows(changed(felt={"edge_m": {"0.1": None, "0.4": 0.0}}))["Contact onset"].text == (
+        "no force in the first 10.0 mm at 0.1 m/s, 0 m behind the face at 0.4 m/s"
+    )
+    # At its handle of 0.15 m 10 mm are 66.7 mrad, 0.1 m/s two thirds of a radian a second.
+    wheel = PROBLEM.changed(device={"motion": "rotary", "handle_radius_m": 0.15})
+    turned = changed(felt={"edge_m": {"0.666667": None, "2.66667": -0.016}, "edge_force_n": 0.015})
+    assert rows(turned, wheel)["Contact onset"].text == (
+        "no torque in the first 66.7 mrad at 0.667 rad/s, 16.0 mrad before the face at 2.67 rad/s"
+    )
+
+
+@pytest.mark.parametrize(("quiet", "marked"), [(16, False), (15, False), (9, True)])
+def test_a_vibration_that_moving_hands_feel_is_marked_and_stays_on_a_full_page(quiet, marked):
+    document = changed(felt={"ripple": {"force_n": {"0.02": 4e-4}, "hands": 16, "quiet": quiet}})
+    noisy = PROBLEM.changed(device={"position_noise_rms_m": 5e-5})
+    row = rows(document, noisy)["Force"]
+    assert row.mark is (Mark.CAUTION if marked else Mark.NONE)
+    assert row.text.endswith("vibration with the noise noticed by 7 of 16") == marked
+    assert ("noticed by 7 of 16" in recommendation_page(document, noisy, Page())) == marked
