@@ -41,8 +41,9 @@ def test_an_ideal_device_declares_nothing():
     assert plausibility(problem()) == ()
 
 
-def test_the_noise_of_an_analogue_sensor_is_not_doubted():
-    assert plausibility(problem(PLAIN | {"position_noise_rms_m": 5e-5})) == ()
+@pytest.mark.parametrize(("key", "value"), [("position_noise_rms_m", 5e-5), ("delay_samples", 0.02)])
+def test_the_noise_of_an_analogue_sensor_and_a_small_part_of_a_sample_are_not_doubted(key, value):
+    assert plausibility(problem(PLAIN | {key: value})) == ()
 
 
 def test_every_key_that_makes_a_device_less_than_ideal_is_named():
@@ -71,6 +72,14 @@ def test_every_range_is_named():
         ({"device": {"encoder_resolution_m": 0.06}}, "device.encoder_resolution_m is 0.06: usual 1e-7 to 0.001 m"),
         ({"device": {"sample_time_s": 1.0}, "frequency": {"values_hz": [0.1]}}, "device.sample_time_s is 1: usual"),
         ({"device": {"position_noise_rms_m": 2e-4}}, "device.position_noise_rms_m is 0.0002: usual 1e-9 to 0.0001 m"),
+        (
+            {"device": {"delay_samples": 0.001}},
+            "device.delay_samples is 0.001, a part of a sample; are seconds meant? 0.001 s are 1 sample",
+        ),
+        (
+            {"device": {"range": {"delay_samples": [0.0, 0.0025]}}},
+            "device.range.delay_samples is [0, 0.0025], a part of a sample; are seconds meant? 0.0025 s are 2.5 ",
+        ),
         ({"device": {"max_force_n": 0.01}}, "device.max_force_n is 0.01: usual 0.5 to 500 N"),
         ({"device": {"resonance": MODE | {"frequency_hz": 1e4}}}, "device.resonance.frequency_hz is 10000: usual"),
         ({"device": {"range": {"mass_kg": [1e-6, 9.0]}}}, "device.range.mass_kg is [1e-6, 9]: usual"),

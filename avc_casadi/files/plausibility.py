@@ -49,6 +49,8 @@ _USUAL = {
     "hands.stiffness_n_per_m": _Usual(1, 1e4, N_PER_M),
 }
 
+# A fraction of a sample that no driver tells apart from none.
+_LEAST_DELAY = 0.02
 # A wall so many times stiffer or softer than the measured one is another wall.
 _FAR = 20.0
 # Phases so far from those that belong to a magnitude, in degrees, have another sign or unit.
@@ -74,7 +76,14 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
         if any(number != 0 and not usual.lowest <= number <= usual.highest for number in _numbers(value))
     ]
     found = list(dict.fromkeys((key, f"{message}; is the unit right?") for key, message in found))
-    every = (*found, *_idle(problem), *_beyond(problem), *_other_unit(problem), *_of_no_wall(problem))
+    every = (
+        *found,
+        *_seconds(problem),
+        *_idle(problem),
+        *_beyond(problem),
+        *_other_unit(problem),
+        *_of_no_wall(problem),
+    )
     return tuple(Fault(problem.name, None, spoken_key(key), message) for key, message in every)
 
 
@@ -99,6 +108,17 @@ def _numbers(value: Any) -> tuple[float, ...]:
 
 def _written(value: float | tuple[float, ...]) -> str:
     return f"[{', '.join(map(plain, value))}]" if isinstance(value, tuple) else plain(value)
+
+
+def _seconds(problem: Problem) -> Iterator[tuple[str, str]]:
+    """Yield delays so far below a sample that they may be in seconds."""
+    for key in ("device.delay_samples", "device.range.delay_samples"):
+        value = _at(problem, key)
+        longest = max(_numbers(value), default=0.0)
+        if 0 < longest < _LEAST_DELAY:
+            samples = longest / problem.device.sample_time_s
+            told = f"{plain(longest)} s are {samples:.3g} sample{'' if samples == 1 else 's'}"
+            yield key, f"is {_written(value)}, a part of a sample; are seconds meant? {told}"
 
 
 def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
