@@ -119,3 +119,35 @@ def test_a_vibration_that_moving_hands_feel_is_marked_and_stays_on_a_full_page(q
     assert row.mark is (Mark.CAUTION if marked else Mark.NONE)
     assert row.text.endswith("vibration with the noise noticed by 7 of 16") == marked
     assert ("noticed by 7 of 16" in recommendation_page(document, noisy, Page())) == marked
+
+
+@pytest.mark.parametrize(
+    ("errors", "share", "marked"),
+    [
+        ({"1": 0.13, "10": 11.9}, 1.0, True),
+        ({"1": 0.3, "10": 0.1}, 1.0, True),
+        ({"1": 0.1, "10": 0.19, "50": 1.4}, 1.0, False),
+        ({"1": 0.3, "10": 0.39}, 0.6, False),  # no more than a press tells
+    ],
+)
+def test_an_error_in_the_motion_of_hands_is_marked_at_any_of_its_frequencies(errors, share, marked):
+    row = rows(changed(felt={"complex_error": errors, "share_of_wall": share}))["Impedance error"]
+    assert row.mark is (Mark.CAUTION if marked else Mark.NONE)
+
+
+@pytest.mark.parametrize(("mass_kg", "near"), [(0.12, ""), (0.76, "10 Hz"), (0.5, ""), (0.0304, "50 Hz")])
+def test_errors_near_the_resonance_of_device_and_wall_are_told_as_such(mass_kg, near):
+    """3000 N/m on 0.76 kg resonate at 10 Hz, on 0.0304 kg at 50 Hz; on 0.5 kg at 12.3 Hz, where a third is left."""
+    problem = PROBLEM.changed(device={"mass_kg": mass_kg})
+    text = rows(DOCUMENT, problem)["Impedance error"].text
+    assert text.endswith(f"; {near} near the resonance of device and wall, where |Z| is small" if near else "600 um")
+
+
+def test_a_unit_is_told_again_where_its_prefix_changes():
+    motion = {"1": 848.0, "10": 1190.0, "50": 9.0}
+    felt = {"stiffness_n_per_m": 1580.0, "share_of_wall": 0.79, "stiffness_in_motion_n_per_m": motion}
+    document = changed(felt=felt | {"stiffness_at_handle_n_per_m": 1570.0})
+    document["trial"]["stiffness_n_per_m"]["nine_in_ten"] = [1580.0, 1580.0]
+    assert rows(document)["Rendered"].text == (
+        "1.58 kN/m static (79 % of the wall), 848 N/m at 1 Hz, 1.19 kN/m at 10 Hz, 1.57 at the handle"
+    )

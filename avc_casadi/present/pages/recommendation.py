@@ -15,11 +15,15 @@ from avc_casadi.recommendation.preconditions import SLIP
 from avc_casadi.recommendation.told import begins_elsewhere, beyond_file_text, hardly_rendered
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from avc_casadi.model.problem import Problem
 
-# An impedance error at 1 Hz above which motion feels unlike a static press; a tap this near to the limit counts as
-# saturated.
+# An impedance error of a hand's motion above which it feels unlike a static press; a tap this near to the limit counts
+# as saturated.
 _SOFTER, _AT_LIMIT = 0.2, 0.97
+# Impedance of device and wall together over that of the wall below which errors are relative to hardly anything.
+_RESONANT = 0.3
 # Frequencies up to this are those of hands; a longer settling time is marked.
 _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
 # Half of the usual margins, 6 dB and 20 degrees.
@@ -137,36 +141,51 @@ def _without(document: dict[str, Any]) -> str:
 def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     felt, trial, unit = document["felt"], document["trial"], problem.units.unit
     errors = ", ".join(f"{percent(error)} at {hz} Hz" for hz, error in felt["complex_error"].items())
+    worst = max((error for hz, error in felt["complex_error"].items() if float(hz) <= _OF_HANDS_HZ), default=0.0)
     if problem.environment.stiffness_n_per_m == 0:
-        return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}")]
+        mark = Mark.CAUTION if worst > _SOFTER else Mark.NONE
+        return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}", mark)]
     if felt["stiffness_n_per_m"] is None or document["reason"].startswith("nothing"):
         what = document["reason"]
         if document["deployable"] or not what.startswith("nothing"):
             what = f"nothing: no press ends below the {FORCE} limit"
         return [Row("Rendered", what, Mark.FAIL)]
     sensed, handle = felt["stiffness_n_per_m"], felt["stiffness_at_handle_n_per_m"]
-    # The unit of the first number serves those after it.
-    shown = quantity(sensed, unit("N/m")).partition(" ")[2]
-    at_handle = "" if handle == sensed else f", {quantity(handle, unit('N/m')).removesuffix(f' {shown}')} at the handle"
     low, high = trial["stiffness_n_per_m"]["nine_in_ten"]
     spread = ""
     if not 0.9 * sensed <= low <= high <= 1.1 * sensed:
         spread = f", {quantity(low, unit('N/m'))} to {quantity(high, unit('N/m'))} over 90 % of hands"
-    softer = felt["complex_error"].get("1", 0.0) > max(_SOFTER, 1 - felt["share_of_wall"])
-    static = f"{quantity(sensed, unit('N/m'))} static ({percent(felt['share_of_wall'])} of the wall)"
-    moving = "".join(
-        f", {quantity(stiffness, unit('N/m')).removesuffix(f' {shown}')} at {hz} Hz"
-        for hz, stiffness in felt["stiffness_in_motion_n_per_m"].items()
-        if float(hz) <= _OF_HANDS_HZ
-    )
+    stiffnesses = [(sensed, f"static ({percent(felt['share_of_wall'])} of the wall)")]
+    moving = felt["stiffness_in_motion_n_per_m"].items()
+    stiffnesses += [(stiffness, f"at {hz} Hz") for hz, stiffness in moving if float(hz) <= _OF_HANDS_HZ]
+    stiffnesses += [] if handle == sensed else [(handle, "at the handle")]
+    told, before = [], ""
+    for stiffness, where in stiffnesses:
+        # A unit serves the numbers after it up to the next one.
+        number, _, shown = quantity(stiffness, unit("N/m")).partition(" ")
+        told.append(f"{number} {where}" if shown == before else f"{number} {shown} {where}")
+        before = shown
+    shaken = f"handle shaken by {quantity(felt['shaken']['amplitude_m'], unit('m'))}"
+    softer = worst > max(_SOFTER, 1 - felt["share_of_wall"])
     return [
-        Row("Rendered", f"{static}{moving}{at_handle}{spread}"),
+        Row("Rendered", f"{', '.join(told)}{spread}"),
         Row(
             "Impedance error",
-            f"{errors}, handle shaken by {quantity(felt['shaken']['amplitude_m'], unit('m'))}",
+            f"{errors}, {shaken}{_resonant(felt['complex_error'], problem)}",
             Mark.CAUTION if softer else Mark.NONE,
         ),
     ]
+
+
+def _resonant(errors: Mapping[str, float], problem: Problem) -> str:
+    """Name the frequencies near the resonance of device and wall: errors are relative to a |Z| that nearly vanishes."""
+    device, wall, near = problem.device, problem.environment, []
+    for hz in errors:
+        s = 2j * math.pi * float(hz)
+        of_wall = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+        if abs(device.mass_kg * s + device.damping_ns_per_m + of_wall) < _RESONANT * abs(of_wall):
+            near.append(f"{hz} Hz")
+    return f"; {' and '.join(near)} near the resonance of device and wall, where |Z| is small" if near else ""
 
 
 def _damped(margins: dict[str, Any], transient: dict[str, Any]) -> Row:
