@@ -151,3 +151,33 @@ def test_a_unit_is_told_again_where_its_prefix_changes():
     assert rows(document)["Rendered"].text == (
         "1.58 kN/m static (79 % of the wall), 848 N/m at 1 Hz, 1.19 kN/m at 10 Hz, 1.57 at the handle"
     )
+
+
+def tried(key, value, free, *, asked=False, at_rest=None):
+    counts = {"hands": 60, "at_rest_without_friction": free, "at_rest": at_rest, "plain": None}
+    return {"key": key, "value": value, "asked": asked} | counts
+
+
+@pytest.mark.parametrize(
+    ("free", "mark", "without"), [(57, Mark.CAUTION, ", 57 without friction"), (60, Mark.PASS, "")]
+)
+def test_hands_of_the_declared_grip_that_may_lean_on_friction_all_count(free, mark, without):
+    found = rows(
+        changed(
+            beyond_file=[
+                tried("mass_share", 0.2, 60),
+                tried("held", "stylus", free, asked=True, at_rest=60 if free < 60 else None),
+            ]
+        )
+    )
+    assert found["Unmodelled"].text == "60 of 60 settle with 20 % less mass"
+    assert found["Unmodelled"].mark is Mark.PASS
+    assert found["Declared grip"].text == f"60 of 60 settle with hands on a stylus{without}"
+    assert found["Declared grip"].mark is mark
+
+
+def test_an_unmodelled_effect_that_nobody_asked_for_counts_without_friction():
+    effects = [tried("mass_share", 0.2, 58, at_rest=60), tried("mode_hz", 400.0, 60)]
+    row = rows(changed(beyond_file=effects))["Unmodelled"]
+    assert row.text == "of 60: 58 with 20 % less mass, 60 with a 400 Hz mode"
+    assert row.mark is Mark.CAUTION

@@ -236,19 +236,20 @@ def _off_file(off: dict[str, Any] | None) -> list[str]:
 
 
 def _beyond_file(found: list[dict[str, Any]]) -> list[str]:
-    """Return the results with one unmodelled effect each."""
+    """Return the results with one unmodelled effect each, and with the grip that the device is made for."""
     parts = []
     for one in found:
         friction = "" if one["at_rest"] is None else f", {one['at_rest']} with friction"
         plain = "" if one["plain"] is None else f"; {one['plain']} with a plain spring and damper"
+        what = "declared grip: " if one["key"] == "held" else "unmodelled: "
         asked = ", asked for" if one["asked"] else ""
         rest = f"{one['at_rest_without_friction']} of {one['hands']} hands settle without friction{friction}{plain}"
-        parts.append(f"{beyond_file_text(one)}{asked}: {rest}")
-    return [f"unmodelled: {part}" for part in parts]
+        parts.append(f"{what}{beyond_file_text(one)}{asked}: {rest}")
+    return parts
 
 
 def beyond_file_text(one: dict[str, Any]) -> str:
-    """Return the name of an unmodelled effect."""
+    """Return the name of an unmodelled effect, or of a grip."""
     value = one["value"]
     if one["key"] == "held":
         return "one fingertip" if value == "fingertip" else f"hands on a {value}"
