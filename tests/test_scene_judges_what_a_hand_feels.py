@@ -76,6 +76,33 @@ def test_rate_hardness_is_the_first_rise_over_the_speed_of_contact():
     assert math.isnan(judge(np.zeros(3000), np.ones(3000), np.zeros(3000), T).rate_hardness_n_per_m)
 
 
+def test_rate_hardness_is_over_the_speed_of_the_approach_where_the_force_comes_late():
+    """A hand that enters at 0.07 m/s and has nearly stopped when the force comes, two samples on."""
+    velocity = np.where(TIME < 1.0, 0.07, 1e-4)
+    position = np.where(TIME < 1.0, -1e-3, 1e-4)
+    force = np.where(TIME >= 1.0 + 2 * T, 700.0 * (TIME - 1.0 - T), 0.0)
+    assert judge(position, velocity, force, T).rate_hardness_n_per_m == pytest.approx(1e4, rel=1e-6)
+
+
+@pytest.mark.parametrize(("period", "resolved"), [(2.5e-3, True), (2.6e-3, False), (1 / 60, False)])
+def test_rate_hardness_is_told_only_where_some_samples_resolve_it(period, resolved):
+    time = period * np.arange(400)
+    force = np.where(time >= 0.1, 700.0 * (time - 0.1 + period), 0.0)
+    found = judge(np.zeros(400), np.full(400, 0.07), force, period).rate_hardness_n_per_m
+    assert math.isnan(found) != resolved
+
+
+@pytest.mark.parametrize(("max_force_n", "limited"), [(3.0, True), (8.0, False)])
+def test_a_stiffness_at_the_force_limit_is_told_as_such(max_force_n, limited):
+    """The hand presses with 4.4 N, if it may."""
+    bare = avc.load_problem("scenes/stiff-wall-pressed")
+    effects = [*bare.scene.effects, {"kind": "saturation"}]
+    problem = bare.changed(device={"max_force_n": max_force_n}, scene={"effects": effects})
+    run = avc.simulate(problem, Gains(10.0, 4000.0, 0.0))
+    text = str(run)
+    assert ("the force stands at its limit of 3.00 N" in text) == limited
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])
 def test_a_run_whose_numbers_leave_is_neither_stable_nor_calm(bad):
     position = np.where(TIME > 2.0, bad, 0.0)

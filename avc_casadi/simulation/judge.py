@@ -82,6 +82,8 @@ AT_REST_M_PER_S = 5e-3
 RIPPLE_HZ = (20.0, 500.0)
 BUZZ_SHARE = 0.07
 IMPACT_S = 0.01
+RISE_SAMPLES = 4
+"""Samples of an impact below which the rise of its force is not resolved."""
 # Below what a finger can feel.
 TOUCH_N = 1e-6
 # Beyond any desktop workspace: the run has diverged.
@@ -111,8 +113,8 @@ class Judgement(Tabular):
         mean_penetration_m: mean true position of the measured body at the end.
         force_ripple_n: rms of the force between 20 and 500 Hz at the end.
         apparent_stiffness_n_per_m: mean force over mean penetration; not a number without contact.
-        rate_hardness_n_per_m: largest rate of the force within 10 ms of the first contact, over the velocity at contact
-            (Lawrence et al. 1996); not a number without contact.
+        rate_hardness_n_per_m: largest rate of the force within 10 ms of the first contact, over the velocity of the
+            approach (Lawrence et al. 2000); not a number without contact, or with fewer than 4 samples in 10 ms.
     """
 
     stable: BoolArray
@@ -180,7 +182,7 @@ def judge(
         mean_penetration_m=depth,
         force_ripple_n=ripple,
         apparent_stiffness_n_per_m=apparent,
-        rate_hardness_n_per_m=_rate_hardness(velocity_m_per_s, force_n, sample_time_s),
+        rate_hardness_n_per_m=_rate_hardness(measured, velocity_m_per_s, force_n, sample_time_s),
     )
 
 
@@ -201,12 +203,14 @@ def _ripple(force: FloatArray, sample_time_s: float) -> FloatArray:
     return rms
 
 
-def _rate_hardness(velocity: FloatArray, force: FloatArray, sample_time_s: float) -> FloatArray:
-    if force.shape[-1] < 2:
+def _rate_hardness(depth: FloatArray, velocity: FloatArray, force: FloatArray, sample_time_s: float) -> FloatArray:
+    if force.shape[-1] < 2 or sample_time_s * RISE_SAMPLES > IMPACT_S:
         return np.full(force.shape[:-1], np.nan)
     pushing = force > 0
     first = pushing.argmax(axis=-1)[..., None]
-    speed = np.abs(np.take_along_axis(velocity, first, axis=-1)[..., 0])
+    # The last sample before the face: a force that comes late may meet a hand that has stopped.
+    met = (pushing | (depth > 0)).argmax(axis=-1)[..., None]
+    speed = np.abs(np.take_along_axis(velocity, np.maximum(met - 1, 0), axis=-1)[..., 0])
     window = np.minimum(first + np.arange(1 + round(IMPACT_S / sample_time_s)), force.shape[-1] - 1)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         before = np.where(window > 0, np.take_along_axis(force, np.maximum(window - 1, 0), axis=-1), 0.0)

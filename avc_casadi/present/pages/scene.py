@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import math
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number, text_table
 from avc_casadi._util.units import FORCE, MASS
+from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.present.pages.subject import RIGID, headline, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
+from avc_casadi.simulation.judge import IMPACT_S, RISE_SAMPLES
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.model.problem import Problem
 
+# A force this near to its limit counts as limited.
+_AT_LIMIT = 0.97
 # In m, N and J: below any device's resolution, left by rounding.
 _ROUND_OFF = 1e-12
 _MARKS = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
@@ -37,8 +42,8 @@ def scene_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
     rows = [
         Row("Outcome", _outcome(document), _mark(document)),
         Row("Coupling", _coupling(document, problem)),
-        Row("Rendered", _rendered(document, problem)),
-        Row("Rate-hardness", f"{told(document['rate_hardness_n_per_m'], 'N/m')} at contact"),
+        _rendered(document, problem),
+        Row("Rate-hardness", _rate_hardness(document, problem)),
         Row("At the end", f"{told(end, 'N')}, {told(swing, 'm')} peak to peak"),
         Row(
             f"{problem.units.key('force').capitalize()} ripple",
@@ -100,14 +105,35 @@ def _coupling(document: dict[str, Any], problem: Problem) -> str:
     return f"{document['coupling']}: {', '.join(parts)}{read}"
 
 
-def _rendered(document: dict[str, Any], problem: Problem) -> str:
+def _rendered(document: dict[str, Any], problem: Problem) -> Row:
     sensed, wall = document["apparent_stiffness_n_per_m"], problem.environment.stiffness_n_per_m
     if sensed is None:
-        return "no stiffness: the scene does not end in steady contact"
+        return Row("Rendered", "no stiffness: the scene does not end in steady contact")
     share = f" ({percent(sensed / wall)} of the wall)" if wall else ""
     detents = any(effect["kind"] == "detent" for effect in document["effects"])
     beside = ", with the slope of the detents" if detents else ""
-    return f"{quantities(problem.units)(sensed, 'N/m')} at the sensor{share}{beside}"
+    told, limit_n = quantities(problem.units), _force_limit_n(document, problem)
+    text = f"{told(sensed, 'N/m')} at the sensor{share}{beside}"
+    if document["mean_force_n"] < _AT_LIMIT * limit_n:
+        return Row("Rendered", text)
+    force = problem.units.key("force")
+    return Row("Rendered", f"{text}; the {force} stands at its limit of {told(limit_n, 'N')}", Mark.CAUTION)
+
+
+def _force_limit_n(document: dict[str, Any], problem: Problem) -> float:
+    """Return the limit of the force in the scene; infinite where nothing limits it."""
+    if all(effect["kind"] != "saturation" for effect in document["effects"]):
+        return math.inf
+    own = [effect.force_n for effect in problem.scene.effects if isinstance(effect, SaturationEffect)]
+    found = own[0] if own and own[0] is not None else problem.device.max_force_n
+    return math.inf if found is None else found
+
+
+def _rate_hardness(document: dict[str, Any], problem: Problem) -> str:
+    hardness = document["rate_hardness_n_per_m"]
+    if hardness is None:
+        return f"none: no contact, or fewer than {RISE_SAMPLES} samples within its {quantity(IMPACT_S, 's')}"
+    return f"{quantities(problem.units)(hardness, 'N/m')} at contact"
 
 
 def _without_guard(document: dict[str, Any], problem: Problem) -> list[Row]:
