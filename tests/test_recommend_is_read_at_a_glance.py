@@ -91,6 +91,7 @@ def test_what_is_declared_and_not_used_weakens_the_verdict(answers, tmp_path):
             "resonance": {"frequency_hz": 100.0, "damping_ratio": 0.05, "mass_ratio": 0.5},
         },
         scene={"effects": ({"kind": "velocity-filter", "cutoff_hz": 50.0},)},
+        boundaries={side: vars(avc.load_problem("spring").environment) for side in ("upper", "lower")},
     )
     file = tmp_path / "play.toml"
     file.write_text(avc.dump_problem(case), encoding="utf-8")

@@ -7,6 +7,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.present.pages.recommendation import recommendation_page, recommendation_rows
 from avc_casadi.present.terminal import Mark, Page
+from avc_casadi.recommendation.preconditions import not_used
 
 PROBLEM = avc.parse_problem(
     """
@@ -181,3 +182,20 @@ def test_an_unmodelled_effect_that_nobody_asked_for_counts_without_friction():
     row = rows(changed(beyond_file=effects))["Unmodelled"]
     assert row.text == "of 60: 58 with 20 % less mass, 60 with a 400 Hz mode"
     assert row.mark is Mark.CAUTION
+
+
+def test_what_is_asked_of_other_methods_is_told_and_weakens_no_verdict():
+    bounds = {side: {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 500.0} for side in ("upper", "lower")}
+    asked = PROBLEM.changed(stability={"scope": "all"}, realism={"require": "jnd"}, boundaries=bounds)
+    unused = not_used(asked)
+    assert unused == tuple(f"{table} (asked of avc solve)" for table in ("boundaries", "stability", "realism"))
+    found = rows(changed(not_used=list(unused)))
+    assert found["Coupling"].mark is Mark.PASS
+    assert found["Not used"].text == "boundaries, stability, realism: asked of avc solve, not of avc recommend"
+
+
+def test_tables_that_state_the_defaults_ask_for_nothing():
+    wall = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 3000.0}
+    plain = PROBLEM.changed(stability={"scope": "pointwise"}, boundaries={"upper": wall, "lower": wall})
+    assert not_used(plain) == ()
+    assert "Not used" not in rows(DOCUMENT)

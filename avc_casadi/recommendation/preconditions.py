@@ -15,16 +15,20 @@ from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.model.problem import Realism, Stability
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import rotary_gains
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
     from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 
 SLIP = "what may be a slip: "
+_OF_SOLVE = " (asked of avc solve)"
 _RANGE = "device.range."
 _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
 
@@ -203,8 +207,34 @@ def not_used(problem: Problem) -> tuple[str, ...]:
         unused.append(f"environment (a wall in the device's own loop: leave [{_far_end(problem)}] out for it)")
     if _far_end(problem) and any(value is not None for value in vars(problem.robustness).values()):
         unused.append("robustness (known for a wall in the device's own loop alone)")
+    bounds = problem.boundaries
+    asked = (
+        ("boundaries", bounds.measured is not None or not bounds.upper == bounds.lower == wall),
+        ("stability", problem.stability != Stability()),
+        ("realism", problem.realism != Realism()),
+    )
+    unused += [f"{table}{_OF_SOLVE}" for table, stated in asked if stated]
     known = {"velocity-filter": "known to avc simulate and, if linear, to avc zwidth alone"}
     return (
         *unused,
         *(f"scene.effects: {kind} ({known.get(kind, 'simulated by avc simulate alone')})" for kind in listed),
     )
+
+
+def not_judged(unused: Sequence[str]) -> list[str]:
+    """Return the entries of `not_used` that weaken a verdict: what is asked of other methods does not.
+
+    Args:
+        unused: as of `not_used`.
+    """
+    return [what for what in unused if not what.endswith(_OF_SOLVE)]
+
+
+def asked_of_others(unused: Sequence[str]) -> list[str]:
+    """Return one sentence on the tables by which other methods are asked; none where there are none.
+
+    Args:
+        unused: as of `not_used`.
+    """
+    tables = [what.removesuffix(_OF_SOLVE) for what in unused if what.endswith(_OF_SOLVE)]
+    return [f"{', '.join(tables)}: asked of avc solve, not of avc recommend"] if tables else []

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.quantity import quantity
 from avc_casadi.present.pages.subject import headline, passive_limit, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
+from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
@@ -53,8 +54,9 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
         rows.append(Row("Declared", ", ".join(map(problem.units.key, document["declared"]))))
     rows += [
         Row("Not used", f"{what}: what is recommended is not judged with it", Mark.CAUTION)
-        for what in document["not_used"]
+        for what in not_judged(document["not_used"])
     ]
+    rows += [Row("Not used", told) for told in asked_of_others(document["not_used"])]
     rows += [Row("Warning", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]]
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 

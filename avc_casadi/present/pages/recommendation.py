@@ -11,7 +11,7 @@ from avc_casadi._util.units import FORCE
 from avc_casadi.present.pages.subject import gains_text, headline
 from avc_casadi.present.terminal import Mark, Page, Row
 from avc_casadi.recommendation.contact_onset import REACHED_M
-from avc_casadi.recommendation.preconditions import SLIP
+from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
 from avc_casadi.recommendation.told import begins_elsewhere, beyond_file_text, hardly_rendered
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def recommendation_page(
         onwards = f"avc recommend {quote(shown)} --out coupling.json"
     else:
         onwards = f"avc export {quote(written)} --c DIR"
-    spare = (_force_label(problem), "With friction", "Linear limit")
+    spare = (_force_label(problem), "With friction", "Not used", "Linear limit")
     return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {quote(shown)} -v"], spare)
 
 
@@ -95,6 +95,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         *_onset(document, problem),
         *_rebound(document, problem),
         *_friction(document, problem),
+        *(Row("Not used", told) for told in asked_of_others(document["not_used"])),
         *_limit(document, problem),
     ]
 
@@ -132,10 +133,8 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
 
 def _without(document: dict[str, Any]) -> str:
     """Name what is declared and not used: no claim covers it."""
-    if not document["not_used"]:
-        return ""
-    names = ", ".join(what.partition(" (")[0] for what in document["not_used"])
-    return f" without {names}, which is declared and not used"
+    names = [what.partition(" (")[0] for what in not_judged(document["not_used"])]
+    return f" without {', '.join(names)}, which is declared and not used" if names else ""
 
 
 def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:

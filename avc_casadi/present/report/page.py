@@ -28,6 +28,7 @@ from avc_casadi.present.report.frame import (
     value_text,
 )
 from avc_casadi.present.report.summary import device_line, injection_line, scope_line, summary_lines
+from avc_casadi.recommendation.preconditions import not_judged
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -224,7 +225,7 @@ def _verdict(found: Mapping[str, Any]) -> str:
         return '<p class="verdict fail">Do not deploy this coupling.</p>'
     rested = [found["trial"], *([found["confirmed"]] if found["confirmed"] else [])]
     doubts = ["not every simulated hand settles with it"] * any(one["at_rest"] < one["hands"] for one in rested)
-    doubts += [f"not judged with {escape(what.partition(' (')[0])}" for what in found["not_used"]]
+    doubts += [f"not judged with {escape(what.partition(' (')[0])}" for what in not_judged(found["not_used"])]
     if doubts:
         return f'<p class="verdict fail">Deployable, but {" and ".join(doubts)}.</p>'
     felt, share = found["felt"]["stiffness_n_per_m"], found["felt"]["share_of_wall"]
