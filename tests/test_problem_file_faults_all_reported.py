@@ -114,6 +114,25 @@ def test_faults_of_many_kinds_are_told_together():
         assert part in message, key
 
 
+@pytest.mark.parametrize(
+    ("sample_time_s", "end"),
+    [(1.0, "allowed: below 0.5 Hz; sample_time_s is in seconds: 1 ms is 0.001"), (0.02, "allowed: below 25 Hz")],
+)
+def test_a_sample_time_in_milliseconds_is_told_its_unit(sample_time_s, end):
+    text = f"""
+        [device]
+        mass_kg = 0.1
+        damping_ns_per_m = 2.0
+        sample_time_s = {sample_time_s}
+        [environment]
+        damping_ns_per_m = 0.0
+        stiffness_n_per_m = 1000.0
+        [frequency]
+        stop_hz = 30.0
+    """
+    assert faults_of(text)[-1].message.endswith(end)
+
+
 def test_windows_line_ends_do_not_move_the_lines():
     unix = faults_of(MANY_FAULTS)
     assert faults_of(MANY_FAULTS.replace("\n", "\r\n")) == unix

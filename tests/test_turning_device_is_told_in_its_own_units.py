@@ -294,6 +294,17 @@ def test_a_mistyped_key_is_told_with_the_nearest_of_a_turn(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    ("key", "nearest"), [("coulomb_torque_nm", "coulomb_friction_nm"), ("maximum_torque_nm", "max_torque_nm")]
+)
+def test_a_key_that_begins_with_the_same_word_is_meant_before_a_nearer_one(key, nearest, tmp_path):
+    file = tmp_path / "knob.toml"
+    file.write_text(KNOB.lstrip().replace("handle_radius_m = 0.02", f"handle_radius_m = 0.02\n{key} = 0.1"))
+    with pytest.raises(avc.InputError) as caught:
+        avc.load_problem(file)
+    assert str(caught.value).endswith(f"did you mean {nearest}?")
+
+
+@pytest.mark.parametrize(
     ("kind", "key", "value", "inner"),
     [
         ("noise", "rms_rad", 1e-4, "rms_m"),

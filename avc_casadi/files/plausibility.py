@@ -14,6 +14,7 @@ from avc_casadi._util.units import FORCE, KG, METRE, N_PER_M, NEWTON, NS_PER_M, 
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.quantity import plain
+from avc_casadi.model.rules import LONGEST_USUAL_S
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -31,7 +32,7 @@ class _Usual:
 _USUAL = {
     "device.mass_kg": _Usual(0.005, 5, KG),
     "device.damping_ns_per_m": _Usual(0, 100, NS_PER_M),
-    "device.sample_time_s": _Usual(20e-6, 20e-3, "s"),
+    "device.sample_time_s": _Usual(20e-6, LONGEST_USUAL_S, "s"),
     "device.delay_samples": _Usual(0, 20, "samples"),
     "device.coulomb_friction_n": _Usual(0, 20, NEWTON),
     "device.encoder_resolution_m": _Usual(1e-7, 1e-3, METRE),

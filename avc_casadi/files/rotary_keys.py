@@ -6,7 +6,6 @@ faults of a file are reported at once.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from functools import lru_cache
 from typing import Any, TypeVar
 
 from avc_casadi._util.units import LINEAR, ROTARY, Units, speaking, units_for
-from avc_casadi.model.quantity import shown
+from avc_casadi.model.quantity import nearest_key, shown
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rules import BELONGS_IN, UNKNOWN, Path
 
@@ -75,8 +74,8 @@ def _unknown(path: Path, message: str) -> str:
     beside: dict[Path, list[str]] = {("device",): [COUNTS], ("device", "range"): [COUNTS], ("detent",): ["per_turn"]}
     keys += beside.get(path[:-1], [])
     _, belongs, table = message.partition(BELONGS_IN)
-    near = difflib.get_close_matches(str(path[-1])[:60], keys, n=1)
-    hint = f"{belongs}{table}" if belongs else f"; did you mean {near[0]}?" if near else ""
+    near = nearest_key(str(path[-1]), keys)
+    hint = f"{belongs}{table}" if belongs else f"; did you mean {near}?" if near else ""
     return f"{UNKNOWN}{', '.join(keys)}{hint}"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import typing
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TypeVar
@@ -13,7 +12,7 @@ from pydantic.fields import FieldInfo
 from avc_casadi._util.units import LINEAR, ROTARY, spoken_key
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.other_units import in_another_unit
-from avc_casadi.model.quantity import one_of, shown
+from avc_casadi.model.quantity import nearest_key, one_of, shown
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Rule, Values, broken_rules
 
@@ -166,18 +165,18 @@ def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item
 def _hint(whole: type[BaseModel], own: list[type[BaseModel]], path: Path) -> str:
     """Return which tables have a key, or a similar key of its own table; effects have messages of their own."""
     key, table, keys = str(path[-1]), ".".join(map(str, path[:-1])), _keys(own)
-    near = difflib.get_close_matches(key[:60], keys, n=1)
+    near = nearest_key(key, keys)
     if path[0] != "scene" and "range" not in path:
         inside = [f"[{table}.{name}]" for model in own for name in _tables_with(model, key)]
         # A key with a word left out belongs to its own table, even if another table has a key of that name.
-        left_out = near and key in near[0]
+        left_out = near and key in near
         having = [] if left_out else _tables_with(whole, key)
         # Rare tables are named only where no other table has the key.
         usual = [name for name in having if name not in _SELDOM] or having
         others = inside or [f"[{name}]" for name in usual]
         if others:
             return f"{BELONGS_IN}{' or '.join(others)}"
-    return f"; did you mean {spoken_key(near[0])}?" if near else ""
+    return f"; did you mean {spoken_key(near)}?" if near else ""
 
 
 def _tables_with(model: type[BaseModel], key: str) -> list[str]:

@@ -59,6 +59,17 @@ def one_of(choices: Iterable[object], value: object) -> str:
     return f"{', '.join(map(shown, known))}{f'; did you mean {shown(near[0])}?' if near else ''}"
 
 
+def nearest_key(typed: str, keys: Iterable[str]) -> str | None:
+    """Return the key that a mistyped one means, if any is close: one that begins with the same word comes first.
+
+    Args:
+        typed: what stands in the file.
+        keys: those of its table.
+    """
+    near = difflib.get_close_matches(typed[:60], list(keys), n=5)
+    return min(near, key=lambda one: one.split("_")[0] != typed.split("_", maxsplit=1)[0], default=None)
+
+
 def plain(number: float) -> str:
     """Return a number in the usual form: 1e-9, not 1e-09."""
     return f"{number:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")

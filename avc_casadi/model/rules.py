@@ -19,6 +19,9 @@ UNKNOWN = "is not a known key; allowed: "
 BELONGS_IN = "; it belongs in "
 """Its continuation where other tables have that key."""
 
+LONGEST_USUAL_S = 20e-3
+"""Sample time of a slow loop; a longer one may be in milliseconds."""
+
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
 
 
@@ -260,8 +263,15 @@ def _beyond_nyquist(frequency: float, sample_time: float, origin: str = "") -> s
     limit = plain(0.5 / sample_time)
     return (
         f"is {shown(frequency)}{origin}, at or above the Nyquist frequency {limit} Hz of sample_time_s = "
-        f"{shown(sample_time)}, where the Tustin map is infinite; allowed: below {limit} Hz"
+        f"{shown(sample_time)}, where the Tustin map is infinite; allowed: below {limit} Hz{_in_seconds(sample_time)}"
     )
+
+
+def _in_seconds(sample_time: float) -> str:
+    """Remind of the unit of a sample time beyond the usual, as of one in milliseconds."""
+    if sample_time <= LONGEST_USUAL_S:
+        return ""
+    return f"; sample_time_s is in seconds: {plain(sample_time)} ms is {plain(sample_time / 1000)}"
 
 
 def _end_below_nyquist(key: str) -> Rule:
