@@ -49,7 +49,18 @@ def test_nothing_is_rendered_where_one_step_of_the_encoder_asks_for_more_than_th
     pressed = SimpleNamespace(stiffness=2000.0, at_force_limit=np.zeros(1, dtype=bool))
     told = nothing_rendered(coarse, 2000.0, pressed)
     assert bool(told) == nothing
-    assert ("a press of 1 N" in told) == nothing
+    assert ("asks for more than the force limit (device.max_force_n, 1 N)" in told) == nothing
+
+
+@pytest.mark.parametrize(
+    ("friction_n", "limit_n", "blamed"), [(100.0, 8.0, True), (11.0, None, True), (2.0, 8.0, False)]
+)
+def test_dry_friction_that_no_press_overcomes_is_blamed_for_it(friction_n, limit_n, blamed):
+    stuck = PROBLEM.changed(device={"coulomb_friction_n": friction_n, "max_force_n": limit_n})
+    pressed = SimpleNamespace(stiffness=np.nan, at_force_limit=np.zeros(1, dtype=bool))
+    told = nothing_rendered(stuck, 2000.0, pressed)
+    assert (f"dry friction (device.coulomb_friction_n, {friction_n:g} N)" in told) == blamed
+    assert ("device.encoder_resolution_m" in told) != blamed
 
 
 def test_the_worst_hand_is_the_one_with_the_least_damped_pole():

@@ -6,6 +6,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.present.pages.recommendation import recommendation_page, recommendation_rows
+from avc_casadi.present.pages.stiffest import stiffest_page
 from avc_casadi.present.terminal import Mark, Page
 from avc_casadi.recommendation.preconditions import not_used
 
@@ -199,3 +200,35 @@ def test_tables_that_state_the_defaults_ask_for_nothing():
     plain = PROBLEM.changed(stability={"scope": "pointwise"}, boundaries={"upper": wall, "lower": wall})
     assert not_used(plain) == ()
     assert "Not used" not in rows(DOCUMENT)
+
+
+@pytest.mark.parametrize(
+    ("tables", "next_one"),
+    [
+        ({"deployable": True}, "avc export coupling.json --c DIR"),
+        ({"deployable": False}, "avc recommend P --stiffest"),
+        ({"deployable": False, "assumed": ["what may be a slip: device.mass_kg is 120"]}, "avc check P"),
+    ],
+)
+def test_what_is_next_is_nothing_that_would_be_refused(tables, next_one):
+    text = recommendation_page(changed(**tables), PROBLEM, Page(), "P", "coupling.json")
+    assert text.splitlines()[-1].strip().startswith(f"next: {next_one}    ")
+
+
+@pytest.mark.parametrize("short_m", [1.2e-3, 0.8e-3])
+@pytest.mark.parametrize("leaning", [3400.0, 3200.0])
+def test_what_friction_does_and_what_it_would_help_are_rows_of_their_own(short_m, leaning):
+    found = rows(changed(felt={"rest_error_m": short_m}, with_friction_n_per_m=leaning))
+    assert ("Dry friction" in found) == (short_m > 1e-3)
+    assert ("With friction" in found) == (leaning > 3300.0)
+    assert found.get("Dry friction", found["Coupling"]).mark is (Mark.CAUTION if short_m > 1e-3 else Mark.PASS)
+
+
+def test_half_a_sample_time_keeps_its_symbol():
+    helps = [{"change": change, "stiffest_wall_n_per_m": 4000.0} for change in ("half the sample time", "no delay")]
+    for one in helps:
+        one |= {"at_rest": 100, "at_rest_without_friction": 100, "hands": 100}
+    found = {"plain_wall_n_per_m": 0.0, "confirmed": None, "by": "static", "stiffest_wall_n_per_m": 3000.0}
+    text = stiffest_page(found | COUNTS | {"what_would_help": helps}, PROBLEM, Page(), "P")
+    labels = [line[4:16].strip() for line in text.splitlines()]
+    assert {"Half T", "No delay"} <= set(labels)

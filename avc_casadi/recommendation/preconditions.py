@@ -80,13 +80,14 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     device, press_n = problem.device, PRESS_N * problem.device.metres_per_unit
     if problem.environment.stiffness_n_per_m == 0:
         return ""
-    step = device.encoder_resolution_m
-    most_n = press_n if device.max_force_n is None else min(press_n, device.max_force_n)
+    step, friction_n, most_n = device.encoder_resolution_m, device.coulomb_friction_n, press_n
+    most = f"a press of {press_n:.3g} {NEWTON}"
+    if device.max_force_n is not None and device.max_force_n < press_n:
+        most_n = device.max_force_n
+        most = f"the {FORCE} limit ({spoken_key('device.max_force_n')}, {most_n:g} {NEWTON})"
     if felt_n_per_m * step > most_n:
-        what = (
-            f"one step of the encoder ({spoken_key('device.encoder_resolution_m')}, {step:g} {METRE}) is more than a "
-            f"press of {most_n:.3g} {NEWTON}"
-        )
+        encoder = f"the encoder ({spoken_key('device.encoder_resolution_m')}, {step:g} {METRE})"
+        what = f"one step of {encoder} asks for more than {most}"
     elif np.isfinite(trial.stiffness):
         return ""
     elif trial.at_force_limit.any():
@@ -94,10 +95,12 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
             f"every press ends at the {FORCE} limit ({spoken_key('device.max_force_n')}, {device.max_force_n:g} "
             f"{NEWTON})"
         )
+    elif friction_n >= most_n:
+        held = f"dry friction ({spoken_key('device.coulomb_friction_n')}, {friction_n:g} {NEWTON})"
+        what = f"no press ends in contact, for {held} is no less than {most}"
     else:
         what = f"no press ends in contact ({spoken_key('device.encoder_resolution_m')} is {step:g} {METRE})"
-    slips = "".join(f"; {doubt.key} {doubt.message}" for doubt in plausibility(problem))
-    return f"nothing of the wall is rendered: {what}; check the units of these values{slips}"
+    return f"nothing of the wall is rendered: {what}; check the units of these values"
 
 
 def assumed(

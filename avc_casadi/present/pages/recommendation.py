@@ -56,8 +56,10 @@ def recommendation_page(
     rows = recommendation_rows(document, problem)
     if written is not None:
         rows.append(Row("Written", written))
-    if document["coupling"] is None:
+    if document["coupling"] is None or (_slips(document) and not document["deployable"]):
         onwards = f"avc check {quote(shown)}"
+    elif not document["deployable"]:
+        onwards = f"avc recommend {quote(shown)} --stiffest"
     elif written is None:
         onwards = f"avc recommend {quote(shown)} --out coupling.json"
     else:
@@ -361,13 +363,14 @@ def _rebound(document: dict[str, Any], problem: Problem) -> list[Row]:
 
 def _friction(document: dict[str, Any], problem: Problem) -> list[Row]:
     leaning, sensed = document["with_friction_n_per_m"], document["felt"]["stiffness_n_per_m"]
-    told, short = [], document["felt"]["rest_error_m"]
+    rows, short = [], document["felt"]["rest_error_m"]
     if short is not None and short > _NOTICED_SHORT_M / problem.device.metres_per_unit:
-        told.append(f"holds the handle up to {quantity(short, problem.units.unit('m'))} from where the spring leads it")
+        told = f"holds the handle up to {quantity(short, problem.units.unit('m'))} from where the spring leads it"
+        rows.append(Row("Dry friction", told, Mark.CAUTION))
     if leaning is not None and sensed is not None and leaning > _STIFFER * sensed:
         stiffer = quantity(leaning, problem.units.unit("N/m"))
-        told.append(f"at least {stiffer} if its help is enough: --lean-on-friction")
-    return [Row("With friction", "; ".join(told), Mark.CAUTION if short else Mark.NONE)] if told else []
+        rows.append(Row("With friction", f"at least {stiffer} if its help is enough: --lean-on-friction"))
+    return rows
 
 
 def _limit(document: dict[str, Any], problem: Problem) -> list[Row]:
