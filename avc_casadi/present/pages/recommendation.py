@@ -64,7 +64,7 @@ def recommendation_page(
         onwards = f"avc recommend {quote(shown)} --out coupling.json"
     else:
         onwards = f"avc export {quote(written)} --c DIR"
-    spare = (_force_label(problem), "With friction", "Not used", "Linear limit")
+    spare = (_force_label(problem), "With friction", "Linear limit", "Not used")
     return page.rendered(headline(problem, shown), rows, [onwards, f"avc recommend {quote(shown)} -v"], spare)
 
 
