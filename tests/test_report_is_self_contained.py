@@ -123,15 +123,17 @@ def test_it_repeats(contents, html):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("share", "headline"),
+    ("share", "moving", "headline"),
     [
-        (1.0, "Deploy this coupling."),
-        (0.5, "Deploy this coupling; the wall is softened: 5e+04 N/m are rendered, 50 % of the wall."),
-        (0.0003, "Deployable, but hardly a wall: 30 N/m are rendered, 0.03 % of the wall."),
+        (1.0, 1e5, "Deploy this coupling."),
+        (0.5, 1e5, "Deploy this coupling; the wall is softened: 5e+04 N/m are rendered, 50 % of the wall."),
+        (0.0003, 1e5, "Deployable, but hardly a wall: 30 N/m are rendered, 0.03 % of the wall, and 1e+05 N/m at 1 Hz."),
+        (0.5, 9e3, "Deployable, but hardly a wall: 5e+04 N/m are rendered, 50 % of the wall, and 9000 N/m at 1 Hz."),
     ],
 )
-def test_the_headline_says_how_much_of_the_wall_is_left(contents, share, headline):
-    felt = contents.deployment["felt"] | {"share_of_wall": share, "stiffness_n_per_m": 1e5 * share}
+def test_the_headline_says_how_much_of_the_wall_is_left(contents, share, moving, headline):
+    told = {"share_of_wall": share, "stiffness_n_per_m": 1e5 * share, "stiffness_in_motion_n_per_m": {"1": moving}}
+    felt = contents.deployment["felt"] | told
     page = report_html(dataclasses.replace(contents, deployment=contents.deployment | {"felt": felt}))
     assert headline in " ".join(Page(page).text)
 

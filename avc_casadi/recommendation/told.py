@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import starmap
 from typing import Any
 
@@ -65,7 +66,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     ]
 
 
-def hardly_rendered(document: dict[str, Any]) -> bool:
+def hardly_rendered(document: Mapping[str, Any]) -> bool:
     """Return whether a wall with a spring is nearly lost, at rest or to a hand that moves at 1 Hz.
 
     Args:

@@ -29,6 +29,7 @@ from avc_casadi.present.report.frame import (
 )
 from avc_casadi.present.report.summary import device_line, injection_line, scope_line, summary_lines
 from avc_casadi.recommendation.preconditions import not_judged
+from avc_casadi.recommendation.told import hardly_rendered
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -91,8 +92,8 @@ def _least(values: ArrayLike) -> str:
     return number(min(_known(values), default=float("nan")), 3)
 
 
-# Shares of the wanted stiffness from which a wall counts as the wanted one, and below which as hardly one.
-_THE_WALL, _NO_WALL = 0.9, 0.1
+# Share of the wanted stiffness from which a wall counts as the wanted one.
+_THE_WALL = 0.9
 
 
 @dataclass(frozen=True)
@@ -229,11 +230,13 @@ def _verdict(found: Mapping[str, Any]) -> str:
     if doubts:
         return f'<p class="verdict fail">Deployable, but {" and ".join(doubts)}.</p>'
     felt, share = found["felt"]["stiffness_n_per_m"], found["felt"]["share_of_wall"]
-    if felt is None or share is None or share >= _THE_WALL:
+    if felt is None or share is None or (share >= _THE_WALL and not hardly_rendered(found)):
         return '<p class="verdict pass">Deploy this coupling.</p>'
     softer = f"{number(felt)} {N_PER_M} are rendered, {100 * share:.3g} % of the wall"
-    if share < _NO_WALL:
-        return f'<p class="verdict fail">Deployable, but hardly a wall: {softer}.</p>'
+    if hardly_rendered(found):
+        moving = number(found["felt"]["stiffness_in_motion_n_per_m"].get("1", felt))
+        told = f"{softer}, and {moving} {N_PER_M} at 1 Hz"
+        return f'<p class="verdict fail">Deployable, but hardly a wall: {told}.</p>'
     return f'<p class="verdict pass">Deploy this coupling; the wall is softened: {softer}.</p>'
 
 
