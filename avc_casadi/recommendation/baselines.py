@@ -8,7 +8,7 @@ criterion keeps passive (Adams and Hannaford 1999). All are simulated with the d
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -26,9 +26,9 @@ from avc_casadi.model.velocity import VELOCITY_ESTIMATORS
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.ripple import ripple_n
+from avc_casadi.recommendation.screening import BEYOND_HANDS, Group, beyond_file, held_otherwise
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.settled import residual_speeds
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -61,7 +61,7 @@ class Baseline:
         ripple_n: rms of the force on a handle that moves at 20 mm/s.
         settled: how many of the hands settle with that wall.
         settled_at_wall: how many settle with the wanted wall, at the best of the same dampings.
-        hands: how many were simulated.
+        hands: how many were simulated: of [hands], of the declared grip, and of [robustness].
     """
 
     law: str
@@ -131,12 +131,12 @@ class _Law:
     """A law that renders walls directly, with the hands of its trials."""
 
     def __init__(self, problem: Problem, law: str, table: VelocityFilterEffect | None, hands: int, seed: int) -> None:
-        self._problem, self._law, self._hands = problem, law, hands
+        self._problem, self._law = problem, law
         self._effects: tuple[Effect, ...] = () if table is None else (table,)
         self._runtime = Runtime(guard=GUARD_METHODS[0]) if law == GUARDED else Runtime()
         self._settings = {} if table is None else table.model_dump(exclude_none=True, exclude={"kind", "estimator"})
-        self._people = people_of(problem.hands, hands, seed)
-        self._first = people_of(problem.hands, min(_SEARCH, hands), seed)
+        self._everybody = _required(problem, hands, BEYOND_HANDS, seed)
+        self._first = _required(problem, min(_SEARCH, hands), _SEARCH, seed)
         self._extreme = with_released(hand_corners(problem.hands))
 
     def stiffest(self) -> Baseline:
@@ -153,19 +153,20 @@ class _Law:
                 middle = math.sqrt(low * high)
                 better = self._held(middle)
                 low, high, held = (low, middle, held) if better is None else (middle, high, better)
-        at_wall = max(self._settled(one, len(self._people)) for one in self._walls(wall))
+        everybody, hands = self._everybody, _count(self._everybody)
+        at_wall = max(self._settled(one, everybody) for one in self._walls(wall))
         if held is None:
-            return Baseline(self._law, self._settings, 0.0, 0.0, {}, None, 0, at_wall, self._hands)
+            return Baseline(self._law, self._settings, 0.0, 0.0, {}, None, 0, at_wall, hands)
         error = shaken(held, low, effects=self._effects, wanted=self._problem).errors()
         noise = ripple_n(held, _SLOWLY_M_PER_S / self._problem.device.metres_per_unit, self._effects)
-        settled = self._settled(held, len(self._people))
+        settled = self._settled(held, everybody)
         damping = held.table.at_rest.contact_damping_ns_per_m
-        return Baseline(self._law, self._settings, low, damping, error, noise, settled, at_wall, self._hands)
+        return Baseline(self._law, self._settings, low, damping, error, noise, settled, at_wall, hands)
 
     def _held(self, stiffness_n_per_m: float) -> Coupling | None:
         """Return the least damped wall of a stiffness with which the search hands settle."""
         walls = self._walls(stiffness_n_per_m)
-        return next((one for one in walls if self._settled(one, len(self._first)) == len(self._first)), None)
+        return next((one for one in walls if self._settled(one, self._first) == _count(self._first)), None)
 
     def _walls(self, stiffness_n_per_m: float) -> list[Coupling]:
         """Return a wall at several dampings, least first; at its own where none is stable with the difference."""
@@ -184,9 +185,8 @@ class _Law:
             found.append(replace(Coupling.constant(softer, gains, "none", self._runtime), table=table))
         return found
 
-    def _settled(self, wall: Coupling, count: int) -> int:
-        people = self._people if count == len(self._people) else self._first
-        return int((residual_speeds([wall], people, friction=False, beyond=True, effects=self._effects)[0] < 1).sum())
+    def _settled(self, wall: Coupling, groups: tuple[Group, ...]) -> int:
+        return _settled([replace(one, effects=(*one.effects, *self._effects)) for one in groups], wall)
 
 
 def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
@@ -196,9 +196,24 @@ def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
     except AvcError:
         return None
     rendered = static_stiffness_n_per_m(coupling)
-    people = people_of(problem.hands, hands, seed)
-    settled = int((residual_speeds([coupling], people, friction=False, beyond=True)[0] < 1).sum())
+    everybody = _required(problem, hands, BEYOND_HANDS, seed)
+    settled = _settled(everybody, coupling)
     error = shaken(coupling, rendered).errors()
     noise = ripple_n(coupling, _SLOWLY_M_PER_S / problem.device.metres_per_unit)
     damping = coupling.table.at_rest.damping_ns_per_m
-    return Baseline(PASSIVE, {}, rendered, damping, error, noise, settled, settled, len(people))
+    return Baseline(PASSIVE, {}, rendered, damping, error, noise, settled, settled, _count(everybody))
+
+
+def _required(problem: Problem, hands: int, others: int, seed: int) -> tuple[Group, ...]:
+    """Return the hands that a recommendation must hold too: those of [hands], of the declared grip, of [robustness]."""
+    own = people_of(problem.hands, hands, seed)
+    beyond = beyond_file(problem, problem.robustness, people_of(problem.hands, others, seed))
+    return (Group(own), *held_otherwise(problem, others, seed), *beyond)
+
+
+def _count(groups: Iterable[Group]) -> int:
+    return sum(len(one.people) for one in groups)
+
+
+def _settled(groups: Iterable[Group], coupling: Coupling) -> int:
+    return sum(int((one.residual_speeds([coupling], friction=False)[0] < 1).sum()) for one in groups)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.units import FORCE
+from avc_casadi.present.pages.contact import contact_rows
 from avc_casadi.present.pages.subject import gains_text, headline
 from avc_casadi.present.terminal import Mark, Page, Row
-from avc_casadi.recommendation.contact_onset import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
-from avc_casadi.recommendation.told import begins_elsewhere, beyond_file_text, hardly_rendered
+from avc_casadi.recommendation.told import beyond_file_text, hardly_rendered
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,8 +30,6 @@ _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
 _THIN_GAIN, _THIN_DEG = 10 ** (3 / 20), 10.0
 # A stiffness gain by friction that is worth a row.
 _STIFFER = 1.1
-# A rebound above that of a passive wall by more than an encoder's step makes of a speed.
-_FASTER = 1.02
 _MOST_HELPS = 3
 # A wall that a larger share of hands pushes through is named first.
 _PUSH_THROUGH = 0.5
@@ -94,8 +92,7 @@ def recommendation_rows(document: dict[str, Any], problem: Problem, *, briefly: 
         *_beyond_file(document["beyond_file"]),
         *_outside(document),
         *_force(document, problem),
-        *_onset(document, problem),
-        *_rebound(document, problem),
+        *contact_rows(document, problem),
         *_friction(document, problem),
         *(Row("Not used", told) for told in asked_of_others(document["not_used"])),
         *_limit(document, problem),
@@ -334,31 +331,6 @@ def _steps(felt: dict[str, Any], problem: Problem) -> str:
 
 def _force_label(problem: Problem) -> str:
     return problem.units.key("force").capitalize()
-
-
-def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
-    felt, unit = document["felt"], problem.units.unit
-    if not begins_elsewhere(felt):
-        return []
-    first = quantity(REACHED_M / problem.device.metres_per_unit, unit("m"))
-    none = f"no {problem.units.key('force')} in the first {first}"
-    parts = []
-    for speed, depth in felt["edge_m"].items():
-        side = "before" if (depth or 0.0) < 0 else "behind"
-        place = none if depth is None else f"{quantity(abs(depth), unit('m'))} {side} the face"
-        parts.append(f"{place} at {float(speed):.3g} {unit('m/s')}")
-    return [Row("Contact onset", ", ".join(parts), Mark.CAUTION)]
-
-
-def _rebound(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Describe strikes of the released device from which it returns faster than it came."""
-    unit = problem.units.unit("m/s")
-    told = [
-        f"{share:.3g} times its {float(speed):.3g} {unit}"
-        for speed, share in document["felt"]["rebound"].items()
-        if share > _FASTER
-    ]
-    return [Row("Rebound", f"a released device leaves the wall at {', '.join(told)}", Mark.CAUTION)] if told else []
 
 
 def _friction(document: dict[str, Any], problem: Problem) -> list[Row]:
