@@ -50,7 +50,7 @@ def test_exported_loop_is_the_plain_simulation(gains, period, there, back, scale
     pair = ExportedPair(teleoperator_coupling(text, *gains, device=device))
     for end in (pair.leader, pair.follower):
         # Where the other one is, is known at the beginning.
-        assert end.receive(pair.Message(0, 0.0, 0.0, 0.0))
+        assert end.receive(pair.Message(2**32 - 1, 0.0, 0.0, 0.0))
     given = {
         "hand": (0.1, 5.0, 400.0),
         "contact": contact,
@@ -164,6 +164,51 @@ def test_own_position_that_is_none_fades_both_ends(bad):
         assert math.isfinite(force)
     assert force == 0.0
     assert pair.leader.step(math.nan) == 0.0
+
+
+@pytest.mark.parametrize("silenced", ["leader", "follower"])
+def test_message_that_is_repeated_for_ever_is_believed_once(silenced):
+    """A sensor that has failed, and a link that goes on with what it was given last: no force comes back."""
+    pair = pulled()
+    failed, other = pair.leader, pair.follower
+    if silenced == "follower":
+        failed, other = other, failed
+    forces = []
+    for _ in range(20 * (SILENT + FADE)):
+        assert failed.step(math.nan, other.message()) <= 1.0
+        forces.append(other.step(0.02, failed.message()))
+    assert np.abs(forces[: SILENT + FADE]).max() > 0.9
+    assert np.all(np.array(forces[2 * (SILENT + FADE) :]) == 0)
+    # The sensor works again.
+    for _ in range(SILENT + FADE):
+        failed.step(0.0, other.message())
+        force = other.step(0.02, failed.message())
+    assert abs(force) == pytest.approx(20.0)
+
+
+def test_message_made_before_a_good_sample_is_not_believed():
+    pair = ExportedPair(teleoperator_coupling(FOLLOWER, 1000.0, 5.0))
+    for _ in range(4 * (SILENT + FADE)):
+        pair.leader.step(math.nan, pair.follower.message())
+        assert pair.follower.step(0.1, pair.leader.message()) == 0.0
+    pair.leader.sample(0.1)
+    assert pair.leader.message().number == 1
+    assert pair.follower.receive(pair.leader.message())
+
+
+def test_lost_damper_uncovers_no_spring():
+    """The follower is drawn off at 0.25 m/s, damper against spring; a bad sample anywhere lets no force grow."""
+    path = 1e-3 - 0.25e-3 * np.concatenate([np.zeros(80), np.arange(1, 13)])
+    for lost in range(78, 92):
+        pair, forces = pulled(), []
+        for k, x in enumerate(path):
+            pair.leader.step(0.0, pair.follower.message())
+            forces.append(pair.follower.step(math.nan if k == lost else x, pair.leader.message()))
+        assert forces[lost] * forces[lost - 1] >= 0
+        assert abs(forces[lost]) <= abs(forces[lost - 1])
+        if lost + 1 < len(path):
+            # The law asks for less than 4 N; half a step of the fade is rounding.
+            assert abs(forces[lost + 1]) <= abs(forces[lost]) + 1.5 * 4.0 / FADE
 
 
 def test_unstable_coupling_is_written_by_request_only():

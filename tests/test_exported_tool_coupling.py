@@ -126,7 +126,29 @@ def test_velocity_after_bad_samples_is_that_of_the_whole_time():
         c.step(math.nan, *given)
     c.tool_force(0.0, 0.0)
     # 0.4 mm in 4 samples: 0.1 m/s of the damper of 2 N.s/m; the force is on its way back.
-    assert c.step(0.0014, *given) == pytest.approx((1 - 2 / FADE) * (-1.0 - 2 * 0.1))
+    assert c.step(0.0006, *given) == pytest.approx((1 - 2 / FADE) * (-1.0 + 2 * 0.1))
+
+
+@pytest.mark.parametrize("exchange", ["on-time", "held-force"])
+@pytest.mark.parametrize("bad", [1, 3])
+def test_lost_damper_uncovers_no_spring(exchange, bad):
+    """Drawn out of a tool at 0.25 m/s, damper against spring, with bad samples anywhere: no force grows by them."""
+    coupling = tool_coupling(f'{TOOL}exchange = "{exchange}"', 9786.0, 25.85, 2.0)
+    path = 1e-3 * np.minimum(np.arange(160) / 50, 1.0)
+    path[100:] -= 0.25e-3 * np.arange(1, 61)
+    for lost in range(98, 112):
+        c, given = ExportedTool(coupling), (0.0,)
+        forces = []
+        for k, x in enumerate(path):
+            c.sample(math.nan if lost <= k < lost + bad else x)
+            if k % 2 == 0:
+                given = (c.tool_force(0.0, 0.0),)
+            forces.append(c.force(*(given if exchange == "held-force" else (0.0, 0.0))))
+        given, last = np.array(forces[lost : lost + bad]), np.array(forces[lost - 1 : lost + bad - 1])
+        assert np.all(given * last >= 0)
+        assert np.all(np.abs(given) <= np.abs(last))
+        # A fiftieth of the limit comes back in a sample; half as much is rounding.
+        assert abs(forces[lost + bad]) <= abs(forces[lost + bad - 1]) + 1.5 * 8.0 / FADE
 
 
 @pytest.mark.parametrize("exchange", ["on-time", "held-force"])

@@ -9,7 +9,7 @@ from avc_casadi._util.units import FORCE, M_PER_S, NEWTON, NS_PER_M, in_its_unit
 from avc_casadi.claims.stability.bilateral import BilateralLoops
 from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
 from avc_hardware.codegen.operations import DOUBLE, Precision
-from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
+from avc_hardware.codegen.other_end_export import FADE_S, checked, eased_c, named, verdict
 from avc_hardware.codegen.packages import WORDS, comment, comment_lines
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 
@@ -45,11 +45,13 @@ _HEADER = """\
  * - Old messages and duplicates are ignored. So are those with a number that is none (NaN, infinite), or that is
  *   farther from the last good one than {fastest:.4g} {M_PER_S} would bring it, as no hand does.
  * - No new message for more than {leader_silence:.4g} s at the leader, {follower_silence:.4g} s at the follower: the
- *   {FORCE} fades to 0 over {fade_s:.3g} s. Once nothing is left, whatever message comes is believed (the other end may
- *   have started anew), and the {FORCE} comes back as slowly.
+ *   {FORCE} fades to 0 over {fade_s:.3g} s. Once nothing is left, any sound message but the last one again is believed:
+ *   the other end may have started anew, and then counts from 1. The {FORCE} comes back as slowly. So the link may
+ *   repeat its newest message for ever, but must never hand out older ones again.
  * - An own position that is none, or jumps, by that speed or by a movement that differs from the one before by more
  *   than {accelerations}: the last good one is held, the dampers are left out, the {FORCE}
  *   fades while it lasts, and no new message is made: the other end fades too.
+ * - While it fades the {FORCE} neither grows nor turns, and it comes back from where it was.
  *
  * One thread at a time. C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is
  * refused.
@@ -71,6 +73,7 @@ typedef {real} avc_coupling_real_t;
 
 /* What goes over the link, as the sender counts. */
 typedef struct {{
+    /* 0: nothing was measured yet, and nobody believes it. */
     uint32_t number;
     {real} position_m, velocity_m_per_s;
     /* With which the follower presses; means nothing in a message of the leader, nor in position-position. */
@@ -108,7 +111,11 @@ typedef struct {{
     unsigned long missed, silent;
     /* How far the {FORCE} has faded; 0 is all of it. */
     unsigned long faded;
-    unsigned char started, given;
+    /* That was given last. */
+    {real} force_n;
+    /* Known of the own position: 0 nothing, 1 the last one, 2 its velocity too; whether the other end is heard, and
+     * whether something was wrong in the last sample. */
+    unsigned char started, given, fading;
 }} avc_coupling_t;
 
 /* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
@@ -146,18 +153,7 @@ _SOURCE = """\
 {check}
 {ends}
 {believed}
-/* What is left of a {FORCE} that fades; 0 where it is no number. */
-static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
-{{
-    if (!within(force_n, {largest})) {{
-        return {zero};
-    }}
-    if (coupling->faded == 0ul) {{
-        return force_n;
-    }}
-    return force_n * (({real})(coupling->end->fade - coupling->faded) / ({real})coupling->end->fade);
-}}
-
+{eased}
 void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end)
 {{
     coupling->end = end;
@@ -169,8 +165,10 @@ void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end)
     coupling->missed = 0ul;
     coupling->silent = 0ul;
     coupling->faded = end->fade;
+    coupling->force_n = {zero};
     coupling->started = 0u;
     coupling->given = 0u;
+    coupling->fading = 0u;
 }}
 
 avc_coupling_message_t avc_coupling_message(const avc_coupling_t *coupling)
@@ -182,12 +180,12 @@ int avc_coupling_receive(avc_coupling_t *coupling, const avc_coupling_message_t 
 {{
     const avc_coupling_end_t *end = coupling->end;
     const uint32_t ahead = message->number - coupling->far.number;
-    if (!within(message->position_m, {farthest}) || !within(message->force_n, {farthest}) ||
-        !within(message->velocity_m_per_s, end->far_fastest_m_per_s)) {{
+    if (message->number == 0u || ahead == 0u || !within(message->position_m, {farthest}) ||
+        !within(message->force_n, {farthest}) || !within(message->velocity_m_per_s, end->far_fastest_m_per_s)) {{
         return 0;
     }}
     if (coupling->given != 0u &&
-        (ahead == 0u || ahead > end->most ||
+        (ahead > end->most ||
          !within(message->position_m - coupling->far.position_m, ({real})ahead * end->far_jump_m + end->far_step_m))) {{
         return 0;
     }}
@@ -223,7 +221,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
             (own_position_m - own->position_m) / (({real})(coupling->missed + 1ul) * end->sample_time_s);
     }}
     own->position_m = own_position_m;
-    own->number++;
+    own->number += own->number < UINT32_MAX ? 1u : 2u;
     coupling->started = coupling->started != 0u && coupling->missed == 0ul ? 2u : 1u;
     coupling->missed = 0ul;
 }}
@@ -233,37 +231,32 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
     const avc_coupling_end_t *end = coupling->end;
     avc_coupling_message_t *own = &coupling->own;
     const avc_coupling_message_t *far = &coupling->far;
-    {real} pull_n, force_n;
-    if (coupling->missed == 0ul && coupling->given != 0u && coupling->silent <= end->watchdog) {{
-        coupling->faded -= coupling->faded > 0ul ? 1ul : 0ul;
-    }} else {{
-        coupling->faded += coupling->faded < end->fade ? 1ul : 0ul;
-    }}
-    if (coupling->started == 0u || coupling->given == 0u) {{
-        own->force_n = {zero};
-        return {zero};
-    }}
-    if (end->feels_force != 0u) {{
-        pull_n = -(end->force_scale * far->force_n);
-    }} else {{
-        pull_n = end->stiffness_n_per_m * (end->position_scale * far->position_m - own->position_m);
+    {real} pull_n = {zero}, force_n = {zero};
+    if (coupling->started != 0u && coupling->given != 0u) {{
+        if (end->feels_force != 0u) {{
+            pull_n = -(end->force_scale * far->force_n);
+        }} else {{
+            pull_n = end->stiffness_n_per_m * (end->position_scale * far->position_m - own->position_m);
+            if (coupling->missed == 0ul) {{
+                pull_n +=
+                    end->damping_ns_per_m * (end->position_scale * far->velocity_m_per_s - own->velocity_m_per_s);
+            }}
+        }}
+        force_n = pull_n;
         if (coupling->missed == 0ul) {{
-            pull_n +=
-                end->damping_ns_per_m * (end->position_scale * far->velocity_m_per_s - own->velocity_m_per_s);
+            force_n -= end->local_damping_ns_per_m * own->velocity_m_per_s;
+        }}
+        if (force_n > end->max_force_n) {{
+            force_n = end->max_force_n;
+        }}
+        if (force_n < -end->max_force_n) {{
+            force_n = -end->max_force_n;
         }}
     }}
-    own->force_n = left_of(coupling, pull_n);
-    force_n = pull_n;
-    if (coupling->missed == 0ul) {{
-        force_n -= end->local_damping_ns_per_m * own->velocity_m_per_s;
-    }}
-    if (force_n > end->max_force_n) {{
-        force_n = end->max_force_n;
-    }}
-    if (force_n < -end->max_force_n) {{
-        force_n = -end->max_force_n;
-    }}
-    return left_of(coupling, force_n);
+    force_n = eased(coupling, force_n,
+                    coupling->missed == 0ul && coupling->given != 0u && coupling->silent <= end->watchdog, end->fade);
+    own->force_n = left_of(pull_n, coupling->faded, end->fade);
+    return force_n;
 }}
 
 {real} avc_coupling_step(
@@ -321,9 +314,9 @@ def _numbers(coupling: TeleoperatorCoupling, precision: Precision) -> dict[str, 
         "check": WIDE_ENOUGH if precision is DOUBLE else "",
         "real": precision.c_type,
         "zero": literal(0.0),
-        "largest": literal(precision.largest),
         "farthest": literal(FARTHEST_M),
         "believed": believed_c(precision),
+        "eased": eased_c(precision),
         "leader_t_literal": literal(coupling.problem.device.sample_time_s),
         "follower_t_literal": literal(coupling.follower.sample_time_s),
     }

@@ -9,7 +9,7 @@ from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M, 
 from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_hardware.codegen.export import HEADER, NAME, SOURCE, WIDE_ENOUGH
 from avc_hardware.codegen.operations import DOUBLE, Precision
-from avc_hardware.codegen.other_end_export import FADE_S, checked, named, verdict
+from avc_hardware.codegen.other_end_export import FADE_S, checked, eased_c, named, verdict
 from avc_hardware.codegen.packages import WORDS, comment, comment_lines
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 
@@ -48,6 +48,7 @@ _HEADER = """\
  * - No step of the engine in more than {watchdog} samples, {steps} of its steps: it hangs, and the {FORCE} fades to 0
  *   over {fade_s:.3g} s; it comes back as slowly. avc_coupling_tool_force says that the engine lives; where it
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
+ * - While it fades the {FORCE} neither grows nor turns, and it comes back from where it was.
  *
  * One thread at a time: an engine in a thread of its own takes the lock of the device's loop for each call. An engine
  * on another computer has its own avc_coupling_t, writes position_m and velocity_m_per_s of the device's newest sample
@@ -86,8 +87,11 @@ typedef struct {{
     unsigned long missed, lost, silent;
     /* How far the {FORCE} has faded; 0 is all of it. */
     unsigned long faded;
-    /* Known of the position: 0 nothing, 1 the last one, 2 its velocity too; and whether anything is of the engine. */
-    unsigned char started, given;
+    /* That was given last, to the device and to the tool. */
+    {real} force_n, to_tool_n;
+    /* Known of the position: 0 nothing, 1 the last one, 2 its velocity too; whether anything is of the engine, and
+     * whether something was wrong in the last sample. */
+    unsigned char started, given, fading;
 }} avc_coupling_t;
 
 /* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
@@ -129,18 +133,7 @@ _SOURCE = """\
 #define FADE {fade}ul
 
 {believed}
-/* What is left of a {FORCE} that fades; 0 where it is no number. */
-static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
-{{
-    if (!within(force_n, {largest})) {{
-        return {zero};
-    }}
-    if (coupling->faded == 0ul) {{
-        return force_n;
-    }}
-    return force_n * (({real})(FADE - coupling->faded) / ({real})FADE);
-}}
-
+{eased}
 void avc_coupling_init(avc_coupling_t *coupling)
 {{
     coupling->position_m = {zero};
@@ -150,8 +143,11 @@ void avc_coupling_init(avc_coupling_t *coupling)
     coupling->lost = 0ul;
     coupling->silent = 0ul;
     coupling->faded = 0ul;
+    coupling->force_n = {zero};
+    coupling->to_tool_n = {zero};
     coupling->started = 0u;
     coupling->given = 0u;
+    coupling->fading = 0u;
 }}
 
 void avc_coupling_alive(avc_coupling_t *coupling)
@@ -187,7 +183,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
 
 {real} avc_coupling_force(avc_coupling_t *coupling, {given})
 {{
-    {real} force_n;
+    {real} force_n = {zero};
     if (coupling->lost >= FADE) {{
         coupling->given = 0u;
     }}
@@ -198,19 +194,14 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
     }} else if (coupling->lost < FADE) {{
         coupling->lost++;
     }}
-    if (coupling->missed == 0ul && coupling->lost == 0ul && coupling->silent <= WATCHDOG) {{
-        coupling->faded -= coupling->faded > 0ul ? 1ul : 0ul;
-    }} else {{
-        coupling->faded += coupling->faded < FADE ? 1ul : 0ul;
-    }}
-    if (coupling->started == 0u || coupling->given == 0u) {{
-        return {zero};
-    }}
-    force_n = {spring};
-    if (coupling->missed == 0ul && coupling->lost == 0ul) {{
-        force_n -= {dampers};
-    }}
-{clip}    return left_of(coupling, force_n);
+    if (coupling->started != 0u && coupling->given != 0u) {{
+        force_n = {spring};
+        if (coupling->missed == 0ul && coupling->lost == 0ul) {{
+            force_n -= {dampers};
+        }}
+{clip}    }}
+    return eased(coupling, force_n,
+                 coupling->missed == 0ul && coupling->lost == 0ul && coupling->silent <= WATCHDOG, FADE);
 }}
 
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given})
@@ -221,7 +212,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
 
 {real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s)
 {{
-    {real} force_n;
+    {real} force_n, left_n;
     avc_coupling_alive(coupling);
     if (coupling->started == 0u || !within(tool_position_m, {scene_farthest}) ||
         !within(tool_velocity_m_per_s, {scene_farthest})) {{
@@ -231,7 +222,9 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
     if (coupling->missed == 0ul) {{
         force_n += {scene_damper} * ({position_scale} * coupling->velocity_m_per_s - tool_velocity_m_per_s);
     }}
-    return left_of(coupling, force_n);
+    left_n = left_of(force_n, coupling->faded, FADE);
+    coupling->to_tool_n = coupling->missed == 0ul ? left_n : no_more(left_n, coupling->to_tool_n);
+    return coupling->to_tool_n;
 }}
 """
 
@@ -281,9 +274,9 @@ def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
         "sample_time_ns": str(round(device.sample_time_s * 1e9)),
         "watchdog": str(_STEPS * samples),
         "fade": str(max(1, round(FADE_S / device.sample_time_s))),
-        "largest": literal(precision.largest),
         "scene_farthest": literal(FARTHEST_M * tool.position_scale),
         "believed": believed_c(precision),
+        "eased": eased_c(precision),
         "jump": literal(bounds.jump_m),
         "change": literal(bounds.change_m),
         "position_scale": literal(tool.position_scale),
@@ -297,8 +290,8 @@ def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
 
 def _clip(limit: str) -> str:
     return (
-        f"    if (force_n > {limit}) {{\n        force_n = {limit};\n    }}\n"
-        f"    if (force_n < -{limit}) {{\n        force_n = -{limit};\n    }}\n"
+        f"        if (force_n > {limit}) {{\n            force_n = {limit};\n        }}\n"
+        f"        if (force_n < -{limit}) {{\n            force_n = -{limit};\n        }}\n"
     )
 
 
@@ -328,7 +321,7 @@ def _law(coupling: ToolCoupling, precision: Precision, fastest: float) -> dict[s
         "keep": _lines([f"coupling->{one} = {one};" for one in kept], 8),
         "clear": _lines([f"coupling->{one} = {literal(0.0)};" for one in kept], 4),
         "spring": f"-({literal(gains.stiffness_n_per_m)} * ({spring}))",
-        "dampers": f"{dampers} +\n                   {local}" if gains.local_damping_ns_per_m else dampers,
+        "dampers": f"{dampers} +\n                       {local}" if gains.local_damping_ns_per_m else dampers,
     }
 
 
