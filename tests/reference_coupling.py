@@ -46,6 +46,7 @@ class ReferenceCoupling:
         self._below = self._wary = self._known
         self._before: NDArray[Any] = np.zeros(self._devices, self._precision.dtype)
         self._moved = self._face = self._before
+        self._left = self._known + self._bounds.leaving_samples
         self._states: Columns = {name: np.zeros(self._devices, self._precision.dtype) for name in self._program.states}
 
     def step(self, position_m: ArrayLike) -> NDArray[Any]:
@@ -53,7 +54,8 @@ class ReferenceCoupling:
         number, zero = self._precision.dtype, self._precision.dtype(0)
         given = np.broadcast_to(np.asarray(position_m, dtype=number), (self._devices,))
         jump = number(self._bounds.jump_m)
-        change = np.where(self._before > 0, number(self._bounds.change_m), number(self._bounds.outside_m))
+        left = self._left < self._bounds.leaving_samples if self._wall_alone else True
+        change = np.where(left, number(self._bounds.change_m), number(self._bounds.outside_m))
         good = (given >= number(-FARTHEST_M)) & (given <= number(FARTHEST_M))
         moved = given - self._before
         steady = ((self._known == 1) & (self._wary == 0)) | (np.abs(moved - self._moved) <= change)
@@ -73,9 +75,10 @@ class ReferenceCoupling:
             shown = np.where(leaves, zero, shown)
             below = np.where(x < 0, np.minimum(self._below + 1, 2), np.where(self._below < 2, 0, 2))
             clipped = good & (x == 0) & (below < 2)
-            silent = clipped | (good & (wary > 0) & (x - shown <= 0))
-            wary = np.where(~good | silent, np.where(wary > 0, 2, 0), np.maximum(wary - 1, 0))
             anew = (begins & (x - shown <= 0)) | leaves
+            wary = np.where(good & (wary > 0), np.where(x > shown, wary - 1, 2), wary)
+            shown = np.where(good & (wary == 1), x, shown)
+            silent = clipped | (good & (wary > 0))
         else:
             clipped, wary = silent, np.zeros_like(wary)
             good &= ~(begins & (x > 0))
@@ -92,8 +95,10 @@ class ReferenceCoupling:
         self._known = np.where(told, np.where(begins | clipped, 1, 2), 0)
         self._before, self._face = np.where(good, x, self._before), np.where(good, shown, self._face)
         self._below, self._wary = np.where(good, below, self._below), wary
+        left = np.where(x > 0, 0, np.minimum(self._left + 1, self._bounds.leaving_samples))
+        self._left = np.where(good, left, self._left)
         self._states = {name: np.asarray(following[name], dtype=number) for name in states}
-        return np.where(runs & told & (wary == 0), force, zero).astype(number)
+        return np.where(runs & told, force, zero).astype(number)
 
     def _tick(self, x: NDArray[Any], states: Columns) -> tuple[Columns, NDArray[Any], NDArray[Any]]:
         program = self._program

@@ -124,6 +124,48 @@ def test_detents_wait_for_the_outside_after_a_fault_in_the_wall() -> None:
     assert device.forces(press).tobytes() == fresh.forces(press).tobytes()
 
 
+@pytest.mark.parametrize("wrong_m", [math.nan, 0.1, -0.1])
+@pytest.mark.parametrize("name", LAWS)
+def test_a_fault_before_the_face_lets_no_spring_begin_stretched(name: str, wrong_m: float) -> None:
+    """What a device went in without force does not count: the force begins as of a wall that begins there."""
+    speed, hold = 3e-4, np.full(300, 2.4e-3)
+    way = np.concatenate([on_steps(-0.7 * speed + speed * np.arange(-30, 8)), hold])
+    faulty, unseen = way.copy(), way[32]
+    faulty[30] += wrong_m
+    assert way[30] < 0 < way[31]
+    found, pressed = Exported(LAWS[name]).forces(faulty), Exported(LAWS[name]).forces(way - unseen)
+    assert np.all(found[30:33] == 0)
+    assert found[-1] == pytest.approx(pressed[-1], rel=0.05)
+    assert found[-1] > 1
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_a_light_device_that_is_thrown_out_is_no_fault(delay: int) -> None:
+    """The last forces act on 20 g when it is outside already, with up to 750 m/s2; a fault would end the next one."""
+    mass, time, press = 0.02, 1e-3, 1.6
+    problem = bench_problem(
+        (0.0, 1.2e4),
+        mass_kg=mass,
+        delay_samples=delay,
+        max_force_n=15.0,
+        encoder_resolution_m=STEP,
+        damping_ns_per_m=0.3,
+    )
+    device, fastest = Exported(with_gains(problem, 0.5, 1.2e4)), 0.0
+    for speed in np.linspace(0.05, 1.0, 60):
+        x, v, queue = -0.004, float(speed), [0.0] * delay
+        device.start()
+        for _ in range(400):
+            seen = STEP * round(x / STEP)
+            force = device.step(seen)
+            assert force > 0 or seen < 3e-4
+            queue.append(force)
+            acceleration = (press - queue.pop(0)) / mass
+            x, v = x + time * v + time**2 / 2 * acceleration, v + time * acceleration
+            fastest = max(fastest, -v if x < 0 else 0.0)
+    assert fastest > 0.5
+
+
 @functools.cache
 def bench(name: str) -> FaultySensor:
     return FaultySensor(LAWS[name].problem.device, export_c(LAWS[name]))

@@ -68,6 +68,8 @@ typedef struct {{
     /* Known of the position: 0 nothing, 1 the last one, 2 its movement too. Samples below 0 in a row, up to 2. Samples
      * in a row inside the wall until what was outside at a fault is believed to be there. */
     unsigned char started, below, wary;
+    /* Samples since the device was inside, up to those after which no {FORCE} acts on it any more. */
+    unsigned int left;
     /* Of the last position that was believed. */
     {real} position_before_m, moved_before_m;
     /* Where the wall begins until the device has left it: what it went into the wall unseen does not count. */
@@ -123,6 +125,7 @@ void avc_coupling_start(avc_coupling_t *coupling)
     coupling->started = 0u;
     coupling->below = 0u;
     coupling->wary = 0u;
+    coupling->left = {leaving};
     coupling->position_before_m = {zero};
     coupling->moved_before_m = {zero};
     coupling->face_m = {zero};
@@ -132,7 +135,7 @@ void avc_coupling_start(avc_coupling_t *coupling)
 {{
 {declared}    if (!believed(position_m, coupling->position_before_m, coupling->moved_before_m,
                   {known}, {jump},
-                  coupling->position_before_m > {zero} ? {change} : {outside})) {{
+                  {steady})) {{
 {doubt}        coupling->started = 0u;
         return {zero};
     }}
@@ -143,7 +146,7 @@ void avc_coupling_start(avc_coupling_t *coupling)
         return {zero};
     }}
 {stores}
-    return {returned};
+    return force_n;
 }}
 """
 
@@ -179,21 +182,26 @@ _BEGIN = """\
         rest(coupling, position_m);
     }}
     coupling->position_before_m = position_m;
+    if (position_m > {zero}) {{
+        coupling->left = 0u;
+    }} else if (coupling->left < {leaving}) {{
+        coupling->left++;
+    }}
     if (position_m < {zero} && coupling->below < 2u) {{
         coupling->below++;
     }} else if (position_m >= {zero} && coupling->below < 2u) {{
         coupling->below = 0u;
     }}
     clipped = position_m >= {zero} && position_m <= {zero} && coupling->below < 2u;
+    if (coupling->wary != 0u) {{
+        coupling->wary = position_m > coupling->face_m ? (unsigned char)(coupling->wary - 1u) : 2u;
+        coupling->face_m = coupling->wary == 1u ? position_m : coupling->face_m;
+    }}
     position_m = position_m - coupling->face_m;
-    if (clipped || (coupling->wary != 0u && position_m <= {zero})) {{
+    if (clipped || coupling->wary != 0u) {{
         rest(coupling, position_m);
         coupling->started = clipped ? 1u : coupling->started;
-        coupling->wary = coupling->wary != 0u ? 2u : 0u;
         return {zero};
-    }}
-    if (coupling->wary != 0u) {{
-        coupling->wary--;
     }}
 """
 # Detents have fixed positions: behind a moved wall they would differ.
@@ -212,9 +220,11 @@ _BEGIN_OUTSIDE = """\
 """
 _UNBELIEVED = (
     "{bounds} Then the {FORCE} is 0, and the next position is believed. Outside all is forgotten, and there is no "
-    "{FORCE} until the device has been inside for two samples. Inside the coupling goes on at the depth that it knows: "
-    "what a device went into the wall unseen, before the first sample or meanwhile, does not count. The wall begins so "
-    "much deeper until the device has been at 0 or below, and gives back no energy that it has not got."
+    "{FORCE} until the device has gone deeper for two samples. Inside the coupling goes on at the depth that it knows. "
+    "What a device went into the wall unseen or without {FORCE}, before the first sample or in a fault, does not "
+    "count: the wall begins so much deeper until the device has been at 0 or below, and gives back no energy that it "
+    "has not got, as far as the positions tell: in one that jumps elsewhere and stays there, the {FORCE} goes on as "
+    "at the depth before."
 )
 _SIGNLESS = (
     "A position that is 0 where none was below 0 twice in a row since the start is taken for a depth that is clipped "
@@ -416,7 +426,8 @@ def _unbelieved(bounds: SensorBounds) -> str:
         f"{bounds.jump_m:.4g} {METRE} from the one before, {bounds.fastest_m_per_s:.4g} {M_PER_S}, which no hand does; "
         f"and one that comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} "
         f"{METRE} outside of the wall, {bounds.outside_m_per_s2:.4g} {M_PER_S} in a second, or {bounds.change_m:.4g} "
-        f"{METRE} inside, {bounds.acceleration_m_per_s2:.4g} {M_PER_S} in a second."
+        f"{METRE} inside and for {bounds.leaving_samples - 1} samples after it, {bounds.acceleration_m_per_s2:.4g} "
+        f"{M_PER_S} in a second."
     )
 
 
@@ -436,22 +447,23 @@ def _detents(problem: Problem) -> str:
 def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:
     literal = precision.literal
     wall, bounds = coupling.problem.detent is None, _bounds(coupling.problem)
-    words = {"real": precision.c_type, "zero": literal(0.0)}
+    words, leaving = {"real": precision.c_type, "zero": literal(0.0)}, f"{bounds.leaving_samples}u"
     return _SOURCE.format(
         id=coupling.id,
         check=WIDE_ENOUGH if precision is DOUBLE else "",
         **words,
         believed=believed_c(precision),
         jump=literal(bounds.jump_m),
-        change=literal(bounds.change_m),
-        outside=literal(bounds.outside_m),
+        leaving=leaving,
+        steady=f"coupling->left < {leaving} ? {literal(bounds.change_m)} : {literal(bounds.outside_m)}"
+        if wall
+        else literal(bounds.change_m),
         declared="    int clipped;\n" if wall else "",
         known="coupling->started == 1u && coupling->wary != 0u ? 2u : coupling->started"
         if wall
         else "coupling->started",
         doubt=_DOUBT.format(jump=literal(bounds.jump_m)) if wall else "",
-        returned=f"coupling->wary != 0u ? {literal(0.0)} : force_n" if wall else "force_n",
-        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
+        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words, leaving=leaving),
         look_up="" if program.before is None else _look_up(rows, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
         lowest=literal(-precision.largest),

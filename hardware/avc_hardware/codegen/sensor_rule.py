@@ -5,6 +5,7 @@ A position that no hand can cause is a sensor fault. The states of a law would t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -24,6 +25,8 @@ HAND_M_PER_S2 = 100.0
 _NOISE = 15.0
 # A second difference has two steps of rounding, and two more of a flickering count.
 _STEPS = 4
+# Time constants after which nothing is left of a force.
+_LAGS = 5
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class SensorBounds:
         jump_m: farthest from the position before; the fastest and a step of the encoder at both ends.
         outside_m: largest change of movement outside the wall; a hand's, steps and noise.
         change_m: the same inside, where actuator and hand act.
+        leaving_samples: outside for so many samples the actuator acts no more: delay, hold and lag are over.
     """
 
     fastest_m_per_s: float
@@ -45,6 +49,7 @@ class SensorBounds:
     jump_m: float
     outside_m: float
     change_m: float
+    leaving_samples: int
 
     @classmethod
     def of(cls, device: Device, *, detents: bool = False) -> Self:
@@ -53,6 +58,10 @@ class SensorBounds:
         fastest = FASTEST_M_PER_S / device.metres_per_unit
         most = board_limits(device).max_acceleration_m_per_s2
         alone = most if detents else HAND_M_PER_S2 / device.metres_per_unit
+        # A second difference is of forces up to two samples old at the actuator.
+        delay = max((device.delay_samples, *(device.range.delay_samples or ())))
+        slowest = min((device.amplifier_bandwidth_hz or math.inf, *(device.range.amplifier_bandwidth_hz or ())))
+        lag = _LAGS / (2 * math.pi * slowest * time)
         unsure = _STEPS * step + _NOISE * device.position_noise_rms_m
         return cls(
             fastest_m_per_s=fastest,
@@ -61,6 +70,7 @@ class SensorBounds:
             jump_m=fastest * time + 2 * step,
             outside_m=alone * time**2 + unsure,
             change_m=most * time**2 + unsure,
+            leaving_samples=math.ceil(delay + lag) + 2,
         )
 
 
