@@ -102,6 +102,12 @@ def test_another_rate_than_the_emulated_boards_is_refused(capsys):
     assert "--baud: is 9600; the line of the emulated board runs at 115200" in said
 
 
+@pytest.mark.parametrize("verb", ["device", "monitor"])
+def test_a_rate_that_no_port_has_is_refused(verb, capsys):
+    said = told(capsys, verb, "--port", "loop://", "--baud", str(2**31))
+    assert "--baud: is 2147483648; allowed: 1200 to 12000000" in said
+
+
 def test_a_key_of_a_file_is_not_told_as_an_option(folder, capsys):
     (folder / "broken.toml").write_text("coupling = 3\n" + LEVER.format(stiffness="n_per_m", damping="ns_per_m"))
     said = told(capsys, "diagnose", "line.csv", "--problem", "broken.toml")

@@ -1,6 +1,8 @@
 """What does not fit the device is refused by the host before a byte of the table travels, and named."""
 
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -55,6 +57,31 @@ def test_safe_gains_are_judged_as_those_of_the_coupling_are() -> None:
     assert core.image() is None
     avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 100.0))
     assert core.image() is not None
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"safe": (2.0, 500.0)}, r"safe: is \(2\.0, 500\.0\); allowed: Gains\("),
+        ({"safe": Gains(1.0, np.inf)}, r"safe\.stiffness_n_per_m: is inf N/m; allowed: 0 to 1e\+08 N/m"),
+        ({"safe": Gains(0.0, 1e38)}, r"safe\.stiffness_n_per_m: is 1e\+38 N/m"),
+        ({"safe": Gains(0.0, 1e39)}, r"safe\.stiffness_n_per_m: is 1e\+39 N/m"),
+        ({"safe": Gains(1e39, 1e39)}, r"safe\.damping_ns_per_m: is 1e\+39 N\.s/m; allowed: 0 to 100000 N\.s/m"),
+        ({"deadline_s": np.nan}, r"deadline_s: is nan; allowed: above 0 s"),
+        ({"deadline_s": 0.0}, r"deadline_s: is 0\.0; allowed: above 0 s"),
+        ({"port": None}, r"port: is None; allowed: "),
+        ({"port": Path("/dev/ttyACM0")}, r"port: is .*ttyACM0.*; allowed: "),
+        ({"port": "loop://", "baud": 2**31}, r"baud: is 2147483648; allowed: 1200 to 12000000"),
+        ({"port": "loop://", "baud": "9600"}, r"baud: is '9600'; allowed: 1200 to 12000000"),
+        ({"port": "loop://", "baud": 0}, r"baud: is 0; allowed: 1200 to 12000000"),
+    ],
+)
+def test_arguments_that_are_none_are_named_before_anything_is_sent(given: dict[str, Any], said: str) -> None:
+    made = Coupling.constant(load_problem("reference-r1"), Gains(0.0, 500.0, 4.0), "by hand")
+    core = HostCore(host_library(), unwatched(max_force_n=8.0))
+    with pytest.raises(InputError, match=said):
+        avc_hardware.push(made, **({"port": HostLink(core)} | given))
+    assert core.image() is None
 
 
 @pytest.mark.parametrize(

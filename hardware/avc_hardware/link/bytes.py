@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 import serial
 
@@ -13,6 +13,7 @@ from avc_casadi import LinkError, PortError
 WRITE_TIMEOUT_S = 2.0
 
 
+@runtime_checkable
 class ByteLink(Protocol):
     """A two-way byte stream with its own clock; virtual for the emulator."""
 

@@ -221,7 +221,7 @@ def commission(
     if port == EMULATOR:
         link: ByteLink = WiredBench(declared, on_bench, way_m=2 * by_hand_m).board()
     else:
-        link = open_link(port, baud=baud) if isinstance(port, str) else port
+        link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         device = connection.device
         most = device.max_force_n

@@ -141,6 +141,8 @@ USB = "usb:"
 RAMP_S = 0.1
 """Time in which the force falls once the host is silent."""
 DEFAULT_BAUD = 115200
+# The slowest that anybody uses, and the fastest USB bridge.
+_BAUDS = 1200, 12_000_000
 # A full window out and a full answer back, ten bits a byte, and time for the device and the driver to think.
 _BYTES_ON_THE_WAY = 1536 + 1024
 _THINKING_S = 0.15
@@ -176,8 +178,12 @@ class Connection:
             on_silence: called once with the awaited answer and the time, where the device does not answer at once.
 
         Raises:
+            InputError: a deadline that is none.
             LinkError: no answer, or firmware of another version.
         """
+        if not (deadline_s is None or deadline_s > 0):
+            link.close()
+            raise InputError.of(f"is {deadline_s}; allowed: above 0 s, or None for the usual", key="deadline_s")
         self.link = link
         timeout_s = _THINKING_S + _BYTES_ON_THE_WAY * 10 / baud
         number = secrets.randbits(32) if session is None else session
@@ -320,21 +326,28 @@ class Connection:
         self.close()
 
 
-def open_link(port: str, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None = None) -> ByteLink:
+def open_link(port: str | ByteLink, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None = None) -> ByteLink:
     """Open a port.
 
     Args:
         port: a device path, a pyserial URL, ``usb:`` and the serial number of a USB device wherever it is plugged in,
-            or ``emulator`` for the firmware image on an emulated board, a fresh one.
+            ``emulator`` for the firmware image on an emulated board, a fresh one, or an open link, which is returned.
         baud: rate of a serial port.
         coupling: for which the emulated board is made: its sample time, encoder, force limit and settings.
 
     Raises:
-        InputError: another rate than that of the emulated board.
+        InputError: no port, a rate that no serial port has, or another than that of the emulated board.
         PortError: it is not connected or cannot be opened.
         UnsupportedError: the emulated board cannot be made for this coupling.
         MissingExtraError: the emulator is wanted and not installed.
     """
+    if isinstance(port, ByteLink):
+        return port
+    if not isinstance(port, str):
+        raise InputError.of(f"is {port!r}; allowed: a text as `avc doctor --ports` lists, or an open link", key="port")
+    low, high = _BAUDS
+    if not (isinstance(baud, int) and low <= baud <= high):
+        raise InputError.of(f"is {baud!r}; allowed: {low} to {high}, that of the firmware", key="baud")
     if port == EMULATOR:
         if baud != DEFAULT_BAUD:
             raise InputError.of(f"is {baud}; the line of the emulated board runs at {DEFAULT_BAUD}", key="baud")

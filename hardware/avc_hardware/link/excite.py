@@ -175,10 +175,8 @@ def excite(
         LinkError: no device, refused, lost during the excitation, or not the device of the plan.
         MissingExtraError: ``emulator`` without its extra.
     """
-    if not isinstance(port, str):
-        link = port
-    elif port == EMULATOR and on_bench is not None:
-        link = BenchDevice(on_bench).board()
+    if port == EMULATOR and on_bench is not None:
+        link: ByteLink = BenchDevice(on_bench).board()
     else:
         link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:

@@ -73,7 +73,7 @@ def monitor(
     give_up: float | None = None
     while left is None or left > 0:
         try:
-            link = open_link(port, baud=baud) if isinstance(port, str) else port
+            link = open_link(port, baud=baud)
             with Connection(link, baud=baud, on_silence=on_silence) as connection:
                 if heartbeat_s is not None:
                     _check_heartbeat(heartbeat_s, rate_hz, connection.device, baud)

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi import InputError, LinkError
+from avc_casadi import Fault, InputError, LinkError
 from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_hardware.codegen.figures import board_limits
 from avc_hardware.codegen.firmware_fit import check_runs_on
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.table import TableImage
 
 if TYPE_CHECKING:
-    from avc_casadi.model.gains import Gains
     from avc_hardware.link.bytes import ByteLink
     from avc_hardware.link.device import Device
 
@@ -112,7 +113,8 @@ def push(
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and released, or its safe gains are not.
-        InputError: the table cannot be sent, or safe gains have a contact damper, which no firmware keeps.
+        InputError: the table cannot be sent, no port, or safe gains that are none, beyond what a board takes, or with a
+            contact damper, which no firmware keeps.
         FirmwareLacksError: the coupling needs features that the firmware lacks.
         LinkError: no device, refused, or lost during the transfer; the device then runs its old table or the new one,
             whole.
@@ -123,7 +125,7 @@ def push(
         _require_safe(coupling, safe, unsafe=unsafe)
     check_runs_on(coupling)  # a coupling that cannot run is refused before a port is opened
     TableImage.of(coupling, safe=safe)
-    link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
+    link = open_link(port, baud=baud, coupling=coupling)
     start = link.now_s()
     with Connection(
         link, baud=baud, on_silence=on_silence, deadline_s=deadline_s, on_log=on_log, on_wait=on_wait
@@ -169,6 +171,24 @@ def push_over(
 
 def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
     """Check safe gains as the device runs them: alone, on the loop of the coupling's problem."""
+    if not isinstance(safe, Gains):
+        raise InputError.of(
+            f"is {safe!r}; allowed: Gains(damping_ns_per_m, stiffness_n_per_m) of avc_casadi.model.gains, or None for "
+            f"no {FORCE}",
+            key="safe",
+        )
+    board = board_limits(coupling.problem.device)
+    limits = {
+        "damping_ns_per_m": (board.max_damping_ns_per_m, NS_PER_M),
+        "stiffness_n_per_m": (board.max_stiffness_n_per_m, N_PER_M),
+    }
+    faults = [
+        Fault("", None, f"safe.{name}", f"is {value:g} {unit}; allowed: 0 to {most:g} {unit}, what a board takes")
+        for name, (most, unit) in limits.items()
+        if not 0 <= (value := getattr(safe, name)) <= most
+    ]
+    if faults:
+        raise InputError(faults)
     if safe.contact_damping_ns_per_m:
         raise InputError.of(
             f"has a contact damper of {safe.contact_damping_ns_per_m:g} {NS_PER_M}; allowed: b and k", key="safe"

@@ -59,7 +59,7 @@ def clear_faults(
     Raises:
         LinkError: no device, or no answer.
     """
-    link = open_link(port, baud=baud) if isinstance(port, str) else port
+    link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         ask = connection.session.ask
         before = connection.run(ask(Kind.STATUS, b"", DeviceStatus))
@@ -137,7 +137,7 @@ def set_limits(
         InputError: an invalid limit, or one above the board's.
         LinkError: no device, or no answer.
     """
-    link = open_link(port, baud=baud) if isinstance(port, str) else port
+    link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         device = connection.device
         wanted = (force_n, speed_m_per_s, energy_j)
@@ -234,7 +234,7 @@ def store(
         raise InputError.of(f"is {name!r}; allowed: characters that print, in a line", key="name")
     if name is not None and len(name.encode()) > NAME_BYTES:
         raise InputError.of(f"{name!r} takes {len(name.encode())} bytes; allowed: {NAME_BYTES}", key="name")
-    link = open_link(port, baud=baud) if isinstance(port, str) else port
+    link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         session, before = connection.session, connection.device
         if not before.flash_bytes:

@@ -142,7 +142,7 @@ def stream(
         raise InputError.of(f"{seconds:g} s; allowed: a finite time above 0", key="seconds")
     require_deployable(coupling, unsafe=unsafe)
     check_runs_on(coupling)
-    link = open_link(port, baud=baud, coupling=coupling) if isinstance(port, str) else port
+    link = open_link(port, baud=baud, coupling=coupling)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
         pushed = push_over(connection, coupling, unsafe=unsafe)
         device = connection.device
