@@ -151,6 +151,38 @@ def test_two_couplings_of_two_names_link_into_one_program() -> None:
     assert not any("avc_coupling" in text for text in export_c(PLAIN, name="soft", packages=PACKAGES).values())
 
 
+C99_HEADERS = (
+    "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool stddef "
+    "stdint stdio stdlib string tgmath time wchar wctype"
+)
+HEADERS = f"{C99_HEADERS} stdalign stdatomic stdnoreturn threads uchar".split()
+
+
+def test_a_name_that_means_something_in_c_already_is_refused() -> None:
+    """NAME.h hides no header of C, and NAME_t is none of the types that a compiler sees in them."""
+    require("gcc")
+    every = "".join(f"#include <{name}.h>\n" for name in HEADERS).encode()
+    seen = re.sub(r"(?m)^#.*", "", run("gcc", "-std=c11", "-E", "-", given=every).decode())
+    types = {name for name in re.findall(r"\b([a-z][a-z0-9_]*)_t\b", seen) if len(name) <= 20}
+    assert {"size", "int32", "wchar", "time", "double"} <= types
+    for name in sorted(types | set(HEADERS)):
+        with pytest.raises(InputError, match=f"name: is '{name}'"):
+            export_c(PLAIN, name=name)
+
+
+@pytest.mark.parametrize("name", ["int", "struct", "printf", "double_t"])
+def test_a_word_of_c_may_begin_names(name: str) -> None:
+    """No generated name is the word itself."""
+    folder = Path(tempfile.mkdtemp(dir=scratch()))
+    for file, text in export_c(PLAIN, name=name).items():
+        (folder / file).write_text(text, encoding="ascii")
+    every = "".join(f"#include <{header}.h>\n" for header in C99_HEADERS.split())
+    (folder / "all.c").write_text(f'{every}#include "{name}.h"\n', encoding="ascii")
+    tool, *options = C99
+    for source in ("all.c", f"{name}.c"):
+        run(tool, *options, *WARNINGS, "-I", str(folder), "-c", str(folder / source), "-o", str(folder / "out.o"))
+
+
 @pytest.mark.parametrize("name", ["", "Soft", "2nd", "a b", "a*/", "x" * 21, "soft_", "int main"])
 def test_a_name_that_is_none_is_refused(name: str) -> None:
     with pytest.raises(InputError, match="name: is "):

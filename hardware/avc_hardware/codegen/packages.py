@@ -23,6 +23,21 @@ if TYPE_CHECKING:
 _FOREIGN = re.compile(r"[^A-Za-z0-9 .,:;()\[\]+=<>%_'/-]")
 # Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
 _NAME = re.compile(r"[a-z]([a-z0-9_]{0,18}[a-z0-9])?")
+# Everything generated begins with the name, and two things of it may meet what a program includes: NAME.h a header of C
+# or of a platform, and NAME_t and its functions a type of these.
+_HEADERS = (
+    "arduino assert avr complex ctype endian errno fenv fcntl float haply inttypes iso646 limits locale main malloc "
+    "math memory poll pthread sched semaphore setjmp signal stdalign stdarg stdatomic stdbool stddef stdint stdio "
+    "stdlib stdnoreturn string strings termios tgmath threads time uchar unistd wchar wctype"
+)
+_TYPES = (
+    "blkcnt blksize clock clockid cnd dev div double fexcept fpos gid id imaxdiv ino intmax intptr key ldiv lldiv "
+    "max_align mbstate mode mtx nlink nullptr off pid ptrdiff quad register rsize sem sig_atomic siginfo sigset size "
+    "ssize stack suseconds thrd thrd_start timer tss tss_dtor ucontext uid uintmax uintptr useconds wctrans wint"
+)
+_TAKEN = re.compile(
+    rf"{'|'.join(f'{_HEADERS} {_TYPES}'.split())}|u?_?int(_fast|_least)?[0-9]+|char[0-9]+|(atomic|pthread)_.*"
+)
 _WIDTH = 115
 
 
@@ -40,10 +55,13 @@ def checked_name(name: str) -> str:
     """Return the prefix of the names of an exported coupling.
 
     Raises:
-        InputError: it is no valid prefix in C.
+        InputError: it is no valid prefix in C, or what is generated meets a header or a type of C.
     """
     if not _NAME.fullmatch(name):
         told = f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
+        raise InputError.of(told, key="name")
+    if _TAKEN.fullmatch(name):
+        told = f"is {name!r}; {name}.h or {name}_t is of C or of a platform already; allowed: another, as my_{name}"
         raise InputError.of(told, key="name")
     return name
 
