@@ -109,6 +109,8 @@ def test_the_page_and_a_question_are_answered(server):
         (400, "POST", "TOKEN/now", b"[]", JSON),
         (400, "POST", "TOKEN/now", b'{"settings": NaN}', JSON),
         (400, "POST", "TOKEN/now", b"[" * 100_000, JSON),
+        (400, "POST", "TOKEN/now", b'{"settings": {"values": {"device.mass_kg": 1%s}}}' % (b"0" * 400), JSON),
+        (400, "POST", "TOKEN/now", b'{"settings": {"values": {"device.mass_kg": -1%s}}}' % (b"0" * 400), JSON),
         (400, "POST", "TOKEN/now", b'{"settings": {"values": {"device.__class__": 1}}}', JSON),
         (400, "POST", "TOKEN/work", b'{"settings": {"method": "rm"}}', JSON),
         (400, "POST", "TOKEN/device", b'{"name": 7}', JSON),

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"
 MOST_BYTES = 2**18
+# A browser writes larger whole numbers with an exponent, and one without end is none as a float.
+_DIGITS = 22
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 # Nothing but what this server sends; a page elsewhere can neither frame this one nor read it.
 _HEADERS = {
@@ -148,9 +150,9 @@ class _Handler(BaseHTTPRequestHandler):
         if len(digits) > len(str(MOST_BYTES)) or int(digits) > MOST_BYTES:
             raise RequestError(413, f"a question has at most {MOST_BYTES} bytes")
         try:
-            found = json.loads(self.rfile.read(int(digits)), parse_constant=_refuse)
+            found = json.loads(self.rfile.read(int(digits)), parse_constant=_refuse, parse_int=_whole)
         except (ValueError, RecursionError) as error:
-            raise RequestError(400, "the question is no JSON") from error
+            raise RequestError(400, "the question is no JSON, or has a whole number beyond 1e21") from error
         if not isinstance(found, dict):
             raise RequestError(400, "a question is an object of JSON")
         return found
@@ -175,3 +177,10 @@ def _error(message: str) -> bytes:
 
 def _refuse(name: str) -> None:
     raise ValueError(name)
+
+
+def _whole(digits: str) -> int:
+    """Return a whole number that is one as a float too."""
+    if len(digits) > _DIGITS:
+        raise ValueError(digits)
+    return int(digits)
