@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import avc_casadi as avc
+import avc_hardware
 
 ROOT = Path(__file__).parents[1]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{ROOT}:{ROOT / 'hardware'}"}
@@ -59,6 +60,36 @@ def test_a_file_is_the_old_one_or_the_new_one(before, code, tmp_path):
     assert run("", arguments, tmp_path).returncode == 0
     assert json.loads(out.read_text())["method"] == "static"
     assert [path.name for path in tmp_path.iterdir()] == ["c.json"]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["export", "COUPLING", "--c", "made", "--unsafe"], "--c: 'made' cannot be written"),
+        (["arm", "gantry", "--map", "map.svg", "--poses", "20"], "--map: 'map.svg' cannot be written"),
+        (["arm", "gantry", "--gains", "made", "--regions", "1,1,1"], "--gains: 'made' cannot be written"),
+        (["simulate", "soft", "--plot", "run.svg"], "--plot: 'run.svg' cannot be written"),
+        (["simulate", "soft", "--trace", "run.npz"], "--trace: 'run.npz' cannot be written"),
+    ],
+)
+def test_a_full_disk_is_told_of_what_was_typed(arguments, named, coupling, tmp_path):
+    done = run(FULL_DISK, [str(coupling) if one == "COUPLING" else one for one in arguments], tmp_path)
+    assert done.returncode == 2
+    assert f"{named} (File too large)" in done.stderr
+    assert ".avc-" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_that_cannot_begin_leaves_no_file(tmp_path, monkeypatch):
+    def full(path, *_, **__):
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(avc.InputError, match=r"log\.csv: cannot be written \(No space left on device\)"):
+        avc_hardware.open_log(tmp_path / "log.csv")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.thorough

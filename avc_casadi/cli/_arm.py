@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose, positive_int
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file, output_folder, write_text
+from avc_casadi.cli._files import output_file, output_folder, write_figure, write_text
 
 if TYPE_CHECKING:
     import argparse
@@ -90,12 +90,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 def _map(made: Arm, args: argparse.Namespace, drawing: Path, console: Console) -> dict[str, Any]:
     from avc_casadi._util.parallel import processors
     from avc_casadi.arm.walls import workspace_map
-    from avc_casadi.present.figures.layout import save_figure
     from avc_casadi.present.figures.zwidth import draw_workspace
 
     with console.step("map"):
         found = workspace_map(made, args.poses, min(2, processors()), console)
-        save_figure(draw_workspace({"": found}), drawing)
+        write_figure(drawing, draw_workspace({"": found}), "--map")
     told: dict[str, Any] = _plain({**vars(found), "file": str(drawing)})
     return told
 
@@ -111,6 +110,7 @@ def _cells(made: Arm, regions: tuple[float, ...] | None) -> tuple[int, ...] | No
 
 
 def _gains(made: Arm, args: argparse.Namespace, regions: tuple[int, ...] | None, console: Console) -> dict[str, Any]:
+    from avc_casadi._util.files import write_file
     from avc_casadi._util.json_values import json_text
     from avc_casadi.arm.design import design_arm, gains_document, gains_toml
     from avc_hardware import arm_gains_c
@@ -121,7 +121,7 @@ def _gains(made: Arm, args: argparse.Namespace, regions: tuple[int, ...] | None,
         document = gains_document(made, design)
         files = {"gains.json": json_text(document), "gains.toml": gains_toml(document), **arm_gains_c(document)}
         for name, text in files.items():
-            write_text(folder / name, text, "--gains")
+            write_file(folder / name, text)
     return {**document, "folder": args.gains, "files": sorted(files)}
 
 

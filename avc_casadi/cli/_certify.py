@@ -10,7 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._certify_tool import certify_tool
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_folder, write_text
+from avc_casadi.cli._files import output_folder
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
 from avc_casadi.cli._text import rows_text
@@ -73,6 +73,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) -> Answer:
+    from avc_casadi._util.files import write_file
     from avc_casadi._util.json_values import json_text
     from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.claims.registry import asked_for
@@ -92,7 +93,7 @@ def _certify(args: argparse.Namespace, console: Console, proofs: Path | None) ->
     written: list[str] = []
     if proofs is not None:
         for name, one in proof_files(problem, found).items():
-            write_text(proofs / name, json_text(one), "--proof-out")
+            write_file(proofs / name, json_text(one))
             written.append(name)
     with console.step("table that runs"):
         verdict = None if coupling is None else avc.deployable(coupling, console)

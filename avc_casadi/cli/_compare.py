@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file
+from avc_casadi.cli._files import output_file, write_figure
 from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._text import number
 
@@ -51,10 +51,9 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     comparison = compared(problem, args.mine, console)
     if plot is not None:
         from avc_casadi.present.figures.comparison import draw_comparison
-        from avc_casadi.present.figures.layout import save_figure
 
         with console.step("figure"):
-            save_figure(draw_comparison(comparison), plot)
+            write_figure(plot, draw_comparison(comparison))
     document = comparison_document(comparison)
     missing = infeasible(document)
     text = comparison_page(document, problem, console.page, args.problem, args.plot)

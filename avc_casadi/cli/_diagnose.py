@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_log_layout, add_verbose, log_layout, positive
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file, write_text
+from avc_casadi.cli._files import output_file, write_figure, write_text
 from avc_casadi.cli._subject import load_known, load_problem
 
 if TYPE_CHECKING:
@@ -105,12 +105,11 @@ def _coupling(file: str | None) -> Coupling | None:
 
 def _pictures(found: list[Diagnosis], picture: Path) -> list[Path]:
     from avc_casadi.present.figures.diagnosis import draw_diagnosis
-    from avc_casadi.present.figures.layout import save_figure
 
     written = []
     for index, each in enumerate(found, start=1):
         path = picture if len(found) == 1 else picture.with_stem(f"{picture.stem}-{index}")
-        save_figure(draw_diagnosis(each), path)
+        write_figure(path, draw_diagnosis(each))
         written.append(path)
     return written
 

@@ -9,7 +9,7 @@ from typing import Any
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_folder, write_text
+from avc_casadi.cli._files import output_folder
 from avc_casadi.cli._subject import (
     add_problem_of_gains,
     add_unsafe,
@@ -143,10 +143,12 @@ def _velocity(args: argparse.Namespace, console: Console) -> Answer:
 
 def _written(to: str, files: dict[str, str]) -> list[str]:
     """Write files into a folder; returns their paths."""
+    from avc_casadi._util.files import write_file
+
     with output_folder(to, "--c") as folder:
         for name, text in files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            write_text(folder / name, text, "--c")
+            write_file(folder / name, text)
     return [str(Path(to) / name) for name in files]
 
 

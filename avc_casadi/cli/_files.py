@@ -7,8 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from avc_casadi import AvcError, InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # A folder with such a name was meant to be a file.
 _FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
@@ -97,15 +101,39 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
         raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
 
 
+@contextmanager
+def writing(path: Path, key: str) -> Iterator[None]:
+    """Name the option and the file, as typed, where it cannot be written.
+
+    Raises:
+        InputError: it cannot.
+    """
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise InputError.of(f"{str(path)!r} cannot be written ({why}); choose another place", key=key) from error
+
+
 def write_text(path: Path, text: str, key: str) -> None:
-    """Write a file atomically.
+    """Write a file atomically; one in a folder of results by `write_file`, whose fault `output_folder` tells.
 
     Raises:
         InputError: the file cannot be written.
     """
     from avc_casadi._util.files import write_file
 
-    try:
+    with writing(path, key):
         write_file(path, text)
-    except OSError as error:
-        raise InputError.of(f"{str(path)!r} cannot be written ({error.strerror})", key=key) from error
+
+
+def write_figure(path: Path, figure: Figure, key: str = "--plot") -> None:
+    """Write a picture atomically.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    from avc_casadi.present.figures.layout import save_figure
+
+    with writing(path, key):
+        save_figure(figure, path)

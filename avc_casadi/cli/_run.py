@@ -16,7 +16,7 @@ from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._compare import compared, infeasible
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._deploy import push_or_say
-from avc_casadi.cli._files import output_folder, write_text
+from avc_casadi.cli._files import output_folder
 from avc_casadi.cli._recommend import recommend_document
 from avc_casadi.cli._run_other_end import run_to_other_end
 from avc_casadi.cli._solve import without_gains
@@ -66,6 +66,7 @@ def _worked_through(
     problem: avc.Problem, args: argparse.Namespace, console: Console, folder: Path, shown: Path
 ) -> Answer:
     """Do all of it, writing to one folder and reporting another."""
+    from avc_casadi._util.files import write_file
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import Processes
     from avc_casadi.design.comparison.comparison import with_delivered
@@ -108,7 +109,7 @@ def _worked_through(
     )
     files["report.html"] = report_html(contents)
     for name, text in files.items():
-        write_text(folder / name, text, "--out")
+        write_file(folder / name, text)
     names = [*_CAPTIONS, *(_OF_COUPLING if coupling is not None else ())]
     written = sorted([*files, *(f"{name}{ending}" for name in names for ending in (".png", ".svg"))])
     document = {"schema": "avc-run/2", "folder": str(shown), "files": written, "deploy": deployment} | summary
@@ -195,5 +196,5 @@ def _written(drawn: dict[str, tuple[bytes, Picture]], folder: Path) -> list[Pict
 
     for name, (png, picture) in drawn.items():
         write_file(folder / f"{name}.png", png)
-        write_text(folder / f"{name}.svg", picture.wide, "--out")
+        write_file(folder / f"{name}.svg", picture.wide)
     return [picture for _, picture in drawn.values()]

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import write_text
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
@@ -57,10 +56,10 @@ def run_to_other_end(
         drawn = _drawn(problem, None if coupling is None else coupling.gains, console)
         for name, (png, picture) in drawn.items():
             write_file(folder / f"{name}.png", png)
-            write_text(folder / f"{name}.svg", picture.wide, "--out")
+            write_file(folder / f"{name}.svg", picture.wide)
             files += [f"{name}.png", f"{name}.svg"]
     pictures = [picture for _, picture in drawn.values()]
-    write_text(folder / "report.html", other_end_html(document, problem, pictures, package_versions()), "--out")
+    write_file(folder / "report.html", other_end_html(document, problem, pictures, package_versions()))
     title = headline(problem, args.problem) if problem.follower is None else bilateral_headline(problem, args.problem)
     written = Row("Written", f"{shown / 'report.html'} and {len(files) - 1} files beside it")
     following = (

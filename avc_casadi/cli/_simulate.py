@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file
+from avc_casadi.cli._files import output_file, write_figure, writing
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._screen import screened
 from avc_casadi.cli._simulate_tool import simulate_tool
@@ -93,13 +93,13 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     with console.step("cost of each effect"):
         parts = explain(problem, NO_COUPLING if gains is None else gains)
     if trace is not None:
-        trace = found.save(trace)
+        with writing(trace, "--trace"):
+            trace = found.save(trace)
     if plot is not None:
-        from avc_casadi.present.figures.layout import save_figure
         from avc_casadi.present.figures.scene import draw_scene
 
         with console.step("figure"):
-            save_figure(draw_scene([found, *beside]), plot)
+            write_figure(plot, draw_scene([found, *beside]))
     document = found.document(trace) | told | parts.document() | {"notes": notes}
     if beside:
         document["against"] = [compared(run) for run in beside]

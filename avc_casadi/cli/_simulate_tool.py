@@ -6,7 +6,7 @@ import argparse
 
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file
+from avc_casadi.cli._files import output_file, write_figure, writing
 from avc_casadi.cli._to_simulation import problem_and_gains, refuse
 
 
@@ -26,13 +26,13 @@ def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
         found = avc.simulate(staged, seed=args.seed)
     if trace is not None:
-        trace = found.save(trace)
+        with writing(trace, "--trace"):
+            trace = found.save(trace)
     if plot is not None:
-        from avc_casadi.present.figures.layout import save_figure
         from avc_casadi.present.figures.scene import draw_scene
 
         with console.step("figure"):
-            save_figure(draw_scene([found], ["coupling to the simulation"]), plot)
+            write_figure(plot, draw_scene([found], ["coupling to the simulation"]))
     alone = args.gains is None and args.problem.lower().endswith(".json")
     document = found.document(trace) | {
         "schema": "avc-simulate-tool/1",

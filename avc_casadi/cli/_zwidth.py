@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import avc_casadi as avc
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file
+from avc_casadi.cli._files import output_file, write_figure
 from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._to_simulation import couples_to_simulation
 from avc_casadi.cli._zwidth_tool import zwidth_tool
@@ -58,12 +58,11 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
             "amplifier and whole samples of delay; `avc recommend P` knows the device as declared"
         )
     if plot is not None:
-        from avc_casadi.present.figures.layout import save_figure
         from avc_casadi.present.figures.zwidth import draw_zwidth
 
         with console.step("figure"):
             drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if llewellyn is not None else None
-            save_figure(draw_zwidth(region, drawn, rendered), plot)
+            write_figure(plot, draw_zwidth(region, drawn, rendered))
     document = region.document() | {
         "llewellyn": None
         if llewellyn is None

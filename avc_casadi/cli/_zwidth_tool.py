@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._files import output_file
+from avc_casadi.cli._files import output_file, write_figure
 from avc_casadi.cli._to_simulation import problem_and_gains
 
 
@@ -19,11 +19,10 @@ def zwidth_tool(args: argparse.Namespace, console: Console) -> Answer:
     with console.step("region"):
         region = tool_region(problem, console)
     if plot is not None:
-        from avc_casadi.present.figures.layout import save_figure
         from avc_casadi.present.figures.tool_region import draw_tool_region
 
         with console.step("figure"):
-            save_figure(draw_tool_region(region), plot)
+            write_figure(plot, draw_tool_region(region))
     document = region.document()
     text = region_page(document, problem, console.page, args.problem, args.plot)
     return Answer(document, text, more="\n".join(region_lines(document, problem)))

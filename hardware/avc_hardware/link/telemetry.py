@@ -11,7 +11,8 @@ import importlib
 import json
 import math
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, Self, TextIO
@@ -168,7 +169,7 @@ class TelemetryLog(Protocol):
     """A file of samples; use as a context manager."""
 
     def write(self, sample: TelemetrySample) -> None:
-        """Add a sample; it is in the file when this returns."""
+        """Add a sample; it is in the file when this returns, or `InputError` tells that it cannot be written."""
         ...
 
     def close(self) -> None:
@@ -198,11 +199,23 @@ def open_log(path: Path, motion: MotionKind = "linear") -> TelemetryLog:
     """
     if path.suffix not in LOG_ENDINGS:
         raise InputError.of(f"allowed: a name that ends in {' or '.join(LOG_ENDINGS)}", file=str(path))
+    columns, new = _columns(motion), not path.exists()
     try:
-        columns = _columns(motion)
-        return _Csv(path, columns) if path.suffix == ".csv" else _Mcap(path, columns)
+        with _written(path):
+            return _Csv(path, columns) if path.suffix == ".csv" else _Mcap(path, columns)
+    except InputError:
+        if new:  # it would hold nothing
+            with suppress(OSError):
+                path.unlink()
+        raise
+
+
+@contextmanager
+def _written(path: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
-        raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
+        raise InputError.of(f"cannot be written ({error.strerror}); choose another place", file=str(path)) from error
 
 
 def _columns(motion: MotionKind) -> dict[str, str]:
@@ -236,21 +249,24 @@ def _row(sample: TelemetrySample, columns: Iterable[str]) -> dict[str, Any]:
 
 class _Csv:
     def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
-        self._columns = tuple(columns)
-        self._file: TextIO = path.open("w", encoding="utf-8", newline="")
+        self._path, self._columns = path, tuple(columns)
         position, force = self._columns[2:4]
-        self._file.write(
+        path.write_text(
             f"# avc monitor: at the device's own ticks; {force} along +{position.partition('_')[0]}; a lost record is "
-            f"a gap in time\n{','.join(self._columns)}\n"
+            f"a gap in time\n{','.join(self._columns)}\n",
+            encoding="utf-8",
+            newline="",
         )
-        self._file.flush()
+        self._file: TextIO = path.open("a", encoding="utf-8", newline="")
 
     def write(self, sample: TelemetrySample) -> None:
-        self._file.write(",".join(map(_cell, _row(sample, self._columns).values())) + "\n")
-        self._file.flush()
+        with _written(self._path):
+            self._file.write(",".join(map(_cell, _row(sample, self._columns).values())) + "\n")
+            self._file.flush()
 
     def close(self) -> None:
-        self._file.close()
+        with _written(self._path):
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -267,7 +283,7 @@ def _cell(value: Any) -> str:
 
 class _Mcap:
     def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
-        self._columns = tuple(columns)
+        self._path, self._columns = path, tuple(columns)
         try:
             writer: Any = importlib.import_module("mcap.writer")
         except ImportError as error:
@@ -291,13 +307,15 @@ class _Mcap:
         }
         time_ns = round(1e9 * sample.time_s)
         data = json.dumps(row).encode()
-        self._writer.add_message(self._channel, time_ns, data, time_ns, sample.ticks & 0xFFFFFFFF)
-        self._file.flush()
+        with _written(self._path):
+            self._writer.add_message(self._channel, time_ns, data, time_ns, sample.ticks & 0xFFFFFFFF)
+            self._file.flush()
 
     def close(self) -> None:
         if not self._file.closed:
-            self._writer.finish()
-            self._file.close()
+            with _written(self._path):
+                self._writer.finish()
+                self._file.close()
 
     def __enter__(self) -> Self:
         return self
