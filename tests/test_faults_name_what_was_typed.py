@@ -108,6 +108,13 @@ def test_a_rate_that_no_port_has_is_refused(verb, capsys):
     assert "--baud: is 2147483648; allowed: 1200 to 12000000" in said
 
 
+@pytest.mark.parametrize("port", ["socket://localhost", "loop://?a=b", "hwgrep://("])
+def test_a_port_that_is_none_is_told_in_plain_words(port, capsys):
+    said = told(capsys, "device", "--port", port)
+    assert f"{port}: cannot be opened (no name of a port; allowed: a path, or a URL of pyserial" in said
+    assert "'" not in said.partition("; `avc doctor")[0]
+
+
 def test_a_key_of_a_file_is_not_told_as_an_option(folder, capsys):
     (folder / "broken.toml").write_text("coupling = 3\n" + LEVER.format(stiffness="n_per_m", damping="ns_per_m"))
     said = told(capsys, "diagnose", "line.csv", "--problem", "broken.toml")

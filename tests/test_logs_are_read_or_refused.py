@@ -77,6 +77,27 @@ def test_json_of_arrays_of_objects_and_of_rows(tmp_path):
     same(read_logs([tmp_path / "a.npy"], layout)[0])
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"[" * 100_000, "is not read as .json (it is nested too deeply)"),
+        (
+            b'{"time_s": "\xe9"}',
+            "is not read as .json (it is no UTF-8 text; save it as such, or iconv -f FROM -t UTF-8)",
+        ),
+        (
+            b"[" + b"[]," * 2**22,
+            "is larger than 4194304 bytes, which JSON may have as it is read whole; write it as CSV",
+        ),
+        (b"9" * 10_000, "holds rows float64 (); allowed: vectors of time, position and force"),
+    ],
+)
+def test_json_without_a_log_is_refused_in_plain_words(tmp_path, content, said):
+    path = tmp_path / "a.json"
+    path.write_bytes(content)
+    assert faults(path)[0].message.startswith(said)
+
+
 def test_npz_and_mat(tmp_path):
     arrays = {"time_s": TIME, "position_mm": 1e3 * POSITION, "force_n": FORCE}
     np.savez(tmp_path / "a.npz", **arrays)

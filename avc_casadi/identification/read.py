@@ -25,7 +25,7 @@ from avc_casadi.identification.text_log import TextLog
 from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_columns, motion_of
 
 # A text is read row by row, JSON whole.
-_LARGEST_TEXT, _LARGEST_JSON = 2**30, 2**24
+_LARGEST_TEXT, _LARGEST_JSON = 2**30, 2**22
 # Number of time steps that determine the clock, and their tolerance.
 _FEW_STEPS, _EVEN = 20, 0.02
 # A step so long lacks a row; a larger share of them is no jitter of a slow clock.
@@ -133,7 +133,7 @@ def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list
     except InputError as error:
         return [], list(error.faults)
     except (*_UNREADABLE, MemoryError) as error:
-        first = str(error).partition("\n")[0][:200] or type(error).__name__
+        first = _PLAIN.get(type(error)) or str(error).partition("\n")[0][:200] or type(error).__name__
         hint = "; save it with -v7" if isinstance(error, NotImplementedError) and ending == ".mat" else ""
         return [], [Fault(file, None, "", f"is not read as {ending} ({first}){hint}")]
 
@@ -152,10 +152,14 @@ def _mat(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], li
 
 def _json(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
     """Read JSON: an object of arrays, a list of (nested) objects or of rows, or one per line."""
-    text = stream.read(_LARGEST_JSON + 1).decode("utf-8-sig")
+    content = stream.read(_LARGEST_JSON + 1)
+    if len(content) > _LARGEST_JSON:
+        why = f"is larger than {_LARGEST_JSON} bytes, which JSON may have as it is read whole; write it as CSV or NPZ"
+        return [], [Fault(file, None, "", why)]
+    text = content.decode("utf-8-sig")
     lines = [line for line in text.splitlines() if line.strip()]
     of_lines = len(lines) > 1 and lines[0].rstrip()[-1] in "}]"
-    held = [json.loads(line) for line in lines] if of_lines else json.loads(text)
+    held = json.loads("[" + ",\n".join(lines) + "]" if of_lines else text, parse_int=float)
     if isinstance(held, dict):
         inner = [one for one in held.values() if isinstance(one, list) and one and isinstance(one[0], dict)]
         held = inner[0] if len(inner) == 1 else held
@@ -270,10 +274,14 @@ _UNREADABLE = (
     MatReadError,
 )
 """Exceptions of libraries at a file that is not of their kind."""
+_PLAIN: Mapping[type[Exception], str] = {
+    RecursionError: "it is nested too deeply",
+    MemoryError: "it is too large or nested too deeply",
+    UnicodeDecodeError: "it is no UTF-8 text; save it as such, or iconv -f FROM -t UTF-8",
+}
 _READERS: Mapping[str, tuple[int, Callable[[BinaryIO, str, Layout], tuple[list[Columns], list[Fault]]]]] = {
     **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), (_LARGEST_TEXT, _text)),
-    ".json": (_LARGEST_JSON, _json),
-    ".jsonl": (_LARGEST_JSON, _json),
+    **dict.fromkeys((".json", ".jsonl"), (_LARGEST_TEXT, _json)),
     ".npy": (MOST_BYTES, _npy),
     ".npz": (MOST_BYTES, _npz),
     ".mat": (MOST_BYTES, _mat),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import Protocol, Self, runtime_checkable
 
@@ -11,6 +12,8 @@ from avc_casadi import LinkError, PortError
 
 # Longest block of a single write: a device that takes no bytes for so long is gone.
 WRITE_TIMEOUT_S = 2.0
+# What pyserial ends in at a URL that lacks something.
+_NO_NAME = (TypeError, KeyError, UnicodeError, re.error)
 
 
 @runtime_checkable
@@ -62,7 +65,7 @@ class SerialLink:
             self._port.dtr, self._port.rts = True, False
             self._port.open()
             self._port.reset_input_buffer()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, KeyError, re.error) as error:
             raise PortError(f"{port}: cannot be opened ({_reason(error)}); {_advice(error)}") from error
 
     @property
@@ -106,6 +109,8 @@ class SerialLink:
 
 
 def _reason(error: Exception) -> str:
+    if isinstance(error, _NO_NAME) or isinstance(error.__context__, _NO_NAME):
+        return "no name of a port; allowed: a path, or a URL of pyserial as socket://HOST:PORT or hwgrep://PATTERN"
     number = getattr(error, "errno", None)
     return f"{error}" if number is None else f"{getattr(error, 'strerror', None) or error}"
 
