@@ -54,8 +54,10 @@ class ReferenceCoupling:
         number, zero = self._precision.dtype, self._precision.dtype(0)
         given = np.broadcast_to(np.asarray(position_m, dtype=number), (self._devices,))
         jump = number(self._bounds.jump_m)
-        left = self._left < self._bounds.leaving_samples if self._wall_alone else True
-        change = np.where(left, number(self._bounds.change_m), number(self._bounds.outside_m))
+        left = self._left < self._bounds.leaving_samples
+        after = np.where(left, number(self._bounds.leaving_m), number(self._bounds.outside_m))
+        inside = (self._left == 0) if self._wall_alone else True
+        change = np.where(inside, number(self._bounds.change_m), after)
         good = (given >= number(-FARTHEST_M)) & (given <= number(FARTHEST_M))
         moved = given - self._before
         steady = ((self._known == 1) & (self._wary == 0)) | (np.abs(moved - self._moved) <= change)

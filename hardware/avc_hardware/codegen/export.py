@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
-from avc_casadi._util.units import KG, M_PER_S, METRE, NEWTON, NS_PER_M, in_its_units
+from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M, in_its_units
 from avc_casadi.claims.deployable import require_deployable
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
@@ -425,9 +425,9 @@ def _unbelieved(bounds: SensorBounds) -> str:
         f"Not believed is a position that is NaN, infinite or beyond {FARTHEST_M:.0e} {METRE}; one that is more than "
         f"{bounds.jump_m:.4g} {METRE} from the one before, {bounds.fastest_m_per_s:.4g} {M_PER_S}, which no hand does; "
         f"and one that comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} "
-        f"{METRE} outside of the wall, {bounds.outside_m_per_s2:.4g} {M_PER_S} in a second, or {bounds.change_m:.4g} "
-        f"{METRE} inside and for {bounds.leaving_samples - 1} samples after it, {bounds.acceleration_m_per_s2:.4g} "
-        f"{M_PER_S} in a second."
+        f"{METRE} outside of the wall, {bounds.outside_m_per_s2:.4g} {M_PER_S} in a second, {bounds.leaving_m:.4g} "
+        f"{METRE} as long as the last {FORCE} may act there, or {bounds.change_m:.4g} {METRE} inside, "
+        f"{bounds.acceleration_m_per_s2:.4g} {M_PER_S} in a second."
     )
 
 
@@ -455,7 +455,8 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         believed=believed_c(precision),
         jump=literal(bounds.jump_m),
         leaving=leaving,
-        steady=f"coupling->left < {leaving} ? {literal(bounds.change_m)} : {literal(bounds.outside_m)}"
+        steady=f"coupling->left == 0u ? {literal(bounds.change_m)} : coupling->left < {leaving} ? "
+        f"{literal(bounds.leaving_m)} : {literal(bounds.outside_m)}"
         if wall
         else literal(bounds.change_m),
         declared="    int clipped;\n" if wall else "",

@@ -75,14 +75,19 @@ class BoardLimits:
         return struct.pack(f"<{len(fields(self))}f", *(getattr(self, field.name) for field in fields(self)))
 
 
+def actuator_m_per_s2(device: Device) -> float:
+    """Return the acceleration of the lighter part of a device by its actuator alone; as of a board without a limit."""
+    share = 0.0 if device.resonance is None else device.resonance.mass_ratio
+    force = device.max_force_n or BoardLimits().max_force_n * device.metres_per_unit
+    return force / (device.mass_kg * (min(share, 1 - share) or 1.0))
+
+
 def board_limits(device: Device) -> BoardLimits:
     """Return the limits of a board for a device; by default those of the boards."""
     usual = BoardLimits()
     # Implausible motion is defined at the handle.
     reach = device.metres_per_unit
     force = device.max_force_n or usual.max_force_n * reach
-    share = 0.0 if device.resonance is None else device.resonance.mass_ratio
-    lightest = device.mass_kg * (min(share, 1 - share) or 1.0)
     return replace(
         usual,
         sample_time_s=device.sample_time_s,
@@ -93,6 +98,6 @@ def board_limits(device: Device) -> BoardLimits:
         max_speed_m_per_s=usual.max_speed_m_per_s / reach,
         max_force_n=force,
         stuck_swing_n=force / 4,
-        # four times the acceleration of the lighter part by the actuator alone: hands and stops strike too
-        max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2 / reach, 4 * force / lightest),
+        # hands and stops strike too
+        max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2 / reach, 4 * actuator_m_per_s2(device)),
     )

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-from avc_hardware.codegen.figures import board_limits
+from avc_hardware.codegen.figures import actuator_m_per_s2, board_limits
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -40,7 +40,8 @@ class SensorBounds:
         jump_m: farthest from the position before; the fastest and a step of the encoder at both ends.
         outside_m: largest change of movement outside the wall; a hand's, steps and noise.
         change_m: the same inside, where actuator and hand act.
-        leaving_samples: outside for so many samples the actuator acts no more: delay, hold and lag are over.
+        leaving_m: the same outside as long as the last forces act.
+        leaving_samples: outside for so many samples they act no more: delay, hold and lag are over.
     """
 
     fastest_m_per_s: float
@@ -49,6 +50,7 @@ class SensorBounds:
     jump_m: float
     outside_m: float
     change_m: float
+    leaving_m: float
     leaving_samples: int
 
     @classmethod
@@ -70,6 +72,7 @@ class SensorBounds:
             jump_m=fastest * time + 2 * step,
             outside_m=alone * time**2 + unsure,
             change_m=most * time**2 + unsure,
+            leaving_m=min(most, alone + actuator_m_per_s2(device)) * time**2 + unsure,
             leaving_samples=math.ceil(delay + lag) + 2,
         )
 
