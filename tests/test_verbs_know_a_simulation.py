@@ -189,3 +189,21 @@ def test_band_of_what_is_felt_ends_at_spring_and_drag_at_rest():
     slowest = band.felt[0]
     assert slowest.stiffness_n_per_m == pytest.approx(5000.0, rel=1e-3)
     assert slowest.drag_ns_per_m == pytest.approx(0.8 + 5000.0 * 1e-3 / 2, rel=0.02)
+
+
+@pytest.mark.parametrize("table", ["simulation", "follower"])
+def test_detents_beside_another_end_are_refused_by_every_verb(table, tmp_path, capsys):
+    """Their slope is a spring in the device's loop that no coupling to another end is judged or exported with."""
+    device = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n"
+    end = {"simulation": "[simulation]\nstep_s = 0.002\n", "follower": "[follower]\nfrom = 'phantom-omni'\n"}[table]
+    detents = "[detent]\nforce_n = 0.3\npitch_m = 1e-4\n"
+    wall = "[environment]\nstiffness_n_per_m = 100.0\ndamping_ns_per_m = 0.0\n"
+    assert avc.parse_problem(device + end).detent is None
+    assert avc.parse_problem(device + wall + detents).detent is not None
+    file = tmp_path / "p.toml"
+    file.write_text(device + end + detents)
+    for verb in ("check", "recommend", "zwidth", "simulate", "run"):
+        assert main([verb, str(file)]) == 2
+        assert f"detent: stands beside [{table}]" in capsys.readouterr().err
+    with pytest.raises(avc.InputError, match="detent: stands beside"):
+        avc.parse_problem(device + end).changed(detent={"force_n": 0.3, "pitch_m": 1e-4})

@@ -326,9 +326,19 @@ def _engine_no_faster(values: Values) -> Iterator[Finding]:
 
 
 def _one_other_end(values: Values) -> Iterator[Finding]:
-    """Check that a device is coupled to an engine or to a second device, not to both."""
-    if values["simulation"] is not None and values["follower"] is not None:
+    """Check that a device is coupled to an engine or to a second device, not to both, and has no detents beside it.
+
+    The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
+    """
+    there = [table for table in ("simulation", "follower") if values[table] is not None]
+    if len(there) > 1:
         yield ("follower",), "stands beside [simulation]; allowed: one of them"
+    if there and values["detent"] is not None:
+        message = (
+            f"stands beside [{there[0]}]; allowed: one of them, as no coupling to another end is judged or exported "
+            f"with detents in the device's loop; leave [detent] out, or render detents at the other end"
+        )
+        yield ("detent",), message
 
 
 def _follower_moves_alike(values: Values) -> Iterator[Finding]:
