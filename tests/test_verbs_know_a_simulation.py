@@ -8,8 +8,9 @@ from engine_simulator import EngineSimulator
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.tool_loop import ToolLoops
-from avc_casadi.claims.stability.tool_region import tool_region
 from avc_casadi.cli import main
+from avc_casadi.design.tool_region import tool_region
+from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
@@ -95,6 +96,51 @@ def test_faster_engines_allow_stiffer_couplings(capsys):
     rates = [one["rate_hz"] for one in found["curves"]]
     assert rates == sorted(rates, reverse=True)
     assert stiffest == sorted(stiffest, reverse=True)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        'tool_mass_kg = 0.2\nstep_s = 0.002\nexchange = "held-force"',
+        pytest.param('tool_mass_kg = 0.3\nstep_s = 0.004\nexchange = "ahead"', marks=pytest.mark.thorough),
+        pytest.param('tool_mass_kg = 0.1\nstep_s = 0.01\nintegrator = "implicit"', marks=pytest.mark.thorough),
+    ],
+)
+def test_a_row_of_the_region_is_stable_with_the_dampers_that_it_names(text, tmp_path, capsys):
+    """Just below K of each engine rate, and not above; the declared one is the limit of `recommend`."""
+    file = tmp_path / "p.toml"
+    file.write_text(f"[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n[simulation]\n{text}\n")
+    _, found = answer(capsys, "zwidth", str(file))
+    stated = avc.load_problem(str(file))
+    for curve in found["curves"]:
+        loops = ToolLoops(stated.changed(simulation={"step_s": curve["step_s"]}))
+        k, b, local = (curve[f"stiffest_{key}"] for key in ("n_per_m", "with_ns_per_m", "with_local_ns_per_m"))
+        assert loops.stable(ToolGains(0.99 * k, b, local))
+        assert not loops.stable(ToolGains(1.01 * k, b, local))
+        assert k >= 0.99 * max(curve["stiffness_n_per_m"])
+        if curve["declared"]:
+            assert ToolSearch(stated).limit[0] == ToolGains(k, b, local)
+    main(["zwidth", str(file)])
+    page = capsys.readouterr().out
+    named = sum(bool(curve["stiffest_with_local_ns_per_m"]) for curve in found["curves"])
+    assert " ".join(page.split()).count("in the device's loop") == named
+
+
+@pytest.mark.thorough
+def test_limit_over_dampers_of_an_implicit_tool_is_the_global_one():
+    """sofa-implicit has a hump at 14 and a higher, narrow one at 64 N.s/m; heavier tools, faster steps allow more."""
+    stated, safe = avc.load_problem("tool/sofa-implicit"), []
+    loops, limit = ToolLoops(stated), ToolSearch(stated).limit[0]
+    best = 0.0
+    for damping in np.geomspace(1.0, 120.0, 150):
+        stiffness = 500.0
+        while loops.stable(ToolGains(stiffness, damping)):
+            best, stiffness = max(best, stiffness), 1.05 * stiffness
+    assert limit.stiffness_n_per_m >= 0.995 * best
+    for key, values in (("tool_mass_kg", (0.09, 0.1, 0.12, 0.2)), ("step_s", (0.012, 0.01, 0.008, 0.006))):
+        searches = [ToolSearch(stated.changed(simulation={key: value})) for value in values]
+        safe = [one.stiffest_with_margin(one.limit[0], 1.5, local=False) for one in searches]
+        assert safe == sorted(safe)
 
 
 def test_region_has_page_and_picture(tmp_path, capsys):

@@ -81,7 +81,7 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
 
     from avc_casadi._util.quantity import quantity
     from avc_casadi._util.units import N_PER_M
-    from avc_casadi.claims.stability.tool_region import tool_region
+    from avc_casadi.design.tool_region import tool_region
     from avc_casadi.present.figures.tool_impedance import draw_rendered_impedance
     from avc_casadi.present.figures.tool_region import draw_tool_region
     from avc_casadi.present.report.frame import Picture
@@ -104,8 +104,9 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
     if problem.simulation is not None:
         region = replace(tool_region(problem, console), chosen=gains)
         limits = "; ".join(
-            f"{quantity(1 / one.step_s, 'Hz')} {quantity(float(one.stiffness_n_per_m.max()), N_PER_M)}"
+            f"{quantity(1 / one.step_s, 'Hz')} {quantity(one.stiffest.stiffness_n_per_m, N_PER_M)}"
             for one in region.curves
+            if one.stiffest is not None
         )
         caption = "Springs and dampers that are stable with every hand, released, tool and contact, by engine rate."
         found["region"] = Picture.with_png(

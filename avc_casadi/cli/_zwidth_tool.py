@@ -11,7 +11,7 @@ from avc_casadi.cli._to_simulation import problem_and_gains
 
 def zwidth_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Compute the region, draw and show."""
-    from avc_casadi.claims.stability.tool_region import tool_region
+    from avc_casadi.design.tool_region import tool_region
     from avc_casadi.present.pages.tool_claims import region_lines, region_page
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))

@@ -7,17 +7,18 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from avc_casadi.claims.stability.periodic import WithMargin
 from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_casadi.model.lifted_loop import ToolGains
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
-    from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.claims.stability.periodic import Loops
     from avc_casadi.model.problem import Problem
 
 
@@ -28,10 +29,12 @@ class ToolSearchOptions:
     Attributes:
         softest: stiffness below which a coupling counts as none, as a share of m/T_s^2.
         stiffest: stiffness at which a search ends, as a share of m/T^2.
-        dampers: number of dampers B tried, from `lightest` to `heaviest` times m/T, before the best is refined.
+        dampers: number of dampers B tried, from `lightest` to `heaviest` times m/T, before the best are refined: the
+            limit of K over B has several humps, some no wider than a third of B.
         lightest: see above.
         heaviest: see above.
         precision: relative precision of a limit.
+        hump: share of the stiffest K from which a local maximum over B is refined.
         near_best: share of the best damping ratio from which dampers are good; that of the largest gain margin is
             taken.
         widest_margin: upper limit of the gain margins searched.
@@ -42,10 +45,11 @@ class ToolSearchOptions:
 
     softest: float = 1e-5
     stiffest: float = 10.0
-    dampers: int = 13
+    dampers: int = 49
     lightest: float = 1e-4
     heaviest: float = 1.0
     precision: float = 5e-3
+    hump: float = 0.5
     near_best: float = 0.9
     widest_margin: float = 4.0
     lighter: tuple[float, ...] = (0.5, 0.25)
@@ -53,20 +57,14 @@ class ToolSearchOptions:
 
 
 DEFAULT_OPTIONS = ToolSearchOptions()
-# Precision of a coarse search, which is also the ratio of its first steps.
-_COARSE, _FIRST_STEP = 2**0.5, 2.0
+# Precision of a coarse search, the ratio of steps down from a guess, and that of the first steps up.
+_COARSE, _DOWN, _FIRST_STEP = 1.05, 2**0.5, 2.0
+# Shares of the limit with one damper at which stability is checked with the next.
+_BELOW = (1 / 64, 1 / 16, 1 / 4, 1.0)
+# Precision of the best damper, in the logarithm, and the most dampers tried for it: humps have a sharp edge.
+_FINE_DAMPER, _MOST_FINE = 2e-3, 16
 # Ratio of the stiffnesses at which stability is checked below a limit, and the lowest share.
 _CHECKED, _CHECKED_TO = 1.25, 0.02
-
-
-class Loops(Protocol):
-    """All loops that a coupling must stabilise."""
-
-    def stable(self, gains: ToolGains) -> bool:
-        """Return whether every loop is stable."""
-
-    def slowest(self, gains: ToolGains) -> Mode:
-        """Return the least damped oscillation of all loops."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +92,10 @@ class Scale:
         damping = device.damping_ns_per_m if device.range.damping_ns_per_m is None else device.range.damping_ns_per_m[0]
         return cls(mass, damping, device.sample_time_s, max(slow_s, device.sample_time_s))
 
+    def dampers_ns_per_m(self, options: ToolSearchOptions = DEFAULT_OPTIONS) -> FloatArray:
+        """Return the dampers B that are tried, in increasing order."""
+        return self.mass_kg / self.sample_time_s * np.geomspace(options.lightest, options.heaviest, options.dampers)
+
 
 class CouplingSearch:
     """Search for a spring and damper that stabilise all loops.
@@ -110,8 +112,7 @@ class CouplingSearch:
     @cached_property
     def dampers_ns_per_m(self) -> FloatArray:
         """Dampers B tried, in increasing order."""
-        o = self.options
-        return self.scale.mass_kg / self.scale.sample_time_s * np.geomspace(o.lightest, o.heaviest, o.dampers)
+        return self.scale.dampers_ns_per_m(self.options)
 
     @property
     def stiffest_n_per_m(self) -> float:
@@ -150,30 +151,40 @@ class CouplingSearch:
         critical = 2 * math.sqrt(stiffness_n_per_m * self.scale.mass_kg)
         return max(0.0, ratio * critical - self.scale.damping_ns_per_m)
 
+    def stiffest_with_margin(self, limit: ToolGains, gain_margin: float, *, local: bool) -> float:
+        """Return the stiffest K that has a gain margin with some B; 0 where none has.
+
+        It is the limit over the margin, but where the limit is the top of a narrow hump over B.
+
+        Args:
+            limit: the stiffest gains.
+            gain_margin: required.
+            local: whether the device's local loop may damp too.
+        """
+        judge, below = WithMargin(self._judge, gain_margin), limit.times(1 / gain_margin)
+        if below.stiffness_n_per_m > 0 and judge.stable(below):
+            return below.stiffness_n_per_m
+        # A trial begins at a share of it: every other damper suffices.
+        search = CouplingSearch(judge, self.scale, replace(self.options, dampers=self.options.dampers // 2 + 1))
+        return (search.stiffest_beside_local_damper() if local else search.stiffest()).stiffness_n_per_m
+
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
-        """Return the gains with the stiffest stable K over the dampers.
+        """Return the gains with the stiffest stable K over the dampers: every hump of the limit is refined.
 
         Args:
             gains: of a stiffness and a damper.
         """
         dampers = self.dampers_ns_per_m.tolist()
-        limits = [self._limit(partial(_with, gains, b), self._softest_n_per_m, _COARSE) for b in dampers]
-        place = int(np.argmax(limits))
-        if limits[place] == 0:
-            return gains(0.0, 0.0)
-        fine = 1 + self.options.precision
-        found = [(self._limit(partial(_with, gains, dampers[place]), limits[place], fine), dampers[place])]
-
-        def softness(logarithm: float) -> float:
-            damping = math.exp(logarithm)
-            limit = self._limit(partial(_with, gains, damping), max(found)[0], fine)
-            found.append((limit, damping))
-            return -limit
-
-        ratio, middle = math.log(dampers[1] / dampers[0]), math.log(dampers[place])
-        minimize_scalar(
-            softness, bounds=(middle - ratio, middle + ratio), method="bounded", options={"maxiter": 12, "xatol": 0.02}
-        )
+        limits: list[float] = []
+        for damping in dampers:
+            limits.append(self._followed(partial(_with, gains, damping), limits[-1] if limits else 0.0))
+        least, ends = self.options.hump * max(limits), [0.0, *limits, 0.0]
+        humps = [
+            place
+            for place, (before, here, after) in enumerate(zip(ends, limits, ends[2:], strict=False))
+            if here > 0 and here >= least and before <= here >= after
+        ]
+        found = [one for place in humps for one in self._refined(gains, dampers[place], limits[place])]
         best = gains(0.0, 0.0)
         for limit, damping in sorted(found, reverse=True):
             if limit <= best.stiffness_n_per_m:
@@ -181,6 +192,28 @@ class CouplingSearch:
             checked = self._without_gaps(partial(_with, gains, damping), limit)
             best = max(best, checked, key=lambda one: one.stiffness_n_per_m)
         return best
+
+    def _refined(
+        self, gains: Callable[[float, float], ToolGains], damping_ns_per_m: float, limit_n_per_m: float
+    ) -> list[tuple[float, float]]:
+        """Return limits with their dampers, from one damper to its neighbours on both sides."""
+        fine = 1 + self.options.precision
+        found = [(self._limit(partial(_with, gains, damping_ns_per_m), limit_n_per_m, fine), damping_ns_per_m)]
+
+        def softness(logarithm: float) -> float:
+            damping = math.exp(logarithm)
+            limit = self._limit(partial(_with, gains, damping), max(found)[0], fine)
+            found.append((limit, damping))
+            return -limit
+
+        ratio, middle = math.log(self.dampers_ns_per_m[1] / self.dampers_ns_per_m[0]), math.log(damping_ns_per_m)
+        minimize_scalar(
+            softness,
+            bounds=(middle - ratio, middle + ratio),
+            method="bounded",
+            options={"maxiter": _MOST_FINE, "xatol": _FINE_DAMPER},
+        )
+        return found
 
     def damped(self, stiffness_n_per_m: float, *, local: bool = False, gain_margin: float = 1.0) -> list[ToolGains]:
         """Return K with dampers to try: that of best damping ratio, lighter ones of half of it or less, the heaviest.
@@ -197,11 +230,10 @@ class CouplingSearch:
         Returns:
             Empty where no damper makes every loop stable.
         """
-        stable = [one for one in self._tried(stiffness_n_per_m, local=local, finer=True) if self._judge.stable(one)]
+        stable = [one for one in self._tried(stiffness_n_per_m, local=local) if self._judge.stable(one)]
         if not stable:
             return []
-        between = [factor for factor in (math.sqrt(gain_margin), gain_margin) if factor > 1]
-        safe = [one for one in stable if all(self._judge.stable(one.times(factor)) for factor in between)]
+        safe = list(filter(WithMargin(self._judge, gain_margin).stable, stable))
         if not safe:
             return [max(stable, key=self.gain_margin)]
         ratios = [self._judge.slowest(one).damping_ratio for one in safe]
@@ -218,16 +250,13 @@ class CouplingSearch:
         order = sorted(range(len(tried)), key=lambda place: abs(place - middle))
         return any(self._judge.stable(tried[place]) for place in order)
 
-    def _tried(self, stiffness_n_per_m: float, *, local: bool, finer: bool = False) -> list[ToolGains]:
+    def _tried(self, stiffness_n_per_m: float, *, local: bool) -> list[ToolGains]:
         """Return the couplings of one stiffness to try."""
-        dampers = self.dampers_ns_per_m
-        if finer:
-            dampers = np.geomspace(dampers[0], dampers[-1], 2 * len(dampers) - 1)
         locals_ = {0.0, *(self._local(stiffness_n_per_m, ratio) for ratio in self.options.local_ratios if local)}
         return [
             ToolGains(stiffness_n_per_m, damping, beside)
             for beside in sorted(locals_)
-            for damping in ([0.0] if local else []) + dampers.tolist()
+            for damping in ([0.0] if local else []) + self.dampers_ns_per_m.tolist()
         ]
 
     def gain_margin(self, gains: ToolGains) -> float:
@@ -256,11 +285,27 @@ class CouplingSearch:
         least = start / _edge(lambda part: stable(start / part), 1.0, start / (1e-6 * top), 1 + self.options.precision)
         return least, most
 
+    def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float) -> float:
+        """Return roughly the largest K up to which softer ones are stable, from the limit with the damper before."""
+        low = self._softest_n_per_m
+
+        def stable(stiffness: float) -> bool:
+            return self._judge.stable(gains(stiffness))
+
+        if not stable(low):
+            return 0.0
+        for high in (share * before_n_per_m for share in _BELOW):
+            if high > low:
+                if not stable(high):
+                    return _edge(stable, low, high, _COARSE)
+                low = high
+        return _edge(stable, low, self.stiffest_n_per_m, _COARSE)
+
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
         """Return the largest stable K near an initial guess, 0 where there is none."""
         low = near
         while not self._judge.stable(gains(low)):
-            low /= _COARSE
+            low /= _DOWN
             if low < self._softest_n_per_m:
                 return 0.0
         high = near if low < near else self.stiffest_n_per_m
@@ -336,19 +381,19 @@ def _edge(stable: Callable[[float], bool], low: float, high: float, precision: f
     return low
 
 
-def designed(search: ToolSearch, share_of_limit: float = 0.6, gain_margin: float = 1.5) -> ToolGains | None:
-    """Return a coupling that is linearly stable: the wanted stiffness, or a share of the stiffest; else None.
+def designed(search: ToolSearch, share_of_safe: float = 0.9, gain_margin: float = 1.5) -> ToolGains | None:
+    """Return a coupling that is linearly stable: the wanted stiffness, or a share of the stiffest safe one; else None.
 
     It is not tried with simulated hands, unlike `recommend_tool`'s.
 
     Args:
         search: of the problem.
-        share_of_limit: of the stiffest, where no stiffness is wanted.
+        share_of_safe: of the stiffest with its gain margin, where no stiffness is wanted.
         gain_margin: required, where a damper reaches it.
     """
     stiffest, local = search.limit
     wanted = search.loops.tool.stiffness_n_per_m
     if wanted is None:
-        wanted = share_of_limit * stiffest.stiffness_n_per_m
+        wanted = share_of_safe * search.stiffest_with_margin(stiffest, gain_margin, local=local)
     found = search.damped(wanted, local=local, gain_margin=gain_margin) if wanted > 0 else []
     return found[0] if found else None

@@ -37,20 +37,21 @@ class BilateralOptions:
 
     Attributes:
         gain_margin: K and B may be this many times as large before a loop is unstable; see `ToolOptions`.
-        share_of_limit: where no stiffness is wanted, the initial stiffness is this share of the stability limit.
+        share_of_safe: where no stiffness is wanted, the initial stiffness is this share of the stiffest that has the
+            gain margin.
         softer: ratio of successive stiffnesses while hands do not settle.
         tries: largest number of stiffnesses.
     """
 
     gain_margin: float = 1.5
-    share_of_limit: float = 0.6
+    share_of_safe: float = 0.9
     softer: float = 0.85
     tries: int = 5
 
 
 OPTIONS = BilateralOptions()
 # Long delays make large matrices, so fewer dampers are tried.
-_SEARCH = ToolSearchOptions(dampers=7, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
+_SEARCH = ToolSearchOptions(dampers=13, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -166,10 +167,12 @@ def recommend_bilateral(
     search = CouplingSearch(loops, Scale.of(problem, slow_s), _SEARCH)
     wanted = follower.stiffness_n_per_m
     stiffest = search.stiffest()
-    local = wanted is not None and wanted > options.share_of_limit * stiffest.stiffness_n_per_m
+    safe = search.stiffest_with_margin(stiffest, options.gain_margin, local=False)
+    first = options.share_of_safe * (safe or stiffest.stiffness_n_per_m / options.gain_margin)
+    local = wanted is not None and wanted > first
     gains, trial = None, None
     if stiffest.stiffness_n_per_m > 0 or local:
-        first = options.share_of_limit * stiffest.stiffness_n_per_m if wanted is None else wanted
+        first = first if wanted is None else wanted
         people = people_of(problem.hands, hands, seed)
         gains, trial = _tried(problem, search, first, people, seed, progress, options, local=local)
     margin, needed = _passivity(problem, gains or stiffest)

@@ -45,15 +45,15 @@ class ToolOptions:
     Attributes:
         gain_margin: K and B may be this many times as large before a hand, released, a tool or a contact is unstable.
             Usual design margins lie between 1.5 and 2 (Astrom and Murray, Feedback Systems, 10.3).
-        share_of_limit: where no stiffness is wanted, the initial stiffness is this share of the stability limit:
-            within the margin, with freedom to choose the damper.
+        share_of_safe: where no stiffness is wanted, the initial stiffness is this share of the stiffest that has the
+            gain margin: with freedom to choose the damper.
         softer: ratio of successive stiffnesses while hands do not settle.
         tries: largest number of stiffnesses.
         for_friction: largest number of softer ones tried to settle without dry friction.
     """
 
     gain_margin: float = 1.5
-    share_of_limit: float = 0.6
+    share_of_safe: float = 0.9
     softer: float = 0.8
     tries: int = 12
     for_friction: int = 2
@@ -198,7 +198,10 @@ def recommend_tool(
     why = why_infeasible(problem, search)
     gains, trial = None, None
     if not why and (wanted is None or search.holds(wanted, local=local)):
-        first = options.share_of_limit * limit if wanted is None else wanted
+        first = wanted
+        if first is None:
+            safe = search.stiffest_with_margin(stiffest, options.gain_margin, local=local)
+            first = options.share_of_safe * (safe or limit / options.gain_margin)
         gains, trial = _tried(problem, search, first, hands, seed, progress, options, local=local)
     if not why and gains is None:
         why = _why_none(problem, wanted, limit, trial)

@@ -49,6 +49,38 @@ class Mode:
     time_constant_s: float
 
 
+class Loops(Protocol):
+    """All loops that a coupling must stabilise."""
+
+    def stable(self, gains: ToolGains) -> bool:
+        """Return whether every loop is stable."""
+
+    def slowest(self, gains: ToolGains) -> Mode:
+        """Return the least damped oscillation of all loops."""
+
+
+@dataclass(frozen=True)
+class WithMargin:
+    """All loops, with K and B as they are and up to a gain margin times as large.
+
+    Attributes:
+        loops: all loops.
+        gain_margin: required.
+    """
+
+    loops: Loops
+    gain_margin: float
+
+    def stable(self, gains: ToolGains) -> bool:
+        """Return whether every loop is stable with the gains, and with larger ones."""
+        factors = {self.gain_margin, 1.0, math.sqrt(self.gain_margin)}
+        return all(self.loops.stable(gains.times(factor)) for factor in sorted(factors, reverse=True))
+
+    def slowest(self, gains: ToolGains) -> Mode:
+        """Return the least damped oscillation of all loops."""
+        return self.loops.slowest(gains)
+
+
 class PeriodicLoops(ABC):
     """Loops, of one or several patterns, that a coupling must stabilise."""
 

@@ -14,9 +14,9 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.quantity import quantity
 from avc_casadi._util.units import spoken_key
-from avc_casadi.claims.stability.tool_region import tool_region
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_certificate import tool_certificate
+from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch, designed
 from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.files.problem_document import dump_problem
@@ -52,7 +52,7 @@ from avc_casadi.recommendation.tool_impedance import rendered_band, rendered_too
 from avc_casadi.recommendation.virtual_tool import unusual, why_infeasible
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.tool_region import ToolCurve, ToolRegion
+    from avc_casadi.design.tool_region import ToolCurve, ToolRegion
     from avc_casadi.model.problem import Problem
     from avc_casadi.present.explore.explorer import Explorer
 
@@ -126,11 +126,11 @@ def curve(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     settings = asked_settings(explorer, asked)
     problem, gains = explorer.problem(settings), _gains(explorer, settings)
     stated, own = _stated(problem), 0.0 if gains is None else gains.local_damping_ns_per_m
-    found = explorer.regions(f"curve {stated}", lambda: tool_region(problem, rates=()))
+    found = explorer.regions(f"curve {stated}", lambda: tool_region(problem, rates=(), summits=False))
     if own == 0:
         return _drawn(found) | {"with_own_damper": None}
     beside = explorer.regions(
-        f"curve {own} {stated}", lambda: tool_region(problem, rates=(), local_damping_ns_per_m=own)
+        f"curve {own} {stated}", lambda: tool_region(problem, rates=(), local_damping_ns_per_m=own, summits=False)
     )
     return _drawn(found) | {"with_own_damper": _limits(beside.curves[0])}
 
@@ -138,7 +138,7 @@ def curve(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
 def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return K against B at the declared step of the engine, and at faster and slower ones."""
     problem = explorer.problem(asked_settings(explorer, asked))
-    return _drawn(explorer.regions(f"region {_stated(problem)}", lambda: tool_region(problem)))
+    return _drawn(explorer.regions(f"region {_stated(problem)}", lambda: tool_region(problem, summits=False)))
 
 
 def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:

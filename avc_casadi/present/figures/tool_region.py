@@ -15,7 +15,7 @@ from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from avc_casadi.claims.stability.tool_region import ToolRegion
+    from avc_casadi.design.tool_region import ToolRegion
 
 
 @styled

@@ -199,6 +199,9 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
                 quantity(one["stiffest_with_ns_per_m"], unit("N.s/m")),
             )
             told = f"stiffest K {k} with B {b}"
+            if one["stiffest_with_local_ns_per_m"] > 0:
+                local = quantity(one["stiffest_with_local_ns_per_m"], unit("N.s/m"))
+                told += f" and a damper of {local} in the device's loop"
         told += ", as declared" if one["declared"] else ""
         mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
         rows.append(Row(quantity(one["rate_hz"], "Hz"), told, mark))

@@ -14,14 +14,16 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import short
 from avc_casadi._util.units import N_PER_M
-from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
+from avc_casadi.claims.stability.tool_loop import required_tool
+from avc_casadi.design.virtual_tool import Scale, ToolSearch
 from avc_casadi.model.lifted_loop import ToolGains
 
 if TYPE_CHECKING:
+    from avc_casadi.claims.stability.tool_loop import ToolLoops
     from avc_casadi.model.problem import Problem
 
-# Nonzero dampers, as shares of m/T, spaced logarithmically.
-_DAMPERS, _LIGHTEST, _HEAVIEST = 24, 1e-3, 1.0
+# Lightest of the searched dampers that is in the region, as a share of the heaviest.
+_LIGHTEST = 1e-3
 # Engine rates, as factors of the declared step.
 _RATES = (0.25, 0.5, 1.0, 2.0, 4.0)
 # Damping ratio of the released device with the damper of the device's own loop.
@@ -40,11 +42,14 @@ class ToolCurve(Comparable):
         step_s: of the engine; the longest of its range where it is the declared one.
         declared: whether this is the declared step, with its whole range.
         stiffness_n_per_m: K up to which every softer one is stable too, shape (n,); 0 where none is.
+        stiffest: the stiffest coupling of all dampers, as `recommend` searches it, with a damper of the device's loop
+            where one belongs to it; None where it was not asked for.
     """
 
     step_s: float
     declared: bool
     stiffness_n_per_m: FloatArray
+    stiffest: ToolGains | None
 
     def __repr__(self) -> str:
         return f"ToolCurve({1 / self.step_s:.4g} Hz: {short(self.stiffness_n_per_m, N_PER_M)})"
@@ -86,7 +91,7 @@ class ToolRegion(Comparable):
                         "rate_hz": 1 / one.step_s,
                         "declared": one.declared,
                         "stiffness_n_per_m": one.stiffness_n_per_m,
-                        **_stiffest(self.damping_ns_per_m, one.stiffness_n_per_m),
+                        **_stiffest(one.stiffest),
                     }
                     for one in self.curves
                 ],
@@ -95,12 +100,12 @@ class ToolRegion(Comparable):
         return found
 
 
-def _stiffest(damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray) -> dict[str, float | None]:
-    place = int(np.argmax(stiffness_n_per_m))
-    stiffest = float(stiffness_n_per_m[place])
+def _stiffest(gains: ToolGains | None) -> dict[str, float | None]:
+    found = None if gains is None or gains.stiffness_n_per_m == 0 else gains
     return {
-        "stiffest_n_per_m": stiffest or None,
-        "stiffest_with_ns_per_m": float(damping_ns_per_m[place]) if stiffest else None,
+        "stiffest_n_per_m": None if found is None else found.stiffness_n_per_m,
+        "stiffest_with_ns_per_m": None if found is None else found.damping_ns_per_m,
+        "stiffest_with_local_ns_per_m": None if found is None else found.local_damping_ns_per_m,
     }
 
 
@@ -110,10 +115,12 @@ def tool_region(
     *,
     rates: Sequence[float] = _RATES,
     local_damping_ns_per_m: float | None = None,
+    summits: bool = True,
 ) -> ToolRegion:
     """Return the region at the declared step of the engine, and at 2 and 4 times faster and slower ones.
 
-    Each curve is followed from the softest spring up to the first that is unstable, at 25 dampers; K is right to 2 %.
+    Each curve is followed from the softest spring up to the first that is unstable, without a damper and
+    with those that `recommend` searches; K is right to 2 %.
     With local damping (`VirtualTool.damped_locally`) the device's own loop damps the released device critically on each
     K.
 
@@ -122,13 +129,14 @@ def tool_region(
         progress: reported over the curves.
         rates: steps beside the declared one, as factors of it.
         local_damping_ns_per_m: a damper of the device's loop in place of that one, the same on each K.
+        summits: whether the stiffest coupling of each curve is searched too.
     """
-    tool, device = required_tool(problem), problem.device
-    t, declared = device.sample_time_s, max(tool.step_s)
-    lightest = device.mass_kg if device.range.mass_kg is None else device.range.mass_kg[0]
-    least = device.damping_ns_per_m if device.range.damping_ns_per_m is None else device.range.damping_ns_per_m[0]
-    mass = lightest or max(problem.hands.mass_kg[0], 1e-6)
-    damping = np.concatenate([[0.0], mass / t * np.geomspace(_LIGHTEST, _HEAVIEST, _DAMPERS)])
+    tool = required_tool(problem)
+    t, declared = problem.device.sample_time_s, max(tool.step_s)
+    scale = Scale.of(problem, declared)
+    mass, least = scale.mass_kg, scale.damping_ns_per_m
+    tried = scale.dampers_ns_per_m()
+    damping = np.concatenate([[0.0], tried[tried >= 0.999 * _LIGHTEST * tried[-1]]])
     steps = {round(factor * declared / t) * t: False for factor in rates if round(factor * declared / t) >= 1}
     steps = {step: False for step in steps if not math.isclose(step, declared, rel_tol=0.1)} | {declared: True}
     ratio = _LOCAL_RATIO if tool.damped_locally and local_damping_ns_per_m is None else 0.0
@@ -136,18 +144,18 @@ def tool_region(
     for place, step_s in enumerate(sorted(steps)):
         progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")
         of_engine = problem if steps[step_s] else problem.changed(simulation={"step_s": step_s})
-        loops, softest = ToolLoops(of_engine), _SOFTEST * mass / step_s**2
+        search, softest = ToolSearch(of_engine), _SOFTEST * mass / step_s**2
         limits, near = np.zeros(len(damping)), softest
         for row, b in enumerate(damping.tolist()):
 
-            def stable(k: float, b: float = b, loops: ToolLoops = loops) -> bool:
+            def stable(k: float, b: float = b, loops: ToolLoops = search.loops) -> bool:
                 critical = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
                 local = critical if local_damping_ns_per_m is None else local_damping_ns_per_m
                 return loops.stable(ToolGains(k, b, local))
 
             limits[row] = _limit(stable, softest, near, _STIFFEST * mass / t**2)
             near = max(limits[row], softest)
-        curves.append(ToolCurve(step_s, steps[step_s], limits))
+        curves.append(ToolCurve(step_s, steps[step_s], limits, search.limit[0] if summits else None))
     return ToolRegion(problem.name, damping, ratio, tuple(curves))
 
 
