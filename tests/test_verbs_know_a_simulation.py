@@ -14,6 +14,7 @@ from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
+from avc_casadi.present.pages.virtual_tool import gain_margin_text, tool_rows
 from avc_casadi.recommendation.tool_impedance import rendered_band
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
@@ -253,3 +254,34 @@ def test_detents_beside_another_end_are_refused_by_every_verb(table, tmp_path, c
         assert f"detent: stands beside [{table}]" in capsys.readouterr().err
     with pytest.raises(avc.InputError, match="detent: stands beside"):
         avc.parse_problem(device + end).changed(detent={"force_n": 0.3, "pitch_m": 1e-4})
+
+
+def test_ends_of_searches_are_no_limits_and_margins_are_rounded_down():
+    """A lighter tool and a longer step than those that were tried may hold K too, and so may a larger margin."""
+    stated = avc.load_problem("tool/mujoco-500hz")
+    found = {
+        "least_tool_mass_kg": 0.0342,
+        "slowest_step_s": 0.003,
+        "exchanges": {"on-time": True, "late": False, "ahead": False, "held-force": True},
+        "searched_to": {"least_tool_mass_kg": 0.002, "slowest_step_s": 0.128, "gain_margin": 4.0},
+        "local_damping_ns_per_m": None,
+        "local_dampers_ns_per_m": None,
+        "stiffest_n_per_m": 1e3,
+    }
+
+    def told(**ended):
+        document = {"simulation": found | ended, "coupling": None, "reason": "", "what_would_help": []}
+        return {row.label: row.text for row in tool_rows(document, stated)}["The same K holds"]
+
+    assert told() == (
+        "with its own B: a tool of 34.2 g or more, a step up to 3 samples (3.00 ms), exchange on-time, held-force (and "
+        "a damper in the device's loop)"
+    )
+    ended = told(least_tool_mass_kg=0.002, slowest_step_s=0.128)
+    assert "a tool of 2.00 g or less, a step up to at least 128 samples (128 ms)" in ended
+    assert [gain_margin_text(one) for one in (1.6994, 1.5, 3.999, 4.0)] == [
+        "gain margin 1.69",
+        "gain margin 1.5",
+        "gain margin 3.99",
+        "gain margin 4 or more",
+    ]

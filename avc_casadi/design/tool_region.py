@@ -17,6 +17,7 @@ from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.design.virtual_tool import Scale, ToolSearch
 from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.virtual_tool import LONGEST_STEP_S
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.tool_loop import ToolLoops
@@ -137,8 +138,9 @@ def tool_region(
     mass, least = scale.mass_kg, scale.damping_ns_per_m
     tried = scale.dampers_ns_per_m()
     damping = np.concatenate([[0.0], tried[tried >= 0.999 * _LIGHTEST * tried[-1]]])
-    steps = {round(factor * declared / t) * t: False for factor in rates if round(factor * declared / t) >= 1}
-    steps = {step: False for step in steps if not math.isclose(step, declared, rel_tol=0.1)} | {declared: True}
+    rounded = [round(factor * declared / t) * t for factor in rates if round(factor * declared / t) >= 1]
+    others = [step for step in rounded if step <= LONGEST_STEP_S and not math.isclose(step, declared, rel_tol=0.1)]
+    steps = dict.fromkeys(others, False) | {declared: True}
     ratio = _LOCAL_RATIO if tool.damped_locally and local_damping_ns_per_m is None else 0.0
     curves = []
     for place, step_s in enumerate(sorted(steps)):

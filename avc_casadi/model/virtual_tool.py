@@ -28,6 +28,9 @@ Interval = tuple[float, float]
 RIGID_N_PER_M = LARGEST_STIFFNESS_N_PER_M
 """A contact of this stiffness counts as rigid: the tool stops at it."""
 
+LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, LONGEST_STEP_S = 1e-9, 1e6, 10.0
+"""Ends of what a tool may weigh and a step may last, in a file and in searches."""
+
 
 @dataclass(frozen=True)
 class Ends:
@@ -60,10 +63,10 @@ class Ends:
         return self.one(value)
 
 
-_Masses = Annotated[Interval, BeforeValidator(Ends(Quantity(KG, 1e-9, 1e6, zero=False)))]
+_Masses = Annotated[Interval, BeforeValidator(Ends(Quantity(KG, LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
 _Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity(NS_PER_M, 1e-9, LARGEST_DAMPING_NS_PER_M)))]
 _Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity(N_PER_M, 1e-9, RIGID_N_PER_M), unbounded=True))]
-_Steps = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-7, 10, zero=False)))]
+_Steps = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
 _Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 _Late = Annotated[int, BeforeValidator(Whole(0, 8))]
 

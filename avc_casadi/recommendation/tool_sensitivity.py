@@ -11,11 +11,12 @@ from avc_casadi._util.quantity import quantity
 from avc_casadi._util.units import NS_PER_M
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.virtual_tool import ToolSearch, ToolSearchOptions
+from avc_casadi.model.virtual_tool import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
 
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_casadi.model.virtual_tool import Exchange
+    from avc_casadi.model.virtual_tool import Exchange, VirtualTool
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class SensitivityOptions:
     Attributes:
         mismatch: relative perturbation of mass and damping of the device.
         later_samples: additional delay.
-        heaviest: largest factor on the tool's mass.
+        heaviest: largest factor on the tool's mass, up and down.
         slowest: largest factor on the engine's step.
     """
 
@@ -70,6 +71,37 @@ def stable_on_other_devices(problem: Problem, gains: ToolGains, options: Sensiti
     return ToolLoops(problem.changed(device={"range": about})).stable(gains)
 
 
+def search_ends(problem: Problem, options: SensitivityOptions = _OPTIONS) -> dict[str, float]:
+    """Return where the searches of mass, step and gain margin end: what is found there is no limit.
+
+    Args:
+        problem: with [simulation].
+        options: factors searched.
+    """
+    tool, t = required_tool(problem), problem.device.sample_time_s
+    lightest, _ = _masses_kg(tool, options)
+    return {
+        "least_tool_mass_kg": lightest,
+        "slowest_step_s": _most_samples(tool, t, options) * t,
+        "gain_margin": _ROUGHLY.widest_margin,
+    }
+
+
+def _masses_kg(tool: VirtualTool, options: SensitivityOptions) -> tuple[float, float]:
+    """Return the lightest and the heaviest tool that are searched."""
+    declared = min(tool.tool_mass_kg or (1.0,))
+    return (
+        max(declared / options.heaviest, LIGHTEST_TOOL_KG),
+        min(declared * options.heaviest, HEAVIEST_TOOL_KG),
+    )
+
+
+def _most_samples(tool: VirtualTool, sample_time_s: float, options: SensitivityOptions) -> int:
+    """Return the longest step that is searched, in samples."""
+    longest_s = min(options.slowest * max(tool.step_s), LONGEST_STEP_S)
+    return math.floor(longest_s / sample_time_s * (1 + 1e-9))
+
+
 def least_tool_mass_kg(
     problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS, *, local: bool
 ) -> float | None:
@@ -83,17 +115,18 @@ def least_tool_mass_kg(
     """
     tool = required_tool(problem)
     declared = min(tool.tool_mass_kg or (1.0,))
+    lightest, heaviest = _masses_kg(tool, options)
 
     def holds(mass_kg: float) -> bool:
         return _search(problem, tool_mass_kg=mass_kg).holds(stiffness_n_per_m, local=local)
 
     if holds(declared):
-        return _between(holds, declared / options.heaviest, declared)
+        return _between(holds, lightest, declared)
     mass = declared
-    while mass < options.heaviest * declared:
-        mass *= 2
+    while mass < heaviest:
+        before, mass = mass, min(2 * mass, heaviest)
         if holds(mass):
-            return _between(holds, mass / 2, mass)
+            return _between(holds, before, mass)
     return None
 
 
@@ -114,13 +147,13 @@ def slowest_step_s(
         search = _search(problem, step_s=samples * t)
         return search.holds(stiffness_n_per_m, local=local)
 
-    most = math.ceil(options.slowest * max(tool.step_s) / t)
+    most = _most_samples(tool, t, options)
     good, bad = 0, 1
-    while bad <= most and holds(bad):
-        good, bad = bad, 2 * bad
+    while good < most and holds(bad):
+        good, bad = bad, min(2 * bad, most)
     while bad - good > 1:
         middle = (good + bad) // 2
-        good, bad = (middle, bad) if middle <= most and holds(middle) else (good, middle)
+        good, bad = (middle, bad) if holds(middle) else (good, middle)
     return good * t if good else None
 
 
@@ -155,7 +188,9 @@ def what_would_help(problem: Problem, limit_n_per_m: float, *, local: bool) -> t
     if tool.exchange != "on-time" or tool.steps_late:
         changes["the tool's state on time"] = {"exchange": "on-time", "steps_late": 0}
     if tool.tool_mass_kg is not None:
-        changes["a tool twice as heavy"] = {"tool_mass_kg": [2 * mass for mass in tool.tool_mass_kg]}
+        changes["a tool twice as heavy"] = {
+            "tool_mass_kg": [min(2 * mass, HEAVIEST_TOOL_KG) for mass in tool.tool_mass_kg]
+        }
     if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
         changes["an implicit integrator"] = {"integrator": "implicit"}
     found = [

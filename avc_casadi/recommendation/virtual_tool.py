@@ -24,6 +24,7 @@ from avc_casadi.recommendation.tool_sensitivity import (
     ToolHelp,
     exchanges_that_hold,
     least_tool_mass_kg,
+    search_ends,
     slowest_step_s,
     stable_on_other_devices,
     what_would_help,
@@ -141,6 +142,7 @@ class ToolRecommendation(Printed):
                     "least_tool_mass_kg": self.least_tool_mass_kg,
                     "slowest_step_s": self.slowest_step_s,
                     "exchanges": dict(self.exchanges),
+                    "searched_to": search_ends(self.problem),
                     "rendered_stiffness_n_per_m": rendered,
                     "gain_margin": self.gain_margin,
                     "least_damped": None if self.mode is None else asdict(self.mode),
@@ -326,7 +328,7 @@ def _reason(tool: VirtualTool, wanted: float | None, margin: float, options: Too
         "the stiffness that is wanted" if wanted is not None else "the stiffest with its margin and all hands settled"
     )
     if margin < options.gain_margin:
-        what += f"; K and B may be no more than {margin:.2g} times as large"
+        what += f"; K and B may be no more than {math.floor(100 * margin) / 100:g} times as large"
     return f"{what}, exchange {tool.exchange}"
 
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9
+# Products of maps beyond this overflow, or soon do: their loops count as unstable.
+_OVERFLOWING = 1e60
 # Eigenvalues this small are deadbeat; oscillations slower than this are drift.
 _DEAD, _DRIFT_HZ = 1e-6, 0.1
 
@@ -149,7 +151,8 @@ class PeriodicLoops(ABC):
     def _held(self, place: int, gains: ToolGains, rows: Sequence[int] | None = None) -> FloatArray:
         last = self._last.get(place)
         if last is None or last[0] != gains:
-            last = (gains, _held(self.matrices(place, gains), self.patterns[place].shift))
+            with np.errstate(over="ignore", invalid="ignore"):
+                last = (gains, _held(self.matrices(place, gains), self.patterns[place].shift))
             self._last[place] = last
         return last[1] if rows is None else last[1][rows]
 
@@ -162,4 +165,6 @@ def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:
     """Return matrices with the eigenvalue 1 of a free translation deflated, the others unchanged (Wielandt)."""
     floats = np.abs(matrices @ shift - shift).max(axis=-1) < 1e-9
     taken = matrices - shift[:, None] * matrices[..., :1, :]
-    return np.where(floats[..., None, None], taken, matrices)
+    found = np.where(floats[..., None, None], taken, matrices)
+    finite = np.abs(found).max(axis=(-2, -1)) < _OVERFLOWING
+    return np.where(finite[..., None, None], found, _OVERFLOWING * np.eye(found.shape[-1]))

@@ -7,6 +7,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
+from avc_casadi.present.pages.virtual_tool import gain_margin_text
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         )
         rows.append(Row("Free motion", told, Mark.CAUTION if slow["free_error"] > _DRAGS else Mark.NONE))
     mode, margin = found["least_damped"], found["gain_margin"]
-    stable = f"all hands and released, free to rigid, {found['loops']} loops; gain margin {margin:.2g}"
+    stable = f"all hands and released, free to rigid, {found['loops']} loops; {gain_margin_text(margin)}"
     if mode["damping_ratio"] < 1:
         stable += f"; least damped {mode['damping_ratio']:.2g} at {quantity(mode['frequency_hz'], 'Hz')}"
     rows.append(Row("Stability", stable, Mark.PASS if margin >= _SAFE else Mark.CAUTION))

@@ -10,7 +10,7 @@ from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import Table, sample_rows
 from avc_casadi._util.units import FORCE, MASS, METRE, NEWTON, Wording
 from avc_casadi.claims.stability.periodic import TOLERANCE
-from avc_casadi.present.pages.virtual_tool import headline
+from avc_casadi.present.pages.virtual_tool import gain_margin_text, headline
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def stability_rows(found: dict[str, Any], problem: Problem) -> list[Row]:
     worst = Row("Worst loop", f"{case}; spectral radius {found['spectral_radius']:.6g} a step")
     if not found["stable"]:
         return [Row("Stability", f"not all of {loops} loops are stable", Mark.FAIL), worst]
-    mode, told = found["least_damped"], f"every hand and released, {loops} loops; gain margin {margin:.2g}"
+    mode, told = found["least_damped"], f"every hand and released, {loops} loops; {gain_margin_text(margin)}"
     if mode["damping_ratio"] < 1:
         told += f"; least damped {mode['damping_ratio']:.2g} at {quantity(mode['frequency_hz'], 'Hz')}"
     return [Row("Stability", told, Mark.PASS if margin >= _SAFE else Mark.CAUTION), worst]

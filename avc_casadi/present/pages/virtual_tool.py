@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
+from avc_casadi.design.virtual_tool import ToolSearchOptions
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
@@ -110,6 +112,16 @@ def _coupling(found: dict[str, Any], problem: Problem) -> Row:
     return Row("Coupling", text, Mark.PASS)
 
 
+def gain_margin_text(margin: float) -> str:
+    """Return a gain margin in words, rounded down; where the search of it ended, as at least that.
+
+    Args:
+        margin: of a certificate.
+    """
+    most = ToolSearchOptions().widest_margin
+    return f"gain margin {most:g} or more" if margin >= most else f"gain margin {math.floor(100 * margin) / 100:.3g}"
+
+
 def felt_rows(felt: list[dict[str, Any]], pressed_n_per_m: float | None, problem: Problem) -> list[Row]:
     """Return what the handle feels like: on a rigid object, and in free motion where something moves.
 
@@ -140,7 +152,7 @@ def felt_rows(felt: list[dict[str, Any]], pressed_n_per_m: float | None, problem
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
     found, mode = document["simulation"], document["simulation"]["least_damped"]
     margin = found["gain_margin"]
-    told = f"all hands and released, {document['certificate']['loops']} loops; gain margin {margin:.2g}"
+    told = f"all hands and released, {document['certificate']['loops']} loops; {gain_margin_text(margin)}"
     if mode["damping_ratio"] < 1:
         seconds = quantity(mode["time_constant_s"], "s", 2)
         told += (
@@ -171,18 +183,29 @@ def _force(document: dict[str, Any], problem: Problem) -> Row:
 
 
 def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
-    """Describe the lightest tool, the slowest engine and the exchange that allow the same K."""
-    unit, parts = problem.units.unit, []
-    if found["local_dampers_ns_per_m"] is not None:
-        parts.append(f"a damper of its own of {_span(found['local_dampers_ns_per_m'], unit('N.s/m'))}")
+    """Describe the lightest tool, the slowest engine and the exchange that allow the same K, each with a B of its own.
+
+    Where a search ended, its end is no limit.
+    """
+    unit, parts, ends = problem.units.unit, [], found["searched_to"]
     if found["least_tool_mass_kg"] is not None:
-        parts.append(f"a tool of {quantity(found['least_tool_mass_kg'], unit('kg'))} or more")
+        least, tried = found["least_tool_mass_kg"], ends["least_tool_mass_kg"]
+        parts.append(f"a tool of {quantity(least, unit('kg'))}{' or less' if least <= tried * 1.001 else ' or more'}")
     if found["slowest_step_s"] is not None:
-        parts.append(f"a step up to {quantity(found['slowest_step_s'], 's')}")
+        slowest, tried = found["slowest_step_s"], ends["slowest_step_s"]
+        samples = round(slowest / problem.device.sample_time_s)
+        least = "at least " if slowest >= tried * 0.999 else ""
+        parts.append(f"a step up to {least}{samples} sample{'s' * (samples > 1)} ({quantity(slowest, 's')})")
     if found["exchanges"]:
         held = [name for name, holds in found["exchanges"].items() if holds]
+        if not found["local_damping_ns_per_m"] and "held-force" in held:
+            held[held.index("held-force")] = "held-force (and a damper in the device's loop)"
         parts.append(f"exchange {', '.join(held)}" if held else "no exchange")
-    return [Row("The same K holds", ", ".join(parts))] if parts else []
+    rows = [Row("The same K holds", f"with its own B: {', '.join(parts)}")] if parts else []
+    if found["local_dampers_ns_per_m"] is not None:
+        span = _span(found["local_dampers_ns_per_m"], unit("N.s/m"))
+        rows.append(Row("The same K, B", f"hold with a damper in the device's loop of {span}"))
+    return rows
 
 
 def _limit(document: dict[str, Any], problem: Problem) -> Row:

@@ -16,6 +16,7 @@ from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.effects import SimulationEffect
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.scene import Free, Hold, Motion, Press, Scene, Stroke
+from avc_casadi.model.virtual_tool import HEAVIEST_TOOL_KG
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.effects.virtual_tool import Engine
 from avc_casadi.simulation.execute import execute
@@ -174,8 +175,8 @@ def _prepared(stage: _Stage) -> tuple[CompiledScene, FloatArray]:
 def _heavier(problem: Problem) -> Problem:
     """Return the problem with the tool's mass added to the device, as in free motion."""
     tool = required_tool(problem)
-    mass = 0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1]
-    return problem.changed(device={"mass_kg": problem.device.mass_kg + mass, "range": {"mass_kg": None}})
+    mass = problem.device.mass_kg + (0.0 if tool.tool_mass_kg is None else tool.scale * tool.tool_mass_kg[1])
+    return problem.changed(device={"mass_kg": min(mass, HEAVIEST_TOOL_KG), "range": {"mass_kg": None}})
 
 
 def _run(stage: _Stage, gains: ToolGains, contact_stiffness_n_per_m: float) -> _Run:
