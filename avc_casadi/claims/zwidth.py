@@ -22,7 +22,7 @@ from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
 from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
 from avc_casadi.claims.stability.declared_device import rigid
-from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
+from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
@@ -252,7 +252,7 @@ def zwidth(problem: AnyProblem, progress: Progress = SILENT) -> ZWidth:
         >>> round(region.passive_limit_n_per_m)
         4000
     """
-    problem = as_problem(problem)
+    problem = with_wall(problem)
     device, wall = problem.device, problem.environment
     corners = device_corners(device, LINEAR_KEYS)
     mass = max(corner.mass_kg for corner in corners) + max(problem.hands.mass_kg)

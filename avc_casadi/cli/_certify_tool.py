@@ -14,6 +14,7 @@ def certify_tool(args: argparse.Namespace, console: Console) -> Answer:
     """Judge the coupling of a file, or of GAINS against a problem; 1 if it is not stable."""
     from avc_casadi.design.tool_certificate import tool_certificate
     from avc_casadi.present.pages.tool_claims import certificate_page
+    from avc_casadi.recommendation.preconditions import not_used
 
     refuse(args, ("requested", "prove", "proof_out"))
     problem, gains = problem_and_gains(args.problem, args.gains)
@@ -30,6 +31,7 @@ def certify_tool(args: argparse.Namespace, console: Console) -> Answer:
         **vars(gains),
         "deployable": {"pass": certificate["stable"], "sentence": _sentence(certificate["stable"])},
         **certificate,
+        "not_used": list(not_used(problem)),
     }
     complaint = "" if certificate["stable"] else f"avc: {problem.name}: {file} is not deployable"
     page = certificate_page(document, problem, console.page, file)

@@ -27,6 +27,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
+    from avc_casadi.present.pages.bilateral import follower_page
     from avc_casadi.present.pages.catalogue import problem_page
     from avc_casadi.recommendation.preconditions import not_used, why_infeasible
 
@@ -61,4 +62,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "not_used": list(not_used(problem)),
         "warnings": warnings,
     }
+    if problem.follower is not None:
+        document["follower"] = problem.follower.model_dump(mode="json")
+        return Answer(document, follower_page(document, problem, console.page, args.problem))
     return Answer(document, problem_page(document, problem, console.page, args.problem))

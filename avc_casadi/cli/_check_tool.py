@@ -14,6 +14,7 @@ def check_tool(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.files.plausibility import plausibility
     from avc_casadi.model.declared import declared
     from avc_casadi.present.pages.tool_claims import check_page
+    from avc_casadi.recommendation.preconditions import not_used
     from avc_casadi.recommendation.virtual_tool import unusual
 
     problem, _ = problem_and_gains(args.problem, None)
@@ -31,6 +32,7 @@ def check_tool(args: argparse.Namespace, console: Console) -> Answer:
         "nyquist_hz": 0.5 / problem.device.sample_time_s,
         "simulation": None if tool is None else tool.model_dump(mode="json"),
         "declared": [*map(spoken_key, declared(problem))],
+        "not_used": list(not_used(problem)),
         "warnings": warnings,
     }
     return Answer(document, check_page(document, problem, console.page, args.problem))

@@ -6,7 +6,7 @@ import argparse
 
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_figure
-from avc_casadi.cli._to_simulation import problem_and_gains
+from avc_casadi.cli._to_simulation import problem_and_gains, refuse
 
 
 def zwidth_tool(args: argparse.Namespace, console: Console) -> Answer:
@@ -14,6 +14,7 @@ def zwidth_tool(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.design.tool_region import tool_region
     from avc_casadi.present.pages.tool_claims import region_lines, region_page
 
+    refuse(args, ("method",))
     plot = None if args.plot is None else output_file(args.plot, "--plot", (".png", ".svg", ".pdf"))
     problem, _ = problem_and_gains(args.problem, None)
     with console.step("region"):

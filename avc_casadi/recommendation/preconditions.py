@@ -15,9 +15,10 @@ from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.problem import Realism, Stability
+from avc_casadi.model.problem import Frequency, Realism, Stability
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import rotary_gains
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, VirtualTool
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,6 +31,10 @@ if TYPE_CHECKING:
 SLIP = "what may be a slip: "
 _OF_SOLVE = " (asked of avc solve)"
 _RANGE = "device.range."
+# Keys of a device that neither loop nor trial of a teleoperator has.
+_NOT_OF_TELEOPERATORS = ("coulomb_friction_n", "position_noise_rms_m", "backlash_m")
+# Tables that concern a wall in the device's own loop.
+_WALLS = ("boundaries", "coupling", "stability", "realism", "schedule", "robustness")
 _BOX, _ANY = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"), (-np.inf, np.inf)
 
 
@@ -114,20 +119,17 @@ def assumed(
         tried: whether it is tried with simulated hands, or judged by linear stability alone.
         devices: number of devices of the declared ranges on which it was confirmed.
     """
-    device = problem.device
-    gaps = [
-        "hands are linear, on one axis, and constant while they hold on",
-    ]
-    if device.amplifier_bandwidth_hz is None and device.resonance is None:
-        gaps.append("amplifier and structure are ideal: no bandwidth and no resonance is declared")
-    elif device.amplifier_bandwidth_hz is None:
-        gaps.append("the amplifier is ideal: no bandwidth is declared")
-    elif device.resonance is None:
-        gaps.append("the structure is rigid: no resonance is declared")
+    gaps = ["hands are linear, on one axis, and constant while they hold on"]
+    of: dict[str, Device] = {"": problem.device}
+    if problem.follower is not None:
+        of = {"leader: ": problem.device, "follower: ": problem.follower}
+    for who, device in of.items():
+        gaps += [f"{who}{gap}" for gap in _ideal(device)]
     if problem.detent is not None:
         gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
     if tried:
-        gaps += _of_trials(device)
+        for who, device in of.items():
+            gaps += [f"{who}{gap}" for gap in _of_trials(device, friction=problem.follower is None)]
     else:
         gaps.append(f"linear stability alone: dry friction, encoder, noise and {FORCE} limit play no part")
     linear, rest = _ranges(problem)
@@ -140,12 +142,26 @@ def assumed(
     return tuple(gaps)
 
 
-def _of_trials(device: Device) -> list[str]:
-    """Return the assumptions that concern trials alone."""
+def _ideal(device: Device) -> list[str]:
+    """Return the assumptions on amplifier and structure."""
+    if device.amplifier_bandwidth_hz is None and device.resonance is None:
+        return ["amplifier and structure are ideal: no bandwidth and no resonance is declared"]
+    if device.amplifier_bandwidth_hz is None:
+        return ["the amplifier is ideal: no bandwidth is declared"]
+    return ["the structure is rigid: no resonance is declared"] if device.resonance is None else []
+
+
+def _of_trials(device: Device, *, friction: bool) -> list[str]:
+    """Return the assumptions that concern trials alone.
+
+    Args:
+        device: its keys and their ranges.
+        friction: whether a trial has dry friction.
+    """
     gaps = []
-    if device.coulomb_friction_n == 0:
+    if friction and device.coulomb_friction_n == 0 and device.range.coulomb_friction_n is None:
         gaps.append("no dry friction is declared: none is assumed, the cautious end")
-    if device.encoder_resolution_m == 0:
+    if device.encoder_resolution_m == 0 and device.range.encoder_resolution_m is None:
         gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
     if device.max_force_n is None:
         gaps.append(f"no {FORCE} limit is declared: any {FORCE} is taken as given")
@@ -155,10 +171,12 @@ def _of_trials(device: Device) -> list[str]:
 def _ranges(problem: Problem) -> tuple[list[str], list[str]]:
     """Return the declared ranges that linear stability is judged over, and those used in simulation alone."""
     keys = [key for key in declared(problem) if key.startswith(_RANGE) and key not in _not_simulated(problem)]
-    return (
-        [key for key in keys if key.removeprefix(_RANGE) in LINEAR_KEYS],
-        [key for key in keys if key.removeprefix(_RANGE) not in LINEAR_KEYS],
-    )
+    if problem.follower is not None:
+        far = problem.model_copy(update={"device": problem.follower.at_leader()})
+        keys += [key.replace("device", "follower", 1) for key in declared(far) if key.startswith(_RANGE)]
+        keys = [key for key in keys if key.rpartition(".")[2] not in _NOT_OF_TELEOPERATORS]
+    linear = [key for key in keys if key.partition(".range.")[2] in LINEAR_KEYS]
+    return linear, [key for key in keys if key not in linear]
 
 
 def _outside(coupling: Coupling) -> list[str]:
@@ -195,6 +213,56 @@ def _far_end(problem: Problem) -> str:
     return "simulation" if problem.simulation is not None else "follower" if problem.follower is not None else ""
 
 
+def _of_walls(problem: Problem) -> list[str]:
+    """Return the tables beside another end that concern a wall in the device's own loop alone."""
+    wall = problem.environment
+    bare = type(problem)(
+        device=problem.device,
+        environment=wall,
+        simulation=problem.simulation,
+        follower=problem.follower,
+        frequency=problem.frequency,
+    )
+    found = ["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
+    found += [key for key in _WALLS if getattr(problem, key) != getattr(bare, key)]
+    found += ["frequency"] if problem.frequency != Frequency() else []
+    reason = f"of a wall in the device's own loop: leave [{_far_end(problem)}] out for it"
+    told = [f"{key} ({reason})" for key in found]
+    if problem.scene != bare.scene:
+        where = "of avc simulate alone" if problem.follower is None else "of avc simulate, which knows no [follower]"
+        told.append(f"scene ({where})")
+    return told
+
+
+def _of_simulation(tool: VirtualTool | None) -> list[str]:
+    """Return the keys of a [simulation] without effect beside its others."""
+    if tool is None:
+        return []
+    default, keys, why = (
+        VirtualTool(step_s=tool.step_s),
+        ["contact_damping_ns_per_m"],
+        "of a spring, and none is touched",
+    )
+    if tool.tool_mass_kg is None:
+        keys += ["tool_damping_ns_per_m", "integrator", "contact_stiffness_n_per_m"]
+        why = f"of a tool, and no {spoken_key('tool_mass_kg')} is given"
+    elif any(0 < one < RIGID_N_PER_M for one in tool.contact_stiffness_n_per_m):
+        return []
+    return [f"simulation.{spoken_key(key)} ({why})" for key in keys if getattr(tool, key) != getattr(default, key)]
+
+
+def _of_teleoperator(problem: Problem) -> list[str]:
+    """Return the keys of leader and follower that neither loop nor trial of a teleoperator has."""
+    if problem.follower is None:
+        return []
+    return [
+        f"{spoken_key(f'{table}.{key}')} (the trial of a teleoperator has none)"
+        for table, device in (("device", problem.device), ("follower", problem.follower))
+        for key in _NOT_OF_TELEOPERATORS
+        if getattr(device, key) > 0 or getattr(device.range, key) is not None
+    ]
+
+
 def not_used(problem: Problem) -> tuple[str, ...]:
     """Return the declared keys that no candidate, certificate or trial uses."""
     unseen = [key for key in declared(problem) if key in _not_simulated(problem)]
@@ -205,18 +273,16 @@ def not_used(problem: Problem) -> tuple[str, ...]:
         for effect in problem.scene.effects
         if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated
     ]
-    wall = problem.environment
-    if _far_end(problem) and (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        unused.append(f"environment (a wall in the device's own loop: leave [{_far_end(problem)}] out for it)")
-    if _far_end(problem) and any(value is not None for value in vars(problem.robustness).values()):
-        unused.append("robustness (known for a wall in the device's own loop alone)")
-    bounds = problem.boundaries
-    asked = (
-        ("boundaries", bounds.measured is not None or not bounds.upper == bounds.lower == wall),
-        ("stability", problem.stability != Stability()),
-        ("realism", problem.realism != Realism()),
-    )
-    unused += [f"{table}{_OF_SOLVE}" for table, stated in asked if stated]
+    if _far_end(problem):
+        unused += [*_of_walls(problem), *_of_simulation(problem.simulation), *_of_teleoperator(problem)]
+    else:
+        bounds, wall = problem.boundaries, problem.environment
+        asked = (
+            ("boundaries", bounds.measured is not None or not bounds.upper == bounds.lower == wall),
+            ("stability", problem.stability != Stability()),
+            ("realism", problem.realism != Realism()),
+        )
+        unused += [f"{table}{_OF_SOLVE}" for table, stated in asked if stated]
     known = {"velocity-filter": "known to avc simulate and, if linear, to avc zwidth alone"}
     return (
         *unused,

@@ -7,7 +7,8 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
-from avc_casadi.present.pages.virtual_tool import gain_margin_text
+from avc_casadi._util.units import FORCE, METRE, NEWTON
+from avc_casadi.present.pages.virtual_tool import gain_margin_text, not_used_rows, span
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
@@ -39,7 +40,11 @@ def bilateral_page(
         written: file of the coupling; None if none was written.
         verbose: with all details below.
     """
-    following = f"avc recommend {quote(shown)} -v" if written is None else f"avc export {quote(written)} --c DIR"
+    following = f"avc recommend {quote(shown)} --out coupling.json"
+    if not document["deployable"]:
+        following = f"avc check {quote(shown)}"
+    elif written is not None:
+        following = f"avc export {quote(written)} --c DIR"
     text = page.rendered(bilateral_headline(problem, shown), bilateral_rows(document, problem), [following])
     if verbose:
         lines = [f"reason: {document['reason']}", *(f"assumed: {gap}" for gap in document["assumed"])]
@@ -63,6 +68,49 @@ def bilateral_headline(problem: Problem, shown: str) -> str:
         f"{there} away, {follower.architecture} · leader {quantity(device.mass_kg, unit('kg'))}, "
         f"{quantity(1 / device.sample_time_s, 'Hz')}"
     )
+
+
+def follower_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
+    """Return the `check` document of a problem with [follower]: follower, link, architecture, contact.
+
+    Args:
+        document: of `avc check --json`.
+        problem: that was checked.
+        page: where it is printed.
+        shown: the problem as the user names it.
+    """
+    follower, unit = problem.follower, problem.units.unit
+    assert follower is not None  # noqa: S101 - asked of problems with one
+    there, back = (span(one, "s") for one in (follower.delay_s, follower.return_delay_s or follower.delay_s))
+    sent = f", a {follower.force} {FORCE} is sent back" if follower.architecture == "position-force" else ""
+    scaled = f"{follower.position_scale:g} {METRE} and {1 / follower.force_scale:g} {NEWTON} for one of the leader"
+    rows = [
+        Row("File", "valid", Mark.PASS),
+        Row(
+            "Follower",
+            f"{quantity(follower.mass_kg, unit('kg'))}, {quantity(follower.damping_ns_per_m, unit('N.s/m'))}, "
+            f"{quantity(1 / follower.sample_time_s, 'Hz')}, delay {follower.delay_samples:g}",
+        ),
+        Row(
+            "Link",
+            f"{there} there, {back} back; {100 * follower.jitter:g} % of jitter, {100 * follower.lost_share:g} % of "
+            "the messages lost",
+        ),
+        Row("Architecture", f"{follower.architecture}{sent}"),
+        Row("Touches", f"nothing, up to {_touched(problem)}"),
+        *([Row("Scales", scaled)] if (follower.position_scale, follower.force_scale) != (1, 1) else []),
+        *not_used_rows(document),
+        *(Row("Warning", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]),
+    ]
+    return page.rendered(bilateral_headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out c.json"])
+
+
+def _touched(problem: Problem) -> str:
+    """Describe the stiffest object that the follower touches."""
+    follower = problem.follower
+    assert follower is not None  # noqa: S101 - asked of problems with one
+    high = follower.contact_stiffness_n_per_m[1]
+    return "a rigid object" if follower.rigid else f"a spring of {quantity(high, problem.units.unit('N/m'))}"
 
 
 def bilateral_export_page(document: dict[str, Any], coupling: TeleoperatorCoupling, page: Page, shown: str) -> str:
@@ -112,14 +160,18 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     found, unit = document["teleoperation"], problem.units.unit
     limit = Row("Linear limit", f"K {quantity(found['stiffest_n_per_m'], unit('N/m'))}, set by {_set_by(found, unit)}")
     if not document["deployable"]:
-        return [Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL), limit]
+        return [
+            Row("Coupling", f"none is deployable: {document['reason']}", Mark.FAIL),
+            limit,
+            *not_used_rows(document),
+        ]
     told = f"spring K {quantity(found['stiffness_n_per_m'], unit('N/m'))}"
     told += f", damper B {quantity(found['damping_ns_per_m'], unit('N.s/m'))}"
     if found["local_damping_ns_per_m"] > 0:
         told += f", damper of each loop {quantity(found['local_damping_ns_per_m'], unit('N.s/m'))}"
     rows = [
         Row("Coupling", told, Mark.PASS),
-        Row("Rigid contact", f"{quantity(found['rendered_stiffness_n_per_m'], unit('N/m'))} pressed"),
+        Row("Contact", f"{quantity(found['rendered_stiffness_n_per_m'], unit('N/m'))} pressed, on {_touched(problem)}"),
     ]
     if found["felt"]:
         slow = found["felt"][0]
@@ -129,7 +181,7 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         )
         rows.append(Row("Free motion", told, Mark.CAUTION if slow["free_error"] > _DRAGS else Mark.NONE))
     mode, margin = found["least_damped"], found["gain_margin"]
-    stable = f"all hands and released, free to rigid, {found['loops']} loops; {gain_margin_text(margin)}"
+    stable = f"all hands and released, free to {_touched(problem)}, {found['loops']} loops; {gain_margin_text(margin)}"
     if mode["damping_ratio"] < 1:
         stable += f"; least damped {mode['damping_ratio']:.2g} at {quantity(mode['frequency_hz'], 'Hz')}"
     rows.append(Row("Stability", stable, Mark.PASS if margin >= _SAFE else Mark.CAUTION))
@@ -149,4 +201,4 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
             Mark.PASS if trial["settled"] == trial["hands"] else Mark.FAIL,
         )
     )
-    return [*rows, limit]
+    return [*rows, limit, *not_used_rows(document)]

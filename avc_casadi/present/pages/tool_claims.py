@@ -10,7 +10,7 @@ from avc_casadi._util.quantity import quantity
 from avc_casadi._util.text import Table, sample_rows
 from avc_casadi._util.units import FORCE, MASS, METRE, NEWTON, Wording
 from avc_casadi.claims.stability.periodic import TOLERANCE
-from avc_casadi.present.pages.virtual_tool import gain_margin_text, headline
+from avc_casadi.present.pages.virtual_tool import gain_margin_text, headline, not_used_rows, span
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
     # Where the tool is fixed the engine is no port.
     if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
         rows += passivity_rows(document["passivity"], problem)
-    return page.rendered(headline(problem, shown), rows)
+    return page.rendered(headline(problem, shown), [*rows, *not_used_rows(document)])
 
 
 def coupling_text(gains: dict[str, Any], problem: Problem) -> str:
@@ -207,7 +207,7 @@ def region_page(document: dict[str, Any], problem: Problem, page: Page, shown: s
         rows.append(Row(quantity(one["rate_hz"], "Hz"), told, mark))
     if drawn is not None:
         rows.append(Row("Drawn", drawn))
-    return page.rendered(headline(problem, shown), rows, [f"avc zwidth {quote(shown)} -v"])
+    return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
 
 def region_lines(document: dict[str, Any], problem: Problem) -> list[str]:
@@ -288,11 +288,11 @@ def check_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
     if tool.tool_mass_kg is not None:
         low, high = tool.contact_stiffness_n_per_m
         end = "rigid" if tool.rigid else quantity(high, unit("N/m"))
-        what = f"{_span(tool.tool_mass_kg, unit('kg'))}, damping {_span(tool.tool_damping_ns_per_m, unit('N.s/m'))}; "
+        what = f"{span(tool.tool_mass_kg, unit('kg'))}, damping {span(tool.tool_damping_ns_per_m, unit('N.s/m'))}; "
         what += "touches nothing, rigid things" + ("" if tool.rigid else f", springs up to {end}")
         what += f", springs from {quantity(low, unit('N/m'))}" if tool.rigid and low > 0 else ""
     late = f", {tool.steps_late} steps late" if tool.steps_late > 1 else ", a step late" if tool.steps_late else ""
-    steps = _span(tool.step_s, "s")
+    steps = span(tool.step_s, "s")
     engine = f"a step every {steps}, {max(tool.step_s) / t:.4g} samples of the device; {tool.integrator}"
     rows = [
         Row("File", "valid", Mark.PASS),
@@ -304,12 +304,8 @@ def check_page(document: dict[str, Any], problem: Problem, page: Page, shown: st
             if tool.scale != 1
             else []
         ),
+        *not_used_rows(document),
         *(Row("Unusual", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]),
     ]
     next_ = [f"avc recommend {quote(shown)} --out c.json", f"avc zwidth {quote(shown)}"]
     return page.rendered(headline(problem, shown), rows, next_)
-
-
-def _span(values: tuple[float, ...], unit: str) -> str:
-    low, high = min(values), max(values)
-    return quantity(low, unit) if low == high else f"{quantity(low, unit)} to {quantity(high, unit)}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -61,10 +62,10 @@ def headline(problem: Problem, shown: str) -> str:
     """
     device, tool, unit = problem.device, problem.simulation, problem.units.unit
     assert tool is not None  # noqa: S101 - asked of problems with one
-    what = "a fixed place" if tool.tool_mass_kg is None else f"a tool of {_span(tool.tool_mass_kg, unit('kg'))}"
+    what = "a fixed place" if tool.tool_mass_kg is None else f"a tool of {span(tool.tool_mass_kg, unit('kg'))}"
     late = f", {tool.steps_late} steps late" if tool.steps_late > 1 else ", one step late" if tool.steps_late else ""
     return (
-        f"{shown}   {what} at {_span([1 / step for step in reversed(tool.step_s)], 'Hz')}, {tool.integrator}, "
+        f"{shown}   {what} at {span([1 / step for step in reversed(tool.step_s)], 'Hz')}, {tool.integrator}, "
         f"{tool.exchange}{late} · device {quantity(device.mass_kg, unit('kg'))}, "
         f"{quantity(1 / device.sample_time_s, 'Hz')}, delay {device.delay_samples:g}"
     )
@@ -83,7 +84,8 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         # Where K is linearly stable hands refute it: what else is linearly stable with it is no help.
         wanted = problem.simulation and problem.simulation.stiffness_n_per_m
         refuted = wanted is not None and wanted <= found["stiffest_n_per_m"]
-        return [none, *([] if refuted else _needed(found, problem)), _limit(document, problem)]
+        needed = [] if refuted else _needed(found, problem)
+        return [none, *needed, _limit(document, problem), *not_used_rows(document)]
     return [
         _coupling(found, problem),
         *felt_rows(found["felt"], found["rendered_stiffness_n_per_m"], problem),
@@ -92,6 +94,7 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         _force(document, problem),
         *_needed(found, problem),
         _limit(document, problem),
+        *not_used_rows(document),
     ]
 
 
@@ -110,6 +113,19 @@ def _coupling(found: dict[str, Any], problem: Problem) -> Row:
     if not wanted and found["stiffness_n_per_m"] < problem.hands.stiffness_n_per_m[0]:
         return Row("Coupling", f"{text}: softer than the softest hand", Mark.CAUTION)
     return Row("Coupling", text, Mark.PASS)
+
+
+def not_used_rows(document: dict[str, Any]) -> list[Row]:
+    """Return what is declared and no part of a coupling to another end, a row for each reason.
+
+    Args:
+        document: of `avc recommend`, `certify` or `check`.
+    """
+    by_reason: dict[str, list[str]] = {}
+    for what in document["not_used"]:
+        name, _, reason = what.partition(" (")
+        by_reason.setdefault(reason.removesuffix(")"), []).append(name)
+    return [Row("Not used", f"{', '.join(names)}: {why}", Mark.CAUTION) for why, names in by_reason.items()]
 
 
 def gain_margin_text(margin: float) -> str:
@@ -203,8 +219,8 @@ def _needed(found: dict[str, Any], problem: Problem) -> list[Row]:
         parts.append(f"exchange {', '.join(held)}" if held else "no exchange")
     rows = [Row("The same K holds", f"with its own B: {', '.join(parts)}")] if parts else []
     if found["local_dampers_ns_per_m"] is not None:
-        span = _span(found["local_dampers_ns_per_m"], unit("N.s/m"))
-        rows.append(Row("The same K, B", f"hold with a damper in the device's loop of {span}"))
+        damper = span(found["local_dampers_ns_per_m"], unit("N.s/m"))
+        rows.append(Row("The same K, B", f"hold with a damper in the device's loop of {damper}"))
     return rows
 
 
@@ -235,6 +251,12 @@ def _all(document: dict[str, Any], problem: Problem) -> list[str]:
     return [*lines, f"reason: {document['reason']}"]
 
 
-def _span(values: tuple[float, ...] | list[float], unit: str) -> str:
+def span(values: Sequence[float], unit: str) -> str:
+    """Return a value, or the ends of a range, in a unit.
+
+    Args:
+        values: one or more.
+        unit: of them.
+    """
     low, high = min(values), max(values)
     return quantity(low, unit) if low == high else f"{quantity(low, unit)} to {quantity(high, unit)}"
