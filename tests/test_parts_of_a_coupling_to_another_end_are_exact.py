@@ -18,6 +18,7 @@ from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolState, VirtualTool,
 from avc_casadi.recommendation import bilateral as _bilateral
 from avc_casadi.recommendation import tool_impedance as _impedance
 from avc_casadi.recommendation import tool_sensitivity as _sensitivity
+from avc_casadi.recommendation import tried_tool as _hands
 from avc_casadi.recommendation import virtual_tool as _tool
 
 T = 1e-3
@@ -199,11 +200,23 @@ def tried(lean, free, first, wanted=None):
 
     def trial(_, gains, *__):
         k = gains.stiffness_n_per_m
-        return SimpleNamespace(settled_with_friction=k <= lean, settled=k <= min(lean, free))
+        each = np.ones(4, dtype=bool)
+        return SimpleNamespace(
+            settled_with_friction=k <= lean,
+            settled=k <= min(lean, free),
+            stable=each & (k <= lean),
+            stable_with_dropped_steps=each,
+            stable_without_friction=each & (k <= free),
+        )
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(_tool, "try_tool", trial)
-        gains, _ = _tool._tried(stated, search, first, 4, 0, _tool.SILENT, _tool.OPTIONS, local=False)
+        patch.setattr(_hands, "try_tool", trial)
+        gains, _, stiffer = _hands._tried(stated, search, first, 4, 0, _hands.SILENT, _hands.OPTIONS, local=False)
+    # What set K is the next stiffer one.
+    if gains is not None and gains.stiffness_n_per_m < first:
+        assert stiffer[0] == pytest.approx(gains.stiffness_n_per_m / 0.8)
+    elif gains is not None:
+        assert stiffer is None
     return None if gains is None else gains.stiffness_n_per_m
 
 
@@ -214,13 +227,24 @@ def test_softer_couplings_are_tried_until_hands_settle_and_some_for_rest_without
     assert tried(900.0, 900.0, 1000.0, wanted=1000.0) is None
 
 
+def test_what_sets_k_is_told_by_the_motion_that_is_hardest_then_by_missed_steps():
+    def told(press, dropped, free):
+        motions = {"free": np.ones(4, dtype=bool), "press": np.arange(4) < press}
+        more = {"stable_with_dropped_steps": np.arange(4) < dropped, "stable_without_friction": np.arange(4) < free}
+        return _hands.unsettled(2330.0, SimpleNamespace(hands=4, by_motion=motions, **more))
+
+    assert told(1, 4, 4) == "with K 2.33 kN/m 3 of 4 hands do not settle, in press"
+    assert told(4, 3, 2) == "with K 2.33 kN/m 1 of 4 hands does not settle, where the engine misses steps"
+    assert told(4, 4, 2) == "with K 2.33 kN/m 2 of 4 hands do not settle, without dry friction"
+
+
 def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
     first, gains = [], ToolGains(5000.0, 8.0)
     loops = SimpleNamespace(radius=lambda _: (0.9, None))
     search = SimpleNamespace(limit=(gains, False), holds=lambda *_, **__: True, loops=loops)
     search.stiffest_with_margin = lambda limit, margin, **_: 0.9 * limit.stiffness_n_per_m / margin
     monkeypatch.setattr(_tool, "ToolSearch", lambda _: search)
-    monkeypatch.setattr(_tool, "_tried", lambda _, __, k, *___, **____: first.append(k) or (None, None))
+    monkeypatch.setattr(_hands, "_tried", lambda _, __, k, *___, **____: first.append(k) or (None, None, None))
     for name in ("why_infeasible", "_why_none"):
         monkeypatch.setattr(_tool, name, lambda *_: "")
     for name in ("least_tool_mass_kg", "slowest_step_s", "what_would_help", "exchanges_that_hold"):

@@ -256,6 +256,25 @@ def test_detents_beside_another_end_are_refused_by_every_verb(table, tmp_path, c
         avc.parse_problem(device + end).changed(detent={"force_n": 0.3, "pitch_m": 1e-4})
 
 
+@pytest.mark.thorough
+def test_a_scene_without_gains_has_the_recommended_ones(tmp_path, capsys):
+    """Of an explicit engine hands refute K well below the limit: simulate takes what they settle with, and says so."""
+    file = tmp_path / "p.toml"
+    file.write_text(
+        "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 2.0\ndelay_samples = 1\n[simulation]\ntool_mass_kg = 0.5\n"
+        "step_s = 0.004\nintegrator = 'explicit'\n"
+    )
+    code, staged = answer(capsys, "simulate", str(file))
+    _, found = answer(capsys, "recommend", str(file))
+    assert code == 0
+    assert staged["coupling"] == "recommended"
+    assert staged["stiffness_n_per_m"] == found["simulation"]["stiffness_n_per_m"]
+    assert staged["damping_ns_per_m"] == found["simulation"]["damping_ns_per_m"]
+    assert staged["stiffness_n_per_m"] < 0.5 * found["simulation"]["stiffest_n_per_m"] / 1.5
+    assert "not settle" in found["simulation"]["set_by"]
+    assert found["simulation"]["set_by"] in found["reason"]
+
+
 def test_ends_of_searches_are_no_limits_and_margins_are_rounded_down():
     """A lighter tool and a longer step than those that were tried may hold K too, and so may a larger margin."""
     stated = avc.load_problem("tool/mujoco-500hz")

@@ -11,7 +11,7 @@ from avc_casadi.cli._to_simulation import problem_and_gains, refuse
 
 
 def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
-    """Simulate the scene with engine and tool; without gains a coupling is designed first; 1 if it does not settle."""
+    """Simulate the scene with engine and tool; without gains with the recommended one; 1 if it does not settle."""
     from avc_casadi.model.declared import with_gains
     from avc_casadi.present.pages.tool_claims import simulated_page
 
@@ -21,7 +21,7 @@ def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
     if trace is not None:
         output_file(str(trace.with_suffix(".json")), "--trace", (".json",))  # the manifest
     problem, gains = problem_and_gains(args.problem, args.gains, console)
-    assert gains is not None  # noqa: S101 - designed where none were given
+    assert gains is not None  # noqa: S101 - recommended where none were given
     staged = with_gains(problem, gains)
     with console.step(f"{staged.scene.duration_s:g} s of the scene"):
         found = avc.simulate(staged, seed=args.seed)
@@ -36,7 +36,7 @@ def simulate_tool(args: argparse.Namespace, console: Console) -> Answer:
     alone = args.gains is None and args.problem.lower().endswith(".json")
     document = found.document(trace) | {
         "schema": "avc-simulate-tool/1",
-        "coupling": "given" if alone or args.gains is not None else "designed",
+        "coupling": "given" if alone or args.gains is not None else "recommended",
         "effects": list(found.effects),
         "contact_damping_ns_per_m": None,
         **vars(gains),

@@ -44,15 +44,15 @@ def read_tool(file: str) -> ToolCoupling:
 def problem_and_gains(
     source: str, gains: str | None, console: Console | None = None
 ) -> tuple[avc.Problem, ToolGains | None]:
-    """Return the problem, and the gains; None where a problem came alone and none are designed.
+    """Return the problem, and the gains; None where a problem came alone and none are asked for.
 
     Args:
         source: problem, or coupling to a simulation.
         gains: file of the gains, for a problem.
-        console: shows a design; without one none is made.
+        console: shows the search of the recommended ones; without one none are searched.
 
     Raises:
-        InputError: gains with a coupling, of another kind, or none can be designed.
+        InputError: gains with a coupling, of another kind, or none is deployable.
     """
     from avc_casadi.files.other_end_coupling_file import is_tool_coupling
 
@@ -67,18 +67,22 @@ def problem_and_gains(
             make = f"avc recommend {quote(source)} --out c.json"
             raise avc.InputError.of(f"is no coupling to a simulation; make one: {make}", file=gains)
         return problem, read_tool(gains).gains
-    return problem, None if console is None else _designed(problem, source, console)
+    return problem, None if console is None else _recommended(problem, source, console)
 
 
-def _designed(problem: avc.Problem, source: str, console: Console) -> ToolGains:
-    """Return a linearly stable coupling, with a margin; not tried with simulated hands."""
-    from avc_casadi.design.virtual_tool import ToolSearch, designed
+def _recommended(problem: avc.Problem, source: str, console: Console) -> ToolGains:
+    """Return the recommended coupling."""
+    from avc_casadi.design.virtual_tool import ToolSearch
+    from avc_casadi.recommendation.tried_tool import tried_coupling
+    from avc_casadi.recommendation.virtual_tool import why_infeasible
 
-    with console.step("coupling"):
-        found = designed(ToolSearch(problem))
+    search = ToolSearch(problem)
+    with console.step("recommended coupling"):
+        why = why_infeasible(problem, search)
+        found = None if why else tried_coupling(problem, search, progress=console)[0]
     if found is None:
-        why = f"no spring and damper is stable with every hand, released, tool and contact: avc recommend {source}"
-        raise avc.InputError.of(why, file=source)
+        told = f"no coupling is deployable, which avc recommend {quote(source)} explains; give one: --gains c.json"
+        raise avc.InputError.of(told, file=source)
     return found
 
 

@@ -29,40 +29,14 @@ from avc_casadi.recommendation.tool_sensitivity import (
     stable_on_other_devices,
     what_would_help,
 )
-from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
+from avc_casadi.recommendation.tried_tool import OPTIONS, ToolOptions, tried_coupling, unsettled
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.periodic import Mode
     from avc_casadi.claims.stability.tool_loop import ToolCase
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import VirtualTool
-
-
-@dataclass(frozen=True)
-class ToolOptions:
-    """Numbers of the recommendation.
-
-    Attributes:
-        gain_margin: K and B may be this many times as large before a hand, released, a tool or a contact is unstable.
-            Usual design margins lie between 1.5 and 2 (Astrom and Murray, Feedback Systems, 10.3).
-        share_of_safe: where no stiffness is wanted, the initial stiffness is this share of the stiffest that has the
-            gain margin: with freedom to choose the damper.
-        softer: ratio of successive stiffnesses while hands do not settle.
-        tries: largest number of stiffnesses.
-        for_friction: largest number of softer ones tried to settle without dry friction.
-    """
-
-    gain_margin: float = 1.5
-    share_of_safe: float = 0.9
-    softer: float = 0.8
-    tries: int = 12
-    for_friction: int = 2
-
-
-OPTIONS = ToolOptions()
-# Screening hands (corners) and their motions: a coupling that fails with them is tried no further.
-_FIRST, _HARDEST = 16, ("touch", "free")
+    from avc_casadi.simulation.population.tool_trial import ToolTrial
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,6 +48,7 @@ class ToolRecommendation(Printed):
         coupling: tried and judged; None where none is deployable.
         deployable: whether it may be loaded into device and engine.
         reason: one sentence: why this one, or why none.
+        set_by: which hands do not settle with the next stiffer K that was tried; empty where none was.
         stiffest: the limit: the stiffest K that is linearly stable with every hand, tool and contact, with its B.
         gain_margin: common gain margin of K and B; None without a coupling.
         mode: the least damped oscillation of all loops; None without a coupling.
@@ -96,6 +71,7 @@ class ToolRecommendation(Printed):
     coupling: ToolCoupling | None
     deployable: bool
     reason: str
+    set_by: str
     stiffest: ToolGains
     gain_margin: float | None
     mode: Mode | None
@@ -137,6 +113,7 @@ class ToolRecommendation(Printed):
                     "damping_ns_per_m": None if gains is None else gains.damping_ns_per_m,
                     "local_damping_ns_per_m": None if gains is None else gains.local_damping_ns_per_m,
                     "in_scene": None if self.coupling is None else vars(self.coupling.in_scene),
+                    "set_by": self.set_by or None,
                     "stiffest_n_per_m": self.stiffest.stiffness_n_per_m,
                     "stiffest_with": vars(self.stiffest),
                     "least_tool_mass_kg": self.least_tool_mass_kg,
@@ -198,13 +175,9 @@ def recommend_tool(
     (stiffest, local), wanted = search.limit, tool.stiffness_n_per_m
     limit = stiffest.stiffness_n_per_m
     why = why_infeasible(problem, search)
-    gains, trial = None, None
-    if not why and (wanted is None or search.holds(wanted, local=local)):
-        first = wanted
-        if first is None:
-            safe = search.stiffest_with_margin(stiffest, options.gain_margin, local=local)
-            first = options.share_of_safe * (safe or limit / options.gain_margin)
-        gains, trial = _tried(problem, search, first, hands, seed, progress, options, local=local)
+    gains = trial = stiffer = None
+    if not why:
+        gains, trial, stiffer = tried_coupling(problem, search, hands, seed, progress, options)
     if not why and gains is None:
         why = _why_none(problem, wanted, limit, trial)
     coupling, deployable = None, gains is not None
@@ -218,7 +191,8 @@ def recommend_tool(
         problem=problem,
         coupling=coupling,
         deployable=deployable,
-        reason=why or _reason(tool, wanted, margin or 0.0, options),
+        reason=why or _reason(tool, wanted, margin or 0.0, options, stiffer),
+        set_by=unsettled(*stiffer) if gains is not None and stiffer is not None else "",
         stiffest=stiffest,
         gain_margin=margin,
         mode=mode,
@@ -236,45 +210,6 @@ def recommend_tool(
         assumed=(*assumed(problem), *_assumed(tool)),
         not_used=not_used(problem),
     )
-
-
-def _tried(
-    problem: Problem,
-    search: ToolSearch,
-    first_n_per_m: float,
-    hands: int,
-    seed: int,
-    progress: Progress,
-    options: ToolOptions,
-    *,
-    local: bool,
-) -> tuple[ToolGains | None, ToolTrial | None]:
-    """Return the stiffest coupling with which all hands settle, without dry friction if one does.
-
-    Returns:
-        Gains and trial; without gains where none does, with the trial of the last one.
-    """
-    tool = required_tool(problem)
-    people = people_of(problem.hands, hands, seed)
-    count = options.tries if tool.stiffness_n_per_m is None else 1
-    trial, stiffness = None, first_n_per_m
-    first = people.pick(slice(0, _FIRST))
-    leaning: tuple[ToolGains, ToolTrial] | None = None
-    for number in range(count):
-        progress.advance(number, count, f"K of {quantity(stiffness, problem.units.unit('N/m'))}")
-        for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
-            trial = try_tool(problem, gains, first, seed, _HARDEST)
-            if not trial.settled_with_friction:
-                continue
-            trial = try_tool(problem, gains, people, seed)
-            if trial.settled:
-                return gains, trial
-            if leaning is None and trial.settled_with_friction:
-                leaning = gains, trial
-        if leaning is not None and number >= options.for_friction:
-            break
-        stiffness *= options.softer
-    return leaning or (None, trial)
 
 
 def why_infeasible(problem: Problem, search: ToolSearch) -> str:
@@ -323,12 +258,20 @@ def _why_none(problem: Problem, wanted: float | None, limit: float, trial: ToolT
     return f"{found}; hardest for them: {name}, {int(fewest.sum())} settle{why}"
 
 
-def _reason(tool: VirtualTool, wanted: float | None, margin: float, options: ToolOptions) -> str:
+def _reason(
+    tool: VirtualTool,
+    wanted: float | None,
+    margin: float,
+    options: ToolOptions,
+    stiffer: tuple[float, ToolTrial] | None,
+) -> str:
     what = (
         "the stiffness that is wanted" if wanted is not None else "the stiffest with its margin and all hands settled"
     )
     if margin < options.gain_margin:
         what += f"; K and B may be no more than {math.floor(100 * margin) / 100:g} times as large"
+    if stiffer is not None:
+        what += f"; {unsettled(*stiffer)}"
     return f"{what}, exchange {tool.exchange}"
 
 

@@ -92,6 +92,7 @@ def tool_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         _stability(document, problem),
         _simulated(document),
         _force(document, problem),
+        *([Row("K is set by", f"hands: {found['set_by']}")] if found["set_by"] else []),
         *_needed(found, problem),
         _limit(document, problem),
         *not_used_rows(document),
