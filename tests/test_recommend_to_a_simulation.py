@@ -189,15 +189,18 @@ def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
     assert found.deployable
     assert gains.local_damping_ns_per_m > 0.1
 
-    def swings(local):
+    def swings(local, beside=0.0):
         simulator = EngineSimulator(
             (0.05, 0.02, 1e-3, 1), (0.0, 0.0, 0.0), (math.inf, 0.0), 0.016, exchange="held-force", steps_late=1
         )
-        return simulator.run(8.0, 0.0, 6000, local=local, start=0.5)[0]
+        return simulator.run(8.0, beside, 6000, local=local, start=0.5)[0]
 
     least, most = found.local_dampers_ns_per_m
     assert least <= gains.local_damping_ns_per_m <= most
     assert np.abs(swings(0.0)[-500:]).max() > 0.4
+    # A damper beside the spring, in the game, holds it too.
+    assert max(np.abs(swings(0.0, damper)[-500:]).max() for damper in (0.3, 0.9)) < 0.1
+    assert np.abs(swings(0.0, 0.1)[-500:]).max() > 0.4
     assert np.abs(swings(gains.local_damping_ns_per_m)[-500:]).max() < 1e-3
 
 

@@ -14,8 +14,9 @@ from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
-from avc_casadi.present.pages.virtual_tool import gain_margin_text, tool_rows
+from avc_casadi.present.pages.virtual_tool import gain_margin_text, inertia_text, tool_rows
 from avc_casadi.recommendation.tool_impedance import rendered_band
+from avc_casadi.recommendation.virtual_tool import why_not_wanted
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
 
@@ -275,6 +276,27 @@ def test_a_scene_without_gains_has_the_recommended_ones(tmp_path, capsys):
     assert found["simulation"]["set_by"] in found["reason"]
 
 
+def test_a_negative_mass_in_free_motion_is_told_as_the_spring_that_it_is():
+    """Z = drag + 1j omega m: of m = -k/omega^2 the reactance of a spring k."""
+    stated = avc.load_problem("tool/mujoco-500hz")
+    felt = {"frequency_hz": 2.0, "mass_kg": 0.3, "drag_ns_per_m": 5.0}
+    assert inertia_text(felt, stated) == "300 g with a drag of 5.00 N.s/m at 2 Hz"
+    spring = felt | {"mass_kg": -100.0 / (4 * np.pi) ** 2}
+    assert inertia_text(spring, stated) == "a spring of 100 N/m with a drag of 5.00 N.s/m at 2 Hz"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "told"),
+    [
+        (0.0, "0 N/m is wanted, which couples nothing"),
+        (500.0, "500 N/m is wanted, and no damper makes that stable, though a stiffer coupling, 1.00 kN/m, is stable"),
+        (2000.0, "2.00 kN/m is wanted, and the stiffest coupling that is stable is 1.00 kN/m"),
+    ],
+)
+def test_why_a_wanted_stiffness_is_not_to_be_had_contradicts_nothing(wanted, told):
+    assert why_not_wanted(wanted, 1000.0).startswith(told)
+
+
 def test_ends_of_searches_are_no_limits_and_margins_are_rounded_down():
     """A lighter tool and a longer step than those that were tried may hold K too, and so may a larger margin."""
     stated = avc.load_problem("tool/mujoco-500hz")
@@ -289,7 +311,7 @@ def test_ends_of_searches_are_no_limits_and_margins_are_rounded_down():
     }
 
     def told(**ended):
-        document = {"simulation": found | ended, "coupling": None, "reason": "", "what_would_help": []}
+        document = {"simulation": found | ended, "coupling": None, "reason": "", "what_would_help": [], "not_used": []}
         return {row.label: row.text for row in tool_rows(document, stated)}["The same K holds"]
 
     assert told() == (

@@ -28,8 +28,8 @@ class Follower(Device):
     those of the leader, forces at the leader `force_scale` times those of the follower.
 
     Attributes:
-        delay_s: of a message from the leader, [shortest, longest].
-        return_delay_s: of one from the follower; None: as the other way.
+        delay_s: of a message from the leader, [shortest, longest]; at most 64 samples of the faster device.
+        return_delay_s: of one from the follower, at most as long; None: as the other way.
         jitter: share of the delay by which single messages are late or early, in trials.
         lost_share: share of messages that are lost, in trials.
         architecture: position-position: both are coupled to the other's position; position-force: the follower is, and

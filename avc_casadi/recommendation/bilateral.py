@@ -19,6 +19,7 @@ from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.tool_impedance import Felt, rendered_follower
+from avc_casadi.recommendation.virtual_tool import why_not_wanted
 from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
 from avc_casadi.simulation.population.operators import people_of
 
@@ -272,10 +273,20 @@ def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, tria
             else "the stiffest that keeps its margin without local dampers"
         )
         return f"{what}, all hands settled"
+    if trial is None and wanted is not None:
+        return why_not_wanted(wanted, stiffest.stiffness_n_per_m)
     if trial is None:
-        asked = "" if wanted is None else f"{quantity(wanted, unit)} is wanted; "
-        return f"{asked}the stiffest coupling that is stable is {limit}"
-    return f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the softest coupling that was tried"
+        return f"the stiffest coupling that is stable is {limit}"
+    name, settled = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
+    found = (
+        f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the softest coupling that was tried; "
+        f"hardest for them: {name}, {int(settled.sum())} settle"
+    )
+    if _least_damping(required_follower(problem)) > 0:
+        return found
+    return (
+        f"{found}; the follower has no damping of its own, and swings long on a soft spring: damp it, or ask for more K"
+    )
 
 
 def _assumed(problem: Problem) -> list[str]:

@@ -236,13 +236,27 @@ def why_infeasible(problem: Problem, search: ToolSearch) -> str:
             "(dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier tool, an "
             "implicit integrator"
         )
-    return "no spring and damper is stable with every hand, released, tool and contact: see what would help"
+    return "no spring and damper is stable with every hand, released, tool and contact"
+
+
+def why_not_wanted(wanted_n_per_m: float, limit_n_per_m: float) -> str:
+    """Return why a wanted stiffness is not to be had.
+
+    Args:
+        wanted_n_per_m: of the file.
+        limit_n_per_m: the stiffest that is stable.
+    """
+    asked, most = (quantity(one, N_PER_M) for one in (wanted_n_per_m, limit_n_per_m))
+    if wanted_n_per_m == 0:
+        return f"{asked} is wanted, which couples nothing: leave {spoken_key('stiffness_n_per_m')} out for the stiffest"
+    if wanted_n_per_m > limit_n_per_m:
+        return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
+    return f"{asked} is wanted, and no damper makes that stable, though a stiffer coupling, {most}, is stable"
 
 
 def _why_none(problem: Problem, wanted: float | None, limit: float, trial: ToolTrial | None) -> str:
     if wanted is not None and trial is None:
-        asked, most = (quantity(one, N_PER_M) for one in (wanted, limit))
-        return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
+        return why_not_wanted(wanted, limit)
     if trial is None:
         return "no damper keeps every loop stable"
     name, fewest = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))

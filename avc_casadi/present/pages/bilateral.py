@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
 from avc_casadi._util.units import FORCE, METRE, NEWTON
-from avc_casadi.present.pages.virtual_tool import gain_margin_text, not_used_rows, span
+from avc_casadi.present.pages.virtual_tool import gain_margin_text, inertia_text, not_used_rows, span
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
@@ -175,10 +175,7 @@ def bilateral_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
     ]
     if found["felt"]:
         slow = found["felt"][0]
-        told = (
-            f"feels like {quantity(slow['mass_kg'], unit('kg'))} with a drag of "
-            f"{quantity(slow['drag_ns_per_m'], unit('N.s/m'))} at {slow['frequency_hz']:g} Hz"
-        )
+        told = f"feels like {inertia_text(slow, problem)}"
         rows.append(Row("Free motion", told, Mark.CAUTION if slow["free_error"] > _DRAGS else Mark.NONE))
     mode, margin = found["least_damped"], found["gain_margin"]
     stable = f"all hands and released, free to {_touched(problem)}, {found['loops']} loops; {gain_margin_text(margin)}"

@@ -64,7 +64,9 @@ def _method(name: str, gains: dict[str, Any], document: dict[str, Any]) -> Row:
         mark = Mark.FAIL if not check["agree"] else Mark.CAUTION if check["partings"] else mark
     elif missing:
         why = gains["reason"][missing[0]]
-        told += f"; at {quantity(document['frequency_hz'][missing[0]], 'Hz')} it {why}"
+        # A closed form asks for something; of an optimum a sentence tells what cannot be met.
+        who = "it " if why.startswith("asks") else ""
+        told += f"; at {quantity(document['frequency_hz'][missing[0]], 'Hz')} {who}{why}"
     return Row(name.replace("-", " ").capitalize(), told, mark)
 
 

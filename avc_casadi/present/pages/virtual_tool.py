@@ -158,12 +158,23 @@ def felt_rows(felt: list[dict[str, Any]], pressed_n_per_m: float | None, problem
     moved = felt[0]
     if moved["mass_kg"] is not None:
         errors = ", ".join(f"{percent(one['free_error'])} at {one['frequency_hz']:g} Hz" for one in felt)
-        told = (
-            f"{quantity(moved['mass_kg'], unit('kg'))} with a drag of "
-            f"{quantity(moved['drag_ns_per_m'], unit('N.s/m'))}; impedance error {errors}"
-        )
+        told = f"{inertia_text(moved, problem)}; impedance error {errors}"
         rows.append(Row("Free motion", told, Mark.CAUTION if moved["free_error"] > _DRAGS else Mark.NONE))
     return rows
+
+
+def inertia_text(felt: dict[str, Any], problem: Problem) -> str:
+    """Return what a handle that moves freely feels like: a mass, or where it pulls back a spring, and a drag.
+
+    Args:
+        felt: at one frequency, of the `recommend` document.
+        problem: for its units.
+    """
+    unit, mass = problem.units.unit, felt["mass_kg"]
+    what = quantity(mass, unit("kg"))
+    if mass < 0:
+        what = f"a spring of {quantity(-mass * (2 * math.pi * felt['frequency_hz']) ** 2, unit('N/m'))}"
+    return f"{what} with a drag of {quantity(felt['drag_ns_per_m'], unit('N.s/m'))} at {felt['frequency_hz']:g} Hz"
 
 
 def _stability(document: dict[str, Any], problem: Problem) -> Row:
@@ -231,7 +242,8 @@ def _limit(document: dict[str, Any], problem: Problem) -> Row:
         f"; {one['change']} {quantity(one['stiffest_n_per_m'], unit)}"
         for one in document["what_would_help"][:_MOST_HELPS]
     )
-    return Row("Linear limit", f"K {quantity(document['simulation']['stiffest_n_per_m'], unit)}{helps}")
+    stiffest = document["simulation"]["stiffest_n_per_m"]
+    return Row("Linear limit", f"{f'K {quantity(stiffest, unit)}' if stiffest else 'no K is stable'}{helps}")
 
 
 def _all(document: dict[str, Any], problem: Problem) -> list[str]:
