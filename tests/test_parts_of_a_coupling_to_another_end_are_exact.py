@@ -9,7 +9,6 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.claims.stability.tool_loop import ToolLoops, contact_stiffnesses_n_per_m
 from avc_casadi.design import tool_region as _region
-from avc_casadi.design.virtual_tool import CouplingSearch, Scale
 from avc_casadi.model.bilateral_loop import BilateralLoop, link_clocks
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks, driven_plant
@@ -166,31 +165,6 @@ def test_the_region_reckons_with_the_lightest_device_and_its_own_damping(monkeyp
     assert max(curve["stiffness_n_per_m"]) > min(curve["stiffness_n_per_m"])
     told = [curve[f"stiffest_{key}"] for key in ("n_per_m", "with_ns_per_m", "with_local_ns_per_m")]
     assert told == [1234.0, 5.0, 6.0]
-
-
-@pytest.mark.parametrize("narrow", np.geomspace(8.0, 90.0, 9).tolist())
-def test_the_stiffest_coupling_is_the_top_of_the_highest_hump_over_its_dampers(narrow):
-    """A wide hump of 5 kN/m about 14 N.s/m, and one of 9 kN/m a third of B wide, wherever it lies."""
-
-    def limit(b, top=1.0):
-        apart = abs(math.log(b / narrow)) / math.log(1.2)
-        return max(5e3 * math.exp(-abs(math.log(b / 3))), top * 9e3 * 0.5**apart)
-
-    def search(top):
-        loops = SimpleNamespace(stable=lambda one: one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top))
-        return CouplingSearch(loops, Scale(0.12, 0.8, T, 1e-2))
-
-    found = search(1.0).stiffest()
-    assert 0.97 * 9e3 < found.stiffness_n_per_m <= 9e3
-    assert found.damping_ns_per_m == pytest.approx(narrow, rel=0.02)
-    lower = search(0.3).stiffest()
-    assert 0.97 * 5e3 < lower.stiffness_n_per_m <= 5e3
-    # K and B grow together: over B, the least of K with any factor up to 1.5.
-    dampers = np.geomspace(1e-3, 120.0, 20000)
-    wanted = max(min(limit(f * b) / f for f in (1.0, math.sqrt(1.5), 1.5)) for b in dampers)
-    safe = search(1.0).stiffest_with_margin(found, 1.5, local=False)
-    assert 0.93 * wanted < safe <= 1.001 * wanted
-    assert wanted < found.stiffness_n_per_m / 1.5
 
 
 def tried(lean, free, first, wanted=None):

@@ -1,5 +1,8 @@
 """The lifted loop of a device and an engine's tool: against a plain simulation, and a published table of limits."""
 
+import math
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from engine_simulator import EngineSimulator
@@ -9,7 +12,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.stability.tool_loop import ToolLoops
-from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.lifted_loop import ToolGains, clocks
 
@@ -132,3 +135,28 @@ def test_clock_covers_its_period(ratio):
     for clock in clocks(ratio * 1e-3, 1e-3):
         assert sum(clock.samples) / len(clock.samples) == pytest.approx(ratio, abs=1 / 16)
         assert len(clock.samples) <= 8
+
+
+@pytest.mark.parametrize("narrow", np.geomspace(8.0, 90.0, 9).tolist())
+def test_the_stiffest_coupling_is_the_top_of_the_highest_hump_over_its_dampers(narrow):
+    """A wide hump of 5 kN/m about 14 N.s/m, and one of 9 kN/m a third of B wide, wherever it lies."""
+
+    def limit(b, top=1.0):
+        apart = abs(math.log(b / narrow)) / math.log(1.2)
+        return max(5e3 * math.exp(-abs(math.log(b / 3))), top * 9e3 * 0.5**apart)
+
+    def search(top):
+        loops = SimpleNamespace(stable=lambda one: one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top))
+        return CouplingSearch(loops, Scale(0.12, 0.8, 1e-3, 1e-2))
+
+    found = search(1.0).stiffest()
+    assert 0.97 * 9e3 < found.stiffness_n_per_m <= 9e3
+    assert found.damping_ns_per_m == pytest.approx(narrow, rel=0.02)
+    lower = search(0.3).stiffest()
+    assert 0.97 * 5e3 < lower.stiffness_n_per_m <= 5e3
+    # K and B grow together: over B, the least of K with any factor up to 1.5.
+    dampers = np.geomspace(1e-3, 120.0, 20000)
+    wanted = max(min(limit(f * b) / f for f in (1.0, math.sqrt(1.5), 1.5)) for b in dampers)
+    safe = search(1.0).stiffest_with_margin(found, 1.5, local=False)
+    assert 0.93 * wanted < safe <= 1.001 * wanted
+    assert wanted < found.stiffness_n_per_m / 1.5
