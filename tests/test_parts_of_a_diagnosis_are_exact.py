@@ -237,9 +237,8 @@ def test_a_resonance_that_nobody_declared_has_to_be_worth_its_three_numbers(mode
 def test_a_tremor_is_taken_for_a_delay_and_for_nothing_else(cause, verdict, monkeypatch):
     """A fifth of a millimetre at 9 Hz in a loop that a delay explains: a hand trembles so of its own."""
     found = swing(0, 3000, hertz=9.0, size=2e-4)
-    measured = SimpleNamespace(
-        frequency_hz=9.0, growth_per_s=0.1, misfit=1.0, delay_samples=1.2, declared_delay_samples=1.0
-    )
+    measured = SimpleNamespace(frequency_hz=9.0, growth_per_s=0.1, misfit=1.0)
+    measured.delay_samples, measured.declared_delay_samples, measured.delay_error_samples = 1.2, 1.0, 0.02
     plain = {"settled": lambda asked, *_: asked, "unlimited": lambda *_: False, "_together": lambda _: None}
     plain |= {"shares_of": lambda _: {cause: 1.0}, "_measured": lambda *_: measured, "remedies_of": lambda *_: ()}
     plain |= {"_likeliest": lambda *_: (None, SimpleNamespace(at_end=())), "measured_sentences": lambda *_: []}

@@ -138,6 +138,9 @@ def _diagnosed(
     another = _by_another_law(judge, law, grid, swing, declared, seed, progress)
     if another is not None:
         return another
+    moved = judge.moves_on()
+    if moved is not None:
+        return moved
     if law is None or not law.told:
         return judge.without_model()
     with progress.step("device and hand"):

@@ -134,7 +134,11 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
         f"from position to motion {number(measured.delay_samples, 3)} +- {number(measured.delay_error_samples, 1)} "
         f"samples of delay beside the hold; {known} {number(measured.declared_delay_samples, 3)}"
     )
-    if measured.delay_error_samples > declared.delay_prior()[1] / 2:
+    beyond = max(
+        measured.delay_samples - measured.declared_delay_samples,
+        measured.least_declared_delay_samples - measured.delay_samples,
+    )
+    if measured.delay_error_samples > max(declared.delay_prior()[1], beyond) / 2:
         low, high = declared.device.range.delay_samples or (measured.declared_delay_samples,) * 2
         late = f"the log does not tell the delay; {known} {number(low, 3)} to {number(high, 3)} samples"
     lines = [late]

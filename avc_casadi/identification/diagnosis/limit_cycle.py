@@ -95,18 +95,36 @@ def _pushed(log: Log, turns: IndexArray) -> BoolArray:
 
 # So few cycles are those of a touch, where contact continues for so long after them, and for as many of their cycles.
 _FEW_CYCLES, _AFTER_S = 8.0, 1.0
+# Least travel of an oscillation against its drift in a cycle, encoder steps.
+_BACK_STEPS = 0.5
 
 
-def passes(log: Log, begins_s: float, ends_s: float, last: int, hertz: float) -> bool:
+def passes(log: Log, first: int, last: int, hertz: float) -> bool:
     """Return whether a few cycles, as of a touch, are followed by long contact.
 
     Args:
         log: on its tick grid, without a tick missed.
-        begins_s: of the oscillation.
-        ends_s: of the oscillation.
+        first: sample at which the oscillation begins.
         last: sample at which it ends.
         hertz: of the oscillation.
     """
     touching = np.count_nonzero(log.force_n[last:]) * log.ticks.period_s
-    few = hertz * (ends_s - begins_s) < _FEW_CYCLES
+    few = hertz * (last - first) * log.ticks.period_s < _FEW_CYCLES
     return bool(log.ticks.missed_share == 0 and few and touching > _AFTER_S and touching * hertz > _FEW_CYCLES)
+
+
+def goes_back(log: Log, first: int, last: int, hertz: float) -> bool:
+    """Return whether a position goes back in every cycle, as that of an oscillation does.
+
+    A hand that moves a device on over friction and encoder steps brings it from one to the next, and never back.
+
+    Args:
+        log: on its tick grid.
+        first: sample at which the oscillation begins.
+        last: sample at which it ends.
+        hertz: of the oscillation.
+    """
+    moved = np.diff(log.position_m[first:last])
+    back_m = min(float(moved[moved > 0].sum()), -float(moved[moved < 0].sum()))
+    cycles = hertz * (last - first) * log.ticks.period_s
+    return not log.encoder_m or back_m > _BACK_STEPS * log.encoder_m * cycles

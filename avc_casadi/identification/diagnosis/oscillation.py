@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.identification.diagnosis.limit_cycle import CountLimitCycle, find_count_limit_cycle, passes
+from avc_casadi.identification.diagnosis.limit_cycle import CountLimitCycle, find_count_limit_cycle, goes_back, passes
 from avc_casadi.identification.diagnosis.log import Log
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
@@ -169,8 +169,8 @@ def _that_counts(found: Sequence[TracedOscillation], end: int) -> TracedOscillat
 
 
 def _passes(log: Log, swing: TracedOscillation) -> bool:
-    found = swing.found
-    return passes(log, found.begins_s, found.ends_s, swing.last, found.frequency_hz)
+    part = log, swing.first, swing.last, swing.found.frequency_hz
+    return passes(*part) or not goes_back(*part)
 
 
 def _speed(swing: TracedOscillation) -> float:

@@ -23,7 +23,7 @@ from avc_casadi.identification.diagnosis.evidence import (
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, growth_of_two_rates, worst_mode
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import Law
-from avc_casadi.identification.diagnosis.limit_cycle import passes
+from avc_casadi.identification.diagnosis.limit_cycle import goes_back, passes
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.model import Diagnosis, Measured, Remedy, Trace, Verdict
 from avc_casadi.identification.diagnosis.oscillation import LOWEST_HZ, TracedOscillation
@@ -81,7 +81,7 @@ class Judge:
                 "would end it"
             )
             return self._made("nothing wrong", said)
-        if passes(log, found.begins_s, found.ends_s, self._swing.last, found.frequency_hz):
+        if passes(log, self._swing.first, self._swing.last, found.frequency_hz):
             cycles = number(found.frequency_hz * (found.ends_s - found.begins_s), 2)
             said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it settles in contact"
             return self._made("nothing wrong", said)
@@ -159,6 +159,17 @@ class Judge:
             cures=remedies_of_two_rates(found, answers, period),
         )
 
+    def moves_on(self) -> Diagnosis | None:
+        """Return the verdict where the position never goes back, as where a hand moves it over steps and friction."""
+        swing = self._swing
+        if goes_back(self._log, swing.first, swing.last, swing.found.frequency_hz):
+            return None
+        said = (
+            f"nothing wrong: until {number(swing.found.ends_s, 3)} s a hand moves it over encoder steps and friction, "
+            "one after the other and never back"
+        )
+        return self._made("nothing wrong", said)
+
     def without_model(self) -> Diagnosis:
         """Return the verdict where no loop model can be made."""
         limit = limit_sentence(self._log)
@@ -214,6 +225,8 @@ class Judge:
             doubts.append("a hand trembles so of its own")
         if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
             doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
+        if first == "delay" and late < 2 * measured.delay_error_samples:
+            doubts.append("the log does not tell the delay well enough")
         if "delay" in fit.at_end:
             doubts.append("its delay lies at the end of what was searched, and is not found")
         if first == "encoder":
