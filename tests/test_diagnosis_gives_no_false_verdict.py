@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
+from held_device import held_log
 
 from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.law import find_integral, find_law
 from avc_casadi.identification.diagnosis.limit_cycle import goes_back
 from avc_casadi.identification.diagnosis.log import log_of
+from avc_casadi.identification.diagnosis.oscillation import Oscillation, TracedOscillation
+from avc_casadi.identification.diagnosis.saturation import fed
 from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
 
 T = 1e-3
 
@@ -56,3 +61,82 @@ def test_an_oscillation_goes_back_in_every_cycle(back, goes):
     time = T * np.arange(counts.size)
     log, _ = log_of(Columns("log", time, step * counts, -1.0 - 4000 * step * counts))
     assert goes_back(log, 0, counts.size, 25.0) == goes
+
+
+DEVICE = Device(
+    mass_kg=0.2,
+    damping_ns_per_m=0.8,
+    coulomb_friction_n=0.02,
+    delay_samples=1,
+    encoder_resolution_m=2e-5,
+    max_force_n=8.0,
+    sample_time_s=T,
+)
+
+
+def controller(integral):
+    """Return a spring and damper with an integral term."""
+    summed = [0.0]
+
+    def law(_, seen, speed):
+        summed[0] += seen * T
+        return -300 * seen - 2 * speed - integral * summed[0]
+
+    return law
+
+
+def integrated(integral):
+    return held_log(
+        controller(integral), mass=0.2, damping=0.8, friction=0.02, ticks=3000, delay=1, start=3e-3, limit=8.0
+    )
+
+
+@pytest.mark.parametrize("integral", [5000.0, 6000.0, 9000.0])
+def test_a_loop_that_an_integral_term_makes_run_away_is_not_said_to_die_away(integral):
+    """It slows down at the force limit, below the frequencies at which it began."""
+    log = integrated(integral)
+    assert np.ptp(log.position_m[-1000:]) > 10 * np.ptp(log.position_m[:1000])
+    found = diagnose(log, device=DEVICE)
+    assert found.verdict == "cannot tell"
+    assert "integral term" in found.conclusion
+
+
+def test_a_smaller_integral_term_lets_it_die_away():
+    log = integrated(2500.0)
+    assert np.ptp(log.position_m[-1000:]) < 0.1 * np.ptp(log.position_m[:1000])
+    assert diagnose(log, device=DEVICE).verdict == "nothing wrong"
+
+
+TIME = T * np.arange(3000)
+MOVED = 1e-3 * np.sin(31 * TIME) + 4e-4 * np.sin(57 * TIME + 1)
+
+
+def test_an_integral_term_is_read_from_the_changes_of_the_force():
+    speed = np.diff(MOVED, prepend=MOVED[0]) / T
+    force = 300 * MOVED + 2 * speed + 6000 * np.cumsum(MOVED) * T + 0.7
+    log, _ = log_of(Columns("log", TIME, MOVED, -force))
+    found = find_integral(log, find_law(log, None), None)
+    assert found.integral_n_per_ms == pytest.approx(6000, rel=1e-3)
+    assert (found.stiffness_n_per_m, found.damping_ns_per_m) == pytest.approx((300, 2), rel=1e-3)
+    assert found.takes_ns_per_m(5.0) == pytest.approx(6000 / (10 * np.pi) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("late", [0, 3])
+@pytest.mark.parametrize("keep", [0.0, 0.7])
+def test_a_lag_and_a_velocity_filter_are_no_integral_term(late, keep):
+    speed, filtered = np.diff(MOVED, prepend=MOVED[0]) / T, np.zeros(TIME.size)
+    for tick in range(1, TIME.size):
+        filtered[tick] = keep * filtered[tick - 1] + (1 - keep) * speed[tick]
+    force = np.roll(300 * MOVED + 2 * filtered, late)
+    log, _ = log_of(Columns("log", TIME, MOVED, -force))
+    assert find_integral(log, find_law(log, None), None) is None
+
+
+@pytest.mark.parametrize(("growth", "feeds"), [(0.0, False), (2.0, True)])
+def test_a_spring_does_no_work_in_whole_cycles(growth, feeds):
+    """A hand that starts in the wall and ends outside takes back what it put into the spring before the log began."""
+    position = 0.01 * np.cos(2 * np.pi * 0.9 * TIME)
+    force = 300 * position - growth * np.diff(position, prepend=position[0]) / T
+    log, _ = log_of(Columns("log", TIME, position, -force))
+    swing = TracedOscillation(Oscillation("irregular"), 0, TIME.size, position, position)
+    assert fed(log, swing, DEVICE) == feeds

@@ -15,9 +15,15 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, N_PER_M, NEWTON, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.causes import weigh
-from avc_casadi.identification.diagnosis.evidence import felt, law_sentence, oscillation_sentence, ticks_sentence
+from avc_casadi.identification.diagnosis.evidence import (
+    felt,
+    integral_sentence,
+    law_sentence,
+    oscillation_sentence,
+    ticks_sentence,
+)
 from avc_casadi.identification.diagnosis.intended import Declared, law_differs, other_unit
-from avc_casadi.identification.diagnosis.law import Law, find_law, without_repeats
+from avc_casadi.identification.diagnosis.law import Law, find_integral, find_law, without_repeats
 from avc_casadi.identification.diagnosis.log import Log, log_of
 from avc_casadi.identification.diagnosis.model import Diagnosis
 from avc_casadi.identification.diagnosis.oscillation import TracedOscillation, find_oscillation
@@ -122,8 +128,12 @@ def _diagnosed(
             file=columns.file,
             key="force",
         )
+    integral = find_integral(grid, law, declared.device.max_force_n)
     evidence = [oscillation_sentence(swing.found, felt(grid, swing, declared)), ticks_sentence(grid.ticks, declared)]
-    if law is None:
+    if integral is not None:
+        law = None
+        evidence.append(integral_sentence(integral))
+    elif law is None:
         evidence.append(
             f"the {FORCE} tells of no spring and no damper" if grid.force_n.any() else f"no {FORCE} is commanded"
         )
@@ -132,7 +142,7 @@ def _diagnosed(
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
     unit = other_unit(grid, swing.found, law, declared, coupling, stiffness_n_per_m)
     judge = Judge(grid, swing, law, declared, evidence, [*declared.notes, *notes])
-    early = judge.at_once() or judge.in_another_unit(unit) or judge.jumps()
+    early = judge.at_once() or judge.in_another_unit(unit) or judge.jumps() or judge.integrates(integral)
     if early is not None:
         return early
     another = _by_another_law(judge, law, grid, swing, declared, seed, progress)

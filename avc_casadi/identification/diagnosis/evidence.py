@@ -12,7 +12,7 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, KG, MASS, MM, N_PER_M, NEWTON, NS_PER_M, UM, Wording, spoken_key
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.intended import Declared
-from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.law import IntegralTerm, Law
 from avc_casadi.identification.diagnosis.log import Log, Ticks
 from avc_casadi.identification.diagnosis.model import Measured
 from avc_casadi.identification.diagnosis.oscillation import Oscillation, TracedOscillation
@@ -124,6 +124,15 @@ def law_sentence(law: Law, sample_time_s: float) -> str:
         f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} {N_PER_M} and b = "
         f"{number(law.damping_ns_per_m, 3)} {NS_PER_M}{filtered}{late}, which is the {FORCE} to "
         f"{number(max(100 * law.misfit, 0.1), 2)} %"
+    )
+
+
+def integral_sentence(found: IntegralTerm) -> str:
+    """Describe a force with an integral term."""
+    return (
+        f"the computer rendered k = {number(found.stiffness_n_per_m, 4)} {N_PER_M}, b = "
+        f"{number(found.damping_ns_per_m, 3)} {NS_PER_M} and an integral term of "
+        f"{number(found.integral_n_per_ms, 3)} {N_PER_M} in a second"
     )
 
 

@@ -85,7 +85,7 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
     if size == 0:
         return None
     limit = size if limit_n is None else min(size, limit_n)
-    touching = np.abs(force) > 1e-9 * size
+    touching = log.touching
     # Besides the largest force, possibly a limit, the last sample before saturation is left in. Where the position
     # toggles between two steps, the largest force belongs to one of them.
     top = np.abs(force) >= 0.9999 * limit
@@ -155,6 +155,60 @@ def _fit(
     b = (float(values[1]) - k * keep) * period / (1 - keep)
     wall = middle - float(values[2]) / (1 - keep) / k if k else math.nan
     return Law(k, b, keep, lag, wall, max(left, 1e-12), int(rows.size))
+
+
+# Least share of the changes of a force that come of its integral term.
+_INTEGRATES = 0.02
+
+
+@dataclass(frozen=True)
+class IntegralTerm:
+    """F = k x + b dx/dt + i sum(x) T + a constant.
+
+    Attributes:
+        stiffness_n_per_m: k.
+        damping_ns_per_m: b.
+        integral_n_per_ms: i.
+    """
+
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+    integral_n_per_ms: float
+
+    def takes_ns_per_m(self, frequency_hz: float) -> float:
+        """Return the damping that the integral term takes at a frequency: i / omega^2, a quarter turn late."""
+        return self.integral_n_per_ms / (2 * math.pi * frequency_hz) ** 2
+
+
+def find_integral(log: Log, law: Law | None, limit_n: float | None) -> IntegralTerm | None:
+    """Return the integral term of a force that is no exact law of spring and damper, or None.
+
+    The changes of the force from tick to tick are fitted, so that neither where the integral begins nor what becomes of
+    it at the force limit matters.
+
+    Args:
+        log: on its tick grid.
+        law: its spring and damper.
+        limit_n: force limit of the device, None where none was declared.
+    """
+    size = np.abs(log.force_n)
+    if law is None or law.misfit < _EXACT:
+        return None
+    whole = log.ran & log.touching & (size < 0.9999 * min(float(size.max()), limit_n or math.inf))
+    rows = np.flatnonzero(whole[2:] & whole[1:-1] & log.ran[:-2]) + 2
+    if rows.size < _FEWEST:
+        return None
+    position, period = log.position_m, log.ticks.period_s
+    moved = np.diff(position, prepend=position[0])
+    plain = np.stack([moved[rows], moved[rows] - moved[rows - 1], np.ones(rows.size)], axis=1)
+    changes = log.force_n[rows] - log.force_n[rows - 1]
+    here = position[rows] - position[rows].mean()
+    without = regression(plain, changes)[1]
+    (k, rate, _, integral), left, rank = regression(np.column_stack([plain, here]), changes)
+    share = abs(integral) * float(np.std(here)) / (float(np.std(changes)) or math.inf)
+    if rank < 4 or left > min(TOLD * float(np.std(changes)), _BETTER * without) or share < _INTEGRATES:
+        return None
+    return IntegralTerm(float(k), float(rate) * period, float(integral) / period)
 
 
 # A law of fewer samples does not judge others, nor one with hardly a smaller residual than that of all of them.

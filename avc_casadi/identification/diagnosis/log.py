@@ -58,6 +58,7 @@ class Log:
         encoder_m: lattice step of the positions, 0 without one.
         start_s: time of the first sample.
         reach_m: travel of the hand per unit of position: 1, or the handle radius of a rotary device.
+        outside_n: constant force outside contact, as of a weight that is compensated.
     """
 
     name: str
@@ -70,6 +71,12 @@ class Log:
     encoder_m: float
     start_s: float
     reach_m: float = 1.0
+    outside_n: float = 0.0
+
+    @property
+    def touching(self) -> BoolArray:
+        """Whether each tick is in contact, by its force, shape (n,)."""
+        return np.asarray(np.abs(self.force_n - self.outside_n) > 1e-9 * float(np.abs(self.force_n).max(initial=0.0)))
 
     @property
     def time_s(self) -> FloatArray:

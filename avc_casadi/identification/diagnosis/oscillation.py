@@ -107,7 +107,10 @@ def find_oscillation(log: Log) -> TracedOscillation:
     if fast.sustained and fast.frequency_hz > _CYCLES_OF_A_WINDOW / _WINDOW_S:
         return found
     slow = _found_in_longer_windows(log)
-    goes_on = slow.found.kind in {"limit cycle", "growing"} and not slow.found.steps < _FAR_STEPS
+    # What runs away gets slower at the force limit, and leaves the frequencies at which it began.
+    lasts = fast.kind == "decaying" and (log.position_m.size - found.last) * log.ticks.period_s < _WINDOW_S
+    slower = lasts and slow.found.kind == "irregular" and _speed(slow) > _speed(found)
+    goes_on = (slow.found.kind in {"limit cycle", "growing"} and not slow.found.steps < _FAR_STEPS) or slower
     beside = fast.sustained and not _passes(log, found) and _speed(found) > _speed(slow)
     return slow if goes_on and not beside else found
 
@@ -273,7 +276,7 @@ def _measured(
             growth_error_per_s=error,
             begins_s=log.start_s + begins * period,
             ends_s=log.start_s + last * period,
-            contact_share=float(np.mean(force != 0)),
+            contact_share=float(np.mean(log.touching[stretch])),
             at_rest_m=_rms(fast[: max(begins, 1)]),
         ),
         begins,
@@ -299,7 +302,7 @@ def _toggled(log: Log, fast: FloatArray, toggling: CountLimitCycle) -> TracedOsc
             steps=toggling.steps,
             begins_s=log.start_s + first * period,
             ends_s=log.start_s + last * period,
-            contact_share=float(np.mean(force != 0)),
+            contact_share=float(np.mean(log.touching[first:last])),
             at_rest_m=_rms(fast[: max(first, 1)]),
         ),
         first,

@@ -76,7 +76,8 @@ def fed(log: Log, swing: TracedOscillation, device: Device) -> bool:
     """Return whether the commanded force does the work that sustains an oscillation, rather than a hand.
 
     In a self-sustained oscillation the force does the work that damping and friction dissipate; where a hand moves the
-    device in a wall, the force absorbs work, or does no more than by its delay. The threshold is half of it.
+    device in a wall, the force absorbs work, or does no more than by its delay. The threshold is half of it. Only over
+    whole cycles does a spring give back what it took.
 
     Args:
         log: on its tick grid.
@@ -84,9 +85,14 @@ def fed(log: Log, swing: TracedOscillation, device: Device) -> bool:
         device: as declared, or assumed.
     """
     late = round(float(device.delay_samples))
-    part = slice(swing.first + late, swing.last)
+    above = log.position_m[swing.first : swing.last] > log.position_m[swing.first : swing.last].mean()
+    rises = swing.first + np.flatnonzero(above[1:] & ~above[:-1]) + 1
+    if rises.size < 2:
+        return False
+    first, last = int(rises[0]), int(rises[-1])
+    part = slice(first, last + 1)
     moved = np.diff(log.position_m[part])
-    acts = -log.force_n[swing.first : swing.last - late][:-1]
+    acts = -log.force_n[np.maximum(np.arange(first, last) - late, 0)]
     speed = moved / log.ticks.period_s
     takes = float(np.sum(device.damping_ns_per_m * speed * moved + device.coulomb_friction_n * np.abs(moved)))
     return float(np.sum(acts * moved)) > takes / 2

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, NEWTON, Wording
+from avc_casadi._util.units import FORCE, NEWTON, NS_PER_M, Wording
 from avc_casadi.identification.diagnosis.causes import CAUSES, OTHER, Asked, shares_of
 from avc_casadi.identification.diagnosis.counterfactual import doubts_of_encoder, settled
 from avc_casadi.identification.diagnosis.evidence import (
@@ -22,7 +22,7 @@ from avc_casadi.identification.diagnosis.evidence import (
 )
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, growth_of_two_rates, worst_mode
 from avc_casadi.identification.diagnosis.intended import Declared
-from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.identification.diagnosis.law import IntegralTerm, Law
 from avc_casadi.identification.diagnosis.limit_cycle import goes_back, passes
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.model import Diagnosis, Measured, Remedy, Trace, Verdict
@@ -108,6 +108,18 @@ class Judge:
             "length; let it grow with the depth (k below its limit), or keep it on through the whole cycle"
         )
         return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
+
+    def integrates(self, found: IntegralTerm | None) -> Diagnosis | None:
+        """Return the verdict where the force integrates the position, of which no loop model is made."""
+        if found is None:
+            return None
+        hertz = self._swing.found.frequency_hz
+        takes, has = found.takes_ns_per_m(hertz), found.damping_ns_per_m
+        said = (
+            f"cannot tell: the {FORCE} has an integral term, which at {number(hertz, 3)} Hz takes {number(takes, 3)} "
+            f"{NS_PER_M} of damping and the {FORCE} gives {number(has, 3)}; no loop model is made with one"
+        )
+        return self._made("cannot tell", said, decides="the same log without the integral term, or with half of it")
 
     def relay(self, found: SwitchedForce, fits: Sequence[Fit]) -> Diagnosis | None:
         """Return the verdict where a sign switches the force, and the loop would be stable without it.
