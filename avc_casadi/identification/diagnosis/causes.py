@@ -212,7 +212,7 @@ def _share_of_way(answer: Hypothesis, mended: Hypothesis, law: Law, law_mended: 
 
 def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:
     """Return whether the contact before was too long for this growth rate: something has changed."""
-    touching = np.flatnonzero(log.force_n)
+    touching = np.flatnonzero(log.touching)
     rested = found.begins_s - log.time_s[touching[0]] if touching.size else 0.0
     return bool(rested * growth_per_s > _TOO_LONG)
 

@@ -23,7 +23,7 @@ from avc_casadi.identification.diagnosis.evidence import (
     ticks_sentence,
 )
 from avc_casadi.identification.diagnosis.intended import Declared, law_differs, other_unit
-from avc_casadi.identification.diagnosis.law import Law, find_integral, find_law, without_repeats
+from avc_casadi.identification.diagnosis.law import Law, find_integral, find_law, with_outside_force, without_repeats
 from avc_casadi.identification.diagnosis.log import Log, log_of
 from avc_casadi.identification.diagnosis.model import Diagnosis
 from avc_casadi.identification.diagnosis.oscillation import TracedOscillation, find_oscillation
@@ -116,7 +116,10 @@ def _diagnosed(
             f"{NEWTON}"
         )
         notes = [*notes, f"{said}, beyond which it may not have acted: is the limit, or a unit, another one?"]
-    grid = without_repeats(grid, declared.device.max_force_n)
+    grid = without_repeats(with_outside_force(grid, declared.device.max_force_n), declared.device.max_force_n)
+    if grid.outside_n:
+        said = f"a constant {FORCE} of {number(-grid.outside_n, 3)} {NEWTON} stands outside contact"
+        notes = [*notes, f"{said}: a weight that is compensated, or an offset of that column"]
     with progress.step("oscillation"):
         swing = limited(grid, find_oscillation(grid), declared.device.max_force_n)
     law = find_law(grid, declared.device.max_force_n)

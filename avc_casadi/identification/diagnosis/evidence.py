@@ -12,10 +12,11 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, KG, MASS, MM, N_PER_M, NEWTON, NS_PER_M, UM, Wording, spoken_key
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.intended import Declared
-from avc_casadi.identification.diagnosis.law import IntegralTerm, Law
+from avc_casadi.identification.diagnosis.law import IntegralTerm, Law, output_step_n
 from avc_casadi.identification.diagnosis.log import Log, Ticks
 from avc_casadi.identification.diagnosis.model import Measured
 from avc_casadi.identification.diagnosis.oscillation import Oscillation, TracedOscillation
+from avc_casadi.identification.diagnosis.saturation import force_limit
 from avc_casadi.simulation.population.motions import felt_vibration, threshold_m
 
 # An encoder that toggles between two counts moves by no more steps.
@@ -69,9 +70,9 @@ _DECIDES = {
 _FILE = ", or the device's file (--device)"
 # A force saturated for less than this share of the oscillation hardly bounds it.
 _CUT = 0.02
-# The largest force is a limit where it recurs: in so many samples, rarely and mostly with a new count, or in so large a
-# share of the contact.
-_TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN = 0.999, 8, 0.9, 0.3, 0.3
+# At a limit to which a count takes the force at once, it is seldom, and far below it a sample before.
+_TOP, _FEW, _NEARLY_ALL, _SELDOM, _OFTEN, _FAR_BELOW = 0.999, 8, 0.9, 0.3, 0.3, 0.5
+_FEWEST_LEVELS = 20
 
 
 def oscillation_sentence(found: Oscillation, felt: float) -> str:
@@ -214,27 +215,42 @@ def _rests(measured: Measured) -> str:
     return "the loop settles" if grows < 0 else f"it would hardly grow, by {number(grows, 2)} 1/s"
 
 
-def limit_sentence(log: Log) -> str:
-    """Describe how force saturation hides the behaviour beyond it; empty where it hides little."""
-    size = np.abs(log.force_n)
-    top = np.flatnonzero(size > _TOP * size.max())
-    if top.size < _FEW or size.max() == 0:
+def limit_sentence(log: Log, limit_n: float | None) -> str:
+    """Describe how force saturation hides the behaviour beyond it; empty where it hides little.
+
+    Args:
+        log: on its tick grid.
+        limit_n: force limit of the device, None where none was declared.
+    """
+    reached = force_limit(log, limit_n)
+    if reached is None:
         return ""
-    limit = number(float(size.max()), 3)
-    steps = np.abs(np.diff(log.position_m, prepend=log.position_m[0]))
-    stepped = np.mean((steps[top] > 0.5 * log.encoder_m) | (steps[top - 1] > 0.5 * log.encoder_m))
-    if log.encoder_m > 0 and stepped > _NEARLY_ALL and top.size < _SELDOM * np.count_nonzero(size):
+    size = np.abs(log.force_n)
+    at_limit = size > _TOP * reached
+    limit = number(reached, 3)
+    begins = np.flatnonzero(at_limit[1:] & ~at_limit[:-1]) + 1
+    moved = np.abs(log.position_m[begins] - log.position_m[begins - 1])
+    jumps = (moved > 0.5 * log.encoder_m) & (moved < 1.5 * log.encoder_m) & (size[begins - 1] < _FAR_BELOW * reached)
+    share = np.count_nonzero(at_limit) / np.count_nonzero(log.touching)
+    if begins.size >= _FEW and np.mean(jumps) > _NEARLY_ALL and share < _SELDOM:
         return (
             f"{CAUSES['damping']} or {CAUSES['encoder']}; whenever the count changes the {FORCE} jumps to {limit} "
             f"{NEWTON}, its limit, and what a damper would be beyond it is not in the log"
         )
-    share = top.size / np.count_nonzero(size)
     if share < _OFTEN:
         return ""
     return (
         f"the {FORCE} stands at {limit} {NEWTON}, its limit, for {100 * share:.0f} % of the contact, and what it would "
         "be beyond is not in the log"
     )
+
+
+def steps_sentence(log: Log) -> str:
+    """Describe a force that comes in few steps; empty where there are many."""
+    step_n = output_step_n(log.force_n)
+    if not np.ptp(log.force_n) < _FEWEST_LEVELS * step_n:
+        return ""
+    return f"the {FORCE} comes in steps of {number(step_n, 3)} {NEWTON}, too few to tell its spring and damper"
 
 
 def declared_resonance(measured: Measured) -> str:

@@ -157,6 +157,36 @@ def _fit(
     return Law(k, b, keep, lag, wall, max(left, 1e-12), int(rows.size))
 
 
+# So many samples have one force that is none; positions without contact lie so surely on one side of those in contact.
+_FEWEST_OUTSIDE, _ON_ONE_SIDE = 25, 0.95
+
+
+def with_outside_force(log: Log, limit_n: float | None) -> Log:
+    """Return a log with the constant force that stands outside contact, as of a weight that is compensated.
+
+    It is the commonest force, on one side of all others, without which those tell a law.
+
+    Args:
+        log: on its tick grid.
+        limit_n: force limit of the device, None where none was declared.
+    """
+    forces, counts = np.unique(log.force_n, return_counts=True)
+    outside_n = float(forces[np.argmax(counts)])
+    out = log.force_n == outside_n
+    most = float(np.abs(log.force_n).max())
+    if not outside_n or abs(outside_n) > 0.999 * min(most, limit_n or math.inf) or counts.max() < _FEWEST_OUTSIDE:
+        return log
+    free, touched = np.sort(log.position_m[out]), log.position_m[~out]
+    # Of all pairs, the share in which contact is at the larger position (Mann and Whitney).
+    above = float(np.mean(np.searchsorted(free, touched))) / free.size
+    if max(above, 1 - above) < _ON_ONE_SIDE:
+        return log
+    other = replace(log, outside_n=outside_n)
+    law, without = find_law(other, limit_n), find_law(log, limit_n)
+    better = law is not None and law.told and (without is None or law.misfit < _BETTER * without.misfit)
+    return other if better else log
+
+
 # Least share of the changes of a force that come of its integral term.
 _INTEGRATES = 0.02
 
@@ -236,14 +266,14 @@ def without_repeats(log: Log, limit_n: float | None) -> Log:
     """
     force = log.force_n
     same = np.diff(force, prepend=np.nan) == 0
-    if np.count_nonzero(same & (force != 0)) < _FEWEST_REPEATED:
+    if np.count_nonzero(same & log.touching) < _FEWEST_REPEATED:
         return log
-    size, step = float(np.abs(force).max()), _output_step_n(force)
+    size, step = float(np.abs(force).max()), output_step_n(force)
     law = find_law(replace(log, ran=log.ran & ~same), limit_n)
     if law is None or not _judges(law, find_law(log, limit_n)) or _LEVELS * step > size:
         return log
-    least = max(_LEFT * law.misfit * float(np.std(force[force != 0])), _STEPS * step, _DIGITS * size)
-    between = (force != 0) & (force > force.min()) & (force < force.max())
+    least = max(_LEFT * law.misfit * float(np.std(force[log.touching])), _STEPS * step, _DIGITS * size)
+    between = log.touching & (force > force.min()) & (force < force.max())
     if limit_n is not None:
         between &= np.abs(force) < limit_n
     telling = np.append(False, between[:-1]) & log.ran & (_change(log, law, same) > least)
@@ -267,7 +297,7 @@ def _judges(law: Law, every: Law | None) -> bool:
     return better and law.told and law.samples >= _SAMPLES and min(law.stiffness_n_per_m, law.damping_ns_per_m) >= 0
 
 
-def _output_step_n(force: FloatArray) -> float:
+def output_step_n(force: FloatArray) -> float:
     """Return the smallest distance between two forces above rounding."""
     apart = np.diff(np.unique(force))
     return float(np.min(apart[apart > _DIGITS * np.abs(force).max()], initial=np.inf))

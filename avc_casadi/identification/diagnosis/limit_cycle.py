@@ -108,7 +108,7 @@ def passes(log: Log, first: int, last: int, hertz: float) -> bool:
         last: sample at which it ends.
         hertz: of the oscillation.
     """
-    touching = np.count_nonzero(log.force_n[last:]) * log.ticks.period_s
+    touching = np.count_nonzero(log.touching[last:]) * log.ticks.period_s
     few = hertz * (last - first) * log.ticks.period_s < _FEW_CYCLES
     return bool(log.ticks.missed_share == 0 and few and touching > _AFTER_S and touching * hertz > _FEW_CYCLES)
 

@@ -51,12 +51,14 @@ class SwitchedForce:
         by: switching variable: the position, the speed, or the sign of the force itself (a minimum force).
         at_m: switching position.
         law: the spring and the damper beside it; zero where there are none.
+        band_m: to either side of that position the force is none.
     """
 
     force_n: float
     by: str
     at_m: float
     law: Law
+    band_m: float = 0.0
 
     @property
     def alone(self) -> bool:
@@ -65,8 +67,9 @@ class SwitchedForce:
 
     def sentence(self) -> str:
         """Describe the force in one sentence."""
+        band = f" by {number(self.band_m, 3)}" if self.band_m else ""
         where = {
-            "position": f"where the position crosses {number(self.at_m, 3)} {METRE}",
+            "position": f"where the position {'leaves' if band else 'crosses'} {number(self.at_m, 3)} {METRE}{band}",
             "speed": "against the motion" if self.force_n > 0 else "along the motion (friction that is compensated)",
             "force": f"with its own sign: no {FORCE} is smaller (a minimum {FORCE})",
         }[self.by]
@@ -104,6 +107,10 @@ def find_switched_force(
             "speed of the last tick": np.sign(position[rows - lag] - position[rows - lag - 1]),
             "force": np.sign(force[rows]),
         }
+        if sizes == _SIZES:
+            banded = _with_a_band(force, position, rows, lag)
+            if banded is not None:
+                return banded
         for name, sign in signs.items():
             by = name.partition(" ")[0]
             if by != "force" and sizes <= _SIZES and _follows(force[rows], sign):
@@ -129,6 +136,21 @@ def _edge(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -
         # No position lies between those of every jump.
         return float(np.median(sides))
     return 0.0 if low <= 0 <= high else (low + high) / 2
+
+
+def _with_a_band(force: FloatArray, position: FloatArray, rows: IndexArray, lag: int) -> SwitchedForce | None:
+    """Return a force of two opposite levels that is none within a band of positions, or None."""
+    levels = np.unique(force)
+    size = float(np.ptp(levels)) / 2
+    low, middle, high = (np.sort(position[rows - lag][force[rows] == level]) for level in levels)
+    if not min(low.size, middle.size, high.size) or abs(levels.sum()) > _NOTHING * size:
+        return None
+    # Of all pairs of neighbours, the shares in which the larger force is at the larger position.
+    ordered = [float(np.mean(np.searchsorted(one, other))) / one.size for one, other in ((low, middle), (middle, high))]
+    if min(ordered) < _FOLLOWS:
+        return None
+    law = Law(0.0, 0.0, 0.0, lag, 0.0, 1e-12, int(rows.size))
+    return SwitchedForce(size, "position", float(low[-1] + high[0]) / 2, law, float(high[0] - low[-1]) / 2)
 
 
 def _follows(force: FloatArray, sign: FloatArray) -> bool:

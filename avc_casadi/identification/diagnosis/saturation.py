@@ -22,6 +22,29 @@ _AGAIN, _STEPS = 0.05, 14.0
 _ABOVE, _SELDOM = 1.01, 1e-3
 
 
+# A limit recurs in so many samples, so many times more often than the usual one of as many other forces; that of an
+# output with few levels is one of them, and so is that of a relay.
+_FEW, _MORE_OFTEN, _LEVELS = 8, 5, 20
+
+
+def force_limit(log: Log, limit_n: float | None) -> float | None:
+    """Return the force limit that a log reaches, or None: the declared one, or a force that stays as positions change.
+
+    Args:
+        log: on its tick grid.
+        limit_n: of the device; None where none was declared.
+    """
+    size = np.abs(log.force_n)
+    most = float(size.max(initial=0.0))
+    if limit_n is not None and most > _TOP * limit_n:
+        return limit_n
+    top = size > _TOP * most
+    others, counts = np.unique(size[~top & log.touching], return_counts=True)
+    if top.sum() < _FEW or others.size < _LEVELS or np.ptp(log.position_m[top]) <= _ONE_COUNT * log.encoder_m:
+        return None
+    return most if top.sum() > _MORE_OFTEN * np.median(counts) else None
+
+
 def limited(log: Log, swing: TracedOscillation, limit_n: float | None) -> TracedOscillation:
     """Return an oscillation with its largest force, and the share of it in which the force saturates.
 
@@ -35,7 +58,7 @@ def limited(log: Log, swing: TracedOscillation, limit_n: float | None) -> Traced
     if swing.found.kind == "none" or not largest:
         return swing
     share = float(np.mean(size > _TOP * (largest if limit_n is None else limit_n)))
-    if limit_n is None and not (share > _AGAIN and swing.found.steps > _STEPS):
+    if limit_n is None and not (share > _AGAIN and swing.found.steps > _STEPS and force_limit(log, None)):
         share = 0.0
     return replace(swing, found=replace(swing.found, largest_force_n=largest, at_force_limit_share=share))
 

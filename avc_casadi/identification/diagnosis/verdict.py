@@ -18,6 +18,7 @@ from avc_casadi.identification.diagnosis.evidence import (
     limit_sentence,
     measured_sentences,
     named_sentence,
+    steps_sentence,
     toggles,
 )
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, growth_of_two_rates, worst_mode
@@ -184,15 +185,19 @@ class Judge:
 
     def without_model(self) -> Diagnosis:
         """Return the verdict where no loop model can be made."""
-        limit = limit_sentence(self._log)
+        limit = limit_sentence(self._log, self._declared.device.max_force_n)
         if limit:
             less = f"the same log below the {FORCE} limit: a smaller start or touch, or a quarter of both k and b"
             return self._made("cannot tell", f"cannot tell: {limit}", decides=less)
+        coarse = steps_sentence(self._log)
+        if coarse:
+            rounds = f"the same log with the {FORCE} as it is before it is rounded"
+            return self._made("cannot tell", f"cannot tell: {coarse}", decides=rounds)
         said = (
             f"cannot tell: the {FORCE} of this log is not that of a spring and a damper on its position, so that no "
             "loop model can be made"
         )
-        decides = f"a log of the position that the computer used and the {FORCE} that it commanded, tick by tick"
+        decides = "the same with a spring and a damper alone, or with the position that the law itself reads"
         return self._made("cannot tell", said, decides=decides)
 
     def judged(self, law: Law, fits: Sequence[Fit], asked: Sequence[Asked]) -> Diagnosis:
