@@ -52,6 +52,15 @@ def test_the_same_press_of_a_late_loop_that_friction_does_not_hold_is_a_delay(de
     assert abs(found.measured.delay_samples - delay) < 0.3
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize(("stiffness", "damping", "spring"), [(25000.0, 2.0, 250.0), (12000.0, 1.0, 150.0)])
+def test_a_stiff_wall_under_a_loose_grip_is_too_stiff_and_not_released(stiffness, damping, spring):
+    loop = replace(PRESS, stiffness=stiffness, damper=5.0, friction=0.02, hand_mass=1e-4)
+    found = found_of(replace(loop, hand_damping=damping, hand_stiffness=spring))
+    assert found.cause == "stiffness"
+    assert found.measured.hand["stiffness_n_per_m"] == pytest.approx(spring, rel=0.2)
+
+
 @pytest.mark.parametrize(("back", "goes"), [(0, False), (1, True), (2, True)])
 def test_an_oscillation_goes_back_in_every_cycle(back, goes):
     """Three steps on in every cycle of 40 ms, after as many back as are told."""

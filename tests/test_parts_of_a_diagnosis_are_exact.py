@@ -75,6 +75,27 @@ def test_a_hand_that_is_lighter_than_the_lightest_is_gone(mass, gone):
     assert _causes.let_go(answer, Declared.of(DEVICE, BOX, T)) == gone
 
 
+@pytest.mark.parametrize(
+    ("damping", "stiffness", "gone"), [(1.0, 150.0, False), (0.05, 250.0, False), (0.05, 20.0, True)]
+)
+def test_a_grip_holds_the_device_where_its_spring_or_its_damper_is_that_of_one(damping, stiffness, gone):
+    """Its mass is behind it; the loosest of 15 subjects had 0.3 N.s/m and 228 N/m."""
+    answer = Hypothesis(DEVICE, Hand(0.0, damping, stiffness))
+    assert _causes.let_go(answer, Declared.of(DEVICE, BOX, T)) == gone
+
+
+@pytest.mark.parametrize(("settled", "share"), [((9, 9), 1.0), ((8, 9), 0.5), ((3, 9), 1 / 3), ((1, 9), 0.0)], ids=str)
+def test_a_hand_is_missing_where_the_loop_rests_with_all_of_the_box(settled, share, monkeypatch):
+    some, all_ = settled
+    growths = np.where(np.arange(all_) < some, -1.0, 1.0)
+    monkeypatch.setattr(_causes, "worst_growth_of_hands", lambda *_: growths)
+    monkeypatch.setattr(_causes, "_changed", lambda *_: False)
+    stiff, found = replace(LAW, stiffness_n_per_m=30000.0), swing(0, 1000).found
+    shares = _causes.causes_of(Hypothesis(DEVICE, None), stiff, log(TIME, 1.0), found, Declared.of(DEVICE, BOX, T))
+    assert shares.get("let-go", 0.0) == pytest.approx(share)
+    assert sum(shares.values()) == pytest.approx(1.0)
+
+
 def test_a_law_has_no_more_lag_than_was_meant():
     late = replace(LAW, lag=3)
     assert [_causes.shorter(late, meant).lag for meant in (0.0, 1.4, 5.0)] == [0, 1, 3]

@@ -45,8 +45,9 @@ _DELAY = 0.35
 _STEPS = 14.0
 _MISSED = 0.01
 _JITTER = 0.1
-# Share of the hands of the box that must stabilise the loop for the missing hand to be the cause.
-_HELD = 0.8
+# A hand is what is missing where the loop rests with all those of the box; with a smaller share it is half of it at
+# most, and with hardly any it is not.
+_HALF, _HARDLY_ANY = 0.5, 0.2
 # Starting from one encoder step, an oscillation fills the device's travel after so many time constants.
 _TOO_LONG = 6.0
 # A larger share of the distance to stability counts as part of the cause.
@@ -155,11 +156,10 @@ def _of_even_ticks(
         return {"delay": 1.0}
     gone = 0.0
     if let_go(answer, declared):
-        held = worst_growth_of_hands(answer, law, declared.box())
-        gone = 1.0 if _changed(log, found, even.growth_per_s) else float(np.mean(held < 0))
-        gone = 1.0 if gone >= _HELD else gone if gone > 1 - _HELD else 0.0
-        if gone == 1:
+        held = float(np.mean(worst_growth_of_hands(answer, law, declared.box()) < 0))
+        if held == 1 or _changed(log, found, even.growth_per_s):
             return {"let-go": 1.0}
+        gone = min(held, _HALF) if held > _HARDLY_ANY else 0.0
     left = _declared_itself(answer, law)
     # Neither the declared rate or delay nor a lower gain stabilises the loop alone: each has the share that it
     # contributes.
@@ -218,12 +218,15 @@ def _changed(log: Log, found: Oscillation, growth_per_s: float) -> bool:
 
 
 def let_go(answer: Hypothesis, declared: Declared) -> bool:
-    """Return whether hardly any hand holds the device."""
+    """Return whether hardly any hand holds the device: neither a mass on it nor a grip."""
     hand, box = answer.hand, declared.hands
     if hand is None:
         return True
-    light = float(hand.mass_kg) < _LIGHT * box.mass_kg[0]
-    return declared.known and light and float(hand.damping_ns_per_m) < _LOOSE * box.damping_ns_per_m[0]
+    mass, damping, stiffness = hand.values(0).values()
+    if mass == 0:
+        least_damping, least_stiffness = (ends[0] for ends in declared.grip())
+        return declared.known and damping < _LOOSE * least_damping and stiffness < _LOOSE * least_stiffness
+    return declared.known and mass < _LIGHT * box.mass_kg[0] and damping < _LOOSE * box.damping_ns_per_m[0]
 
 
 def intended_period(log: Log, declared: Declared) -> float:

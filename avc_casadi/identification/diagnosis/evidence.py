@@ -11,6 +11,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, KG, MASS, MM, N_PER_M, NEWTON, NS_PER_M, UM, Wording, spoken_key
 from avc_casadi.identification.diagnosis.causes import CAUSES
+from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_growth_of_hands
 from avc_casadi.identification.diagnosis.intended import Declared
 from avc_casadi.identification.diagnosis.law import IntegralTerm, Law, output_step_n
 from avc_casadi.identification.diagnosis.log import Log, Ticks
@@ -180,7 +181,7 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
     return lines
 
 
-def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared: Declared) -> str:
+def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared: Declared, answer: Hypothesis) -> str:
     """Describe the cause and the reasons for it."""
     words = CAUSES[cause]
     smallest = "is more than the loop bears, and less of it is the smallest change that makes it settle"
@@ -192,12 +193,23 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared:
         "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} {N_PER_M} {smallest}",
         "encoder": f"the loop settles without steps of {number(1e6 * log.encoder_m, 3)} {UM}, and swings with them",
         "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it settles",
-        "let-go": f"no hand holds the device; with a hand of {_box(declared)} on it the loop settles",
+        "let-go": _released(measured, law, declared, answer) if cause == "let-go" else "",
         "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them {_rests(measured)}",
         "rate": f"a new {FORCE} every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was intended it "
         "settles",
     }[cause]
     return f"{words}: {why}"
+
+
+def _released(measured: Measured, law: Law, declared: Declared, answer: Hypothesis) -> str:
+    """Describe what holds the device, and why a hand is missing."""
+    who = "no hand holds the device"
+    if measured.hand is not None:
+        mass, damping, _ = measured.hand.values()
+        who = f"hardly any hand holds the device, {number(mass, 2)} {KG} and {number(damping, 2)} {NS_PER_M}"
+    if (worst_growth_of_hands(answer, law, declared.box()) < 0).all():
+        return f"{who}; with a hand of {_box(declared)} on it the loop settles"
+    return f"{who}, and while it was held the loop rested"
 
 
 def _box(declared: Declared) -> str:

@@ -101,10 +101,14 @@ class Declared:
         spread = np.maximum((ends[:, 1] - ends[:, 0]) / 2, 0.4)
         return ends.mean(axis=1), spread if self.known else np.maximum(spread, 1.1)
 
+    def grip(self) -> FloatArray:
+        """Return the ranges of damping and stiffness of the grip of a hand on a stylus, shape (2, 2)."""
+        keys = ("grip_damping_ns_per_m", "grip_stiffness_n_per_m")
+        return np.asarray(self.device.metres_per_unit**2 * np.array([STYLUS_RANGES[key] for key in keys]))
+
     def grip_prior(self) -> tuple[FloatArray, FloatArray]:
         """Return centre and spread of ln damping and stiffness of the grip of a hand on a stylus."""
-        keys = ("grip_damping_ns_per_m", "grip_stiffness_n_per_m")
-        ends = np.log(self.device.metres_per_unit**2 * np.array([STYLUS_RANGES[key] for key in keys]))
+        ends = np.log(self.grip())
         return ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2
 
     def _ends(self) -> FloatArray:

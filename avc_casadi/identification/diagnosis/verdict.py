@@ -271,7 +271,7 @@ class Judge:
             self._notes.append(declared_resonance(measured))
         return self._made(
             "named",
-            named_sentence(first, measured, law, log, declared),
+            named_sentence(first, measured, law, log, declared, answer),
             cause=first,
             candidates=(first,),
             shares=shares,
