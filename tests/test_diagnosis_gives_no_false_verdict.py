@@ -149,3 +149,50 @@ def test_a_spring_does_no_work_in_whole_cycles(growth, feeds):
     log, _ = log_of(Columns("log", TIME, position, -force))
     swing = TracedOscillation(Oscillation("irregular"), 0, TIME.size, position, position)
     assert fed(log, swing, DEVICE) == feeds
+
+
+def rows_at(time):
+    return log_of(Columns("log", time, np.sin(time), np.cos(time)))[0].ticks
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.15, 0.2, 0.25, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_no_tick_is_missing_from_a_clock_whose_ticks_follow_each_other_unevenly(share, seed):
+    random = np.random.default_rng(seed)
+    steps = 4e-3 * (1 + share * random.standard_normal(2000)).clip(0.3, 1.9)
+    ticks = rows_at(np.append(0.0, np.cumsum(steps)))
+    assert ticks.missed_share == 0
+    assert ticks.sample_time_s == pytest.approx(steps.mean(), rel=1e-3)
+    assert ticks.uneven_share == pytest.approx(np.std(steps) / steps.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("missed", [0.02, 0.2, 0.5])
+@pytest.mark.parametrize("share", [0.0, 0.04, 0.08])
+def test_ticks_that_are_missing_are_counted_beside_a_clock_that_scatters(missed, share):
+    random = np.random.default_rng(7)
+    time = np.append(0.0, np.cumsum(4e-3 * (1 + share * random.standard_normal(3000))))
+    kept = np.append(True, random.random(3000) >= missed)
+    kept[-1] = True
+    ticks = rows_at(time[kept])
+    assert ticks.missed_share == pytest.approx(1 - kept.mean(), abs=0.002)
+
+
+def test_stamps_that_scatter_about_an_even_grid_keep_to_it():
+    time = 4e-3 * (np.arange(2000) + np.random.default_rng(1).uniform(-0.2, 0.2, 2000))
+    ticks = rows_at(time)
+    assert (ticks.missed_share, ticks.uneven_share) == (0, 0)
+    assert ticks.jitter_rms_s == pytest.approx(4e-3 * 0.4 / np.sqrt(12), rel=0.05)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("late", [4e-4, 8e-4])
+def test_the_loop_of_a_clock_that_is_late_each_time_is_not_told(late):
+    """By 15 % of the period in the mean the delay was read as twice what it is, and ticks as missing."""
+    log = held_log(
+        lambda _, z, u: -1500 * z - 3 * u if z > 0 else 0.0,
+        mass=0.2, damping=4.8, friction=0.02, spring=300.0, load=3.0, period=4e-3, ticks=900, delay=1, late=late,
+    )  # fmt: skip
+    found = diagnose(log)
+    assert found.ticks.missed_share == 0
+    assert ("uneven times" in found.conclusion) == (late > 5e-4)
+    assert found.cause in ({None} if late > 5e-4 else {None, "stiffness"})

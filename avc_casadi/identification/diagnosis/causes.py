@@ -44,7 +44,6 @@ _DELAY = 0.35
 # Peak-to-peak amplitude, in encoder steps, above which quantisation alone does not sustain an oscillation.
 _STEPS = 14.0
 _MISSED = 0.01
-_JITTER = 0.1
 # A hand is what is missing where the loop rests with all those of the box; with a smaller share it is half of it at
 # most, and with hardly any it is not.
 _HALF, _HARDLY_ANY = 0.5, 0.2
@@ -117,7 +116,7 @@ def shares_of(asked: Sequence[Asked]) -> dict[str, float]:
 def causes_of(answer: Hypothesis, law: Law, log: Log, found: Oscillation, declared: Declared) -> dict[str, float]:
     """Return what would stabilise a loop: first what differs from the declaration, then what was declared itself."""
     ticks = log.ticks
-    irregular = ticks.missed_share > _MISSED or ticks.jitter_rms_s > _JITTER * ticks.sample_time_s
+    irregular = ticks.missed_share > _MISSED
     even = worst_mode(answer, law)
     slower, _, late = timing(answer, law, log, declared)
     if even.stable:

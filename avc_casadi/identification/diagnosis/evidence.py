@@ -107,7 +107,9 @@ def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
     if ticks.missed_share > 0:
         how = f"did not run: the {FORCE} stays while the position moves" if ticks.repeats else "missing"
         parts.append(f"{100 * ticks.missed_share:.2g} % {how}, at most {ticks.longest_gap} in a row")
-    if ticks.jitter_rms_s > 0.02 * ticks.sample_time_s:
+    if ticks.uneven_share > 0.02:
+        parts.append(f"each {100 * ticks.uneven_share:.2g} % earlier or later after the one before")
+    elif ticks.jitter_rms_s > 0.02 * ticks.sample_time_s:
         parts.append(f"stamps scatter by {number(1e6 * ticks.jitter_rms_s, 2)} us rms")
     return ", ".join(parts)
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi.identification.encoder import encoder_step_m
 from avc_casadi.identification.record import Columns, Record
 
 # A longer step, in periods, is a pause between two records, not a row of missed ticks.
 _PAUSE = 40
+# Between steps of one period and of two there are hardly any where ticks are missing; in periods.
+_VALLEY, _TWICE, _FILLED = (1.3, 1.7), (1.7, 2.5), 0.1
 # Forces that stay over so large a share of the ticks of one kind are held on purpose.
 _HELD = 0.95
 _MOST_HELD = 8
@@ -25,9 +27,10 @@ class Ticks:
         sample_time_s: usual time from tick to tick, as logged.
         missed_share: share of the ticks that did not run.
         longest_gap: most ticks missed in a row.
-        jitter_rms_s: of the time stamps about their grid.
+        jitter_rms_s: of the time stamps about their grid, or of the times between them where that is less.
         held: logged samples for which each force is held; 2 where every other sample has a new one.
         repeats: whether ticks that did not run are rows of the log, with the force of the row before.
+        uneven_share: scatter of the time from tick to tick as a share of it, where they keep to no even grid.
     """
 
     sample_time_s: float
@@ -36,6 +39,7 @@ class Ticks:
     jitter_rms_s: float
     held: int
     repeats: bool = False
+    uneven_share: float = 0.0
 
     @property
     def period_s(self) -> float:
@@ -113,7 +117,7 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
         told.append(f"{pauses.size} pauses in the log; its longest stretch is taken, {np.diff(edges)[longest]} samples")
     time, position = columns.time_s[part], columns.position_m[part]
     force = columns.force_n[part] * (1.0 if flip_force else -1.0)
-    counts = np.maximum(np.round(np.diff(time) / usual), 1).astype(int)
+    counts = _ticks_between(np.diff(time), usual)
     at = np.concatenate([[0], np.cumsum(counts)])
     # With a clock that drifts or has few digits, the mean step is the period.
     period = float((time[-1] - time[0]) / at[-1])
@@ -122,11 +126,14 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
     last = np.maximum.accumulate(np.where(ran, np.arange(ran.size), 0))
     whole = np.zeros(ran.size)
     whole[at] = force
+    # Stamps scatter about a grid, or each about the one before.
+    about, apart = float(np.std(time - time[0] - at * period)), float(np.std(np.diff(time) - counts * period))
     ticks = Ticks(
         sample_time_s=period,
         missed_share=float(1 - ran.mean()),
         longest_gap=int(counts.max(initial=1)) - 1,
-        jitter_rms_s=float(np.std(time - time[0] - at * period)),
+        jitter_rms_s=min(about, apart),
+        uneven_share=apart / period if apart < about else 0.0,
         held=_held(position, force),
     )
     log = Log(
@@ -142,6 +149,22 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
         reach_m=reach_m,
     )
     return _thinned(log), told
+
+
+def _ticks_between(steps: FloatArray, usual: float) -> IndexArray:
+    """Return the ticks from each row to the next, more than one where ticks are missing.
+
+    Those stand apart: a scattering clock has many more steps of one and a half periods than of two.
+
+    Args:
+        steps: from row to row, seconds.
+        usual: the shorter ones.
+    """
+    for period in (usual, float(np.median(steps))):
+        between, twice = (np.mean((steps > low * period) & (steps < high * period)) for low, high in (_VALLEY, _TWICE))
+        if between <= _FILLED * twice:
+            return np.maximum(np.round(steps / period), 1).astype(np.intp)
+    return np.where(steps < _TWICE[1] * period, 1, np.round(steps / period)).astype(np.intp)
 
 
 def _encoder(file: str, period: float, position: FloatArray, force: FloatArray) -> float:

@@ -49,6 +49,12 @@ _UNEXPLAINED = 12.0
 _BOUNCES = 1 / 3
 
 
+# Ticks that scatter by more of the period, each about the one before, are no even ones to a loop model: up to 10 % of it
+# a delay is read rightly, at 15 % it was twice as long.
+_UNEVEN = 0.12
+_EVEN = "the same log of a loop on an even clock"
+
+
 class Judge:
     """The findings of a log before the judgement."""
 
@@ -189,6 +195,9 @@ class Judge:
         if limit:
             less = f"the same log below the {FORCE} limit: a smaller start or touch, or a quarter of both k and b"
             return self._made("cannot tell", f"cannot tell: {limit}", decides=less)
+        uneven = _uneven(self._log)
+        if uneven:
+            return self._made("cannot tell", f"cannot tell: {uneven}", decides=_EVEN)
         coarse = steps_sentence(self._log)
         if coarse:
             rounds = f"the same log with the {FORCE} as it is before it is rounded"
@@ -240,6 +249,10 @@ class Judge:
         trembles = first == "delay" and _TREMOR_HZ[0] < found.frequency_hz < _TREMOR_HZ[1] and size_m < size
         if trembles and not driven:
             doubts.append("a hand trembles so of its own")
+        # The period itself is told.
+        uneven = "" if first == "rate" else _uneven(log)
+        if uneven:
+            doubts.append(uneven)
         if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
             doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
         if first == "delay" and late < 2 * measured.delay_error_samples:
@@ -256,7 +269,8 @@ class Judge:
             )
             names = " or ".join(known) or "none of the causes it knows"
             said = f"cannot tell: {names}; {'; '.join(doubts)}"
-            cures = tuple(cure for cause in candidates for cure in remedies_of(cause, answer, law, log, declared))
+            tried = () if uneven else candidates
+            cures = tuple(cure for cause in tried for cure in remedies_of(cause, answer, law, log, declared))
             return self._made(
                 "cannot tell",
                 said,
@@ -265,7 +279,11 @@ class Judge:
                 measured=measured,
                 evidence=evidence,
                 cures=tuple(dict.fromkeys(cures)),
-                decides=str(_FORCE_OFF) if driven or trembles else deciding_log(candidates, known=declared.known),
+                decides=_EVEN
+                if uneven
+                else str(_FORCE_OFF)
+                if driven or trembles
+                else deciding_log(candidates, known=declared.known),
             )
         if first == "resonance":
             self._notes.append(declared_resonance(measured))
@@ -319,6 +337,14 @@ class Judge:
             notes=tuple(self._notes),
             trace=_trace(log, self._swing),
         )
+
+
+def _uneven(log: Log) -> str:
+    """Describe ticks at times that are too uneven for a loop model; empty where they are not."""
+    share = log.ticks.uneven_share
+    if share < _UNEVEN:
+        return ""
+    return f"the ticks come at uneven times, each {100 * share:.2g} % earlier or later, which no loop model here holds"
 
 
 def _answers(fits: Sequence[Fit]) -> tuple[Hypothesis, ...]:
