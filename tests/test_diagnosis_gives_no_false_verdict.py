@@ -196,3 +196,52 @@ def test_the_loop_of_a_clock_that_is_late_each_time_is_not_told(late):
     assert found.ticks.missed_share == 0
     assert ("uneven times" in found.conclusion) == (late > 5e-4)
     assert found.cause in ({None} if late > 5e-4 else {None, "stiffness"})
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "loop"),
+    [
+        (1500.0, -12.0, {"damping": 6.8, "spring": 400.0, "load": 2.4}),
+        (300.0, -2.0, {"damping": 0.8, "start": 3e-3}),
+    ],
+)
+def test_a_damper_of_the_wrong_sign_is_named_and_rests_turned_round(stiffness, damping, loop):
+    def log_of_damper(b):
+        law = lambda _, z, u: -stiffness * z - b * u if z > 0 or "start" in loop else 0.0  # noqa: E731
+        return held_log(law, mass=0.2, friction=0.02, ticks=3000, delay=1, **loop)
+
+    log = log_of_damper(damping)
+    found = diagnose(log, device=DEVICE.model_copy(update={"mass_kg": 0.12}))
+    assert (found.verdict, found.cause) == ("named", "damping")
+    assert f"wrong sign: b = {damping:g} N.s/m" in found.conclusion
+    (cure,) = found.cures
+    assert cure.value == pytest.approx(-damping, rel=0.01)
+    assert np.ptp(log_of_damper(cure.value).position_m[-500:]) < 0.05 * np.ptp(log.position_m[-500:])
+
+
+@pytest.mark.thorough
+def test_a_lag_of_half_a_sample_is_no_damper_of_the_wrong_sign():
+    """A force of the mean of two positions falls behind by -k T/2."""
+    before = [0.0]
+
+    def law(_, seen, __):
+        mean, before[0] = (seen + before[0]) / 2, seen
+        return -3000 * mean
+
+    log = held_log(law, mass=0.2, damping=0.8, friction=0.02, ticks=2000, delay=4, start=3e-3)
+    found = diagnose(log, device=DEVICE)
+    assert found.law.damping_ns_per_m == pytest.approx(-1.5, rel=0.01)
+    assert "wrong sign" not in found.conclusion
+
+
+@pytest.mark.thorough
+def test_a_delay_is_told_for_the_mass_of_the_device_that_it_goes_with():
+    log = held_log(
+        lambda _, z, u: -3000 * z - 10 * u,
+        mass=0.2, damping=0.8, friction=0.02, ticks=3000, delay=6, start=3e-3,
+    )  # fmt: skip
+    found = diagnose(log, device=DEVICE)
+    (told,) = (line for line in found.evidence if "from position to motion" in line)
+    assert ("declared 0.2" in told) == (found.measured.hand is None)
+    assert abs(found.measured.delay_samples - 6) < 0.3

@@ -145,19 +145,16 @@ def _diagnosed(
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)
     unit = other_unit(grid, swing.found, law, declared, coupling, stiffness_n_per_m)
     judge = Judge(grid, swing, law, declared, evidence, [*declared.notes, *notes])
-    early = judge.at_once() or judge.in_another_unit(unit) or judge.jumps() or judge.integrates(integral)
-    if early is not None:
+    if early := judge.at_once() or judge.in_another_unit(unit) or judge.jumps() or judge.integrates(integral):
         return early
-    another = _by_another_law(judge, law, grid, swing, declared, seed, progress)
-    if another is not None:
-        return another
-    moved = judge.moves_on()
-    if moved is not None:
-        return moved
+    if other := _by_another_law(judge, law, grid, swing, declared, seed, progress) or judge.moves_on():
+        return other
     if law is None or not law.told:
         return judge.without_model()
     with progress.step("device and hand"):
         fits = fit_plants(grid, swing, declared, law.lag, _DRAWS, seed)
+    if wrong := judge.drives(law, fits):
+        return wrong
     with progress.step("causes"):
         asked = weigh(fits, law, grid, swing.found, declared)
     with progress.step("cures"):

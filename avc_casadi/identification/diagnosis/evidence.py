@@ -147,6 +147,10 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
         f"from position to motion {number(measured.delay_samples, 3)} +- {number(measured.delay_error_samples, 1)} "
         f"samples of delay beside the hold; {known} {number(measured.declared_delay_samples, 3)}"
     )
+    if declared.known and measured.hand is None:
+        # The force of a swing tells mass and delay together.
+        moved, meant = measured.device["mass_kg"], declared.device.mass_kg
+        late += f", for a device of {number(moved, 3)} {KG}, {known} {number(meant, 3)}"
     beyond = max(
         measured.delay_samples - measured.declared_delay_samples,
         measured.least_declared_delay_samples - measured.delay_samples,

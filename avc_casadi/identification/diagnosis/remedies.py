@@ -157,6 +157,23 @@ def remedies_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period
     return tuple(cure for cure in cures if cure.rests)
 
 
+def remedies_of_sign(law: Law, answers: Sequence[Hypothesis]) -> tuple[Remedy, ...]:
+    """Return the damper with its sign turned, or none where that is too much.
+
+    Args:
+        law: with a damper below 0.
+        answers: hypotheses compatible with the log.
+    """
+    now = law.damping_ns_per_m
+    for value in (-now, 0.0):
+        turned = replace(law, damping_ns_per_m=value)
+        if _all_rest(answers, turned):
+            change = f"b = {number(value, 3)} {NS_PER_M} in place of {number(now, 3)}"
+            growth = worst_mode(answers[0], turned).growth_per_s
+            return (Remedy(change, "damping_ns_per_m", value, growth, rests=True),)
+    return ()
+
+
 _SOFTER_AT_TWO_RATES = np.geomspace(0.9, 0.05, 12).tolist()
 
 

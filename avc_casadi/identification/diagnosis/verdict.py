@@ -30,7 +30,12 @@ from avc_casadi.identification.diagnosis.model import Diagnosis, Measured, Remed
 from avc_casadi.identification.diagnosis.oscillation import LOWEST_HZ, TracedOscillation
 from avc_casadi.identification.diagnosis.plant import Fit
 from avc_casadi.identification.diagnosis.relay import SwitchedForce, TwoRates, find_jump, jump_sentence
-from avc_casadi.identification.diagnosis.remedies import remedies_of, remedies_of_relay, remedies_of_two_rates
+from avc_casadi.identification.diagnosis.remedies import (
+    remedies_of,
+    remedies_of_relay,
+    remedies_of_sign,
+    remedies_of_two_rates,
+)
 from avc_casadi.identification.diagnosis.saturation import GROWN, fed, unlimited
 
 # A cause is named at odds of two to one: of 200 logs drawn at random that names five more than a share of 0.8 and no
@@ -49,8 +54,8 @@ _UNEXPLAINED = 12.0
 _BOUNCES = 1 / 3
 
 
-# Ticks that scatter by more of the period, each about the one before, are no even ones to a loop model: up to 10 % of it
-# a delay is read rightly, at 15 % it was twice as long.
+# Ticks that scatter by more of the period, each about the one before, are no even ones to a loop model: up to 10 % of
+# it a delay is read rightly, at 15 % it was twice as long.
 _UNEVEN = 0.12
 _EVEN = "the same log of a loop on an even clock"
 
@@ -178,6 +183,24 @@ class Judge:
             cures=remedies_of_two_rates(found, answers, period),
         )
 
+    def drives(self, law: Law, fits: Sequence[Fit]) -> Diagnosis | None:
+        """Return the verdict where the damper has the wrong sign, and the loop would be stable with the right one.
+
+        A lag of less than a sample, of which no law is told, makes a damper of up to -k T.
+
+        Args:
+            law: from position to force.
+            fits: of device and hand, likeliest first.
+        """
+        b, answers = law.damping_ns_per_m, _answers(fits)
+        if not b < -abs(law.stiffness_n_per_m) * self._log.ticks.period_s:
+            return None
+        cures = remedies_of_sign(law, answers)
+        if not cures or _mostly(worst_mode(one, law).stable for one in answers):
+            return None
+        said = f"the damper has the wrong sign: b = {number(b, 3)} {NS_PER_M} drives the motion on"
+        return self._made("named", said, cause="damping", candidates=("damping",), cures=cures)
+
     def moves_on(self) -> Diagnosis | None:
         """Return the verdict where the position never goes back, as where a hand moves it over steps and friction."""
         swing = self._swing
@@ -251,14 +274,10 @@ class Judge:
             doubts.append("a hand trembles so of its own")
         # The period itself is told.
         uneven = "" if first == "rate" else _uneven(log)
-        if uneven:
-            doubts.append(uneven)
+        doubts += [uneven] * bool(uneven)
         if measured.misfit > _UNEXPLAINED and first not in {"ticks", "rate"}:
             doubts.append(f"the model leaves {number(measured.misfit, 2)} times what encoder and noise do")
-        if first == "delay" and late < 2 * measured.delay_error_samples:
-            doubts.append("the log does not tell the delay well enough")
-        if "delay" in fit.at_end:
-            doubts.append("its delay lies at the end of what was searched, and is not found")
+        doubts += _doubts_of_delay(first, measured, fit)
         if first == "encoder":
             some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
             doubts += doubts_of_encoder([answer, *some], law, log, evidence)
@@ -337,6 +356,16 @@ class Judge:
             notes=tuple(self._notes),
             trace=_trace(log, self._swing),
         )
+
+
+def _doubts_of_delay(first: str, measured: Measured, fit: Fit) -> list[str]:
+    """Return why the delay is not sure."""
+    doubts = []
+    if first == "delay" and measured.delay_samples - measured.declared_delay_samples < 2 * measured.delay_error_samples:
+        doubts.append("the log does not tell the delay well enough")
+    if "delay" in fit.at_end:
+        doubts.append("its delay lies at the end of what was searched, and is not found")
+    return doubts
 
 
 def _uneven(log: Log) -> str:

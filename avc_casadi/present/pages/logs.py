@@ -124,7 +124,7 @@ def _conclusion(one: Diagnosis, units: Units) -> str:
         return f"{CAUSES['delay']}: {late} samples in place of {meant}, with which the loop settles"
     if one.cause == "stiffness" and law is not None:
         return f"{CAUSES['stiffness']}: k {told(law.stiffness_n_per_m, 'N/m')}; less of it is the smallest remedy"
-    if one.cause == "damping" and law is not None:
+    if one.cause == "damping" and law is not None and law.damping_ns_per_m > 0:
         return f"{CAUSES['damping']}: b {told(law.damping_ns_per_m, 'N.s/m')}; less of it is the smallest remedy"
     return one.conclusion
 
