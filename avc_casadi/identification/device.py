@@ -59,7 +59,7 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         one = found.estimates.get(key)
         if one is not None:
             device[key], ranges[key] = _rounded(one)
-            sources[key] = {"grade": "measured", "source": f"{how}: {_meaning(key, found)}"}
+            sources[key] = _graded(f"{how}: {_meaning(key, found)}", one.doubt)
     _widened(found, device, ranges)
     mode = {key: found.estimates.get(f"resonance.{key}") for key in _MODE}
     pairs = {key: _rounded(one) for key, one in mode.items() if one is not None}
@@ -71,7 +71,8 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         ranges["resonance"] = {key: pair[1] for key, pair in pairs.items()}
         device["encoder_at"] = found.encoder_at
         assumed = "" if found.assumed_share is None else f"; how the {MASS} divides is assumed"
-        sources["resonance"] = {"grade": "measured", "source": f"{how}: output error, two masses{assumed}"}
+        doubts = dict.fromkeys(one.doubt for one in mode.values() if one is not None and one.doubt)
+        sources["resonance"] = _graded(f"{how}: output error, two masses{assumed}", "; ".join(doubts))
     for key in ("encoder_resolution_m",):
         ranges.pop(key, None)
     gaps = [key for key in _QUANTITIES if key not in device]
@@ -89,6 +90,13 @@ def device_file(found: Identification, base: DeviceFile | None) -> DeviceFile | 
         "gaps": gaps,
     }
     return DeviceFile.model_validate({"name": "device", **tables})
+
+
+def _graded(source: str, doubt: str) -> dict[str, str]:
+    """Return the source of an identified value; one in doubt is not said to be measured."""
+    if doubt:
+        return {"grade": "assumed", "source": f"{source}; in doubt: {doubt}"}
+    return {"grade": "measured", "source": source}
 
 
 def _fill(

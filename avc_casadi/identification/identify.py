@@ -18,6 +18,7 @@ from avc_casadi.identification.assumed_mass_ratio import SHARE, other_shares, sh
 from avc_casadi.identification.assumed_mass_ratio import moved as beyond_side
 from avc_casadi.identification.closed_loop import autocorrelation, feeds_back, only_feedback, refused_beside
 from avc_casadi.identification.device import SEARCHED, device_file, states
+from avc_casadi.identification.doubts import doubts_of
 from avc_casadi.identification.encoder import EVENLY, encoder_step_m, repeat_notes, repeats_of
 from avc_casadi.identification.estimates import estimates_of, widened
 from avc_casadi.identification.fit import Fit, Window, judged, slowest_observer
@@ -35,10 +36,16 @@ from avc_casadi.identification.log_consistency import (
     check_against,
     differs_from,
     leans_on,
-    saturation_notes,
-    unlike_notes,
 )
-from avc_casadi.identification.model import Identification, Refusal, Shown, known_at_handle, of_the_turn, radius_of
+from avc_casadi.identification.model import (
+    Identification,
+    Refusal,
+    Shown,
+    doubted,
+    known_at_handle,
+    of_the_turn,
+    radius_of,
+)
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import read_logs
 from avc_casadi.identification.record import Record, shortened
@@ -165,14 +172,13 @@ def _identified(
         refused[key] = Refusal(key, f"{why}, whose intervals hold it", excitation(key))
     logs = tuple(dict.fromkeys(record.whole for record in records))
     refused |= {} if driven is None else refused_beside([one.name for one in fit.structure.free])
-    notes += [] if driven else unlike_notes(fit, predictor, logs, radius_m)
-    estimates = estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs)
-    lags = autocorrelation(fit.error_m)
+    lags, feedback = autocorrelation(fit.error_m), feeds_back(records, fit.error_m)
+    doubts = [] if driven else doubts_of(predictor, fit, window, lags, feedback=feedback, radius_m=radius_m)
+    estimates = doubted(estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs), doubts)
     absent = chosen.trials.keys() - set(fit.structure.terms)
     refused |= never_told(fit, estimates, response.excited_hz, absent, inseparable, lags) | refused
-    feedback = feeds_back(records, fit.error_m)
-    notes += repeat_notes(records, repeats) + remarks(fit, lags, feedback, driven, estimates, radius_m)
-    names = tuple(one.name for one in fit.structure.free)
+    notes += repeat_notes(records, repeats) + remarks(fit, lags, feedback, driven, radius_m)
+    notes += [one.note for one in doubts]
     return Identification(
         sources=tuple(dict.fromkeys(record.name for record in records)),
         seconds=seconds,
@@ -185,7 +191,7 @@ def _identified(
         estimates=estimates,
         refused=tuple(_from(base, one) for one in refused.values()),
         trials=tuple(chosen.trials.values()),
-        names=names,
+        names=tuple(one.name for one in fit.structure.free),
         correlation=spread.correlation,
         sensitivity=normal,
         collinearity=collinear,
@@ -195,7 +201,7 @@ def _identified(
         error_m=np.concatenate(fit.error_m),
         feedback=feedback,
         lags=lags,
-        notes=(*notes, *([] if driven else saturation_notes(predictor, fit, window, radius_m))),
+        notes=tuple(notes),
         response=response,
         modelled=model_response(fit.values, fit.structure, records[0].sample_time_s, response.frequency_hz),
         shown=_shown(records, fit),

@@ -15,7 +15,7 @@ from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.device import states
 from avc_casadi.identification.fit import Fit, Window, judged
-from avc_casadi.identification.model import Identification
+from avc_casadi.identification.model import Doubt, Identification
 from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.terms import LOOP_RATIO
@@ -27,30 +27,30 @@ _FEWEST_BLOCKS = 5
 _COMPARED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n")
 
 
-def unlike_notes(fit: Fit, predictor: Predictor, names: Sequence[str], radius_m: float) -> list[str]:
-    """Return notes on logs that disagree; none where they agree.
+def unlike_logs(fit: Fit, predictor: Predictor, radius_m: float) -> list[Doubt]:
+    """Return the doubt of logs that disagree; none where they agree.
 
     Args:
         fit: of all logs.
         predictor: of their records.
-        names: of the logs.
         radius_m: travel of the handle per unit of position.
     """
+    names = tuple(dict.fromkeys(record.whole for record in predictor.records))
     unlike = _differences(fit, predictor, names, {key: radius_m ** -power_at_handle(key) for key in _COMPARED})
     if not unlike:
         return []
-    between = f"the logs do not agree ({'; '.join(unlike)}): the values are between those of two devices"
+    between = f"the logs do not agree ({'; '.join(unlike.values())}): the values are between those of two devices"
     why = f"Something may have been on it (--added-mass), or the {FORCE} been scaled otherwise"
-    return [f"{between}. {why}; identify each alone"]
+    return [Doubt("the logs do not agree", f"{between}. {why}; identify each alone", frozenset(unlike))]
 
 
-def _differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: dict[str, float]) -> list[str]:
-    """Describe the parameters whose estimates from two logs differ.
+def _differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: dict[str, float]) -> dict[str, str]:
+    """Describe the parameters whose estimates from two logs differ, by key.
 
     The estimate of one log is a Gauss-Newton step from the common estimate, with the curvature of that log alone.
     """
     asked = [_asked(fit, {at for at, log in enumerate(predictor.logs) if log == place}) for place in range(len(names))]
-    told = []
+    told = {}
     for index, one in enumerate(fit.structure.free):
         if one.name not in _COMPARED:
             continue
@@ -66,7 +66,7 @@ def _differences(fit: Fit, predictor: Predictor, names: Sequence[str], unit_of: 
             fit.structure.outward(one, fit.search[index])
         ):
             some = [number(value * unit_of.get(one.name, 1.0), 3) for value in values]
-            told.append(f"{one.name} {some[0]} by {first} alone and {some[1]} by {last}")
+            told[one.name] = f"{one.name} {some[0]} by {first} alone and {some[1]} by {last}"
     return told
 
 
@@ -175,8 +175,8 @@ _SHARES = (0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 _SURE_CUT, _WORTH = 2.0, 0.02
 
 
-def saturation_notes(predictor: Predictor, fit: Fit, window: Window, radius_m: float) -> list[str]:
-    """Return a note on the level at which the force seems to saturate; none where it acts as logged.
+def saturation_doubts(predictor: Predictor, fit: Fit, window: Window, radius_m: float) -> list[Doubt]:
+    """Return the doubt of a level at which the force seems to saturate; none where it acts as logged.
 
     Args:
         predictor: of the records.
@@ -202,7 +202,7 @@ def saturation_notes(predictor: Predictor, fit: Fit, window: Window, radius_m: f
         f"{beyond} % of its samples: {MASS} and damping lean by more than their intervals. Better: a log below that "
         f"{FORCE} ({spoken_key('max_force_n')}), or the {FORCE} as the amplifier gives it"
     )
-    return [note]
+    return [Doubt(f"the device does not follow the whole {FORCE}", note)]
 
 
 def _cut(records: Sequence[Record], limit_n: float) -> list[Record]:

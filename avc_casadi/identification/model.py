@@ -32,6 +32,7 @@ class Estimate:
         low, high: ends of the interval at `level`.
         level: share of logs in which such an interval holds the truth.
         how: in a few words.
+        doubt: why the interval may not hold the truth, in a few words; empty without a doubt.
     """
 
     key: str
@@ -41,6 +42,12 @@ class Estimate:
     high: float
     level: float
     how: str
+    doubt: str = ""
+
+    @property
+    def told(self) -> str:
+        """How it was found, with its doubt."""
+        return f"{self.how}; in doubt: {self.doubt}" if self.doubt else self.how
 
     def digits(self, of_half_width: int, least: int) -> int:
         """Return the number of significant digits that resolve the interval.
@@ -53,6 +60,39 @@ class Estimate:
         if not 0 < half < math.inf or not size > 0:
             return least
         return min(max(least, of_half_width + math.ceil(math.log10(size / half))), 15)
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why intervals may not hold the truth.
+
+    Attributes:
+        why: in a few words.
+        note: one sentence for the user.
+        keys: of the estimates that it concerns; None for all that the model's dynamics tell.
+    """
+
+    why: str
+    note: str
+    keys: frozenset[str] | None = None
+
+    def concerns(self, one: Estimate) -> bool:
+        """Return whether an estimate is in doubt; what is known beforehand never is."""
+        if self.keys is None:
+            return one.level < 1 and one.key not in _OF_THE_READINGS
+        return one.key in self.keys
+
+
+# Told by the readings alone, whatever moves the device.
+_OF_THE_READINGS = {"encoder_resolution_m", "position_noise_rms_m"}
+
+
+def doubted(estimates: Mapping[str, Estimate], doubts: Sequence[Doubt]) -> dict[str, Estimate]:
+    """Return the estimates, each with what throws doubt on it."""
+    return {
+        key: replace(one, doubt="; ".join(doubt.why for doubt in doubts if doubt.concerns(one)))
+        for key, one in estimates.items()
+    }
 
 
 @dataclass(frozen=True)

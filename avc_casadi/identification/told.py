@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 from avc_casadi._util.arrays import FloatArray
@@ -38,6 +37,7 @@ def identification_document(found: Identification) -> dict[str, Any]:
                 "level": one.level,
                 "unit": one.unit,
                 "how": one.how,
+                "doubt": one.doubt,
             }
             for key, one in found.estimates.items()
         },
@@ -96,7 +96,7 @@ def identification_text(found: Identification) -> str:
                     spoken_key(one.key),
                     *(number(each, one.digits(2, 4)) for each in (one.value, one.low, one.high)),
                     one.unit or "-",
-                    one.how,
+                    one.told,
                 )
                 for one in found.estimates.values()
             ],
@@ -132,8 +132,6 @@ def identification_text(found: Identification) -> str:
 
 # A structural mode is damped by less than this.
 _PLAYS = 0.2
-# No link and no amplifier has a shorter delay, in samples.
-_NO_DELAY = 5e-3
 
 
 def remarks(
@@ -141,7 +139,6 @@ def remarks(
     lags: FloatArray,
     feedback: bool,
     driven: OnlyFeedback | None,
-    estimates: Mapping[str, object],
     radius_m: float,
 ) -> list[str]:
     """Return remarks on what may invalidate the estimates, one sentence each.
@@ -151,7 +148,6 @@ def remarks(
         lags: autocorrelation of its prediction error.
         feedback: whether the force follows the position.
         driven: the controller that makes the whole force, where something else moves the device.
-        estimates: the identified parameters.
         radius_m: travel of the handle per unit of position.
     """
     notes = []
@@ -203,28 +199,9 @@ def remarks(
             f"{driven.sentence(radius_m)}, and the device goes on moving: a hand or something else moves it, whose "
             f"{FORCE} is not in the log, so that {MASS}, damping and friction are not identified. Better: {EXCITATION}"
         )
-    elif feedback and coloured(lags):
+    elif feedback and not coloured(lags):
         notes.append(
-            f"the {FORCE} follows the measured position (a closed loop), and the prediction error is not white: what "
-            "disturbs the device is not what the model takes it for, and estimates may be biased; the intervals hold "
-            f"what another observer would have found. Better: an external {FORCE} (multisine) beside the controller, "
-            "hands off"
-        )
-    elif feedback:
-        notes.append(
-            f"the {FORCE} follows the measured position (a closed loop); the prediction error is white, so that this "
-            "does not bias the estimates"
-        )
-    elif coloured(lags):
-        notes.append(
-            "the prediction error is not white: something moves the device that the model does not know (a hand, a "
-            "cable, "
-            "an unmodelled mode)"
-        )
-    no_lag = fit.values["delay_samples"] < _NO_DELAY and "amplifier" not in fit.structure.terms
-    if estimates.get("delay_samples") is not None and no_lag:
-        notes.append(
-            f"the delay came out at 0: does the log pair each {FORCE} with the position that it was computed from, and "
-            "hold every tick? Of every second or tenth one, delay and friction lean"
+            f"the {FORCE} follows the measured position (a closed loop), and the prediction error is white: the loop "
+            "by itself does not bias the estimates, which is no proof of the model"
         )
     return notes

@@ -153,7 +153,7 @@ IDENTIFY = (
         "Richardson extrapolation of parts",
         lambda given, result: result[0] is given[1],
     ),
-    Rule("identification.log_consistency.saturation_notes", lambda *_: [], "note of a force cut seldom", _nothing),
+    Rule("identification.log_consistency.saturation_doubts", lambda *_: [], "note of a force cut seldom", _nothing),
     Rule("identification.initial_guess.saturated_force_n", lambda *_: None, "refusal of a force that is cut", _none),
     Rule("identification.encoder.repeats_of", lambda records, _: (0,) * len(records), "repeats counted once", _zero),
     Rule(
@@ -162,7 +162,7 @@ IDENTIFY = (
         "outliers and empty rows left out",
         lambda _, result: not result[1],
     ),
-    Rule("identification.log_consistency.unlike_notes", lambda *_: [], "logs of several devices told", _nothing),
+    Rule("identification.log_consistency.unlike_logs", lambda *_: [], "logs of several devices told", _nothing),
     Rule("identification.closed_loop.only_feedback", lambda *_: None, "only feedback told", _none),
     Rule("identification.frequency.held_guess", lambda *_: None, "start of a held device", _none),
     Rule("identification.select._NEAR_THE_BEST", 1.0, "several close fits of one term"),

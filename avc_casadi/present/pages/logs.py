@@ -50,6 +50,13 @@ def identification_page(
     if len(rows) > _MOST_VALUES:
         rest = "; ".join(f"{row.label} {row.text}" for row in rows[_MOST_VALUES:])
         rows = [*rows[:_MOST_VALUES], Row("and", textwrap.shorten(rest, 2 * _LINE, placeholder=" ... (-v)"))]
+    doubtful = [one for one in found.estimates.values() if one.doubt]
+    if doubtful:
+        why = "; ".join(dict.fromkeys(one.doubt for one in doubtful))
+        keys = ", ".join(units.key(one.key) for one in doubtful)
+        rows.append(
+            Row("In doubt", textwrap.shorten(f"{why}: {keys}", 2 * _LINE, placeholder=" ... (-v)"), Mark.CAUTION)
+        )
     if found.refused:
         keys = ", ".join(units.key(one.key) for one in found.refused)
         rows.append(Row("Not identified", textwrap.shorten(keys, _LINE, placeholder=" ... (-v)"), Mark.CAUTION))

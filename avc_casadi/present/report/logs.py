@@ -81,7 +81,7 @@ def identification_html(found: Identification, versions: Mapping[str, str]) -> s
     estimates = Table(
         ("what", "value", "from", "to", "unit", "how"),
         tuple(
-            (spoken_key(one.key), one.value, one.low, one.high, one.unit or "-", one.how)
+            (spoken_key(one.key), one.value, one.low, one.high, one.unit or "-", one.told)
             for one in found.estimates.values()
         ),
         (0, 4, 5),

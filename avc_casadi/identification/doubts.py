@@ -1,0 +1,68 @@
+"""What throws doubt on the estimates: intervals hold chance, and what is here leans them by more."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.units import FORCE
+from avc_casadi.identification.closed_loop import coloured
+from avc_casadi.identification.fit import Fit, Window
+from avc_casadi.identification.log_consistency import saturation_doubts, unlike_logs
+from avc_casadi.identification.model import Doubt
+from avc_casadi.identification.predictor import Predictor
+from avc_casadi.identification.uncertainty import SURE, moves_of
+
+# No link and no amplifier has a shorter delay, in samples.
+_NO_DELAY = 5e-3
+
+
+def doubts_of(
+    predictor: Predictor, fit: Fit, window: Window, lags: FloatArray, *, feedback: bool, radius_m: float
+) -> list[Doubt]:
+    """Return what throws doubt on the estimates of a fit.
+
+    Args:
+        predictor: of the records.
+        fit: of them.
+        window: of the fit.
+        lags: autocorrelation of its prediction error.
+        feedback: whether the force follows the position.
+        radius_m: travel of the handle per unit of position.
+    """
+    return [
+        *unlike_logs(fit, predictor, radius_m),
+        *_of_the_error(lags, feedback=feedback),
+        *_without_delay(fit),
+        *saturation_doubts(predictor, fit, window, radius_m),
+    ]
+
+
+def _of_the_error(lags: FloatArray, *, feedback: bool) -> list[Doubt]:
+    if not coloured(lags):
+        return []
+    why = "the prediction error is not white"
+    if feedback:
+        note = (
+            f"the {FORCE} follows the measured position (a closed loop), and {why}: what disturbs the device is not "
+            "what the model takes it for, and estimates may be biased; the intervals hold what another observer would "
+            f"have found. Better: an external {FORCE} (multisine) beside the controller, hands off"
+        )
+    else:
+        note = f"{why}: something moves the device that the model does not know (a hand, a cable, an unmodelled mode)"
+    return [Doubt(why, note)]
+
+
+def _without_delay(fit: Fit) -> list[Doubt]:
+    """Return the doubt of a delay that came out at its lower bound, where the log asks for less than none."""
+    known = "delay_samples" in fit.structure.known
+    if known or "amplifier" in fit.structure.terms or fit.values["delay_samples"] >= _NO_DELAY:
+        return []
+    why = "the delay came out at 0"
+    note = (
+        f"{why}: does the log pair each {FORCE} with the position that it was computed from, and hold every tick? Of "
+        "every second or tenth one, delay and friction lean"
+    )
+    moves = moves_of(fit)[:, [one.name for one in fit.structure.free].index("delay_samples")]
+    pulled = -moves.sum() > SURE * np.sqrt(moves.size) * moves.std(ddof=1)
+    return [Doubt(why, note, None if pulled else frozenset())]

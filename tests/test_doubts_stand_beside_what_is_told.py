@@ -1,0 +1,58 @@
+"""An interval holds chance: what leans an estimate by more stands beside it, on screen, in JSON and in the file."""
+
+import numpy as np
+import pytest
+from held_device import held_log
+from small_logs import multisine, of
+
+from avc_casadi.files.device_file import DeviceFile
+from avc_casadi.identification.device import device_text
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.model import Doubt, Estimate, doubted
+from avc_casadi.identification.told import identification_document, identification_text
+
+TRUTH = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "coulomb_friction_n": 0.15}
+DEVICE = {"mass": 0.12, "damping": 0.8, "friction": 0.15, "ticks": 6000, "delay": 1}
+
+
+def law(push, spring=30.0, damper=0.3):
+    return lambda tick, z, u: push[tick] - spring * z - damper * u
+
+
+def holds(found, truth=None):
+    """Whether each number is in its interval or in doubt."""
+    told = [(found.estimates[key], value) for key, value in (truth or TRUTH).items() if key in found.estimates]
+    return all(one.doubt or one.low <= value <= one.high for one, value in told)
+
+
+def test_a_doubt_is_of_what_it_concerns_and_never_of_what_is_known():
+    keys = ("mass_kg", "damping_ns_per_m", "encoder_resolution_m")
+    some = {key: Estimate(key, "", 1.0, 0.9, 1.1, 0.95, "") for key in keys}
+    some["mass_kg"] = Estimate("mass_kg", "kg", 1.0, 1.0, 1.0, 1.0, "known beforehand")
+    whole = doubted(some, [Doubt("a hand", "")])
+    assert [one.doubt for one in whole.values()] == ["", "a hand", ""]
+    one = doubted(some, [Doubt("a hand", ""), Doubt("a stop", "", frozenset({"damping_ns_per_m"}))])
+    assert one["damping_ns_per_m"].told.endswith("in doubt: a hand; a stop")
+    assert not any(one.doubt for one in doubted(some, []).values())
+
+
+@pytest.mark.thorough
+def test_a_hand_on_the_device_throws_doubt_on_screen_in_json_and_in_the_file():
+    def hand(tick, position, velocity):
+        wants = 0.01 * np.sin(2 * np.pi * 1.1e-3 * tick) + 0.004 * np.sin(2 * np.pi * 2.7e-3 * tick)
+        return -300 * (position - wants) - 3 * velocity
+
+    guess = {"mass_kg": 0.3, "damping_ns_per_m": 2.5, "delay_samples": 3, "sample_time_s": 1e-3}
+    base = DeviceFile.model_validate({"name": "guess", "device": guess})
+    held, free = (
+        identify(of(held_log(law(multisine(4.0, 6000)), **DEVICE, **more)), base=base)
+        for more in ({"outside": hand}, {})
+    )
+    assert held.estimates["mass_kg"].doubt
+    assert "in doubt" in identification_text(held)
+    assert identification_document(held)["estimates"]["mass_kg"]["doubt"]
+    assert held.device.sources.mass_kg.grade == "assumed"
+    assert "in doubt: the prediction error is not white" in device_text(held.device)
+    assert free.device.sources.mass_kg.grade == "measured"
+    assert "in doubt" not in device_text(free.device) + identification_text(free)
+    assert any("no proof of the model" in note for note in free.notes)
