@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.units import FORCE
 from avc_casadi.identification.closed_loop import coloured
+from avc_casadi.identification.constancy import differences_of_thirds
 from avc_casadi.identification.fit import Fit, Window
 from avc_casadi.identification.log_consistency import saturation_doubts, unlike_logs
 from avc_casadi.identification.model import Doubt
@@ -18,19 +21,32 @@ _NO_DELAY = 5e-3
 
 
 def doubts_of(
-    predictor: Predictor, fit: Fit, window: Window, lags: FloatArray, *, feedback: bool, radius_m: float
-) -> list[Doubt]:
-    """Return what throws doubt on the estimates of a fit.
+    predictor: Predictor,
+    fit: Fit,
+    half_width: Sequence[float],
+    window: Window,
+    lags: FloatArray,
+    *,
+    feedback: bool,
+    radius_m: float,
+) -> tuple[FloatArray, list[Doubt]]:
+    """Return by how much intervals fall short of what parts of the logs say, and what throws doubt on the estimates.
 
     Args:
         predictor: of the records.
         fit: of them.
+        half_width: of the interval of each coordinate, shape (free,).
         window: of the fit.
         lags: autocorrelation of its prediction error.
         feedback: whether the force follows the position.
         radius_m: travel of the handle per unit of position.
+
+    Returns:
+        Shifts down and up, in search coordinates, shape (2, free), and doubts.
     """
-    return [
+    beyond, changed = differences_of_thirds(predictor, fit, half_width, radius_m)
+    return beyond, [
+        *changed,
         *unlike_logs(fit, predictor, radius_m),
         *_of_the_error(lags, feedback=feedback),
         *_without_delay(fit),

@@ -167,6 +167,12 @@ def never_told(
     return found
 
 
+def not_told_apart(key: str) -> Refusal:
+    """Return why friction is refused that the log bears out beside damping and mass, and not apart from them."""
+    why = f"the log bears it out, and does not tell it from damping and {MASS}, whose intervals hold it"
+    return Refusal(key, why, excitation(key))
+
+
 def beyond_force(key: str) -> Refusal:
     """Return why a force is refused whose upper bound exceeds the force of the log."""
     return Refusal(key, f"the log bounds it by more than the {FORCE} that acted", excitation(key))

@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
-from avc_casadi._util.units import A_MASS, FORCE, KG, MASS, NEWTON, speaking, units_for
+from avc_casadi._util.units import A_MASS, FORCE, KG, NEWTON, speaking, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.assumed_mass_ratio import SHARE, other_shares, share_assumed, share_refused, shared
@@ -25,9 +25,9 @@ from avc_casadi.identification.fit import Fit, Window, judged, slowest_observer
 from avc_casadi.identification.frequency import measured_response, model_response
 from avc_casadi.identification.identifiability import (
     cannot_tell,
-    excitation,
     never_told,
     not_of_one_kind,
+    not_told_apart,
     refusals,
     vague_terms,
 )
@@ -38,6 +38,7 @@ from avc_casadi.identification.log_consistency import (
     leans_on,
 )
 from avc_casadi.identification.model import (
+    Doubt,
     Identification,
     Refusal,
     Shown,
@@ -135,13 +136,12 @@ def _identified(
     notes += [cut] if cut else []
     seconds = sum(record.seconds for record in records)
     if seconds < _LEAST_S:
-        gaps = f"; {'; '.join(notes)}" if notes else ""
-        message = f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s{gaps}"
-        raise InputError.of(message, key="logs")
+        allowed = "; ".join([f"at least {_LEAST_S:g} s", *notes])
+        raise InputError.of(f"hold {number(seconds)} s in all; allowed: {allowed}", key="logs")
     step_m = encoder_step_m(records)
     force_rms, travel = _sizes(records, step_m)
+    driven = only_feedback(records)
     with progress.step("first guess"):
-        driven = only_feedback(records)
         guess = _guess(records, radius_m, pushed=driven is not None)
     structure = _simplest(records, known, force_rms, travel, step_m, held="stiffness_n_per_m" in guess)
     if base is not None:
@@ -168,17 +168,19 @@ def _identified(
     normal, collinear = sensitivity(fit)
     inseparable = chosen.inseparable
     if "coulomb" in inseparable:
-        key, why = "coulomb_friction_n", f"the log bears it out, and does not tell it from damping and {MASS}"
-        refused[key] = Refusal(key, f"{why}, whose intervals hold it", excitation(key))
-    logs = tuple(dict.fromkeys(record.whole for record in records))
+        refused["coulomb_friction_n"] = not_told_apart("coulomb_friction_n")
     refused |= {} if driven is None else refused_beside([one.name for one in fit.structure.free])
+    names = tuple(dict.fromkeys(record.whole for record in records))
     lags, feedback = autocorrelation(fit.error_m), feeds_back(records, fit.error_m)
-    doubts = [] if driven else doubts_of(predictor, fit, window, lags, feedback=feedback, radius_m=radius_m)
-    estimates = doubted(estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, logs), doubts)
+    doubts: list[Doubt] = []
+    if not driven:
+        halves = widened(fit, spread, chosen.rivals, inseparable)
+        beyond, doubts = doubts_of(predictor, fit, halves, window, lags, feedback=feedback, radius_m=radius_m)
+        spread = replace(spread, beyond=np.maximum(spread.beyond, beyond))
+    estimates = doubted(estimates_of(fit, spread, chosen.rivals, refused, inseparable, step_m, names), doubts)
     absent = chosen.trials.keys() - set(fit.structure.terms)
     refused |= never_told(fit, estimates, response.excited_hz, absent, inseparable, lags) | refused
     notes += repeat_notes(records, repeats) + remarks(fit, lags, feedback, driven, radius_m)
-    notes += [one.note for one in doubts]
     return Identification(
         sources=tuple(dict.fromkeys(record.name for record in records)),
         seconds=seconds,
@@ -201,7 +203,7 @@ def _identified(
         error_m=np.concatenate(fit.error_m),
         feedback=feedback,
         lags=lags,
-        notes=tuple(notes),
+        notes=(*notes, *(one.note for one in doubts)),
         response=response,
         modelled=model_response(fit.values, fit.structure, records[0].sample_time_s, response.frequency_hz),
         shown=_shown(records, fit),
