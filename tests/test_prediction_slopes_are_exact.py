@@ -31,11 +31,14 @@ VALUES = {
     "stiffness_n_per_m": 3.0,
     "offset_drift_n_per_s": 0.01,
     "backlash_m": 4e-5,
+    "dead_zone_n": 0.05,
+    "drag_ns2_per_m2": 3.0,
 }
 MODELS = {
     "rigid": ("base",),
     "friction": ("base", "coulomb", "drift"),
     "current loop": ("base", "coulomb", "amplifier", "loop-damping"),
+    "drag behind a dead zone": ("base", "coulomb", "dead-zone", "drag"),
     "all": ("base", "coulomb", "asymmetry", "stribeck", "resonance", "amplifier", "stiffness", "drift", "play"),
 }
 
@@ -101,6 +104,12 @@ def test_slopes_are_those_of_differences_wherever_in_a_sample_the_force_arrives(
     nearest = min(near, key=lambda one: abs(one - delay))
     for place in (delay, nearest):
         assert_slopes(predictor, structure, {**VALUES, "delay_samples": float(place)}, within=0.02)
+
+
+@pytest.mark.thorough
+def test_slopes_by_a_dead_zone_and_by_drag_are_those_of_differences(predictor):
+    structure = Structure(MODELS["drag behind a dead zone"], {}, {"dead_zone_n": 0.1})
+    assert_slopes(predictor, structure, VALUES, within=0.02)
 
 
 def assert_slopes(predictor, structure, values, within=1e-3):

@@ -22,6 +22,7 @@ MotionKind = Literal["linear", "rotary"]
 
 # Units of a key, as its ending; the longest first.
 _ENDINGS = {
+    "_ns2_per_m2": "_nms2_per_rad2",
     "_ns_per_m": "_nms_per_rad",
     "_m_per_s": "_rad_per_s",
     "_m_per_n": "_rad_per_nm",
@@ -235,6 +236,7 @@ def spoken_key(key: str) -> str:
 
 
 NS_PER_M = Wording("N.s/m", "N.m.s/rad")
+NS2_PER_M2 = Wording("N.s2/m2", "N.m.s2/rad2")
 N_DOT_S_PER_M = Wording("N·s/m", "N·m·s/rad")
 N_PER_M = Wording("N/m", "N.m/rad")
 KN_PER_M = Wording("kN/m", "kN.m/rad")

@@ -27,7 +27,16 @@ CAPSTAN = "capstan_radius_m"
 # Replaces a faulty value, so that the rest of the file is checked.
 _SOME_RADIUS_M = 0.01
 # Powers of the radius that convert a rotary value to the handle.
-_AT_HANDLE = {"_ns_per_m": -2, "_n_per_m": -2, "_m_per_s": 1, "_n_per_s": -1, "_kg": -2, "_n": -1, "_m": 1}
+_AT_HANDLE = {
+    "_ns2_per_m2": -3,
+    "_ns_per_m": -2,
+    "_n_per_m": -2,
+    "_m_per_s": 1,
+    "_n_per_s": -1,
+    "_kg": -2,
+    "_n": -1,
+    "_m": 1,
+}
 
 
 @dataclass(frozen=True)

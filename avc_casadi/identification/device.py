@@ -11,7 +11,7 @@ from avc_casadi._errors import AvcError
 from avc_casadi._util.units import M_PER_S, MASS, N_PER_M, NEWTON
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.model import Estimate, Identification
-from avc_casadi.identification.terms import LOOP_RATIO, lag_of
+from avc_casadi.identification.terms import DEAD_ZONE, DRAG, LOOP_RATIO, lag_of
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO, Device, DeviceRange
 
 _DIGITS = 5
@@ -34,6 +34,7 @@ SEARCHED = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "delay_samples"
 """Keys that are estimated from every log."""
 # A guess that a log does not identify is taken as known within this factor; a wider interval bounds nothing.
 _GUESSED, _BOUNDS_NOTHING = 3.0, 30.0
+_MOVING = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n")
 _LAG_WITHIN = "; the lag of the amplifier is in it"
 _LAG_TAKEN = "; less the lag of the amplifier"
 # Cautious values for gaps that the loop cannot do without.
@@ -163,6 +164,10 @@ def _meaning(key: str, found: Identification) -> str:
         spring = found.estimates.get("stiffness_n_per_m")
         of = "" if spring is None else f" of {spring.value:.4g} {N_PER_M}"
         told += f"; beside a spring{of} to the ground, which this file has no key for: no loop made with it has it"
+    beside = {"a dead zone": DEAD_ZONE, "a drag": DRAG} if key in _MOVING else {}
+    for what, name in beside.items():
+        one = found.estimates.get(name)
+        told += "" if one is None else f"; beside {what} of {one.value:.3g} {one.unit}, which this file has no key for"
     return told
 
 

@@ -24,7 +24,7 @@ _LEAST_NOISE = 0.3
 _USUAL_RATIOS = 0.5
 # Terms whose rejected model widens intervals always, and those for which it does only where it is significant.
 _BESIDE = ("amplifier", LOOP_DAMPING, "coulomb")
-_SURE_BESIDE = ("drift", "stribeck")
+_SURE_BESIDE = ("drift", "stribeck", "dead-zone", "drag")
 # The division of the error into noise, rounding and disturbance is known to about this share of its square.
 _DIVIDED = 0.12
 

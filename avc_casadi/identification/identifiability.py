@@ -12,7 +12,7 @@ from avc_casadi._util.units import FORCE, FORCES, MASS, spoken_key
 from avc_casadi.identification.closed_loop import coloured
 from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Refusal
-from avc_casadi.identification.terms import HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
+from avc_casadi.identification.terms import DEAD_ZONE, DRAG, HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
 from avc_casadi.identification.uncertainty import Spread
 
 # Half widths in search coordinates beyond which a parameter is not identifiable.
@@ -31,6 +31,8 @@ _WIDEST = {
     "coulomb_friction_n": 0.4,
     "breakaway_excess_n": 0.4,
     "offset_n": 0.4,
+    DEAD_ZONE: 0.4,
+    DRAG: 0.4,
 }
 
 
@@ -65,6 +67,8 @@ def excitation(key: str) -> str:
         ),
         "position_noise_rms_m": "a log in motion; at rest the encoder's step hides it",
         "encoder_resolution_m": "the encoder's own counts, unfiltered",
+        DEAD_ZONE: f"a {FORCE} that goes through 0 often and slowly beside a fast motion, or a log of the current",
+        DRAG: "long strokes at several speeds",
         "backlash_m": (
             f"strokes with many reversals, the {FORCE} several times the friction; for play beyond the encoder, the "
             "position measured at the handle"

@@ -52,7 +52,7 @@ from avc_casadi.identification.read import read_logs
 from avc_casadi.identification.record import Record, shortened
 from avc_casadi.identification.select import HIDDEN, select
 from avc_casadi.identification.selection import Selection, settled, without
-from avc_casadi.identification.terms import PARAMETERS, PLAY, TERMS, Structure
+from avc_casadi.identification.terms import DEAD_ZONE, DRAG, PARAMETERS, PLAY, TERMS, Structure
 from avc_casadi.identification.told import remarks
 from avc_casadi.identification.uncertainty import Spread, richardson, sensitivity, spread_of
 from avc_casadi.identification.units import Layout
@@ -351,6 +351,8 @@ def _simplest(
         "breakaway_excess_n": force,
         "offset_drift_n_per_s": force / seconds,
         "stiffness_n_per_m": force / travel,
+        DEAD_ZONE: force,
+        DRAG: force / speed**2,
         "speed_m_per_s": speed,
         PLAY: step_m or 1e-3 * travel,
     }

@@ -9,7 +9,7 @@ stays unbiased where the gain fits the disturbance.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,11 +19,11 @@ from avc_casadi.identification.encoder import SLOWLY, encoder_step_m, last_went
 from avc_casadi.identification.linear import PARTS, LinearStep, linear_derivatives, linear_step, taps_of
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.run import Kind, prepare, run
-from avc_casadi.identification.terms import FRICTION, LINEAR, OFFSET, PLAY, Structure, offset_of
+from avc_casadi.identification.terms import DEAD_ZONE, FRICTION, LINEAR, OFFSET, PLAY, Structure, offset_of
 
 _MOST_DOUBLINGS = 60
-# Step of the central difference by backlash, as a share of its search unit.
-_PLAY_STEP = 1e-2
+# Step of the central differences by backlash and dead zone, as a share of their search units.
+_ASIDE = 1e-2
 # Records of so many samples in all are worth compiling the model for.
 _WORTH_PREPARING = 2000
 
@@ -179,7 +179,7 @@ class Predictor:
         models: dict[float, tuple[LinearStep, FloatArray, FloatArray]] = {}
         behind = self.last_went if structure.present(PLAY) else None
         ways = behind or [np.zeros(1)] * len(self.records)
-        by_play = [index for index, one in enumerate(free) if one.name == PLAY] if slopes else []
+        aside = [(index, one.name) for index, one in enumerate(free) if one.name in {PLAY, DEAD_ZONE}] if slopes else []
         for record, measured, way, log in zip(self.records, self._positions, ways, self.logs, strict=True):
             position = measured if behind is None else measured + values[PLAY] / 2 * way
             if record.added_mass_kg not in models:
@@ -205,22 +205,33 @@ class Predictor:
                 directions[: len(linear), : len(by_linear)] = by_linear.T
                 places = [len(by_linear) + at for at, name in enumerate(FRICTION) if own[name] in rough]
                 directions[range(len(linear), len(acting)), places] = 1.0
-            state, inputs = _begun(step, record, position, taps)
+            state, inputs = _begun(step, _driven(record, values[DEAD_ZONE]), position, taps)
             kind = self._kind(structure)
             out = run(state, inputs, numbers, directions, kind)
             by = None
             if slopes:
                 by = np.zeros((len(out), len(free)))
                 by[:, acting] = out[:, 1:] * outward[acting]
-                for index in by_play:
-                    aside = _PLAY_STEP * outward[index] / 2 * way
-                    ends = [
-                        run(*_begun(step, record, at, taps), numbers, directions[:0], kind)
-                        for at in (position - aside, position + aside)
-                    ]
-                    by[:, index] = (ends[1][:, 0] - ends[0][:, 0]) / (2 * _PLAY_STEP)
+                for index, name in aside:
+                    ends = []
+                    for move in (-_ASIDE * outward[index], _ASIDE * outward[index]):
+                        zone, at = (
+                            (values[DEAD_ZONE] + move, position)
+                            if name == DEAD_ZONE
+                            else (values[DEAD_ZONE], position + move / 2 * way)
+                        )
+                        ends.append(run(*_begun(step, _driven(record, zone), at, taps), numbers, directions[:0], kind))
+                    by[:, index] = (ends[1][:, 0] - ends[0][:, 0]) / (2 * _ASIDE)
             found.append(Prediction(out[:, 0].copy(), by))
         return found
+
+
+def _driven(record: Record, dead_zone_n: float) -> Record:
+    """Return the record with the forces that an amplifier with a dead zone makes of the commands."""
+    if dead_zone_n == 0:
+        return record
+    beyond = np.maximum(np.abs(record.force_n) - dead_zone_n, 0.0)
+    return replace(record, force_n=np.sign(record.force_n) * beyond)
 
 
 def _begun(

@@ -22,13 +22,14 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.identification.linear import TAPS, entries_of
-from avc_casadi.identification.terms import FRICTION
+from avc_casadi.identification.terms import DRAG, FRICTION
 from avc_casadi.simulation.native import LANES_HEAD, compiler, in_lanes, library
 
 _LEVEL = FRICTION.index("coulomb_friction_n")
 _ASYMMETRY = FRICTION.index("damping_asymmetry_ns_per_m")
 _EXCESS = FRICTION.index("breakaway_excess_n")
 _SPEED = FRICTION.index("stribeck_speed_m_per_s")
+_DRAG = FRICTION.index(DRAG)
 _OFFSET = FRICTION.index("offset_n")
 _DRIFT = FRICTION.index("offset_drift_n_per_s")
 _TINY = 1e-30
@@ -79,8 +80,14 @@ def sample(states: int, cuts: int, stribeck: bool) -> Sample:
     error = y - ca.dot(measured, x)
     corrected = x + gain * error
     speed = corrected[1]
+    driven = matrix @ corrected + inward @ forces
     push = parts[_OFFSET] + parts[_DRIFT] * time - parts[_ASYMMETRY] * ca.fabs(speed)
-    alone = matrix @ corrected + inward @ forces + motor * push
+    # Drag is that at the mean speed of the sample, which friction and drag slow by half of what they do until its end.
+    middle = (speed + driven[1]) / 2
+    slower = ca.fmax(ca.fabs(middle) - motor[1] / 2 * (parts[_LEVEL] + parts[_DRAG] * middle**2), 0.0)
+    middle = ca.sign(middle) * slower + motor[1] / 2 * push
+    push -= parts[_DRAG] * middle * ca.fabs(middle)
+    alone = driven + motor * push
     width = states + TAPS + 1
     inside, eases = [], []
     for cut in range(cuts):

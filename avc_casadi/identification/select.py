@@ -33,13 +33,19 @@ from avc_casadi.identification.terms import HIGHEST_SEEN, LOOP_DAMPING, PLAY, SI
 from avc_casadi.identification.uncertainty import Trial, compared, sensitivity
 
 # Terms of one group have similar effects: the better one is accepted first.
-_ORDER = (("coulomb",), ("resonance", "amplifier", "stiffness", "play"), ("asymmetry",), ("stribeck",), ("drift",))
+_ORDER = (
+    ("coulomb",),
+    ("resonance", "amplifier", "stiffness", "play"),
+    ("asymmetry",),
+    ("stribeck", "dead-zone", "drag"),
+    ("drift",),
+)
 # A term is fitted only where a Gauss-Newton step from its absence improves the error by so many standard errors.
 _HOPEFUL = 1.5
 # The limit is wider for an amplifier and its delay: friction that reverses inside a sample helps to separate them.
 _COLLINEAR, _COLLINEAR_LAG = 100.0, 300.0
 # Terms that a poor model masks, and those that may change everything.
-_SMALL = ("asymmetry", "stribeck", "drift")
+_SMALL = ("asymmetry", "stribeck", "dead-zone", "drag", "drift")
 _STRONG = {"coulomb", "resonance", "amplifier", "stiffness", "play"}
 # A final fit starts only from a coarse fit within this factor of the best one; nor beyond this factor of another
 # accepted term, which then comes first.
@@ -94,6 +100,8 @@ def select(
         _prepare(predictor, chosen.fit.structure, [*following, *(terms if taken and index else ())])
         if taken:
             late += [one for earlier in _ORDER[: index + 1] for one in earlier if not chosen.trials[one].taken]
+    if _friction_beside_drag(predictor, chosen, window):
+        late += [term for term in _SMALL if not chosen.trials[term].taken]
     if late:
         # The apparent gain of another term may only be this model's distance from its own optimum.
         chosen.fit = settled(predictor, chosen.fit, window)
@@ -136,6 +144,27 @@ def _no_rival_resonance(
     chosen.fit = settled(predictor, without, window)
 
 
+def _friction_beside_drag(predictor: Predictor, chosen: Selection, window: Window) -> bool:
+    """Try dry friction and drag at once: alone each leans damping the other way, and neither bears itself out."""
+    simple = chosen.fit
+    if {"coulomb", "drag"} & set(simple.structure.terms):
+        return False
+    both = richer(simple.structure, "coulomb", "drag")
+    dry = chosen.rivals["coulomb"].values if "coulomb" in chosen.rivals else {}
+    start = {**simple.values, "coulomb_friction_n": dry.get("coulomb_friction_n", 0.0)}
+    rough = roughly(predictor, both, start, min(simple.observer.rate_per_s, FIRST_RATE_PER_S))
+    found = closely(predictor, rough, window)
+    trials = {term: compared(simple, found, term) for term in ("coulomb", "drag")}
+    if not trials["drag"].worth:
+        return False
+    # Where it is not sure, it still bounds what there may be.
+    chosen.rivals |= dict.fromkeys(trials, found)
+    chosen.trials |= trials
+    if trials["drag"].taken:
+        chosen.fit = found
+    return trials["drag"].taken
+
+
 def _together(predictor: Predictor, chosen: Selection, response: Response, window: Window) -> None:
     """Try resonance and amplifier together, where neither was significant and the resonance alone was promising."""
     if not all(term in chosen.rivals and not chosen.trials[term].taken for term in _PAIR):
@@ -155,6 +184,8 @@ def _prune(predictor: Predictor, chosen: Selection, window: Window) -> None:
     """Remove terms that the full model no longer supports: those whose size is 0 within its uncertainty."""
     for term in (
         "stribeck",
+        "dead-zone",
+        "drag",
         "asymmetry",
         "drift",
         "stiffness",

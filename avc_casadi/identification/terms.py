@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.units import FORCE, KG, M_PER_S, MASS, METRE, N_PER_M, NEWTON, NS_PER_M, Wording
+from avc_casadi._util.units import FORCE, KG, M_PER_S, MASS, METRE, N_PER_M, NEWTON, NS2_PER_M2, NS_PER_M, Wording
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 
 Kind = Literal["log", "linear", "share"]
-Part = Literal["loop", "friction", "sensing"]
+Part = Literal["drive", "loop", "friction", "sensing"]
 
 LONGEST_DELAY = 24.0
 
@@ -28,7 +28,8 @@ class Parameter:
         unit: as printed.
         kind: search coordinate: the logarithm, the value itself, or the logit of a share.
         lowest, highest: bounds.
-        part: of the model that it belongs to: the linear loop, friction and constant force, or the measurement.
+        part: of the model that it belongs to: what the amplifier makes of the command, the linear loop, friction and
+            constant force, or the measurement.
     """
 
     name: str
@@ -94,6 +95,16 @@ TERMS: Mapping[str, Term] = {
             ("coulomb",),
         ),
         Term(
+            "dead-zone",
+            "a dead zone of the amplifier",
+            (Parameter("dead_zone_n", NEWTON, "linear", 0.0, 1e5, part="drive"),),
+        ),
+        Term(
+            "drag",
+            "drag that grows with the square of the speed",
+            (Parameter("drag_ns2_per_m2", NS2_PER_M2, "linear", 0.0, 1e7, part="friction"),),
+        ),
+        Term(
             "resonance",
             "a resonance between motor and handle",
             (
@@ -154,12 +165,14 @@ def words_of(terms: Sequence[str], amplifier_order: int) -> str:
     return ", ".join(f"{TERMS[term].words}{order if term == 'amplifier' else ''}" for term in terms)
 
 
-OFFSET, PLAY = "offset_n", "backlash_m"
+OFFSET, PLAY, DEAD_ZONE, DRAG = "offset_n", "backlash_m", "dead_zone_n", "drag_ns2_per_m2"
 SIZE_OF = {
     "stribeck": "breakaway_excess_n",
     "stiffness": "stiffness_n_per_m",
     "coulomb": "coulomb_friction_n",
     "play": PLAY,
+    "dead-zone": DEAD_ZONE,
+    "drag": DRAG,
 }
 """The parameter that is 0 where a term is absent."""
 HIGHEST_SEEN = 0.45

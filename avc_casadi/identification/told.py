@@ -7,12 +7,12 @@ from typing import Any
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number, text_table
-from avc_casadi._util.units import FORCE, KG, MASS, METRE, N_PER_M, spoken_key
+from avc_casadi._util.units import FORCE, KG, MASS, METRE, N_PER_M, NEWTON, NS2_PER_M2, spoken_key
 from avc_casadi.identification.assumed_mass_ratio import at_the_other_side
 from avc_casadi.identification.closed_loop import EXCITATION, OnlyFeedback, coloured
 from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Identification
-from avc_casadi.identification.terms import LOOP_DAMPING, PLAY, words_of
+from avc_casadi.identification.terms import DEAD_ZONE, DRAG, LOOP_DAMPING, PLAY, words_of
 
 SCHEMA = "avc-identify/1"
 
@@ -193,6 +193,19 @@ def remarks(
             f"play of {number(fit.values[PLAY] / radius_m, 2)} {METRE} ({spoken_key('backlash_m')}); {MASS}, damping "
             "and friction are those beside it, and what is found with this file knows of it. Better: take the play up "
             "(preload, a tighter belt or capstan)"
+        )
+    if "dead-zone" in fit.structure.terms:
+        notes.append(
+            f"the amplifier gives nothing for a {FORCE} below {number(fit.values[DEAD_ZONE] * radius_m, 2)} {NEWTON}, "
+            f"and so much less of a larger one ({spoken_key(DEAD_ZONE)}: the dead zone of a bridge, a valve, a gear): "
+            f"{MASS}, damping and friction are those behind it. A device file has no key for it: add it to the "
+            "command, along its sign"
+        )
+    if "drag" in fit.structure.terms:
+        drag = f"{number(fit.values[DRAG] * radius_m**3, 3)} {NS2_PER_M2}"
+        notes.append(
+            f"a drag of {drag} times the square of the speed ({spoken_key(DRAG)}) is beside damping and friction: the "
+            "damping is that at low speed, which a device file holds"
         )
     if driven is not None:
         notes.append(

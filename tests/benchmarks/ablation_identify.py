@@ -64,6 +64,8 @@ OF_TERM = {
     "drift": "drift",
     "play": "none",
     "asymmetry": "none",
+    "dead-zone": "none",
+    "drag": "none",
 }
 
 
