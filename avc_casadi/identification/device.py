@@ -166,8 +166,9 @@ def _meaning(key: str, found: Identification) -> str:
         told += f"; beside a spring{of} to the ground, which this file has no key for: no loop made with it has it"
     beside = {"a dead zone": DEAD_ZONE, "a drag": DRAG} if key in _MOVING else {}
     for what, name in beside.items():
-        one = found.estimates.get(name)
-        told += "" if one is None else f"; beside {what} of {one.value:.3g} {one.unit}, which this file has no key for"
+        if name in found.estimates:
+            size = f"{found.estimates[name].value:.3g} {found.estimates[name].unit}"
+            told += f"; beside {what} of {size}, which this file has no key for"
     return told
 
 
