@@ -80,3 +80,31 @@ def test_thirds_of_one_device_do_not_differ():
     found = identify(record)
     assert holds(found)
     assert not any(one.doubt for one in found.estimates.values())
+
+
+def stops(low, high, stiffness):
+    return lambda tick, x, v: -stiffness * (max(x - high, 0.0) + min(x - low, 0.0))  # noqa: ARG005
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("low", "high", "told"), [(-1.0, 0.025, ["above 0.02"]), (-0.012, 0.012, ["above 0.01", "below -0.01"])]
+)
+def test_a_stop_that_the_device_runs_into_is_named_with_its_place(low, high, told):
+    found = identify(of(held_log(law(multisine(4.0, 6000)), **DEVICE, outside=stops(low, high, 5000.0))))
+    (note,) = [note for note in found.notes if "end stop" in note]
+    assert all(one in note for one in told)
+    assert note.count("pushes back") == len(told)
+    assert "runs into a stop" in found.estimates["mass_kg"].doubt
+    assert found.device is None or found.device.sources.mass_kg.grade == "assumed"
+
+
+@pytest.mark.thorough
+def test_a_wall_at_the_middle_is_one_and_a_spring_or_a_hand_is_none():
+    wide = law(multisine(4.0, 6000, 0.5, 60.0, seed=8), spring=100.0, damper=0.0)
+    found = identify(of(held_log(wide, **DEVICE, outside=stops(-1.0, 0.0, 2000.0))))
+    (note,) = [note for note in found.notes if "end stop" in note]
+    assert note.count("pushes back") == 1
+    sprung = identify(of(held_log(law(multisine(4.0, 6000), spring=0.0), **DEVICE, spring=300.0)))
+    assert not any("end stop" in note for note in sprung.notes)
+    assert sprung.device.sources.mass_kg.grade == "measured"

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.units import FORCE
+from avc_casadi._util.text import number
+from avc_casadi._util.units import FORCE, MASS, METRE, N_PER_M
 from avc_casadi.identification.closed_loop import coloured
 from avc_casadi.identification.constancy import differences_of_thirds
 from avc_casadi.identification.fit import Fit, Window
 from avc_casadi.identification.log_consistency import saturation_doubts, unlike_logs
 from avc_casadi.identification.model import Doubt
 from avc_casadi.identification.predictor import Predictor
+from avc_casadi.identification.stops import stops_of
 from avc_casadi.identification.uncertainty import SURE, moves_of
 
 # No link and no amplifier has a shorter delay, in samples.
@@ -48,6 +50,7 @@ def doubts_of(
     return beyond, [
         *changed,
         *unlike_logs(fit, predictor, radius_m),
+        *_of_stops(predictor, fit, window, radius_m),
         *_of_the_error(lags, feedback=feedback),
         *_without_delay(fit),
         *saturation_doubts(predictor, fit, window, radius_m),
@@ -67,6 +70,22 @@ def _of_the_error(lags: FloatArray, *, feedback: bool) -> list[Doubt]:
     else:
         note = f"{why}: something moves the device that the model does not know (a hand, a cable, an unmodelled mode)"
     return [Doubt(why, note)]
+
+
+def _of_stops(predictor: Predictor, fit: Fit, window: Window, radius_m: float) -> list[Doubt]:
+    told = [
+        f"{'above' if one.side > 0 else 'below'} {number(one.place_m / radius_m, 3)} {METRE} something of about "
+        f"{number(one.stiffness_n_per_m * radius_m**2, 2)} {N_PER_M} pushes back"
+        for one in stops_of(predictor, fit, window)
+    ]
+    if not told:
+        return []
+    note = (
+        f"the device runs into an end stop or a wall: {'; '.join(told)}, which is not in the log's {FORCE}, so that "
+        f"{MASS}, damping, friction and a constant {FORCE} lean, and a resonance or play may be none. Better: a log "
+        f"that stays clear of it (less {FORCE}, none of the slowest sines, a stiffer centring)"
+    )
+    return [Doubt("the device runs into a stop", note)]
 
 
 def _without_delay(fit: Fit) -> list[Doubt]:
