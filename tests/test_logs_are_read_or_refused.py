@@ -312,3 +312,37 @@ def test_a_clock_with_too_few_digits_is_told_of_the_sample_time(tmp_path):
     clock = np.round(TIME / 8, 4)
     np.savetxt(path, np.column_stack([clock, POSITION, FORCE]), delimiter=",", header="t_s,x_m,f_n", comments="")
     assert any("--sample-time" in fault.message for fault in faults(path))
+
+
+@pytest.mark.parametrize("stamp_s", [4e-3, 2.5e-3])
+def test_stamps_too_coarse_for_their_rows_are_told_the_sample_time(tmp_path, stamp_s):
+    path = tmp_path / "a.csv"
+    clock = np.floor(TIME / stamp_s + 1e-6) * stamp_s
+    np.savetxt(path, np.column_stack([clock, POSITION, FORCE]), delimiter=",", header="t_s,x_m,f_n", comments="")
+    (fault,) = faults(path)
+    assert "--sample-time 0.001, where no row is missing" in fault.message
+    same(read_logs([path], Layout(sample_time_s=1e-3))[0])
+
+
+def test_rows_written_twice_are_no_coarse_clock(tmp_path):
+    path = tmp_path / "a.csv"
+    rows = np.repeat(np.column_stack([TIME, POSITION, FORCE]), 2, axis=0)
+    np.savetxt(path, rows, delimiter=",", header="t_s,x_m,f_n", comments="")
+    assert "of a row that is written twice, leave one out" in faults(path)[0].message
+
+
+@pytest.mark.parametrize(("times", "before"), [(2, 0), (3, 1)])
+def test_a_loop_that_is_logged_more_often_than_it_ran_is_taken_once_a_tick(tmp_path, times, before):
+    path = tmp_path / "a.csv"
+    rows = np.repeat(np.column_stack([POSITION, FORCE]), times, axis=0)[before:]
+    np.savetxt(path, np.column_stack([np.arange(len(rows)) * 1e-3 / times, rows]), delimiter=",", header="t_s,x_m,f_n")
+    (record,), told = read_logs([path])
+    assert record.sample_time_s == pytest.approx(1e-3)
+    np.testing.assert_array_equal(record.force_n[-50:], FORCE[-50:])
+    assert any(f"stands there {times} times" in note for note in told)
+    # What is held now and then, or whose position goes on, is a log of every tick.
+    uneven = np.repeat(np.column_stack([POSITION, FORCE]), np.arange(SIZE) % 2 + 1, axis=0)
+    for some in (uneven, np.column_stack([np.arange(len(rows)) * 1e-6, rows[:, 1]])):
+        np.savetxt(path, np.column_stack([np.arange(len(some)) * 1e-3, some]), delimiter=",", header="t_s,x_m,f_n")
+        (record,), told = read_logs([path])
+        assert record.position_m.size == len(some)

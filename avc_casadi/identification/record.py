@@ -12,7 +12,15 @@ from avc_casadi._errors import Fault
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, MASS, METRE, MotionKind, Units, in_its_units, spoken_key, units_for
-from avc_casadi.identification.repair import LONGEST_STEP, laid_evenly, left_out, sound, wrapped
+from avc_casadi.identification.repair import (
+    LONGEST_STEP,
+    coarse_clock_s,
+    laid_evenly,
+    left_out,
+    sound,
+    taken_once,
+    wrapped,
+)
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
@@ -20,7 +28,7 @@ _JITTER = 0.25
 _SCATTERS = 0.01
 # Number of places reported of one fault.
 TOLD = 3
-_TWICE = "; of a row that is written twice, leave one out"
+_TWICE = "; of a row that is written twice, leave one out; where the rows differ, --sample-time, if none is missing"
 _SHORTEST = 200
 # With a piece shorter than this share of the longest every record would be judged from too early on.
 _SHORT = 0.1
@@ -116,7 +124,8 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     backwards = backwards_of(columns)
     before = columns.told
     columns, told = left_out(columns)
-    told = [*before, *told]
+    columns, repeated = taken_once(columns)
+    told = [*before, *told, *repeated]
     faults = implausible(columns)
     if columns.time_s.size < _SHORTEST:
         return [], faults, []
@@ -189,6 +198,14 @@ def _worth(sizes: IndexArray, period_s: float) -> float:
 
 def backwards_of(columns: Columns) -> list[Fault]:
     """Return the rows at which the time of a log does not increase."""
+    coarse = coarse_clock_s(columns)
+    if coarse is not None:
+        message = (
+            "stands still from row to row while position and force go on, and each stamp has as many rows as any "
+            "other: the clock is written too coarsely; allowed: --sample-time "
+            f"{number(_round(coarse))}, where no row is missing, or times of more digits"
+        )
+        return [Fault(columns.file, None, "time", message)]
     there = np.flatnonzero(sound(columns.time_s))
     backwards = np.flatnonzero(np.diff(columns.time_s[there]) <= 0)
     faults = [
@@ -268,7 +285,8 @@ def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
         faults.append(Fault(columns.file, columns.at(int(jumps[0])), "position", f"{message}; allowed: {allowed}"))
         return faults
     step = float(np.median(np.diff(columns.time_s)))
-    if not 1e-5 <= step <= 0.05:
+    # Times that stand still or go back are told row by row.
+    if step > 0 and not 1e-5 <= step <= 0.05:
         message = f"steps of {number(step)} s; allowed: 1e-5 to 0.05 s; is the unit right?"
         faults.append(Fault(columns.file, None, "time", message))
     sizes = {"position": np.ptp(columns.position_m), "force": np.abs(columns.force_n).max()}

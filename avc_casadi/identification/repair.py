@@ -152,6 +152,59 @@ def _alone(position: FloatArray) -> BoolArray:
     return found
 
 
+# Rows that are all held equally often are those of a slower loop; fewer changes show no rule.
+_FEWEST_CHANGES = 100
+
+
+def taken_once(columns: Columns) -> tuple[Columns, list[str]]:
+    """Take one of every N rows where all stand N times: a loop was logged more often than it ran.
+
+    Returns:
+        The log, and notes for the user.
+    """
+    changed = np.flatnonzero((np.diff(columns.position_m) != 0) | (np.diff(columns.force_n) != 0)) + 1
+    times = int(np.gcd.reduce(np.diff(changed))) if changed.size > _FEWEST_CHANGES else 1
+    # Slow motion under a held force changes seldom, and not at every tick of any loop.
+    if times < 2 or changed.size < 0.5 * (columns.time_s.size // times):
+        return columns, []
+    kept = np.arange(changed[0] % times, columns.time_s.size, times)
+    period = number(float(np.median(np.diff(columns.time_s[kept]))), 4)
+    told = (
+        f"{columns.file}: every row stands there {times} times: the loop ran at a step of {period} s and was logged "
+        f"{times} times as often; one row of each {times} is taken, and a delay counts these steps"
+    )
+    lines = columns.line
+    once = replace(
+        columns,
+        time_s=columns.time_s[kept],
+        position_m=columns.position_m[kept],
+        force_n=columns.force_n[kept],
+        line=None if lines is None else lines[kept],
+    )
+    return once, [told]
+
+
+# More rows to a stamp than this are no late tick of a clock of few digits.
+_ROWS_A_STAMP = 1.2
+
+
+def coarse_clock_s(columns: Columns) -> float | None:
+    """Return the sample time of rows whose stamps are too coarse for it, or None where stamps are no such.
+
+    Each stamp then has as many rows as any other, but for one, and these differ.
+    """
+    steps = np.diff(columns.time_s)
+    first = np.flatnonzero(steps > 0) + 1
+    if first.size < 3 or np.any(steps < 0):
+        return None
+    counts = np.diff(first)
+    same = (steps == 0) & (np.diff(columns.position_m) == 0) & (np.diff(columns.force_n) == 0)
+    twice = float(np.sum(same)) > 0.5 * float(np.sum(steps == 0))
+    if np.abs(counts - np.median(counts)).max() > 1 or counts.mean() < _ROWS_A_STAMP or twice:
+        return None
+    return float((columns.time_s[first[-1]] - columns.time_s[first[0]]) / (first[-1] - first[0]))
+
+
 # Longer steps are a gap: a host that is late by more has not run its loop.
 LONGEST_STEP = 6.0
 
