@@ -95,7 +95,9 @@ def test_a_stop_that_the_device_runs_into_is_named_with_its_place(low, high, tol
     (note,) = [note for note in found.notes if "end stop" in note]
     assert all(one in note for one in told)
     assert note.count("pushes back") == len(told)
-    assert "runs into a stop" in found.estimates["mass_kg"].doubt
+    moving = [one for key, one in found.estimates.items() if key != "encoder_resolution_m"]
+    assert all("runs into a stop" in one.doubt for one in moving)
+    assert all(one.bounds is None for one in found.refused)
     assert found.device is None or found.device.sources.mass_kg.grade == "assumed"
 
 
@@ -108,3 +110,13 @@ def test_a_wall_at_the_middle_is_one_and_a_spring_or_a_hand_is_none():
     sprung = identify(of(held_log(law(multisine(4.0, 6000), spring=0.0), **DEVICE, spring=300.0)))
     assert not any("end stop" in note for note in sprung.notes)
     assert sprung.device.sources.mass_kg.grade == "measured"
+
+
+@pytest.mark.thorough
+def test_a_delay_that_rivals_leave_open_is_refused_as_any_other_number():
+    slow = lambda tick, z, u: 0.5 * np.sin(np.pi * 1e-3 * tick)  # noqa: ARG005, E731
+    found = identify(of(held_log(slow, **{**DEVICE, "friction": 0.45})))
+    assert holds(found, {**TRUTH, "coulomb_friction_n": 0.45, "delay_samples": 1.0})
+    (refused,) = [one for one in found.refused if one.key == "delay_samples"]
+    assert refused.bounds[1] <= 1.0 <= refused.bounds[2]
+    assert found.device is None or "delay_samples" in found.device.gaps

@@ -13,7 +13,6 @@ from avc_casadi.identification.closed_loop import coloured
 from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Refusal
 from avc_casadi.identification.terms import DEAD_ZONE, DRAG, HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
-from avc_casadi.identification.uncertainty import Spread
 
 # Half widths in search coordinates beyond which a parameter is not identifiable.
 _WIDEST = {
@@ -77,13 +76,19 @@ def excitation(key: str) -> str:
     }[key]
 
 
-def refusals(fit: Fit, spread: Spread, normal: FloatArray) -> dict[str, Refusal]:
-    """Return the refusals of a fit's parameters that are not identifiable, by key."""
+def refusals(fit: Fit, half_width: Sequence[float] | FloatArray, normal: FloatArray) -> dict[str, Refusal]:
+    """Return the refusals of a fit's parameters that are not identifiable, by key.
+
+    Args:
+        fit: the fitted model.
+        half_width: of the interval of each coordinate, shape (free,).
+        normal: correlations of the sensitivities, shape (free, free).
+    """
     found = {}
     names = [one.name for one in fit.structure.free]
     for index, one in enumerate(fit.structure.free):
         widest = _WIDEST.get(one.name)
-        half = float(spread.half_width[index])
+        half = float(half_width[index])
         if widest is None or half <= widest:
             continue
         others = np.abs(np.delete(normal[index], index))

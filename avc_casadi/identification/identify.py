@@ -191,7 +191,7 @@ def _identified(
         amplifier_order=fit.structure.amplifier_order if "amplifier" in fit.structure.terms else 1,
         assumed_share=share,
         estimates=estimates,
-        refused=tuple(_from(base, one) for one in refused.values()),
+        refused=tuple(_from(base, one, doubts) for one in refused.values()),
         trials=tuple(chosen.trials.values()),
         names=tuple(one.name for one in fit.structure.free),
         correlation=spread.correlation,
@@ -269,13 +269,16 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
     while True:
         fit = chosen.fit
         spread = spread_of(fit, _beside(predictor, fit, window))
-        refused = refusals(fit, spread, sensitivity(fit)[0])
+        normal, _ = sensitivity(fit)
+        refused = refusals(fit, spread.half_width, normal)
         if SHARE in refused:
             chosen.fit = settled(predictor, shared(predictor, fit, window, 1e-6), window)
             continue
         halves = widened(fit, spread, chosen.rivals, chosen.inseparable)
         refused |= not_of_one_kind(fit, halves)
         vague = vague_terms(fit, halves, refused)
+        # Rivals widen an interval beyond what tells a number, too.
+        refused |= {key: one for key, one in refusals(fit, halves, normal).items() if key in SEARCHED}
         if fit.hides_play:
             without(predictor, chosen, "play", HIDDEN, window)
         elif vague:
@@ -362,8 +365,10 @@ def _simplest(
     return Structure(terms, known, units, logs=logs)
 
 
-def _from(base: DeviceFile | None, refused: Refusal) -> Refusal:
-    """Return the other source of a value that is refused."""
+def _from(base: DeviceFile | None, refused: Refusal, doubts: Sequence[Doubt]) -> Refusal:
+    """Return the other source of a value that is refused; bounds in doubt are none."""
+    if any(doubt.keys is None for doubt in doubts):
+        refused = replace(refused, bounds=None)
     if base is None or not states(base, refused.key):
         return refused
     if refused.key in SEARCHED:

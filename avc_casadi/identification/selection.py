@@ -74,7 +74,9 @@ def no_false_resonance(predictor: Predictor, chosen: Selection, window: Window) 
     """
     ringing = chosen.fit
     spread = spread_of(ringing, ())
-    vague = vague_terms(ringing, spread.half_width.tolist(), refusals(ringing, spread, sensitivity(ringing)[0]))
+    vague = vague_terms(
+        ringing, spread.half_width.tolist(), refusals(ringing, spread.half_width, sensitivity(ringing)[0])
+    )
     loop = in_place_of_a_resonance(predictor, ringing, window, doubted="resonance" in vague)
     if loop is None:
         return False
