@@ -7,8 +7,10 @@ from held_device import held_log
 from avc_casadi import InputError
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.device import device_text
+from avc_casadi.identification.encoder import encoder_step_m
 from avc_casadi.identification.identify import identify
-from avc_casadi.identification.record import records_of
+from avc_casadi.identification.initial_guess import in_ticks
+from avc_casadi.identification.record import Record, records_of
 
 HELD = {"mass": 0.1, "damping": 1.0, "friction": 0.05, "spring": 500.0, "ticks": 5000, "parts": 40}
 
@@ -86,3 +88,32 @@ def test_a_clock_that_scatters_is_taken_as_it_is(period, scatter):
     found = identify(records)
     for key, name in (("mass_kg", "mass"), ("damping_ns_per_m", "damping"), ("coulomb_friction_n", "friction")):
         assert holds(found, key, truth[name], 0.03)
+
+
+def ticking(delay, period=5e-3):
+    law = sines(0.15, 15.0, period, seed=3, spring=30.0, damper=0.5)
+    device = {"mass": 0.25, "damping": 1.2, "friction": 0.15, "delay": delay}
+    return of(held_log(law, **device, period=period, ticks=3200, scatter=0.4 * period, parts=40))
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_forces_of_a_clock_that_scatters_act_after_as_many_ticks_as_they_do(delay):
+    records = ticking(delay)
+    (taken,), told = in_ticks(records)
+    np.testing.assert_array_equal(taken.force_n, records[0].later_n[delay])
+    assert [f"act {delay} tick" in note for note in told] == [True] * bool(delay)
+    assert encoder_step_m(records) == pytest.approx(2e-5, rel=1e-4)
+    # An even clock has one way only to count.
+    even = [Record("even", 5e-3, taken.position_m, taken.force_n)]
+    assert in_ticks(even) == (even, [])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("delay", [0, 1, 2])
+def test_a_delay_that_is_counted_in_ticks_does_not_lean_the_damping(delay):
+    found = identify(ticking(delay))
+    for key, value in (("mass_kg", 0.25), ("damping_ns_per_m", 1.2), ("coulomb_friction_n", 0.15)):
+        assert holds(found, key, value, 0.01)
+    assert found.estimates["delay_samples"].value == pytest.approx(delay, abs=0.03)
+    assert "resonance" not in found.terms
+    assert not found.estimates["damping_ns_per_m"].doubt

@@ -71,9 +71,14 @@ def autocorrelation(errors: Sequence[FloatArray]) -> FloatArray:
     return np.array([sum(float(e[lag:] @ e[:-lag]) for e in errors) / total for lag in range(1, LAGS + 1)])
 
 
-def coloured(lags: FloatArray) -> bool:
-    """Return whether a prediction error is far from white noise."""
-    return bool(np.abs(lags[:20]).max() > _COLOURED)
+def coloured(lags: FloatArray, *, resampled: bool = False) -> bool:
+    """Return whether a prediction error is far from white noise.
+
+    Args:
+        lags: its autocorrelation, from lag 1 on.
+        resampled: whether positions were interpolated, which makes neighbours of white noise alike.
+    """
+    return bool(np.abs(lags[int(resampled) : 20]).max() > _COLOURED)
 
 
 EXCITATION = Wording.of(

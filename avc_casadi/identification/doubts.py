@@ -51,15 +51,13 @@ def doubts_of(
         *changed,
         *unlike_logs(fit, predictor, radius_m),
         *_of_stops(predictor, fit, window, radius_m),
-        *_of_the_error(lags, feedback=feedback),
+        *(_of_the_error(feedback=feedback) if coloured(lags, resampled=fit.resampled) else []),
         *_without_delay(fit),
         *saturation_doubts(predictor, fit, window, radius_m),
     ]
 
 
-def _of_the_error(lags: FloatArray, *, feedback: bool) -> list[Doubt]:
-    if not coloured(lags):
-        return []
+def _of_the_error(*, feedback: bool) -> list[Doubt]:
     why = "the prediction error is not white"
     if feedback:
         note = (

@@ -29,7 +29,9 @@ _APART = 6
 
 def encoder_step_m(records: Sequence[Record]) -> float | None:
     """Return the resolution of the encoder, or None where the readings lie on no lattice."""
-    values = np.unique(np.concatenate([record.position_m for record in records]))
+    values = np.unique(
+        np.concatenate([record.position_m if record.readings_m is None else record.readings_m for record in records])
+    )
     if values.size < _FEWEST:
         return None
     gaps = np.diff(values)

@@ -89,6 +89,11 @@ class Fit:
         return self.structure.values(self.search)
 
     @property
+    def resampled(self) -> bool:
+        """Whether its records were laid evenly from a clock that scatters."""
+        return self.clock > CLOCK
+
+    @property
     def hides_play(self) -> bool:
         """Whether its backlash is below the residual of encoder and noise."""
         return self.structure.present(PLAY) and self.values[PLAY] < self.rms_m

@@ -12,7 +12,16 @@ from avc_casadi._util.units import FORCE, FORCES, MASS, spoken_key
 from avc_casadi.identification.closed_loop import coloured
 from avc_casadi.identification.fit import Fit
 from avc_casadi.identification.model import Refusal
-from avc_casadi.identification.terms import DEAD_ZONE, DRAG, HIGHEST_SEEN, LOOP_DAMPING, LOOP_RATIO, SIZE_OF, TERMS
+from avc_casadi.identification.terms import (
+    DEAD_ZONE,
+    DRAG,
+    HIGHEST_SEEN,
+    LOOP_DAMPING,
+    LOOP_RATIO,
+    PARAMETERS,
+    SIZE_OF,
+    TERMS,
+)
 
 # Half widths in search coordinates beyond which a parameter is not identifiable.
 _WIDEST = {
@@ -209,6 +218,9 @@ def cannot_tell(records_force_rms: float, motion_in_steps: float) -> list[Refusa
     return found
 
 
+_RATIO, _NO_MODE = "resonance.damping_ratio", 0.99
+
+
 def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) -> list[str]:
     """Return the terms too uncertain to stand in a model: refused, or perhaps absent.
 
@@ -223,7 +235,10 @@ def vague_terms(fit: Fit, half_width: Sequence[float], refused: Container[str]) 
         if term in fit.structure.terms and any(one.name.partition(".")[0] in refused for one in TERMS[term].parameters)
     ]
     if fit.structure.present("resonance.frequency_hz"):
-        found += ["resonance"] if fit.values["resonance.frequency_hz"] * fit.sample_time_s > HIGHEST_SEEN else []
+        # At its bound the damping is that of no mode: two real poles, which any small misfit has.
+        no_mode = fit.values[_RATIO] > _NO_MODE * PARAMETERS[_RATIO].highest
+        beyond = fit.values["resonance.frequency_hz"] * fit.sample_time_s > HIGHEST_SEEN
+        found += ["resonance"] if beyond or no_mode else []
     names = [one.name for one in fit.structure.free]
     for term, key in SIZE_OF.items():
         # The evidence for dry friction was weighed with the term, and its interval may end at 0.

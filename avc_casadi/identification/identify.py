@@ -31,7 +31,7 @@ from avc_casadi.identification.identifiability import (
     refusals,
     vague_terms,
 )
-from avc_casadi.identification.initial_guess import first_guess, saturated_force_n
+from avc_casadi.identification.initial_guess import first_guess, in_ticks, saturated_force_n
 from avc_casadi.identification.log_consistency import (
     check_against,
     differs_from,
@@ -100,6 +100,8 @@ def identify(
         InputError: every fault of the logs, or a mass that comes out negative or absurd.
     """
     records, notes = _records(logs, layout, added_mass_kg)
+    records, told = in_ticks(records)
+    notes += told
     if encoder_at not in {None, "motor", "handle"}:
         raise InputError.of(f"is {encoder_at!r}; allowed: motor, handle", key="encoder_at")
     if flip_force:

@@ -85,6 +85,40 @@ def first_guess(records: Sequence[Record], *, pushed: bool = False) -> Guess:
     return Guess({**values, **offsets, "delay_samples": float(delay)}, 1 - left / whole, against)
 
 
+# Motion that a rigid device explains so little of tells nothing of the ticks.
+_UNLIKE = 0.5
+
+
+def in_ticks(records: Sequence[Record]) -> tuple[list[Record], list[str]]:
+    """Take the forces of clocks that scatter as acting so many ticks late as explains the motion best.
+
+    A loop that computes a force in one tick and gives it in the next delays it by the step that happens to be between
+    them. Taken as the mean step, the delay shifts every force by what its step is off, and a force that is divided by
+    its own step, as a damper's is, adds to the damping by the square of the scatter.
+
+    Args:
+        records: of one device.
+
+    Returns:
+        The records, and notes for the user.
+    """
+    most = max(0 if record.later_n is None else len(record.later_n) for record in records)
+    left = {}
+    for late in range(most):
+        found = first_guess([_acting(record, late) for record in records], pushed=False)
+        left[late] = 1 - found.explained
+    best = min(left, key=lambda late: left[late], default=0)
+    if best == 0 or left[best] > _UNLIKE:
+        return list(records), []
+    ticks = "tick" if best == 1 else "ticks"
+    note = f"its clock scatters, and the forces act {best} {ticks} after they are logged, however long these take"
+    return [_acting(record, best) for record in records], [note]
+
+
+def _acting(record: Record, late: int) -> Record:
+    return record if record.later_n is None else replace(record, force_n=record.later_n[late])
+
+
 def saturated_force_n(records: Sequence[Record], delay_samples: float) -> float | None:
     """Return the level at which the acting force saturates below the logged one; None where it does not.
 

@@ -51,6 +51,9 @@ class Record:
         begins_s: start time from the first sample of its log: drift continues over a gap.
         log: the log that it is a piece of; empty of a whole log. A constant force is one of each log.
         scatter: jitter of the clock, the standard deviation of its steps, as a share of T.
+        readings_m: positions as they were read, where those of the record are resampled.
+        later_n: of a clock that scatters, forces if they act 0, 1, 2, ... of its ticks after they are logged, less as
+            many T, shape (ticks, samples).
     """
 
     name: str
@@ -62,6 +65,8 @@ class Record:
     begins_s: float = 0.0
     log: str = ""
     scatter: float = 0.0
+    readings_m: FloatArray | None = None
+    later_n: FloatArray | None = None
 
     @property
     def whole(self) -> str:
@@ -74,6 +79,7 @@ class Record:
             self,
             position_m=self.position_m * radius_m,
             force_n=self.force_n / radius_m,
+            readings_m=None if self.readings_m is None else self.readings_m * radius_m,
             added_mass_kg=self.added_mass_kg / radius_m**2,
             motion="linear",
         )
@@ -139,9 +145,12 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     uneven = np.abs(steps - usual) > _JITTER * usual
     uneven[gaps] = False
     scatter = 0.0
+    readings: FloatArray | None = None
+    later: FloatArray | None = None
     if np.mean(uneven) > _SCATTERS:
         even = laid_evenly(columns, _round(float(np.mean(steps[steps < LONGEST_STEP * usual]))))
-        columns, scatter = even.columns, even.scatter
+        readings = columns.position_m
+        columns, scatter, later = even.columns, even.scatter, even.later_n
         told.append(even.told)
         steps = np.diff(columns.time_s)
         usual = float(np.median(steps))
@@ -177,6 +186,8 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
                 float(columns.time_s[a] - columns.time_s[0]),
                 columns.file,
                 scatter,
+                readings,
+                None if later is None else later[:, a:b],
             )
             for index, (a, b) in enumerate(pieces, start=1)
         ],

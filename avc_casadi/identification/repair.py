@@ -1,8 +1,8 @@
-"""Preprocessing of a log: outliers, lost rows, clock jitter.
+"""Preprocessing of a log: outliers, lost rows, clock jitter, rows and stamps that are no ticks.
 
-A force is held from the tick that commands it to the next, so that its effect on a mass over an even sample is that of
-its mean there. Positions between ticks are those of a cubic spline; parameters are known to s^2/6 under steps with a
-jitter of s.
+A force is held from the tick that commands it to the next, or from a later tick to the one after that, so that its
+effect on a mass over an even sample is that of its mean there. Positions between ticks are those of a cubic spline;
+parameters are known to s^2/6 under steps with a jitter of s.
 """
 
 from __future__ import annotations
@@ -205,6 +205,8 @@ def coarse_clock_s(columns: Columns) -> float | None:
     return float((columns.time_s[first[-1]] - columns.time_s[first[0]]) / (first[-1] - first[0]))
 
 
+# A delay that is counted in ticks is tried up to so many.
+_MOST_TICKS = 4
 # Longer steps are a gap: a host that is late by more has not run its loop.
 LONGEST_STEP = 6.0
 
@@ -216,11 +218,14 @@ class Even:
     Attributes:
         columns: of the splines.
         scatter: jitter, the standard deviation of the steps, as a share of the usual one.
+        later_n: mean forces if they act 0, 1, 2, ... ticks after they are logged, brought forward by as many even
+            samples, shape (ticks, samples).
         told: note for the user.
     """
 
     columns: Columns
     scatter: float
+    later_n: FloatArray
     told: str
 
 
@@ -234,7 +239,10 @@ def laid_evenly(columns: Columns, period_s: float) -> Even:
     smooth = [
         make_interp_spline(time[one], columns.position_m[one], k=3)(at) for one, at in zip(pieces, even, strict=True)
     ]
-    forces = [_mean_held(time[one], columns.force_n[one], at, period_s) for one, at in zip(pieces, even, strict=True)]
+    later = np.concatenate(
+        [_mean_held(time[one], columns.force_n[one], at, period_s) for one, at in zip(pieces, even, strict=True)],
+        axis=1,
+    )
     scatter = float(np.std(steps[steps <= LONGEST_STEP * period_s]))
     told = (
         f"{columns.file}: its steps of time scatter by {number(1e3 * scatter, 2)} ms about "
@@ -245,14 +253,26 @@ def laid_evenly(columns: Columns, period_s: float) -> Even:
         columns,
         time_s=np.concatenate(even),
         position_m=np.concatenate(smooth),
-        force_n=np.concatenate(forces),
+        force_n=later[0],
         line=None,
     )
-    return Even(laid, scatter / period_s, told)
+    return Even(laid, scatter / period_s, later, told)
 
 
 def _mean_held(time_s: FloatArray, force_n: FloatArray, at_s: FloatArray, period_s: float) -> FloatArray:
-    """Return the mean over each even sample of a force that is held from tick to tick."""
-    impulse = np.concatenate([[0.0], np.cumsum(force_n[:-1] * np.diff(time_s))])
-    until = np.interp(np.append(at_s, at_s[-1] + period_s), time_s, impulse)
-    return np.asarray(np.diff(until) / period_s)
+    """Return the mean over each even sample of a force that is held from tick to tick, some ticks late, less samples.
+
+    Returns:
+        Shape (ticks, samples).
+    """
+    found = []
+    for late in range(_MOST_TICKS + 1):
+        begun = time_s[late:]
+        impulse = np.concatenate([[0.0], np.cumsum(force_n[: begun.size - 1] * np.diff(begun))])
+        # Before the first force has arrived it is that force, and after the last tick the last.
+        edges = np.append(at_s, at_s[-1] + period_s) + late * period_s
+        until = np.interp(edges, begun, impulse)
+        until += np.minimum(edges - begun[0], 0.0) * force_n[0]
+        until += np.maximum(edges - begun[-1], 0.0) * force_n[begun.size - 1]
+        found.append(np.diff(until) / period_s)
+    return np.array(found)

@@ -212,7 +212,7 @@ def remarks(
             f"{driven.sentence(radius_m)}, and the device goes on moving: a hand or something else moves it, whose "
             f"{FORCE} is not in the log, so that {MASS}, damping and friction are not identified. Better: {EXCITATION}"
         )
-    elif feedback and not coloured(lags):
+    elif feedback and not coloured(lags, resampled=fit.resampled):
         notes.append(
             f"the {FORCE} follows the measured position (a closed loop), and the prediction error is white: the loop "
             "by itself does not bias the estimates, which is no proof of the model"
