@@ -57,6 +57,7 @@ _VANISHED = 1e-5
 _FASTEST_LAG, _BESIDE_RESONANCE = 1.5, 0.6
 # A resonance further beyond the excited frequencies, as a multiple of the highest, has no effect among them.
 _FURTHEST = 10.0
+_ALIKE = "cannot be distinguished from the rest of the model"
 _PAIR = ("resonance", "amplifier")
 HIDDEN = "is smaller than what encoder and noise hide"
 """Reason for backlash."""
@@ -147,7 +148,7 @@ def _no_rival_resonance(
 def _friction_beside_drag(predictor: Predictor, chosen: Selection, window: Window) -> bool:
     """Try dry friction and drag at once: alone each leans damping the other way, and neither bears itself out."""
     simple = chosen.fit
-    if {"coulomb", "drag"} & set(simple.structure.terms):
+    if {"coulomb", "drag"} & set(simple.structure.terms) or chosen.trials["coulomb"].inseparable:
         return False
     both = richer(simple.structure, "coulomb", "drag")
     dry = chosen.rivals["coulomb"].values if "coulomb" in chosen.rivals else {}
@@ -157,8 +158,10 @@ def _friction_beside_drag(predictor: Predictor, chosen: Selection, window: Windo
     trials = {term: compared(simple, found, term) for term in ("coulomb", "drag")}
     if not trials["drag"].worth:
         return False
-    # Where it is not sure, it still bounds what there may be.
+    # Where it is not sure, or not told from damping, it still bounds what there may be.
     chosen.rivals |= dict.fromkeys(trials, found)
+    if trials["drag"].taken and sensitivity(found)[1] > _COLLINEAR:
+        trials = {term: replace(one, taken=False, why=_ALIKE, inseparable=True) for term, one in trials.items()}
     chosen.trials |= trials
     if trials["drag"].taken:
         chosen.fit = found
@@ -328,8 +331,7 @@ def _told_apart(predictor: Predictor, simple: Fit, best: Fit, term: str, window:
         # Under the observer of the richer model the simpler one may fit as well.
         trial = compared(fit(predictor, simple.structure, simple.values, best.observer, window), best, term)
         if trial.taken:
-            why = "cannot be distinguished from the rest of the model"
-            trial = replace(trial, taken=False, why=why, inseparable=True)
+            trial = replace(trial, taken=False, why=_ALIKE, inseparable=True)
     return best, trial
 
 
