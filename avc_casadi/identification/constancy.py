@@ -10,6 +10,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
+from avc_casadi._util.units import spoken_key
 from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.device import SEARCHED
 from avc_casadi.identification.fit import Fit, Window, fit, slowest_observer
@@ -67,7 +68,9 @@ def differences_of_thirds(
             if one.name in SEARCHED and apart[index] > _APART and np.ptp(values) > _SHARE * size:
                 by = radius_m ** -power_at_handle(one.name)
                 shown = ", ".join(number(value * by, 3) for value in values)
-                told[one.name] = f"{one.name} {shown}{f' in {some[0].whole}' if len(set(predictor.logs)) > 1 else ''}"
+                told[one.name] = (
+                    f"{spoken_key(one.name)} {shown}{f' in {some[0].whole}' if len(set(predictor.logs)) > 1 else ''}"
+                )
     if not told:
         return beyond, []
     why = "the thirds of the log differ"
