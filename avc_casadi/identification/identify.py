@@ -279,8 +279,9 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         halves = widened(fit, spread, chosen.rivals, chosen.inseparable)
         refused |= not_of_one_kind(fit, halves)
         vague = vague_terms(fit, halves, refused)
-        # Rivals widen an interval beyond what tells a number, too.
-        refused |= {key: one for key, one in refusals(fit, halves, normal).items() if key in SEARCHED}
+        # Rivals widen an interval beyond what tells a number, too; a delay that holds a lag is told where it is not 0.
+        wide = {key: one for key, one in refusals(fit, halves, normal).items() if key in SEARCHED}
+        refused |= {key: one for key, one in wide.items() if key != "delay_samples" or _reaches_zero(one)}
         if fit.hides_play:
             without(predictor, chosen, "play", HIDDEN, window)
         elif vague:
@@ -288,6 +289,10 @@ def _told(predictor: Predictor, chosen: Selection, window: Window) -> tuple[Spre
         else:
             chosen.fit, spread = richardson(predictor, fit, spread, window)
             return spread, refused
+
+
+def _reaches_zero(one: Refusal) -> bool:
+    return one.bounds is not None and one.bounds[1] <= 0
 
 
 def _beside(predictor: Predictor, fit: Fit, window: Window) -> list[Fit]:
