@@ -52,6 +52,7 @@ DOCUMENT = {
         "edge_m": {"0.1": 0.0, "0.4": 0.0},
         "edge_force_n": 0.1,
         "rebound": {"0.1": 0.9},
+        "strikes": {},
         "rest_error_m": None,
         "encoder_step_n": {"spring": 0.0, "damping": 0.0},
         "ripple": {"force_n": {"0.02": 4e-4}, "hands": 16, "quiet": 16},

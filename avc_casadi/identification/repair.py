@@ -193,6 +193,8 @@ def coarse_clock_s(columns: Columns) -> float | None:
 
     Each stamp then has as many rows as any other, but for one, and these differ.
     """
+    if not np.isfinite(columns.time_s).all():
+        return None
     steps = np.diff(columns.time_s)
     first = np.flatnonzero(steps > 0) + 1
     if first.size < 3 or np.any(steps < 0):

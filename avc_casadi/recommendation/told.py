@@ -10,6 +10,7 @@ from avc_casadi._util.quantity import percent, quantity
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, KG, M_PER_S, MASS, METRE, MM, N_PER_M, NEWTON, NS_PER_M, UM
 from avc_casadi.recommendation.contact_onset import NOTICED_N, REACHED_M
+from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
 from avc_casadi.simulation.population.motions import TRIAL_S
 
 # Shares of the force limit and of the rendered stiffness above which a line is printed.
@@ -44,7 +45,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which no hand feels,"
     return [
         f"{first} {document['problem']}: {gains_line(coupling)}",
-        *(f"not used: {what}: nothing that follows holds for it" for what in document["not_used"]),
+        *(f"not used: {what}: nothing that follows holds for it" for what in not_judged(document["not_used"])),
         f"rendered: {stiffness}; impedance error{alone} against the physical wall {errors}",
         (
             f"trial{_nominal(document['confirmed'])}: {trial['at_rest']} of {trial['hands']} hands settle, "
@@ -62,6 +63,7 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
         *_off_file(document["off_file"]),
         *_beyond_file(document["beyond_file"]),
         f"hands outside the design set: {_other_hands(document['other_hands'])}",
+        *(f"not used: {told}" for told in asked_of_others(document["not_used"])),
         f"why: {document['reason']}",
     ]
 
