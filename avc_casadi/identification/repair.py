@@ -193,7 +193,7 @@ def coarse_clock_s(columns: Columns) -> float | None:
 
     Each stamp then has as many rows as any other, but for one, and these differ.
     """
-    if not np.isfinite(columns.time_s).all():
+    if not all(np.isfinite(one).all() for one in (columns.time_s, columns.position_m, columns.force_n)):
         return None
     steps = np.diff(columns.time_s)
     first = np.flatnonzero(steps > 0) + 1
