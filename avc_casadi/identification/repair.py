@@ -162,7 +162,7 @@ def taken_once(columns: Columns) -> tuple[Columns, list[str]]:
     Returns:
         The log, and notes for the user.
     """
-    changed = np.flatnonzero((np.diff(columns.position_m) != 0) | (np.diff(columns.force_n) != 0)) + 1
+    changed = np.flatnonzero(~_repeated(columns)) + 1
     times = int(np.gcd.reduce(np.diff(changed))) if changed.size > _FEWEST_CHANGES else 1
     # Slow motion under a held force changes seldom, and not at every tick of any loop.
     if times < 2 or changed.size < 0.5 * (columns.time_s.size // times):
@@ -184,6 +184,12 @@ def taken_once(columns: Columns) -> tuple[Columns, list[str]]:
     return once, [told]
 
 
+def _repeated(columns: Columns) -> BoolArray:
+    """Return whether each row but the first has the position and force of the row before, shape (rows - 1,)."""
+    position, force = columns.position_m, columns.force_n
+    return np.asarray((position[1:] == position[:-1]) & (force[1:] == force[:-1]))
+
+
 # More rows to a stamp than this are no late tick of a clock of few digits.
 _ROWS_A_STAMP = 1.2
 
@@ -193,15 +199,14 @@ def coarse_clock_s(columns: Columns) -> float | None:
 
     Each stamp then has as many rows as any other, but for one, and these differ.
     """
-    if not all(np.isfinite(one).all() for one in (columns.time_s, columns.position_m, columns.force_n)):
+    if not np.isfinite(columns.time_s).all():
         return None
     steps = np.diff(columns.time_s)
     first = np.flatnonzero(steps > 0) + 1
     if first.size < 3 or np.any(steps < 0):
         return None
     counts = np.diff(first)
-    same = (steps == 0) & (np.diff(columns.position_m) == 0) & (np.diff(columns.force_n) == 0)
-    twice = float(np.sum(same)) > 0.5 * float(np.sum(steps == 0))
+    twice = float(np.sum((steps == 0) & _repeated(columns))) > 0.5 * float(np.sum(steps == 0))
     if np.abs(counts - np.median(counts)).max() > 1 or counts.mean() < _ROWS_A_STAMP or twice:
         return None
     return float((columns.time_s[first[-1]] - columns.time_s[first[0]]) / (first[-1] - first[0]))
