@@ -202,9 +202,12 @@ def test_the_catalogue_is_shown_in_its_own_units(driver, name, monkeypatch):
     monkeypatch.setattr(_explorer, "_worked", found_at_once)
     turns = name == "tool/wheel-game-62hz"
     with opened(driver, name):
-        text = driver.execute_script("return document.querySelector('.columns').textContent")
-        assert ("N·m/rad" in text) is turns
-        assert bool(re.search(r"N·s/m|N/m|kg(?!·m²)", text)) is not turns
+
+        def units():
+            text = driver.execute_script("return document.querySelector('.columns').textContent")
+            return "N·m/rad" in text, bool(re.search(r"N·s/m|N/m|kg(?!·m²)", text))
+
+        until(lambda: units() == (turns, not turns))
         assert by_id(driver, "c-free").is_displayed() is not turns
         assert not by_id(driver, "toy").is_displayed()
         assert "as declared" in by_id(driver, "c-pairs").text
