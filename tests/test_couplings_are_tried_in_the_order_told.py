@@ -138,7 +138,7 @@ def test_the_way_from_what_is_held_to_what_is_not_is_halved(share, monkeypatch):
     hands = Springs(share * limit, 0.15 * limit, 0.5, None)
     search_schedule._closer(problem, hands, LIMIT)
     low, high = hands.halved(0.15 * limit, 0.24 * limit)
-    assert len(hands.met) == 3
+    assert len(hands.met) == 4
     assert low <= share * limit < high
 
 

@@ -165,7 +165,7 @@ def test_where_others_refute_a_softened_wall_a_softer_one_is_looked_for(held, mo
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("law", "held", "best_of_all"), [(0.46, 0.57, 0.56), (0.46, 0.47, 0.46)])
+@pytest.mark.parametrize(("law", "held", "best_of_all"), [(0.46, 0.57, 0.56), (0.46, 0.47, 0.44)])
 def test_springs_between_a_law_and_what_they_do_not_hold_are_tried(law, held, best_of_all, monkeypatch):
     """Springs were looked at at 0.45 and 0.6 of their limit; what the others hold lies between."""
     people = people_of(PROBLEM.hands, HANDS)

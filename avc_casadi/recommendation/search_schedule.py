@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.rank import Judged
 
 # Bisection between the stiffest stable wall and the next stiffer one: final ratio, largest number of steps.
-_CLOSE, _MOST_HALVED = 1.05, 3
+_CLOSE, _MOST_HALVED = 1.05, 4
 CONTINUATIONS = range(2)
 """Continuations by number, until the wanted wall is held and a law is near."""
 # Distance of a law below which no continuation follows: reference-r2 is 32 % off at 1 Hz with one, 57 % without.
@@ -174,8 +174,9 @@ def _closer(problem: Problem, evaluator: Evaluator, limit: DampingRange) -> None
     nearest, spring = evaluator.nearest(), evaluator.stiffest(plain=True)
     if nearest is None:
         return
-    high: float | None = min(wall, limit.stiffness_n_per_m)
-    low = wall * math.exp(-nearest.distance)
+    stiffest = min(wall, limit.stiffness_n_per_m)
+    high: float | None = stiffest
+    low = max(wall * math.exp(-nearest.distance), SAFER[-1] * stiffest)
     if spring is not None and nearest.coupling.runtime.state_feedback is None:
         low = spring.felt_n_per_m
         high = stiffer_n_per_m(problem, limit, low)

@@ -47,7 +47,7 @@ def tool_page(
     ]
     if document["coupling"] is None:
         commands = [f"avc check {quote(shown)}"]
-    text = page.rendered(headline(problem, shown), tool_rows(document, problem), commands)
+    text = page.rendered(headline(problem, shown), tool_rows(document, problem), commands, ("The same K, B",))
     if verbose:
         text = "\n".join([text, "", "\n".join(_all(document, problem))])
     return text
