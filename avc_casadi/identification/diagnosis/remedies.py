@@ -209,7 +209,7 @@ def _delay(answer: Hypothesis, law: Law, log: Log, declared: Declared) -> list[R
         return []
     most = meant if meant <= longest else _RESERVE * longest
     change = (
-        f"a delay of {number(most, 2)} samples in place of {number(own, 3)} (it settles below {number(longest, 3)})"
+        f"a delay of {number(most, 2)} in place of {number(own, 3)} samples (it settles below {number(longest, 3)})"
     )
     return [_of(change, "delay_samples", most, answer.delayed(most), shorter(law, 0.0))]
 

@@ -145,7 +145,7 @@ def _remedy(cure: Remedy, one: Diagnosis, units: Units) -> str:
     elif cure.key == "damping_ns_per_m" and law is not None:
         change = f"b {told(cure.value, 'N.s/m')} in place of {told(law.damping_ns_per_m, 'N.s/m')}"
     elif cure.key == "delay_samples" and measured is not None:
-        change = f"a delay of {number(cure.value, 2)} samples in place of {number(measured.delay_samples, 3)}"
+        change = f"a delay of {number(cure.value, 2)} in place of {number(measured.delay_samples, 3)} samples"
     return remedy_text(change, cure.growth_per_s)
 
 
