@@ -25,10 +25,11 @@ def rendered(wall=2000.0, **changed):
 
 @pytest.mark.thorough
 def test_neighbours_of_a_stylus_render_the_same():
+    # The bisection ends where walls are 5 % apart.
     error, stiffness = rendered()
     assert error < 0.3
     for changed in ({"mass_kg": 0.0808}, {"delay_samples": 1.6}, {"mass_kg": 0.0792}):
-        assert rendered(**changed)[1] == pytest.approx(stiffness, rel=0.03)
+        assert rendered(**changed)[1] == pytest.approx(stiffness, rel=0.05)
     # Without any friction nothing is easier.
     assert rendered(coulomb_friction_n=0.0)[1] == pytest.approx(stiffness, rel=0.1)
 
