@@ -269,9 +269,8 @@ def _beyond_nyquist(frequency: float, sample_time: float, origin: str = "") -> s
 
 def _in_seconds(sample_time: float) -> str:
     """Remind of the unit of a sample time beyond the usual, as of one in milliseconds."""
-    if sample_time <= LONGEST_USUAL_S:
-        return ""
-    return f"; sample_time_s is in seconds: {plain(sample_time)} ms is {plain(sample_time / 1000)}"
+    told = f"; sample_time_s is in seconds: {plain(sample_time)} ms is {plain(sample_time / 1000)}"
+    return told if sample_time > LONGEST_USUAL_S else ""
 
 
 def _end_below_nyquist(key: str) -> Rule:
@@ -334,11 +333,9 @@ def _one_other_end(values: Values) -> Iterator[Finding]:
     if len(there) > 1:
         yield ("follower",), "stands beside [simulation]; allowed: one of them"
     if there and values["detent"] is not None:
-        message = (
-            f"stands beside [{there[0]}]; allowed: one of them, as no coupling to another end is judged or exported "
-            f"with detents in the device's loop; leave [detent] out, or render detents at the other end"
-        )
-        yield ("detent",), message
+        why = "no coupling to another end is judged or exported with detents in the device's loop"
+        onwards = "leave [detent] out, or render detents at the other end"
+        yield ("detent",), f"stands beside [{there[0]}]; allowed: one of them, as {why}; {onwards}"
 
 
 def _follower_moves_alike(values: Values) -> Iterator[Finding]:

@@ -26,7 +26,7 @@ from avc_casadi.model.velocity import VELOCITY_ESTIMATORS
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.ripple import ripple_n
-from avc_casadi.recommendation.screening import BEYOND_HANDS, Group, beyond_file, held_otherwise
+from avc_casadi.recommendation.screening import BEYOND_HANDS, Group, required
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.operators import people_of
 
@@ -135,8 +135,8 @@ class _Law:
         self._effects: tuple[Effect, ...] = () if table is None else (table,)
         self._runtime = Runtime(guard=GUARD_METHODS[0]) if law == GUARDED else Runtime()
         self._settings = {} if table is None else table.model_dump(exclude_none=True, exclude={"kind", "estimator"})
-        self._everybody = _required(problem, hands, BEYOND_HANDS, seed)
-        self._first = _required(problem, min(_SEARCH, hands), _SEARCH, seed)
+        self._everybody = _everybody(problem, hands, BEYOND_HANDS, seed)
+        self._first = _everybody(problem, min(_SEARCH, hands), _SEARCH, seed)
         self._extreme = with_released(hand_corners(problem.hands))
 
     def stiffest(self) -> Baseline:
@@ -196,7 +196,7 @@ def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
     except AvcError:
         return None
     rendered = static_stiffness_n_per_m(coupling)
-    everybody = _required(problem, hands, BEYOND_HANDS, seed)
+    everybody = _everybody(problem, hands, BEYOND_HANDS, seed)
     settled = _settled(everybody, coupling)
     error = shaken(coupling, rendered).errors()
     noise = ripple_n(coupling, _SLOWLY_M_PER_S / problem.device.metres_per_unit)
@@ -204,11 +204,9 @@ def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
     return Baseline(PASSIVE, {}, rendered, damping, error, noise, settled, settled, _count(everybody))
 
 
-def _required(problem: Problem, hands: int, others: int, seed: int) -> tuple[Group, ...]:
-    """Return the hands that a recommendation must hold too: those of [hands], of the declared grip, of [robustness]."""
-    own = people_of(problem.hands, hands, seed)
-    beyond = beyond_file(problem, problem.robustness, people_of(problem.hands, others, seed))
-    return (Group(own), *held_otherwise(problem, others, seed), *beyond)
+def _everybody(problem: Problem, hands: int, others: int, seed: int) -> tuple[Group, ...]:
+    """Return the hands with which a recommendation must settle."""
+    return (Group(people_of(problem.hands, hands, seed)), *required(problem, others, seed))
 
 
 def _count(groups: Iterable[Group]) -> int:

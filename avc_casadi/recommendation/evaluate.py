@@ -18,14 +18,13 @@ from avc_casadi.recommendation.screening import (
     BEYOND_HANDS,
     Group,
     Screening,
-    beyond_file,
     elsewhere,
-    held_otherwise,
     off_file,
+    required,
     together,
 )
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
-from avc_casadi.simulation.population.operators import draw_hands, loose_grips, people_of
+from avc_casadi.simulation.population.operators import draw_hands, loose_grips
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -82,10 +81,7 @@ class Evaluator:
         loose = max(len(people), _LOOSE)
         self._first, self._loose = people.pick(slice(FIRST)), loose_grips(problem.hands, loose, seed)
         self._more_loose = loose_grips(problem.hands, _MORE_LOOSE * loose, seed + 1)
-        self._asked = (
-            *beyond_file(problem, problem.robustness, people_of(problem.hands, BEYOND_HANDS, seed)),
-            *held_otherwise(problem, BEYOND_HANDS, seed),
-        )
+        self._asked = required(problem, BEYOND_HANDS, seed)
         # Which of these screen, the first ones to begin with.
         self._screening = [np.arange(len(group.people)) < FIRST for group in self._asked]
         self._in_ranges = elsewhere(problem.device, (self._first, self._loose), seed)

@@ -12,7 +12,7 @@ from avc_casadi.design.robust.uncertainty_set import assumed_devices
 from avc_casadi.model.corners import device_corners, device_set, linear_values
 from avc_casadi.model.hands import Hand, StylusHand
 from avc_casadi.model.robustness import Robustness, unmodelled
-from avc_casadi.simulation.population.operators import GRIPS, draw_population
+from avc_casadi.simulation.population.operators import GRIPS, draw_population, people_of
 from avc_casadi.simulation.population.settled import prepared_residual_speeds, residual_speeds
 
 if TYPE_CHECKING:
@@ -181,6 +181,18 @@ def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]
     if device.held == "grip":
         return ()
     return (Group(draw_population(GRIPS[device.held], count, seed).at_handle(device.metres_per_unit)),)
+
+
+def required(problem: Problem, count: int, seed: int) -> tuple[Group, ...]:
+    """Return the hands that must settle beside those of [hands]: with each effect of [robustness], by declared grip.
+
+    Args:
+        problem: with its device.
+        count: how many of each.
+        seed: of their draw.
+    """
+    people = people_of(problem.hands, count, seed)
+    return (*beyond_file(problem, problem.robustness, people), *held_otherwise(problem, count, seed))
 
 
 def _far_apart(corners: IndexArray, random: np.random.Generator) -> list[int]:
