@@ -35,14 +35,19 @@ def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
     panel, damping = panels.axes[0], region.damping_ns_per_m[1:]
     colours = colormaps["viridis"](np.linspace(0.0, 0.85, len(region.curves)))
     for colour, curve in zip(colours, region.curves, strict=True):
-        stiffness = curve.stiffness_n_per_m[1:]
+        at, stiffness, peak = damping, curve.stiffness_n_per_m[1:], curve.stiffest
+        if peak is not None and peak.local_damping_ns_per_m == region.local_damping_ratio == 0:
+            # Between two dampers of the curve.
+            place = int(np.searchsorted(at, peak.damping_ns_per_m))
+            at = np.insert(at, place, peak.damping_ns_per_m)
+            stiffness = np.insert(stiffness, place, peak.stiffness_n_per_m)
         label = quantity(1 / curve.step_s, "Hz")
         label += " (declared)" if curve.declared else ""
         label += "" if (stiffness > 0).any() else ": none"
         shown = np.where(stiffness > 0, stiffness, np.nan)
-        panel.plot(damping, shown, color=colour, linewidth=2.4 if curve.declared else 1.3, label=label)
+        panel.plot(at, shown, color=colour, linewidth=2.4 if curve.declared else 1.3, label=label)
         if curve.declared:
-            panel.fill_between(damping, 0, np.nan_to_num(shown), color=colour, alpha=0.12, linewidth=0)
+            panel.fill_between(at, 0, np.nan_to_num(shown), color=colour, alpha=0.12, linewidth=0)
     whole = np.concatenate([curve.stiffness_n_per_m for curve in region.curves])
     top = whole.max(initial=1.0) or 1.0
     panel.set_xscale("log")
