@@ -107,6 +107,21 @@ def test_single_precision_is_near_and_no_number_is_left_out():
     assert left_out[300] == left_out[299]
 
 
+@pytest.mark.parametrize("case", sorted(CASES))
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 3e38, -3e38, 1e20, 2e6])
+def test_a_position_that_is_none_leaves_no_trace(case, wrong):
+    """Not of the first one either: who is switched on with it begins at rest at the first good one."""
+    files, way = export_velocity_c(problem(case, CASES[case][0])), counted_way()
+    clean, place = velocities(files, "avc_coupling", way.tolist(), ctypes.c_float)
+    without = np.array([wrong, *way[:300], wrong, wrong, *way[300:]])
+    found, there = velocities(files, "avc_coupling", without.tolist(), ctypes.c_float)
+    kept = np.delete(np.arange(len(without)), [0, 301, 302])
+    assert found[kept].tobytes() == clean.tobytes()
+    assert there[kept].tobytes() == place.tobytes()
+    assert found[0] == 0
+    assert found[301] == found[302] == found[300]
+
+
 def test_the_command_writes_both_files_and_asks_for_an_estimator(tmp_path, capsys):
     path = tmp_path / "bench.toml"
     path.write_text(avc_toml())

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
-from avc_casadi._util.units import in_its_units
+from avc_casadi._util.units import METRE, in_its_units
 from avc_casadi.model.velocity import RunningEstimator, VelocityEstimator, velocity_estimator
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
-from avc_hardware.codegen.export import NAME, renamed
+from avc_hardware.codegen.export import NAME, WIDE_ENOUGH, renamed
 from avc_hardware.codegen.float_program import FloatProgram
-from avc_hardware.codegen.operations import PRECISIONS
+from avc_hardware.codegen.operations import DOUBLE, PRECISIONS
 from avc_hardware.codegen.packages import WORDS, checked_name, comment
+from avc_hardware.codegen.sensor_rule import FARTHEST_M
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -23,7 +24,8 @@ _HEADER = """\
  * sample time: {sample_time:.9g} s, and no other
  *
  * Call avc_coupling_velocity_init once, then avc_coupling_velocity in every sample with the measured position: signed,
- * in SI units, neither clipped nor filtered. One that is no number is left out: the last velocity is returned.
+ * in SI units, neither clipped nor filtered. One that is NaN, infinite or beyond {farthest} is left out: the last
+ * velocity is returned.
  *
  * C99, also C++11 and later; no heap. IEEE {precision} precision. -ffast-math is refused.
  */
@@ -36,9 +38,10 @@ extern "C" {{
 
 typedef struct {{
     {real} {states};
+    unsigned char started;
 }} avc_coupling_velocity_t;
 
-/* At rest at a position. */
+/* At rest at a position; at the first good one where this is none. */
 void avc_coupling_velocity_init(avc_coupling_velocity_t *of, {real} position_m);
 
 /* One sample; returns the velocity, {M_PER_S}. */
@@ -62,15 +65,23 @@ _SOURCE = """\
 #ifdef __FAST_MATH__
 #error "-ffast-math reorders what has to stay in order"
 #endif
+{check}
+static unsigned char sound({real} position_m)
+{{
+    return position_m >= -{farthest} && position_m <= {farthest};
+}}
 
 void avc_coupling_velocity_init(avc_coupling_velocity_t *of, {real} position_m)
 {{
+    of->started = sound(position_m);
+    position_m = of->started ? position_m : {zero};
     {initial}
 }}
 
 {real} avc_coupling_velocity(avc_coupling_velocity_t *of, {real} position_m)
 {{
-    if (!(position_m - position_m == {zero})) return of->velocity_out;
+    if (!sound(position_m)) return of->velocity_out;
+    if (!of->started) avc_coupling_velocity_init(of, position_m);
     {body}
     return of->velocity_out;
 }}
@@ -130,12 +141,15 @@ def export_velocity_c(problem: Problem, *, precision: str = "single", name: str 
         problem=comment(problem.name),
         sample_time=problem.device.sample_time_s,
         precision=kind.name,
+        farthest=f"{FARTHEST_M:.0e} {METRE}",
         real=real,
         states=", ".join(kept),
     )
     source = _SOURCE.format(
         real=real,
+        check=WIDE_ENOUGH if kind is DOUBLE else "",
         zero=kind.literal(0.0),
+        farthest=kind.literal(FARTHEST_M),
         initial="\n    ".join(f"of->{state} = {value};" for state, value in initial.items()),
         body="\n    ".join(body),
     )
