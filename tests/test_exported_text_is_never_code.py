@@ -151,6 +151,44 @@ def test_two_couplings_of_two_names_link_into_one_program() -> None:
     assert not any("avc_coupling" in text for text in export_c(PLAIN, name="soft", packages=PACKAGES).values())
 
 
+WALLS = """
+#include <cstdio>
+#include "soft_wall.hpp"
+#include "stiff_wall.hpp"
+template <class Wall> double force(Wall wall)
+{
+    double force_n[3] = {0.0, 0.0, 0.0};
+    for (int i = 0; i < 10; i++) {
+        const double position_m[3] = {0.0, 0.0, 3e-4 - 1e-4 * i};
+        wall.step(position_m, force_n);
+    }
+    return force_n[2];
+}
+int main()
+{
+    const double point[3] = {0.0, 0.0, 0.0}, normal[3] = {0.0, 0.0, 1.0};
+    std::printf("%.9g %.9g\\n", force(soft_wall::Wall(point, normal)), force(stiff_wall::Wall(point, normal)));
+}
+"""
+
+
+def test_two_walls_of_two_names_stand_in_one_program_of_cpp() -> None:
+    """Of two headers with one guard the second is left out, of two classes with one name the linker takes one."""
+    require("g++")
+    folder = Path(tempfile.mkdtemp(dir=scratch()))
+    for name, k in (("soft", 1e3), ("stiff", 4e3)):
+        coupling = with_gains(PLAIN.problem, 5.0, k)
+        for file, text in export_c(coupling, name=name, packages=("chai3d",)).items():
+            (folder / Path(file).name).write_text(text, encoding="ascii")
+    (folder / "main.cpp").write_text(WALLS, encoding="ascii")
+    for name in ("soft", "stiff"):
+        run(*C99, *WARNINGS, "-c", str(folder / f"{name}.c"), "-o", str(folder / f"{name}.o"))
+    files = [str(folder / file) for file in ("main.cpp", "soft.o", "stiff.o")]
+    run("g++", "-std=c++11", *WARNINGS, "-I", str(folder), *files, "-o", str(folder / "both"))
+    soft, stiff = map(float, run(str(folder / "both")).decode().split())
+    assert 0 < 1.5 * soft < stiff <= 8
+
+
 C99_HEADERS = (
     "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool stddef "
     "stdint stdio stdlib string tgmath time wchar wctype"

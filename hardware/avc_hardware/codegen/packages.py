@@ -73,7 +73,7 @@ _FOLDER = Path(__file__).resolve().parent.parent / "packaging"
 _SKETCH = {"examples/wall/wall.ino": "wall.ino"}
 # Further files for a registry; the license is that of the project, whose text the C consists of.
 _PUBLISHED = {"README.md": "library.md", "LICENSE": "LICENSE", **_SKETCH}
-_WALL = {"examples/avc_wall.hpp": "avc_wall.hpp"}
+_WALL = {"examples/avc_coupling_wall.hpp": "avc_coupling_wall.hpp"}
 # For each package, path and source name of its files.
 _FILES = {
     "arduino": {"library.properties": "library.properties", "keywords.txt": "keywords.txt", **_PUBLISHED},

@@ -12,7 +12,7 @@
 
 #include "chai3d.h"
 
-#include "avc_wall.hpp"
+#include "avc_coupling_wall.hpp"
 
 namespace {
 
@@ -21,8 +21,8 @@ std::atomic<bool> running(true), finished(false);
 
 void haptics()
 {
-    avc::Wall wall({0.0, 0.0, -0.02}, {0.0, 0.0, 1.0});
-    avc::SampleClock clock;
+    avc_coupling_wall::Wall wall({0.0, 0.0, -0.02}, {0.0, 0.0, 1.0});
+    avc_coupling_wall::SampleClock clock;
     chai3d::cVector3d position;
     while (running) {
         if (!clock.wait()) {

@@ -11,7 +11,7 @@
 
 #include <HardwareAPI.h>
 
-#include "avc_wall.hpp"
+#include "avc_coupling_wall.hpp"
 
 namespace {
 
@@ -37,8 +37,8 @@ int main(int count, char **arguments)
         std::fputs("no Inverse3 answers\n", stderr);
         return 1;
     }
-    avc::Wall wall({0.0, 0.0, 0.17}, {0.0, 0.0, 1.0});
-    avc::SampleClock clock;
+    avc_coupling_wall::Wall wall({0.0, 0.0, 0.17}, {0.0, 0.0, 1.0});
+    avc_coupling_wall::SampleClock clock;
     float force_n[3] = {0.0f, 0.0f, 0.0f};
     const char *fault = nullptr;
     std::signal(SIGINT, stop); /* the device would keep the last force */

@@ -10,13 +10,13 @@
 #include <HD/hd.h>
 #include <HDU/hduError.h>
 
-#include "avc_wall.hpp"
+#include "avc_coupling_wall.hpp"
 
 namespace {
 
 struct Session {
-    avc::Wall wall;
-    avc::SampleClock clock;
+    avc_coupling_wall::Wall wall;
+    avc_coupling_wall::SampleClock clock;
 };
 
 HDCallbackCode HDCALLBACK render(void *data)
@@ -73,7 +73,7 @@ int main()
         hdDisableDevice(device);
         return 1;
     }
-    Session session = {avc::Wall({0.0, -0.02, 0.0}, {0.0, 1.0, 0.0}), avc::SampleClock()};
+    Session session = {avc_coupling_wall::Wall({0.0, -0.02, 0.0}, {0.0, 1.0, 0.0}), avc_coupling_wall::SampleClock()};
     const HDSchedulerHandle callback = hdScheduleAsynchronous(render, &session, HD_MAX_SCHEDULER_PRIORITY);
     hdStartScheduler();
     std::puts("return ends");

@@ -4,8 +4,8 @@
  * loop, since a sleep is coarser than a sample. Give the thread the highest priority that the system has, and do nothing
  * slow in it: no graphics, no files, no printing.
  */
-#ifndef AVC_WALL_HPP
-#define AVC_WALL_HPP
+#ifndef AVC_COUPLING_WALL_HPP
+#define AVC_COUPLING_WALL_HPP
 
 #include <chrono>
 
@@ -15,7 +15,7 @@
 #define AVC_CLOCK std::chrono::steady_clock
 #endif
 
-namespace avc {
+namespace avc_coupling_wall {
 
 class Wall {
 public:
@@ -118,6 +118,6 @@ private:
     long owed_;
 };
 
-}  // namespace avc
+}  // namespace avc_coupling_wall
 
 #endif
