@@ -1,6 +1,7 @@
 """A fault names the file or the option that holds it, in the keys and units that were typed there."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -113,6 +114,15 @@ def test_a_port_that_is_none_is_told_in_plain_words(port, capsys):
     said = told(capsys, "device", "--port", port)
     assert f"{port}: cannot be opened (no name of a port; allowed: a path, or a URL of pyserial" in said
     assert "'" not in said.partition("; `avc doctor")[0]
+
+
+@pytest.mark.parametrize("mark", ["\x1b", "\x07", "\x9b", "\u202e"])
+def test_no_key_of_a_file_commands_the_terminal(mark, folder, capsys):
+    coupling = json.loads((Path(__file__).parent / "goldens" / "couplings" / "wall.json").read_text(encoding="ascii"))
+    (folder / "c.json").write_text(json.dumps(coupling | {f"{mark}[2Jkey": 1}))
+    said = told(capsys, "certify", "c.json")
+    assert f"{ascii(mark)[1:-1]}[2Jkey" in said
+    assert all(one.isprintable() or one == "\n" for one in said)
 
 
 def test_a_key_of_a_file_is_not_told_as_an_option(folder, capsys):

@@ -110,6 +110,7 @@ FREE = next(row for row, b in enumerate(short()["damping_ns_per_m"]) if b is not
         ({"damping_ns_per_m": {FREE: -1.0}}, "damping_ns_per_m", ">= 0"),
         ({"reason": 3}, "reason", "texts"),
         ({"problem": 3}, "problem", "text"),
+        ({"method": "direct\x1b[2J"}, "method", "text in one line"),
     ],
     ids=str,
 )

@@ -140,10 +140,11 @@ class Console:
             self.complain(TEXT)
 
     def complain(self, text: str) -> None:
-        """Print to standard error."""
+        """Print to standard error; control characters of files, which a terminal would obey, are spelled out."""
+        plain = "".join(mark if mark.isprintable() or mark in "\n\t" else ascii(mark)[1:-1] for mark in text)
         if sys.stderr is not None:
             with suppress(OSError):
-                sys.stderr.write(text.rstrip("\n") + "\n")
+                sys.stderr.write(plain.rstrip("\n") + "\n")
                 sys.stderr.flush()
 
     def notice(self, line: str) -> None:

@@ -161,8 +161,8 @@ class GainCheck:
         value = self.document.get(key, default)
         if value is None:
             return default
-        if not isinstance(value, str):
-            self._fault(key, f"is {_shown(value)}; allowed: text")
+        if not isinstance(value, str) or not value.isprintable():
+            self._fault(key, f"is {_shown(value)}; allowed: text in one line")
             return default
         return value
 
