@@ -273,6 +273,12 @@ def test_options_that_are_none_are_refused(options, said):
         export_tool_c(tool_coupling(TOOL, 500.0, 5.0), **options)
 
 
+@pytest.mark.parametrize("gains", [(1e39, 5.0), (500.0, 1e39), (math.nan, 5.0)])
+def test_gains_that_c_has_no_word_for_are_refused(gains):
+    with pytest.raises(avc.InputError, match=r"below 3.4e\+38 in single precision"):
+        export_tool_c(tool_coupling(TOOL, *gains), unsafe=True)
+
+
 SCENE = """<mujoco><option gravity="0 0 0" timestep="0.002"/><worldbody>
 <geom type="plane" size="1 1 .1" zaxis="-1 0 0" pos="0.02 0 0"/>
 <body name="tool"><joint type="slide" axis="1 0 0"/><geom type="sphere" size="0.02" mass="0.2"/></body></worldbody>

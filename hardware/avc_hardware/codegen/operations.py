@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from avc_casadi import InputError
 from avc_casadi.model.gains import DeviceLn, double_ln, single_ln
 
 
@@ -43,8 +44,15 @@ class Precision:
         return float(np.finfo(self.dtype).max)
 
     def literal(self, value: float) -> str:
-        """Return a C literal that reads back as exactly the nearest number of this precision."""
-        number = self.dtype(value)
+        """Return a C literal that reads back as exactly the nearest number of this precision.
+
+        Raises:
+            InputError: it is none, or beyond this precision: C has no word for it.
+        """
+        with np.errstate(over="ignore"):
+            number = self.dtype(value)
+        if not np.isfinite(number):
+            raise InputError.of(f"holds {value:g}; allowed: below {self.largest:.2g} in {self.name} precision")
         plain = 1e-3 <= abs(number) < 1e6 or number == 0
         spell = np.format_float_positional if plain else np.format_float_scientific
         text = spell(number, unique=True, trim="0") + self.suffix

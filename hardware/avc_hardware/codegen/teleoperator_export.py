@@ -43,7 +43,7 @@ _HEADER = """\
  * What goes wrong ends in less {FORCE}, never in a kick:
  * - The {FORCE} comes in over {fade_s:.3g} s, at the beginning and after every fault, wherever both ends are.
  * - Old messages and duplicates are ignored. So are those with a number that is none (NaN, infinite), or that is
- *   farther from the last good one than {fastest:.4g} {M_PER_S} would bring it, as no hand does.
+ *   farther from the last good one than {fastest} would bring it, as no hand does.
  * - No new message for more than {leader_silence:.4g} s at the leader, {follower_silence:.4g} s at the follower: the
  *   {FORCE} fades to 0 over {fade_s:.3g} s. Once nothing is left, any sound message but the last one again is believed:
  *   the other end may have started anew, and then counts from 1. The {FORCE} comes back as slowly. So the link may
@@ -393,6 +393,7 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
         for who, force in (("leader", device.max_force_n), ("follower", follower.max_force_n))
     ]
     measured = follower.architecture == "position-force" and follower.force == "measured"
+    bounds = {"leader": SensorBounds.of(device), "follower": SensorBounds.of(follower)}
     return {
         "problem": comment(problem.name or "a problem"),
         "title": comment(f": {problem.title}") if problem.title else "",
@@ -421,11 +422,10 @@ def _told(coupling: TeleoperatorCoupling, verdict: str) -> dict[str, object]:
             else ""
         ),
         "fade_s": FADE_S,
+        "fastest": " and ".join(f"{one.fastest_m_per_s:.4g} {M_PER_S} ({who})" for who, one in bounds.items()),
         "accelerations": " and ".join(
-            f"{SensorBounds.of(own).acceleration_m_per_s2:.4g} {M_PER_S} in a second ({who})"
-            for who, own in (("leader", device), ("follower", follower))
+            f"{one.acceleration_m_per_s2:.4g} {M_PER_S} in a second ({who})" for who, one in bounds.items()
         ),
-        "fastest": SensorBounds.of(device).fastest_m_per_s,
         "leader_silence": _silence_samples(coupling, device, follower, to_leader) * device.sample_time_s,
         "follower_silence": _silence_samples(coupling, follower, device, to_follower) * follower.sample_time_s,
     }
