@@ -1,6 +1,7 @@
 """A board that is not in the package: built from its folder, it gives the bits of every other, within its memory."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -213,6 +214,16 @@ def test_a_placeholder_that_nothing_stands_for_is_a_fault_and_doubled_braces_are
     assert "{nam} in 'qemu-system-arm" in str(caught.value)
     assert "allowed: {name}" in str(caught.value)
     assert flashing("tcl {{ {name}.elf }}", "mine") == "tcl { mine.elf }"
+
+
+@pytest.mark.parametrize("called", ["my board", "it's", "x; reboot", "$(reboot)", "-rf", "a\nb", "Gerät", "v1.2_b-3"])
+def test_a_command_is_safe_to_copy_whatever_the_folder_is_called(called: str, tmp_path: Path) -> None:
+    folder = tmp_path / called
+    shutil.copytree(FOLDER / "cortex-m0", folder)
+    name = read_board(folder).folder
+    assert shlex.split(flashing("flash {name}.elf", name)) == ["flash", f"{name}.elf"]
+    assert shlex.quote(name) == name
+    assert name[0] != "-"
 
 
 def test_memory_beyond_the_addresses_is_a_fault(tmp_path: Path) -> None:

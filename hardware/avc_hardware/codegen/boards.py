@@ -267,7 +267,8 @@ def read_board(folder: Path) -> Target:
         raise InputError(reader.faults)
     return Target(
         title=title,
-        folder=folder.resolve().name,
+        # Of files and of the commands that a person copies: whatever the folder is called, one word for a shell.
+        folder=re.sub(r"^\W|[^A-Za-z0-9._-]", "_", folder.resolve().name),
         cpu=tuple(flags),
         flash=(rom, rom_bytes),
         ram=(ram, ram_bytes),
