@@ -1,19 +1,16 @@
-"""Shared parts of the two exports of couplings to another end: checks, verdict, fading force, and names of files."""
+"""Shared parts of the two exports of couplings to another end: verdict and fading force."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from avc_casadi import InputError, NotDeployableError
-from avc_hardware.codegen.export import NAME, renamed
-from avc_hardware.codegen.operations import PRECISIONS, Precision
-from avc_hardware.codegen.packages import WORDS, checked_name
+from avc_casadi import NotDeployableError
+from avc_hardware.codegen.c_frame import WORDS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_hardware.codegen.operations import Precision
 
 FADE_S = 0.05
 """Fade time of a force, down and up: long for a sample, short for a hand."""
@@ -76,18 +73,6 @@ class Loops(Protocol):
         """Return the largest spectral radius and its loop."""
 
 
-def checked(precision: str, name: str) -> Precision:
-    """Return a precision by name.
-
-    Raises:
-        InputError: no such precision, or a name invalid in C.
-    """
-    if precision not in PRECISIONS:
-        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
-    checked_name(name)
-    return PRECISIONS[precision]
-
-
 def verdict(problem: Problem, loops: Loops, gains: ToolGains, *, unsafe: bool, also: str = "") -> str:
     """Judge gains on the loops of their own problem, independent of any certificate; return a sentence.
 
@@ -121,9 +106,3 @@ def eased_c(precision: Precision) -> str:
         one_and_a_half=literal(1.5),
         largest=literal(precision.largest),
     )
-
-
-def named(problem: Problem, files: Mapping[str, str], name: str) -> dict[str, str]:
-    """Return files in the units of a device, under a given name."""
-    made = {file: problem.units.code(text) for file, text in files.items()}
-    return made if name == NAME else {renamed(file, name): renamed(text, name) for file, text in made.items()}

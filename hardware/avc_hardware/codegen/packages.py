@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi
 from avc_casadi import InputError
-from avc_casadi._util.units import FORCE, M_PER_S, N_PER_M, NEWTON, NS_PER_M, Wording
+from avc_casadi._util.units import FORCE, Wording
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -66,8 +66,6 @@ def checked_name(name: str) -> str:
     return name
 
 
-WORDS = {"FORCE": FORCE, "NEWTON": NEWTON, "NS_PER_M": NS_PER_M, "N_PER_M": N_PER_M, "M_PER_S": M_PER_S}
-"""Nouns and units in templates of C."""
 _WAY = Wording("along the handle's way", "of the handle's angle")
 _FOLDER = Path(__file__).resolve().parent.parent / "packaging"
 _SKETCH = {"examples/wall/wall.ino": "wall.ino"}

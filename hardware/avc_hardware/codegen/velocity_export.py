@@ -8,10 +8,9 @@ from avc_casadi import InputError
 from avc_casadi._util.units import METRE, in_its_units
 from avc_casadi.model.velocity import RunningEstimator, VelocityEstimator, velocity_estimator
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
-from avc_hardware.codegen.export import NAME, WIDE_ENOUGH, renamed
+from avc_hardware.codegen.c_frame import NAME, WORDS, checked, compiler_checks, named
 from avc_hardware.codegen.float_program import FloatProgram
-from avc_hardware.codegen.operations import DOUBLE, PRECISIONS
-from avc_hardware.codegen.packages import WORDS, checked_name, comment
+from avc_hardware.codegen.packages import comment
 from avc_hardware.codegen.sensor_rule import FARTHEST_M
 
 if TYPE_CHECKING:
@@ -32,10 +31,7 @@ _HEADER = """\
 #ifndef AVC_COUPLING_VELOCITY_H
 #define AVC_COUPLING_VELOCITY_H
 
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
+{begin_c}
 typedef struct {{
     {real} {states};
     unsigned char started;
@@ -50,11 +46,7 @@ void avc_coupling_velocity_init(avc_coupling_velocity_t *of, {real} position_m);
 /* The position for the spring of the wall, in the unit of position: the measured one, or the estimator's own. */
 {real} avc_coupling_velocity_position(const avc_coupling_velocity_t *of);
 
-#ifdef __cplusplus
-}}
-#endif
-#endif
-"""
+{end_c}"""
 _SOURCE = """\
 /* Made by avc-casadi; see avc_coupling_velocity.h. */
 #include "avc_coupling_velocity.h"
@@ -62,10 +54,7 @@ _SOURCE = """\
 #include <math.h>
 #include <stdbool.h>
 
-#ifdef __FAST_MATH__
-#error "-ffast-math reorders what has to stay in order"
-#endif
-{check}
+{checks}
 static unsigned char sound({real} position_m)
 {{
     return position_m >= -{farthest} && position_m <= {farthest};
@@ -108,9 +97,7 @@ def export_velocity_c(problem: Problem, *, precision: str = "single", name: str 
     Raises:
         InputError: the scene has no such effect, one of its parameters is missing, or no such precision or name.
     """
-    if precision not in PRECISIONS:
-        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
-    checked_name(name)
+    kind = checked(precision, name)
     table = next((one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)), None)
     if table is None:
         raise InputError.of(
@@ -119,7 +106,6 @@ def export_velocity_c(problem: Problem, *, precision: str = "single", name: str 
             file=problem.name,
             key="scene.effects",
         )
-    kind = PRECISIONS[precision]
     found = velocity_estimator(problem, table)
     states, function = _step(found, problem.device.sample_time_s)
     program = FloatProgram(function, kind)
@@ -147,15 +133,14 @@ def export_velocity_c(problem: Problem, *, precision: str = "single", name: str 
     )
     source = _SOURCE.format(
         real=real,
-        check=WIDE_ENOUGH if kind is DOUBLE else "",
+        checks=compiler_checks(kind),
         zero=kind.literal(0.0),
         farthest=kind.literal(FARTHEST_M),
         initial="\n    ".join(f"of->{state} = {value};" for state, value in initial.items()),
         body="\n    ".join(body),
     )
     files = {f"{NAME}_velocity.h": header, f"{NAME}_velocity.c": source}
-    made = {file: problem.units.code(text) for file, text in files.items()}
-    return {renamed(file, name): renamed(text, name) for file, text in made.items()}
+    return named(problem, files, name)
 
 
 def _step(found: VelocityEstimator, sample_time_s: float) -> tuple[dict[str, float], Any]:

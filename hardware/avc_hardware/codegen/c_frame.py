@@ -1,0 +1,92 @@
+"""What every export as C has: a precision and names that are taken, and the frame of header and source."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from avc_casadi import InputError
+from avc_casadi._util.units import FORCE, M_PER_S, N_PER_M, NEWTON, NS_PER_M
+from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, Precision
+from avc_hardware.codegen.packages import checked_name
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from avc_casadi.model.problem import Problem
+
+NAME = "avc_coupling"
+HEADER, SOURCE = f"{NAME}.h", f"{NAME}.c"
+
+_LOOP = """\
+/* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
+#ifdef AVC_LOOP_SAMPLE_TIME_NS
+#if AVC_LOOP_SAMPLE_TIME_NS != AVC_COUPLING_SAMPLE_TIME_NS
+#error "this coupling is made for another sample time than the loop that runs it"
+#endif
+#endif
+"""
+_BEGIN = """\
+#ifdef __cplusplus
+extern "C" {
+#endif
+"""
+_END = """\
+#ifdef __cplusplus
+}
+#endif
+
+#endif
+"""
+WORDS = {
+    "FORCE": FORCE,
+    "NEWTON": NEWTON,
+    "NS_PER_M": NS_PER_M,
+    "N_PER_M": N_PER_M,
+    "M_PER_S": M_PER_S,
+    "loop": _LOOP,
+    "begin_c": _BEGIN,
+    "end_c": _END,
+}
+"""Nouns, units and the frame of a header in templates of C."""
+
+_NO_FAST_MATH = """\
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: a position that is not a number must be seen"
+#endif
+"""
+_WIDE_ENOUGH = """
+#include <float.h>
+
+#if DBL_MANT_DIG < 53
+#error "a double of this compiler has less than 64 bits (avr-gcc): export with --precision single"
+#endif
+"""
+
+
+def checked(precision: str, name: str) -> Precision:
+    """Return a precision by name.
+
+    Raises:
+        InputError: no such precision, or a name invalid in C.
+    """
+    if precision not in PRECISIONS:
+        raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
+    checked_name(name)
+    return PRECISIONS[precision]
+
+
+def compiler_checks(precision: Precision) -> str:
+    """Return what a source asks of its compiler: no -ffast-math, and doubles of 64 bits where it has doubles."""
+    return _NO_FAST_MATH + (_WIDE_ENOUGH if precision is DOUBLE else "")
+
+
+def named(problem: Problem, files: Mapping[str, str], name: str) -> dict[str, str]:
+    """Return files in the units of a device, under a given name."""
+    made = {file: problem.units.code(text) for file, text in files.items()}
+    return made if name == NAME else {_renamed(file, name): _renamed(text, name) for file, text in made.items()}
+
+
+def _renamed(text: str, name: str) -> str:
+    """Return a path or a source with the usual name replaced."""
+    plain = text.replace(NAME, name).replace(NAME.upper(), name.upper())
+    return plain.replace(NAME.replace("_", "-"), name.replace("_", "-"))
