@@ -74,6 +74,22 @@ def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tup
     return core, link, done
 
 
+def test_another_device_on_the_same_wire_gets_no_table() -> None:
+    """Switched over in mid transfer, as behind a hub or a server of ports."""
+    core = host_core()
+    core.name_chip(12 * b"A")
+
+    def other() -> None:
+        core.reset()
+        core.name_chip(12 * b"B")
+
+    link = FaultyLink(HostLink(core), [LinkFault(to_device=True, at=700, kind=FaultKind.RESET)], reset=other)
+    with pytest.raises(LinkError, match="another device answers than before"):
+        push(NEW, link, deadline_s=DEADLINE_S)
+    assert link.happened
+    assert core.image() is None
+
+
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("kind", FaultKind)
 @pytest.mark.parametrize("to_device", [True, False], ids=["to device", "from device"])

@@ -157,6 +157,25 @@ def test_monitor_finds_a_device_again_by_its_serial_number(monkeypatch: pytest.M
     benches[1].unplug()
 
 
+def test_monitor_keeps_no_other_device_alive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A port may lead to another device once the cable was out: its heartbeat is not ours to give."""
+    cores = [host_core(), host_core()]
+    for core, number in zip(cores, (b"A", b"B"), strict=True):
+        core.name_chip(12 * number)
+    benches = [Bench(core) for core in cores]
+    found = [(benches[0].port, "A1")]
+    monkeypatch.setattr(ports_module.tools, "comports", lambda: [usb(*port) for port in found])
+    samples = monitor("usb:A1", rate_hz=100, seconds=1.0, heartbeat_s=0.5, reconnect_s=0.5)
+    next(samples)
+    found[0] = (benches[1].port, "A1")
+    benches[0].unplug()
+    with pytest.raises(LinkError, match=f"another device answers than before, chip {(12 * b'B').hex()} in place of"):
+        for _ in samples:
+            pass
+    benches[1].unplug()
+    assert cores[1].state().heartbeats_missed == 0
+
+
 def test_monitor_gives_up_a_device_that_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ports_module.tools, "comports", list)
     with pytest.raises(LinkError, match="no serial port has the USB serial number A1"):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from avc_casadi import LinkError
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
 MODES = ("table", "ramp", "safe", "fault")
@@ -135,6 +136,19 @@ class Device:
         wall, watched = map(_meant, values[28:31]), map(_meant, values[31:35])
         head = [*values[:4], build, *values[5:7], *meant, *running, figures, *values[23:27], coupling, *wall]
         return cls(*[*head, *watched, int(values[35]), values[36], *map(_meant, values[37:40]), unique_id, *kept])
+
+
+def require_same(first: Device, now: Device) -> None:
+    """Refuse another device than the first one, by the numbers of their chips; some chips have none.
+
+    Raises:
+        LinkError: the numbers differ.
+    """
+    if now.unique_id != first.unique_id:
+        raise LinkError(
+            f"another device answers than before, chip {now.unique_id or 'without a number'} in place of "
+            f"{first.unique_id or 'one without'}; nothing was sent to it"
+        )
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
-from avc_hardware.link.device import Device, DeviceStatus
+from avc_hardware.link.device import Device, DeviceStatus, require_same
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.session import Answer, Exchange
 from avc_hardware.link.telemetry import Samples, TelemetrySample
@@ -55,7 +55,8 @@ def monitor(
         heartbeat_s: longest interval of the heartbeat; when it ends, or the host falls silent or is killed, the force
             falls to 0 within 0.1 s and the device waits for a heartbeat (mode safe). None sends no heartbeat.
         baud: rate of a serial port.
-        reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` on any socket.
+        reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` on any socket. Another one
+            in its place is not watched.
         on_device: receives the device's HELLO, at the beginning and after each reconnection.
         on_end: receives its state at the end, after the force has fallen.
         on_silence: called once with the awaited answer and the time, where the device does not answer at once.
@@ -71,10 +72,13 @@ def monitor(
         raise InputError.of(message, key="heartbeat_s")
     left: float | None = math.inf if seconds is None else None
     give_up: float | None = None
+    first: Device | None = None
     while left is None or left > 0:
         try:
             link = open_link(port, baud=baud)
             with Connection(link, baud=baud, on_silence=on_silence) as connection:
+                first = first or connection.device
+                require_same(first, connection.device)
                 if heartbeat_s is not None:
                     _check_heartbeat(heartbeat_s, rate_hz, connection.device, baud)
                 if on_device is not None:

@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from avc_casadi import LinkError
 from avc_hardware.link import messages as m
-from avc_hardware.link.device import Device
+from avc_hardware.link.device import Device, require_same
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware.link.frames import DELIMITER, Frame, encode
 from avc_hardware.link.messages import Kind, Message
@@ -159,7 +159,9 @@ class Session:
         for attempt in range(1, ATTEMPTS + 1):
             try:
                 if attempt > 1:
-                    device = yield from self.hello()
+                    again = yield from self.hello()
+                    require_same(device, again)
+                    device = again
                 committed = yield from self._transfer(table, device)
                 table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
             except RefusedError as error:
