@@ -105,6 +105,15 @@ def test_the_license_of_a_package_is_the_projects_and_its_placeholders_are_told(
     assert all(f"`{place}`" in files["README.md"] for place in left if place != "README.md")
 
 
+@pytest.mark.parametrize("limit", [None, 7.5])
+def test_a_package_tells_a_limit_where_there_is_one(limit: float | None) -> None:
+    files = export_c(coupling(1, wall=(0.0, 2e3), max_force_n=limit), packages=("arduino",))
+    told = " ".join(files["README.md"].split())
+    assert ("limited at 7.5 N, and" in told) == (limit is not None)
+    assert ("has no limit: limit it yourself" in told) == (limit is None)
+    assert ("the largest that is declared" in files["examples/wall/wall.ino"]) == (limit is not None)
+
+
 CONSUMER = """
 cmake_minimum_required(VERSION 3.15)
 project(consumer LANGUAGES C CXX)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi
 from avc_casadi import InputError
-from avc_casadi._util.units import FORCE, Wording
+from avc_casadi._util.units import FORCE, NEWTON, Wording
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -115,7 +115,7 @@ def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str])
         raise InputError.of(message, key="packages")
     if not wanted:
         return files
-    device = coupling.problem.device
+    device, force = coupling.problem.device, coupling.max_force_n
     made = {f"src/{name}": text for name, text in files.items()}
     known = {
         "@ID@": coupling.id,
@@ -124,7 +124,9 @@ def packaged(files: dict[str, str], coupling: Coupling, packages: Iterable[str])
         "@PER_COUNT@": f"{device.encoder_resolution_m or _USUAL_STEP_M / device.metres_per_unit:.7g}",
         "@FORCE@": str(FORCE),
         "@WAY@": str(_WAY),
-        "@FULL_DUTY@": f"{coupling.max_force_n or _USUAL_FORCE_N * device.metres_per_unit:.7g}",
+        "@FULL_DUTY@": f"{force or _USUAL_FORCE_N * device.metres_per_unit:.7g}",
+        "@LIMITED@": "has no limit: limit it yourself" if force is None else f"limited at {force:.7g} {NEWTON}",
+        "@LARGEST@": "a guess, since none is declared" if force is None else "the largest that is declared",
     }
     for package in wanted:
         for place, template in _FILES[package].items():

@@ -11,7 +11,7 @@
 static const int ENCODER_A = 2, ENCODER_B = 3, MOTOR_PWM = 9, MOTOR_DIRECTION = 8;
 /* Of the encoder @WAY@; counts rise into the wall, 0 is its surface. */
 static const avc_coupling_real_t METRES_PER_COUNT = (avc_coupling_real_t)@PER_COUNT@;
-/* What the handle feels at a duty cycle of 255, measured on your own driver: at first the largest that is declared; direction LOW pushes out of the wall. */
+/* What the handle feels at a duty cycle of 255, measured on your own driver: at first @LARGEST@; direction LOW pushes out of the wall. */
 static const avc_coupling_real_t NEWTONS_AT_FULL_DUTY = (avc_coupling_real_t)@FULL_DUTY@;
 
 static const unsigned long PERIOD_US = (unsigned long)(AVC_COUPLING_SAMPLE_TIME_S * 1e6f + 0.5f);
