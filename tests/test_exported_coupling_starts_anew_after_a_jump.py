@@ -10,6 +10,7 @@ from exported import Exported
 from faulty_sensor import KINDS, FaultySensor
 from hardware_bench import believer, bench_problem, export_c, with_gains
 
+import avc_casadi as avc
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.device import Detent
@@ -164,6 +165,26 @@ def test_a_light_device_that_is_thrown_out_is_no_fault(delay: int) -> None:
             x, v = x + time * v + time**2 / 2 * acceleration, v + time * acceleration
             fastest = max(fastest, -v if x < 0 else 0.0)
     assert fastest > 0.5
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.05])
+@pytest.mark.parametrize("step", [5e-6, 2e-5, 5e-5])
+@pytest.mark.parametrize("time", [1e-4, 2.5e-4, 1e-3])
+def test_an_encoder_that_is_not_declared_is_no_fault_at_any_rate(time: float, step: float, unit: float) -> None:
+    """Its steps are: pressed slowly or fast, the wall pushes back as a spring does."""
+    problem = bench_problem((0.0, 1e3), sample_time_s=time, max_force_n=8.0, encoder_resolution_m=0.0)
+    if unit != 1:
+        text = (
+            f'[device]\nmotion = "rotary"\nhandle_radius_m = {unit}\ninertia_kgm2 = 3e-4\ndamping_nms_per_rad = 1e-3\n'
+            f"sample_time_s = {time}\nmax_torque_nm = {8 * unit}\n[environment]\n"
+            f"stiffness_nm_per_rad = {1e3 * unit**2}\ndamping_nms_per_rad = 0.0\n"
+        )
+        problem = avc.parse_problem(text)
+    device = Exported(with_gains(problem, 0.0, 1e8))
+    for speed in (0.02, 0.1, 0.3):
+        way = step * np.round(np.arange(-2e-3, 4e-3, speed * time) / step) / unit
+        device.start()
+        np.testing.assert_allclose(device.forces(way), 1e3 * unit**2 * np.maximum(way, 0), atol=0.06 * unit)
 
 
 @functools.cache

@@ -25,6 +25,9 @@ HAND_M_PER_S2 = 100.0
 _NOISE = 15.0
 # A second difference has two steps of rounding, and two more of a flickering count.
 _STEPS = 4
+# By which movements may differ, at the handle, where no encoder is declared: it has steps all the same, of 50 um or less.
+# Otherwise a fast loop would take each of them for a fault, and its wall would never push.
+_UNDECLARED_M = 1e-4
 # Time constants after which nothing is left of a force.
 _LAGS = 5
 
@@ -65,14 +68,19 @@ class SensorBounds:
         slowest = min((device.amplifier_bandwidth_hz or math.inf, *(device.range.amplifier_bandwidth_hz or ())))
         lag = _LAGS / (2 * math.pi * slowest * time)
         unsure = _STEPS * step + _NOISE * device.position_noise_rms_m
+        least = 0.0 if step else _UNDECLARED_M / device.metres_per_unit
+
+        def change_m(acceleration_m_per_s2: float) -> float:
+            return max(acceleration_m_per_s2 * time**2, least) + unsure
+
         return cls(
             fastest_m_per_s=fastest,
             outside_m_per_s2=alone,
             acceleration_m_per_s2=most,
             jump_m=fastest * time + 2 * step,
-            outside_m=alone * time**2 + unsure,
-            change_m=most * time**2 + unsure,
-            leaving_m=min(most, alone + actuator_m_per_s2(device)) * time**2 + unsure,
+            outside_m=change_m(alone),
+            change_m=change_m(most),
+            leaving_m=change_m(min(most, alone + actuator_m_per_s2(device))),
             leaving_samples=math.ceil(delay + lag) + 2,
         )
 
