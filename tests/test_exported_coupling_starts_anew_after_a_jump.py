@@ -187,6 +187,14 @@ def test_an_encoder_that_is_not_declared_is_no_fault_at_any_rate(time: float, st
         np.testing.assert_allclose(device.forces(way), 1e3 * unit**2 * np.maximum(way, 0), atol=0.06 * unit)
 
 
+def test_the_coarsest_encoder_of_a_range_is_no_fault() -> None:
+    problem = bench_problem((0.0, 1e3), sample_time_s=2.5e-4, encoder_resolution_m=1e-5)
+    problem = problem.changed(device={"range": {"encoder_resolution_m": (1e-5, 5e-5)}})
+    way = 5e-5 * np.round(np.arange(-2e-3, 4e-3, 5e-6) / 5e-5)
+    forces = Exported(with_gains(problem, 0.0, 1e8)).forces(way)
+    np.testing.assert_allclose(forces, 1e3 * np.maximum(way, 0), atol=0.06)
+
+
 @functools.cache
 def bench(name: str) -> FaultySensor:
     return FaultySensor(LAWS[name].problem.device, export_c(LAWS[name]))

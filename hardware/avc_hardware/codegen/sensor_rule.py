@@ -25,8 +25,8 @@ HAND_M_PER_S2 = 100.0
 _NOISE = 15.0
 # A second difference has two steps of rounding, and two more of a flickering count.
 _STEPS = 4
-# By which movements may differ, at the handle, where no encoder is declared: it has steps all the same, of 50 um or less.
-# Otherwise a fast loop would take each of them for a fault, and its wall would never push.
+# By which movements may differ, at the handle, where no encoder is declared: it has steps all the same, of 50 um or
+# less. Otherwise a fast loop would take each of them for a fault, and its wall would never push.
 _UNDECLARED_M = 1e-4
 # Time constants after which nothing is left of a force.
 _LAGS = 5
@@ -59,15 +59,17 @@ class SensorBounds:
     @classmethod
     def of(cls, device: Device, *, detents: bool = False) -> Self:
         """Return the bounds of a device; detents move it outside a wall too."""
-        time, step = device.sample_time_s, device.encoder_resolution_m or 0.0
+        time, ranges = device.sample_time_s, device.range
+        step = max((device.encoder_resolution_m or 0.0, *(ranges.encoder_resolution_m or ())))
+        noise = max((device.position_noise_rms_m, *(ranges.position_noise_rms_m or ())))
         fastest = FASTEST_M_PER_S / device.metres_per_unit
         most = board_limits(device).max_acceleration_m_per_s2
         alone = most if detents else HAND_M_PER_S2 / device.metres_per_unit
         # A second difference is of forces up to two samples old at the actuator.
-        delay = max((device.delay_samples, *(device.range.delay_samples or ())))
-        slowest = min((device.amplifier_bandwidth_hz or math.inf, *(device.range.amplifier_bandwidth_hz or ())))
+        delay = max((device.delay_samples, *(ranges.delay_samples or ())))
+        slowest = min((device.amplifier_bandwidth_hz or math.inf, *(ranges.amplifier_bandwidth_hz or ())))
         lag = _LAGS / (2 * math.pi * slowest * time)
-        unsure = _STEPS * step + _NOISE * device.position_noise_rms_m
+        unsure = _STEPS * step + _NOISE * noise
         least = 0.0 if step else _UNDECLARED_M / device.metres_per_unit
 
         def change_m(acceleration_m_per_s2: float) -> float:
