@@ -69,7 +69,7 @@ class SensorBounds:
         delay = max((device.delay_samples, *(ranges.delay_samples or ())))
         slowest = min((device.amplifier_bandwidth_hz or math.inf, *(ranges.amplifier_bandwidth_hz or ())))
         lag = _LAGS / (2 * math.pi * slowest * time)
-        unsure = _STEPS * step + _NOISE * noise
+        unsure: float = _STEPS * step + _NOISE * noise
         least = 0.0 if step else _UNDECLARED_M / device.metres_per_unit
 
         def change_m(acceleration_m_per_s2: float) -> float:
