@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import re
 
 import numpy as np
 import pytest
@@ -185,6 +186,13 @@ def test_an_encoder_that_is_not_declared_is_no_fault_at_any_rate(time: float, st
         way = step * np.round(np.arange(-2e-3, 4e-3, speed * time) / step) / unit
         device.start()
         np.testing.assert_allclose(device.forces(way), 1e3 * unit**2 * np.maximum(way, 0), atol=0.06 * unit)
+
+
+def test_an_actuator_that_lags_for_ever_is_counted_in_16_bits() -> None:
+    problem = bench_problem((0.0, 1e3), sample_time_s=1e-4, encoder_resolution_m=STEP, amplifier_bandwidth_hz=1e-5)
+    source = export_c(with_gains(problem, 0.0, 1e8), unsafe=True)["avc_coupling.c"]
+    counts = [int(count) for count in re.findall(r"coupling->left (?:=|<) (\d+)u", source)]
+    assert 1000 < max(counts) < 2**16
 
 
 def test_the_coarsest_encoder_of_a_range_is_no_fault() -> None:

@@ -30,6 +30,8 @@ _STEPS = 4
 _UNDECLARED_M = 1e-4
 # Time constants after which nothing is left of a force.
 _LAGS = 5
+# An int of 16 bits counts them.
+_MOST_SAMPLES = 2**16 - 1
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class SensorBounds:
             outside_m=change_m(alone),
             change_m=change_m(most),
             leaving_m=change_m(min(most, alone + actuator_m_per_s2(device))),
-            leaving_samples=math.ceil(delay + lag) + 2,
+            leaving_samples=min(math.ceil(delay + lag) + 2, _MOST_SAMPLES),
         )
 
 
