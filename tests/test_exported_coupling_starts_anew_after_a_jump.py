@@ -126,6 +126,28 @@ def test_detents_wait_for_the_outside_after_a_fault_in_the_wall() -> None:
     assert device.forces(press).tobytes() == fresh.forces(press).tobytes()
 
 
+@pytest.mark.parametrize("wrong_m", [math.nan, 0.1, 3e-3])
+@pytest.mark.parametrize("again_m", [9e-3, 4e-3, -4e-3, -9e-3])
+def test_detents_take_no_second_fault_for_a_movement(wrong_m: float, again_m: float) -> None:
+    """A jump after a fault and one good sample: their damper would give as much as the limit, far outside."""
+    detent = Detent(pitch_m=0.01, force_n=0.5, damping_ns_per_m=1.0)
+    problem = bench_problem((5.0, STIFFNESS), max_force_n=8.0, encoder_resolution_m=STEP).changed(detent=detent)
+    device = Exported(with_gains(problem, 5.0, 4e3))
+    way = np.full(60, -0.02)
+    rest = np.abs(device.forces(way)).max()
+    way[30] += wrong_m
+    way[32] += again_m
+    device.start()
+    assert np.abs(device.forces(way)).max() <= rest + 1e-6
+    # A hand that moves on as fast is believed as soon as it has been seen twice.
+    device.start()
+    fast = -0.2 + 4e-3 * np.arange(40)
+    clean = device.forces(fast)
+    device.start()
+    fast[20] = math.nan
+    np.testing.assert_allclose(device.forces(fast)[25:], clean[25:], atol=1e-3)
+
+
 @pytest.mark.parametrize("wrong_m", [math.nan, 0.1, -0.1])
 @pytest.mark.parametrize("name", LAWS)
 def test_a_fault_before_the_face_lets_no_spring_begin_stretched(name: str, wrong_m: float) -> None:

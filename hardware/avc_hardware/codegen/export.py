@@ -62,7 +62,7 @@ void avc_coupling_start(avc_coupling_t *coupling)
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m)
 {{
 {declared}    if (!believed(position_m, coupling->position_before_m, coupling->moved_before_m,
-                  {known}, {jump},
+                  coupling->started == 1u && coupling->wary != 0u ? 2u : coupling->started, {jump},
                   {steady})) {{
 {doubt}        coupling->started = 0u;
         return {zero};
@@ -143,6 +143,7 @@ _BEGIN_OUTSIDE = """\
     }} else {{
         coupling->moved_before_m = position_m - coupling->position_before_m;
         coupling->started = 2u;
+        coupling->wary = 0u;
     }}
     coupling->position_before_m = position_m;
 """
@@ -276,10 +277,7 @@ def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, 
         if wall
         else literal(bounds.change_m),
         declared="    int clipped;\n" if wall else "",
-        known="coupling->started == 1u && coupling->wary != 0u ? 2u : coupling->started"
-        if wall
-        else "coupling->started",
-        doubt=_DOUBT.format(jump=literal(bounds.jump_m)) if wall else "",
+        doubt=_DOUBT.format(jump=literal(bounds.jump_m)),
         begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words, leaving=leaving),
         look_up="" if program.before is None else _look_up(rows, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
