@@ -106,6 +106,9 @@ def test_hands_at_the_force_limit_are_no_part_of_what_is_felt(document):
     assert "median of" not in lines_of(changed, "rendered")[0]
     changed["trial"]["at_force_limit"] = 7
     assert "(median of the 3 hands that stay below the force limit)" in lines_of(changed, "rendered")[0]
+    assert conclusion_lines(changed)[0].startswith("deploy, though most hands push through the wall, on ")
+    changed["trial"]["at_force_limit"] = 5
+    assert conclusion_lines(changed)[0].startswith("deploy on ")
 
 
 def test_hands_that_feel_another_stiffness_are_told(document):

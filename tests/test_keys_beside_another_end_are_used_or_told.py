@@ -22,15 +22,17 @@ def unused(text):
 
 
 @pytest.mark.parametrize("end", [TOOL, PLACE, FOLLOWER])
+@pytest.mark.parametrize("period", ["", "sample_time_s = 0.002\n", "sample_time_s = 0.0015\n"])
 @pytest.mark.parametrize("device", [DEVICE, WHEEL])
-def test_nothing_is_told_as_unused_where_nothing_is_declared_beside(device, end):
+def test_nothing_is_told_as_unused_where_nothing_is_declared_beside(device, end, period):
+    """The band of frequencies ends lower by itself where the device is slow."""
     linear = device == DEVICE
     words = {"_kg =": "_kgm2 =", "tool_mass": "tool_inertia", "\nmass": "\ninertia", "_ns_per_m": "_nms_per_rad"}
     for one, other in () if linear else words.items():
         end = end.replace(one, other)
     if not linear and "[follower]" in end:
         end += "motion = 'rotary'\nhandle_radius_m = 0.1\n"
-    stated = avc.parse_problem(device + end)
+    stated = avc.parse_problem(device + period + end)
     assert not not_used(stated)
     # A table that is written with its default says nothing.
     assert not not_used(stated.changed(robustness={}, coupling={"structure": "series"}))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
+from avc_casadi.cli import main
 
 DEVICE = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1}
 
@@ -50,10 +51,23 @@ def test_a_damper_that_is_too_strong_is_told_with_the_largest_that_is_stable():
     assert not decays(1.02 * most)
 
 
+@pytest.mark.parametrize("delay", [1, 40])
+def test_check_leads_on_where_something_may_be_deployable(delay, capsys, tmp_path):
+    file = tmp_path / "p.toml"
+    device = f"mass_kg = 0.1\ndamping_ns_per_m = 0.5\ndelay_samples = {delay}"
+    file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 600.0\ndamping_ns_per_m = 0.0\n")
+    assert main(["check", str(file)]) == 0
+    page = capsys.readouterr().out
+    assert ("next: avc recommend" in page) == (delay == 1)
+    assert ("deploys nothing" in page) == (delay == 40)
+
+
 @pytest.mark.thorough
-def test_a_damper_just_below_is_recommended():
+def test_a_damper_just_below_is_recommended_and_told_without_limits_of_springs():
     found = avc.recommend(asked({}, stiffness_n_per_m=0.0, damping_ns_per_m=100.0), hands=50, workers=1)
     assert found.coupling is not None
+    assert not found.document()["what_would_help"]
+    assert "Linear limit" not in str(found)
 
 
 @pytest.mark.thorough

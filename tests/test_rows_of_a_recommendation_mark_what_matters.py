@@ -2,9 +2,12 @@
 
 import copy
 
+import numpy as np
 import pytest
 
 import avc_casadi as avc
+from avc_casadi._util.units import speaks
+from avc_casadi.present.pages.baselines import baselines_page
 from avc_casadi.present.pages.recommendation import recommendation_page, recommendation_rows
 from avc_casadi.present.pages.stiffest import stiffest_page
 from avc_casadi.present.terminal import Mark, Page
@@ -24,6 +27,13 @@ PROBLEM = avc.parse_problem(
 )
 COUNTS = {"hands": 100, "at_rest": 100, "at_rest_without_friction": 100, "quiet": 100}
 MARGINS = {"gain": 5.0, "phase_deg": 40.0, "delay_samples": 2.0}
+STIFFEST = COUNTS | {
+    "plain_wall_n_per_m": 0.0,
+    "confirmed": None,
+    "by": "static",
+    "stiffest_wall_n_per_m": 3000.0,
+    "at_force_limit": 0,
+}
 # All that rows are made of, of a wall that is rendered as wanted.
 DOCUMENT = {
     "deployable": True,
@@ -188,18 +198,20 @@ def test_an_unmodelled_effect_that_nobody_asked_for_counts_without_friction():
 
 def test_what_is_asked_of_other_methods_is_told_and_weakens_no_verdict():
     bounds = {side: {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 500.0} for side in ("upper", "lower")}
-    asked = PROBLEM.changed(stability={"scope": "all"}, realism={"require": "jnd"}, boundaries=bounds)
+    tables = {"stability": {"scope": "all"}, "realism": {"require": "jnd"}, "schedule": {"slope_limit": 1.0}}
+    asked = PROBLEM.changed(**tables, boundaries=bounds, frequency={"points": 20})
+    names = ("boundaries", "stability", "realism", "schedule", "frequency")
     unused = not_used(asked)
-    assert unused == tuple(f"{table} (asked of avc solve)" for table in ("boundaries", "stability", "realism"))
+    assert unused == tuple(f"{table} (asked of avc solve)" for table in names)
     found = rows(changed(not_used=list(unused)))
     assert found["Coupling"].mark is Mark.PASS
-    assert found["Not used"].text == "boundaries, stability, realism: asked of avc solve, not of avc recommend"
+    assert found["Not used"].text == f"{', '.join(names)}: asked of avc solve, not of avc recommend"
 
 
 def test_tables_that_state_the_defaults_ask_for_nothing():
     wall = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 3000.0}
     plain = PROBLEM.changed(stability={"scope": "pointwise"}, boundaries={"upper": wall, "lower": wall})
-    assert not_used(plain) == ()
+    assert not_used(plain.changed(schedule={"slope_penalty": 1e-3})) == ()
     assert "Not used" not in rows(DOCUMENT)
 
 
@@ -209,6 +221,7 @@ def test_tables_that_state_the_defaults_ask_for_nothing():
         ({"deployable": True}, "avc export coupling.json --c DIR"),
         ({"deployable": False}, "avc recommend P --stiffest"),
         ({"deployable": False, "assumed": ["what may be a slip: device.mass_kg is 120"]}, "avc check P"),
+        ({"deployable": False, "reason": "nothing of the wall is rendered: too weak"}, "avc check P"),
     ],
 )
 def test_what_is_next_is_nothing_that_would_be_refused(tables, next_one):
@@ -229,7 +242,80 @@ def test_half_a_sample_time_keeps_its_symbol():
     helps = [{"change": change, "stiffest_wall_n_per_m": 4000.0} for change in ("half the sample time", "no delay")]
     for one in helps:
         one |= {"at_rest": 100, "at_rest_without_friction": 100, "hands": 100}
-    found = {"plain_wall_n_per_m": 0.0, "confirmed": None, "by": "static", "stiffest_wall_n_per_m": 3000.0}
-    text = stiffest_page(found | COUNTS | {"what_would_help": helps}, PROBLEM, Page(), "P")
+    text = stiffest_page(STIFFEST | {"what_would_help": helps}, PROBLEM, Page(), "P")
     labels = [line[4:16].strip() for line in text.splitlines()]
     assert {"Half T", "No delay"} <= set(labels)
+
+
+@pytest.mark.parametrize("limited", [0, 1, 100])
+def test_presses_that_end_at_the_force_limit_stand_beside_the_stiffest_wall(limited):
+    text = stiffest_page(STIFFEST | {"what_would_help": [], "at_force_limit": limited}, PROBLEM, Page(), "P")
+    assert (f"! Force          {limited} of 100 presses end at the 8.00 N limit" in text) == bool(limited)
+
+
+def test_a_coupling_that_is_refused_says_why():
+    row = rows(changed(deployable=False, reason="11 of 60 hands do not settle with held = fingertip"))["Coupling"]
+    assert row.mark is Mark.FAIL
+    assert row.text.endswith("NOT deployable: 11 of 60 hands do not settle with held = fingertip")
+    failed = {"deployable": {"claims": [{"pass": False, "sentence": "unstable with a hand"}]}}
+    unstable = rows(changed(deployable=False, reason="mine; unstable with a hand", certificate=failed))
+    assert unstable["Coupling"].text.endswith("NOT deployable")
+    assert unstable["Stability"].text == "unstable with a hand"
+    nothing = rows(changed(deployable=False, reason="nothing of the wall is rendered: too weak"))
+    assert nothing["Coupling"].text.endswith("NOT deployable")
+    assert nothing["Rendered"].text == "nothing of the wall is rendered: too weak"
+
+
+@pytest.mark.parametrize(
+    ("strength", "mark"), [(1.0, Mark.NONE), (0.9, Mark.NONE), (0.7, Mark.CAUTION), (2.2, Mark.CAUTION)]
+)
+def test_a_damper_is_told_in_its_own_unit_of_a_wall_that_pushes_half_of_the_time(strength, mark):
+    """Of max(0, b v) under a sine the part at its frequency is b v/2: |F/x| is pi f b."""
+    damper = PROBLEM.changed(environment={"stiffness_n_per_m": 0.0, "damping_ns_per_m": 8.0})
+    time = (np.arange(4000) + 0.5) / 4000
+    wave = np.exp(-2j * np.pi * time)
+    motion = {}
+    for hz in (1.0, 10.0):
+        force = np.maximum(0.0, strength * 8.0 * 2 * np.pi * hz * np.cos(2 * np.pi * time))
+        motion[f"{hz:g}"] = float(abs((force @ wave) / (np.sin(2 * np.pi * time) @ wave)))
+    row = rows(changed(felt={"stiffness_in_motion_n_per_m": motion, "stiffness_n_per_m": None}), damper)["Rendered"]
+    told = f"{8 * strength:.{2 if strength < 1.25 else 1}f} N.s/m"
+    assert row.text.startswith(f"a damper of {told} at 1 Hz, {told} at 10 Hz, which never pulls: impedance error")
+    assert row.mark is mark
+
+
+@pytest.mark.parametrize(
+    ("share", "at_10_hz", "damping", "marked"),
+    [
+        (1.0, 3500.0, 0.0, False),
+        (1.0, 3700.0, 0.0, True),
+        (1.0, 3700.0, 50.0, False),  # |3000 + j 3142| N/m are wanted at 10 Hz
+        (1.08, 3000.0, 0.0, False),
+        (1.13, 3000.0, 0.0, True),
+    ],
+)
+def test_what_is_stiffer_than_the_wall_is_marked(share, at_10_hz, damping, marked):
+    motion = {"1": 3000.0, "10": at_10_hz, "50": 9e3}
+    problem = PROBLEM.changed(environment={"stiffness_n_per_m": 3000.0, "damping_ns_per_m": damping})
+    row = rows(changed(felt={"share_of_wall": share, "stiffness_in_motion_n_per_m": motion}), problem)["Rendered"]
+    assert row.mark is (Mark.CAUTION if marked else Mark.NONE)
+    assert row.text.endswith("above the wall in motion, damping included") == (marked and share == 1)
+
+
+@pytest.mark.parametrize(("quiet", "mark"), [(100, Mark.PASS), (91, Mark.PASS), (58, Mark.CAUTION)])
+def test_hands_that_settle_with_a_vibration_that_they_feel_are_no_plain_pass(quiet, mark):
+    assert rows(changed(trial={"quiet": quiet}))["Simulated"].mark is mark
+    assert rows(changed(trial={"quiet": quiet, "at_rest": 99}))["Simulated"].mark is Mark.FAIL
+
+
+@pytest.mark.parametrize(("radius", "speed"), [(None, "20.0 mm/s"), (0.05, "400 mrad/s"), (0.15, "133 mrad/s")])
+def test_laws_are_compared_at_the_speed_that_is_told(radius, speed):
+    device = {} if radius is None else {"motion": "rotary", "handle_radius_m": radius}
+    problem = PROBLEM.changed(device=device)
+    text = speaks(problem.units, baselines_page, changed(baselines=[]), problem, Page())
+    assert f"at {speed}; how many settle" in " ".join(text.split())
+
+
+def test_a_refused_coupling_does_not_pass_beside_other_laws():
+    document = changed(deployable=False, reason="too soft a hand", baselines=[])
+    assert "✗ Recommended  too soft a hand" in baselines_page(document, PROBLEM, Page())

@@ -192,6 +192,23 @@ def test_infeasible_problem_still_leaves_everything_and_says_no(tmp_path):
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("unsafe", [False, True])
+def test_what_the_trials_refuse_is_neither_pushed_nor_written_unless_asked_for(unsafe, tmp_path, capsys):
+    """Every press of these hands ends at the limit of 1.2 N, though the loop is linearly stable with all of them."""
+    file, folder = tmp_path / "finger.toml", tmp_path / "out"
+    device = "mass_kg = 0.018\ndamping_ns_per_m = 0.05\nmax_force_n = 1.2"
+    few = "[frequency]\npoints = 5\n"
+    file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 600.0\ndamping_ns_per_m = 0.0\n{few}")
+    main(["run", str(file), "--out", str(folder), *["--unsafe"] * unsafe])
+    page = capsys.readouterr()
+    assert ("push refused, as the coupling is not deployable" in page.out) != unsafe
+    assert ("not deployable, push refused" in page.err) != unsafe
+    assert (folder / "coupling.json").exists() == unsafe
+    report = (folder / "report.html").read_text()
+    assert "Do not deploy this coupling: nothing of the wall is rendered: every press ends at" in report
+
+
+@pytest.mark.thorough
 def test_a_folder_that_cannot_be_written_is_found_before_the_work(tmp_path, monkeypatch, capsys):
     def worked(*_):
         raise AssertionError("the work began")

@@ -88,7 +88,7 @@ def test_a_handle_that_friction_holds_short_is_told():
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.02}, {"max_force_n": 0.0033}]
+    "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.04}, {"max_force_n": 0.0033}]
 )
 def test_what_renders_nothing_is_not_deployable(slip):
     problem = avc.load_problem("spring").changed(
@@ -98,6 +98,19 @@ def test_what_renders_nothing_is_not_deployable(slip):
     assert not found.deployable
     assert found.reason.startswith("nothing of the wall is rendered")
     assert next(iter(slip)) in found.reason
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("limit", "written"), [(1.2, False), (5.0, True)])
+def test_what_is_not_deployable_is_not_written_as_a_coupling(limit, written, capsys, tmp_path):
+    """Other verbs judge linear stability alone: `certify` passed the file, and `export` took it."""
+    file, out = tmp_path / "finger.toml", tmp_path / "c.json"
+    device = f"mass_kg = 0.018\ndamping_ns_per_m = 0.05\nmax_force_n = {limit}"
+    file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 600.0\ndamping_ns_per_m = 0.0\n")
+    assert main(["recommend", str(file), "--hands", "20", "--out", str(out)]) == int(not written)
+    page = " ".join(capsys.readouterr().out.split())
+    assert out.exists() == written == ("Written" in page)
+    assert ("max_force_n, 1.2 N); check its unit, or state [hands] that press less" in page) != written
 
 
 def test_gains_that_are_all_nothing_are_not_deployable():

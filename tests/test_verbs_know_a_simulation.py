@@ -14,7 +14,8 @@ from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
-from avc_casadi.present.pages.virtual_tool import gain_margin_text, inertia_text, tool_rows
+from avc_casadi.present.pages.virtual_tool import felt_rows, gain_margin_text, inertia_text, tool_rows
+from avc_casadi.present.terminal import Mark
 from avc_casadi.recommendation.tool_impedance import rendered_band
 from avc_casadi.recommendation.virtual_tool import why_not_wanted
 
@@ -295,6 +296,15 @@ def test_a_negative_mass_in_free_motion_is_told_as_the_spring_that_it_is():
 )
 def test_why_a_wanted_stiffness_is_not_to_be_had_contradicts_nothing(wanted, told):
     assert why_not_wanted(wanted, 1000.0).startswith(told)
+
+
+@pytest.mark.parametrize(("at_1_hz", "at_10_hz", "marked"), [(0.2, 0.9, False), (0.2, 3.5, True), (2.1, 0.6, True)])
+def test_a_tool_that_is_altered_in_free_motion_is_marked_at_any_frequency_of_hands(at_1_hz, at_10_hz, marked):
+    one = {"mass_kg": 0.3, "drag_ns_per_m": 1.0, "stiffness_n_per_m": 1e3}
+    felt = [one | {"frequency_hz": hz, "free_error": error} for hz, error in ((1.0, at_1_hz), (10.0, at_10_hz))]
+    row = felt_rows(felt, None, avc.load_problem("tool/mujoco-500hz"))[1]
+    assert f"{100 * at_10_hz:.0f} % at 10 Hz" in row.text
+    assert row.mark is (Mark.CAUTION if marked else Mark.NONE)
 
 
 def test_ends_of_searches_are_no_limits_and_margins_are_rounded_down():

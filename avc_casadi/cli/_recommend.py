@@ -111,7 +111,8 @@ def _before_wall(
             progress=console,
         )
     written = None
-    if out is not None and found.coupling is not None:
+    # What the trials refuse, other verbs would take: they judge linear stability alone.
+    if out is not None and found.coupling is not None and found.deployable:
         write_text(out, json_text(coupling_document(found.coupling)), "--out")
         written = str(out)
     document = recommend_document(found)

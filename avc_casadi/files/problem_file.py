@@ -20,8 +20,8 @@ from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.quantity import shown
 from avc_casadi.model.rules import Finding, dotted
 
-# End of the band of a slow device, as a share of the sampling rate, the same as by default.
-_BELOW_NYQUIST = 0.45
+BELOW_NYQUIST = 0.45
+"""End of the band of a slow device, as a share of the sampling rate, the same as by default."""
 # For slower devices an error says that the band has no room.
 _SLOWEST_S = 0.25
 
@@ -185,4 +185,4 @@ def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     usual = float(Frequency.model_fields["stop_hz"].default)
     if {"stop_hz", "values_hz"} & set(band) or not 0.5 / usual <= time <= _SLOWEST_S:
         return tables
-    return {**tables, "frequency": {**band, "stop_hz": _BELOW_NYQUIST / time}}
+    return {**tables, "frequency": {**band, "stop_hz": BELOW_NYQUIST / time}}

@@ -25,7 +25,7 @@ from avc_casadi.model.runtime import GUARD_METHODS, Runtime
 from avc_casadi.model.velocity import VELOCITY_ESTIMATORS
 from avc_casadi.model.velocity_keys import VelocityFilterEffect
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
-from avc_casadi.recommendation.ripple import ripple_n
+from avc_casadi.recommendation.ripple import SPEEDS_M_PER_S, ripple_n
 from avc_casadi.recommendation.screening import BEYOND_HANDS, Group, required
 from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.operators import people_of
@@ -43,8 +43,8 @@ _CUTOFFS, _ACCELERATIONS_M_PER_S2 = (0.03, 0.1, 0.3), (10.0, 100.0)
 _SHARES = (0.5, 0.1, 0.02)
 # A wall's stiffness is halved until the law stabilises it, then bisected upwards.
 _SOFTER, _BACK = 8, 2
-# Number of hands (corners of [hands]) in the search; speed at which the ripple is reported.
-_SEARCH, _SLOWLY_M_PER_S = 32, 0.02
+# Number of hands (corners of [hands]) in the search.
+_SEARCH = 32
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class _Law:
         if held is None:
             return Baseline(self._law, self._settings, 0.0, 0.0, {}, None, 0, at_wall, hands)
         error = shaken(held, low, effects=self._effects, wanted=self._problem).errors()
-        noise = ripple_n(held, _SLOWLY_M_PER_S / self._problem.device.metres_per_unit, self._effects)
+        noise = ripple_n(held, SPEEDS_M_PER_S[0] / self._problem.device.metres_per_unit, self._effects)
         settled = self._settled(held, everybody)
         damping = held.table.at_rest.contact_damping_ns_per_m
         return Baseline(self._law, self._settings, low, damping, error, noise, settled, at_wall, hands)
@@ -199,7 +199,7 @@ def _passive(problem: Problem, hands: int, seed: int) -> Baseline | None:
     everybody = _everybody(problem, hands, BEYOND_HANDS, seed)
     settled = _settled(everybody, coupling)
     error = shaken(coupling, rendered).errors()
-    noise = ripple_n(coupling, _SLOWLY_M_PER_S / problem.device.metres_per_unit)
+    noise = ripple_n(coupling, SPEEDS_M_PER_S[0] / problem.device.metres_per_unit)
     damping = coupling.table.at_rest.damping_ns_per_m
     return Baseline(PASSIVE, {}, rendered, damping, error, noise, settled, settled, _count(everybody))
 

@@ -12,10 +12,11 @@ from avc_casadi.claims.passivity.rendered_impedance import PRESS_N
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
 from avc_casadi.claims.stability.stiffest_wall import damping_range, softest_wall_n_per_m
 from avc_casadi.files.plausibility import plausibility
+from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.problem import Frequency, Realism, Stability
+from avc_casadi.model.problem import Frequency, Realism, ScheduleSettings, Stability
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.model.rotary_defaults import rotary_gains
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, VirtualTool
@@ -86,6 +87,7 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     if problem.environment.stiffness_n_per_m == 0:
         return ""
     step, friction_n, most_n = device.encoder_resolution_m, device.coulomb_friction_n, press_n
+    advice = "check the units of these values"
     most = f"a press of {press_n:.3g} {NEWTON}"
     if device.max_force_n is not None and device.max_force_n < press_n:
         most_n = device.max_force_n
@@ -100,12 +102,13 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
             f"every press ends at the {FORCE} limit ({spoken_key('device.max_force_n')}, {device.max_force_n:g} "
             f"{NEWTON})"
         )
+        advice = "check its unit, or state [hands] that press less"
     elif friction_n >= most_n:
         held = f"dry friction ({spoken_key('device.coulomb_friction_n')}, {friction_n:g} {NEWTON})"
         what = f"no press ends in contact, for {held} is no less than {most}"
     else:
         what = f"no press ends in contact ({spoken_key('device.encoder_resolution_m')} is {step:g} {METRE})"
-    return f"nothing of the wall is rendered: {what}; check the units of these values"
+    return f"nothing of the wall is rendered: {what}; {advice}"
 
 
 def assumed(
@@ -213,6 +216,12 @@ def _far_end(problem: Problem) -> str:
     return "simulation" if problem.simulation is not None else "follower" if problem.follower is not None else ""
 
 
+def _band_stated(problem: Problem) -> bool:
+    """Return whether [frequency] asks for another band than the default, which ends lower for a slow device."""
+    ends = (Frequency(), Frequency(stop_hz=BELOW_NYQUIST / problem.device.sample_time_s))
+    return problem.frequency not in ends
+
+
 def _of_walls(problem: Problem) -> list[str]:
     """Return the tables beside another end that concern a wall in the device's own loop alone."""
     wall = problem.environment
@@ -225,7 +234,7 @@ def _of_walls(problem: Problem) -> list[str]:
     )
     found = ["environment"] if wall.stiffness_n_per_m or wall.damping_ns_per_m else []
     found += [key for key in _WALLS if getattr(problem, key) != getattr(bare, key)]
-    found += ["frequency"] if problem.frequency != Frequency() else []
+    found += ["frequency"] if _band_stated(problem) else []
     reason = f"of a wall in the device's own loop: leave [{_far_end(problem)}] out for it"
     told = [f"{key} ({reason})" for key in found]
     if problem.scene != bare.scene:
@@ -281,6 +290,8 @@ def not_used(problem: Problem) -> tuple[str, ...]:
             ("boundaries", bounds.measured is not None or not bounds.upper == bounds.lower == wall),
             ("stability", problem.stability != Stability()),
             ("realism", problem.realism != Realism()),
+            ("schedule", problem.schedule != ScheduleSettings()),
+            ("frequency", _band_stated(problem)),
         )
         unused += [f"{table}{_OF_SOLVE}" for table, stated in asked if stated]
     known = {"velocity-filter": "known to avc simulate and, if linear, to avc zwidth alone"}

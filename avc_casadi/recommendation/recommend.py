@@ -235,7 +235,7 @@ def judged_as_recommended(
     extreme = hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_released(extreme))
     beyond = margins(found, limit, seed)
-    lacks = missed(beyond, by_friction=False)
+    lacks = nothing_rendered(problem, static_stiffness_n_per_m(found), tried) or missed(beyond, by_friction=False)
     return Recommendation(
         problem=problem,
         coupling=found.with_trial(tried.document()),

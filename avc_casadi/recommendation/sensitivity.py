@@ -66,9 +66,11 @@ def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help,
     """Return the limit of a plain spring and damper after each change, most effective first.
 
     Args:
-        problem: the device as it is.
+        problem: the device as it is; of a wall without a spring nothing is told.
         extreme: the corners of its hands.
     """
+    if problem.environment.stiffness_n_per_m == 0:
+        return ()
     people = with_released(extreme)
     found = [
         Help(change, float(stiffest_wall(other.device, people).stiffness_n_per_m))

@@ -107,6 +107,7 @@ def stiffest(
             **_told(judged),
             "by": None if judged is None else judged.coupling.method,
             "quiet": None if judged is None else int(judged.trial.quiet.sum()),
+            "at_force_limit": None if judged is None else int(judged.trial.at_force_limit.sum()),
             "confirmed": None if judged is None or judged.others is None else judged.others.counts(),
             "plain_wall_n_per_m": simple.stiffness_n_per_m,
             "damping_ns_per_m": [simple.lowest_ns_per_m, simple.highest_ns_per_m],

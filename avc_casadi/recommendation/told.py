@@ -17,6 +17,8 @@ from avc_casadi.simulation.population.motions import TRIAL_S
 _AT_LIMIT, _STIFFER = 0.97, 1.1
 # Rendered stiffness (share of the wall) that is negligible, and impedance error at 1 Hz that is worth a line.
 _HARDLY, _OTHERWISE = 0.1, 0.2
+# A larger share of hands that push through a wall is told first.
+_PUSH_THROUGH = 0.5
 # A spring this many times stiffer than the wall counts as rigid.
 _RIGID = 100.0
 # Noticeable deviation from the median of the hands.
@@ -39,7 +41,9 @@ def conclusion_lines(document: dict[str, Any]) -> list[str]:
     if document["deployable"] and at_rest < hands:
         first = f"the least bad, which {hands - at_rest} of {hands} hands do not settle at, on"
     springy = coupling["wall"]["stiffness_n_per_m"] > 0
-    if first == "deploy on" and hardly_rendered(document):
+    if first == "deploy on" and pushed_through(document):
+        first = "deploy, though most hands push through the wall, on"
+    elif first == "deploy on" and hardly_rendered(document):
         first = "deploy, though hardly anything of the wall is left, on"
     stiffness = _felt(felt, trial, springy=springy)
     alone = "" if felt["stiffness_n_per_m"] is not None or not springy else " of the law alone, which no hand feels,"
@@ -77,6 +81,15 @@ def hardly_rendered(document: Mapping[str, Any]) -> bool:
     wall, felt = document["coupling"]["wall"]["stiffness_n_per_m"], document["felt"]
     moving = felt["stiffness_in_motion_n_per_m"].get("1", wall)
     return bool(wall > 0 and min(felt["share_of_wall"] or 1.0, moving / wall) < _HARDLY)
+
+
+def pushed_through(document: Mapping[str, Any]) -> bool:
+    """Return whether most hands end at the force limit.
+
+    Args:
+        document: of `avc recommend --json`, with a coupling.
+    """
+    return bool(document["trial"]["at_force_limit"] > _PUSH_THROUGH * document["trial"]["hands"])
 
 
 def _watched(trial: dict[str, Any]) -> str:

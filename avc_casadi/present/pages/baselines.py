@@ -6,10 +6,11 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import percent, quantity
-from avc_casadi._util.units import FORCE, MM_PER_S
+from avc_casadi._util.units import FORCE, M_PER_S
 from avc_casadi.present.pages.subject import headline
 from avc_casadi.present.terminal import Mark, Page, Row
 from avc_casadi.recommendation.baselines import DIFFERENCE, GUARDED, PASSIVE
+from avc_casadi.recommendation.ripple import SPEEDS_M_PER_S
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -37,13 +38,14 @@ def baselines_page(document: dict[str, Any], problem: Problem, page: Page, shown
     """
     rows = [_recommended(document, problem), *(_row(one, problem) for one in document["baselines"])]
     what = "stiffest wall with which all hands settle without friction (its damping), impedance error at 1 and 10 Hz,"
-    more = f"ripple of the {FORCE} at 20 {MM_PER_S}; how many settle at the wall that is asked for"
+    slowly = quantity(SPEEDS_M_PER_S[0] / problem.device.metres_per_unit, M_PER_S)
+    more = f"ripple of the {FORCE} at {slowly}; how many settle at the wall that is asked for"
     rows.append(Row("Told", f"{what} {more}"))
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)}"])
 
 
 def _recommended(document: dict[str, Any], problem: Problem) -> Row:
-    if document["coupling"] is None or document["felt"]["stiffness_n_per_m"] is None:
+    if not document["deployable"]:
         return Row("Recommended", document["reason"], Mark.FAIL)
     felt, trial = document["felt"], document["trial"]
     noise = next(iter(felt["ripple"]["force_n"].values()))

@@ -58,7 +58,10 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
     ]
     rows += [Row("Not used", told) for told in asked_of_others(document["not_used"])]
     rows += [Row("Warning", f"{one['key']} {one['message']}", Mark.CAUTION) for one in document["warnings"]]
-    return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
+    # Where nothing is deployable whatever the gains, its row says so.
+    none = any(one["key"] == "avc recommend" for one in document["warnings"])
+    onwards = [] if none else [f"avc recommend {quote(shown)} --out coupling.json"]
+    return page.rendered(headline(problem, shown), rows, onwards)
 
 
 def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:

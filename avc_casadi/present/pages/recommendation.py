@@ -12,7 +12,7 @@ from avc_casadi.present.pages.contact import contact_rows
 from avc_casadi.present.pages.subject import gains_text, headline
 from avc_casadi.present.terminal import Mark, Page, Row
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
-from avc_casadi.recommendation.told import beyond_file_text, hardly_rendered
+from avc_casadi.recommendation.told import beyond_file_text, hardly_rendered, pushed_through
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,12 +28,10 @@ _RESONANT = 0.3
 _OF_HANDS_HZ, _SLOW_S = 10.0, 1.0
 # Half of the usual margins, 6 dB and 20 degrees.
 _THIN_GAIN, _THIN_DEG = 10 ** (3 / 20), 10.0
-# A stiffness gain by friction that is worth a row.
+# A stiffness gain by friction that is worth a row, and a share of the wall that is beyond what is asked.
 _STIFFER = 1.1
 _MOST_HELPS = 3
-# A wall that a larger share of hands pushes through is named first.
-_PUSH_THROUGH = 0.5
-# Share of the slowly led hands that may notice the encoder steps without a row.
+# Share of hands that may notice the encoder steps, or a vibration at rest, without a caution.
 _FEW_FEEL = 0.1
 # Steps of the force, and shortfalls of the handle, from which on they are printed.
 _NOTICED_STEP_N, _NOTICED_SHORT_M = 0.1, 1e-3
@@ -54,7 +52,8 @@ def recommendation_page(
     rows = recommendation_rows(document, problem)
     if written is not None:
         rows.append(Row("Written", written))
-    if document["coupling"] is None or (_slips(document) and not document["deployable"]):
+    nothing = document["reason"].startswith("nothing") or problem.environment.stiffness_n_per_m == 0
+    if document["coupling"] is None or (not document["deployable"] and (nothing or _slips(document))):
         onwards = f"avc check {quote(shown)}"
     elif not document["deployable"]:
         onwards = f"avc recommend {quote(shown)} --stiffest"
@@ -118,9 +117,12 @@ def _coupling(document: dict[str, Any], problem: Problem) -> Row:
         parts.append(f"{len(table['frequency_hz'])} rows")
     trial, limit, without = document["trial"], coupling["max_force_n"], _without(document)
     if not document["deployable"]:
-        return Row("Coupling", f"{', '.join(parts)}: NOT deployable", Mark.FAIL)
+        # Rows of their own tell that nothing is rendered, and a claim that fails.
+        told = document["reason"].startswith("nothing") or _failed(document)
+        why = "" if told else f": {document['reason']}"
+        return Row("Coupling", f"{', '.join(parts)}: NOT deployable{why}", Mark.FAIL)
     through = ""
-    if trial["at_force_limit"] > _PUSH_THROUGH * trial["hands"]:
+    if pushed_through(document):
         hands = f"{trial['at_force_limit']} of {trial['hands']} hands push through the wall"
         through = f", but {hands} (limit {quantity(limit, unit('N'))})"
     lost = ""
@@ -141,8 +143,7 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
     errors = ", ".join(f"{percent(error)} at {hz} Hz" for hz, error in felt["complex_error"].items())
     worst = max((error for hz, error in felt["complex_error"].items() if float(hz) <= _OF_HANDS_HZ), default=0.0)
     if problem.environment.stiffness_n_per_m == 0:
-        mark = Mark.CAUTION if worst > _SOFTER else Mark.NONE
-        return [Row("Rendered", f"a damper, no stiffness · impedance error {errors}", mark)]
+        return [_damper(document, problem, errors)]
     if felt["stiffness_n_per_m"] is None or document["reason"].startswith("nothing"):
         what = document["reason"]
         if document["deployable"] or not what.startswith("nothing"):
@@ -163,16 +164,40 @@ def _rendered(document: dict[str, Any], problem: Problem) -> list[Row]:
         number, _, shown = quantity(stiffness, unit("N/m")).partition(" ")
         told.append(f"{number} {where}" if shown == before else f"{number} {shown} {where}")
         before = shown
+    stiffer = _stiffer_in_motion(felt["stiffness_in_motion_n_per_m"], problem)
+    spread += "; above the wall in motion, damping included" if stiffer else ""
+    above = stiffer or felt["share_of_wall"] > _STIFFER
     shaken = f"handle shaken by {quantity(felt['shaken']['amplitude_m'], unit('m'))}"
     softer = worst > max(_SOFTER, 1 - felt["share_of_wall"])
     return [
-        Row("Rendered", f"{', '.join(told)}{spread}"),
+        Row("Rendered", f"{', '.join(told)}{spread}", Mark.CAUTION if above else Mark.NONE),
         Row(
             "Impedance error",
             f"{errors}, {shaken}{_resonant(felt['complex_error'], problem)}",
             Mark.CAUTION if softer else Mark.NONE,
         ),
     ]
+
+
+def _damper(document: dict[str, Any], problem: Problem, errors: str) -> Row:
+    """Describe a rendered damper: a wall never pulls, so that of a sine it renders the half, and errors tell that."""
+    wanted, unit = problem.environment.damping_ns_per_m, problem.units.unit("N.s/m")
+    moving = document["felt"]["stiffness_in_motion_n_per_m"].items()
+    rendered = {hz: stiffness / (math.pi * float(hz)) for hz, stiffness in moving if float(hz) <= _OF_HANDS_HZ}
+    told = ", ".join(f"{quantity(damping, unit)} at {hz} Hz" for hz, damping in rendered.items())
+    off = any(abs(damping / wanted - 1) > _SOFTER for damping in rendered.values())
+    never = "which never pulls: impedance error of the whole cycle"
+    return Row("Rendered", f"a damper of {told}, {never} {errors}", Mark.CAUTION if off else Mark.NONE)
+
+
+def _stiffer_in_motion(moving: Mapping[str, float], problem: Problem) -> bool:
+    """Return whether a hand in motion meets more than the wall itself, as of a contact damper at a low rate."""
+    wall = problem.environment
+    return any(
+        stiffness > (1 + _SOFTER) * math.hypot(wall.stiffness_n_per_m, 2 * math.pi * float(hz) * wall.damping_ns_per_m)
+        for hz, stiffness in moving.items()
+        if float(hz) <= _OF_HANDS_HZ
+    )
 
 
 def _resonant(errors: Mapping[str, float], problem: Problem) -> str:
@@ -208,9 +233,12 @@ def _damped(margins: dict[str, Any], transient: dict[str, Any]) -> Row:
     return Row("Margins", f"{', '.join(told)}; rings {rings} free, {ringing}", mark)
 
 
+def _failed(document: dict[str, Any]) -> list[str]:
+    return [claim["sentence"] for claim in document["certificate"]["deployable"]["claims"] if not claim["pass"]]
+
+
 def _stability(document: dict[str, Any]) -> Row:
-    claims, rest = document["certificate"]["deployable"]["claims"], document["rest"]["word"]
-    failed = [claim["sentence"] for claim in claims if not claim["pass"]]
+    failed, rest = _failed(document), document["rest"]["word"]
     if failed:
         return Row("Stability", failed[0], Mark.FAIL)
     if rest == "proved":
@@ -229,13 +257,11 @@ def _simulated(document: dict[str, Any]) -> list[Row]:
     hands, settled, free, quiet = (
         sum(one[key] for one in asked) for key in ("hands", "at_rest", "at_rest_without_friction", "quiet")
     )
-    rows = [
-        Row(
-            "Simulated",
-            f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold",
-            settled_mark(settled, free, hands),
-        )
-    ]
+    mark = settled_mark(settled, free, hands)
+    if mark is Mark.PASS and hands - quiet > _FEW_FEEL * hands:
+        mark = Mark.CAUTION
+    told = f"{settled} of {hands} hands settle, {free} without friction; {quiet} below the vibrotactile threshold"
+    rows = [Row("Simulated", told, mark)]
     off = document["off_file"]
     if off is not None:
         unstable = f"; linearly unstable on {off['linearly_unstable']}" if off["linearly_unstable"] else ""

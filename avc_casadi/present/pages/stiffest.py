@@ -24,6 +24,10 @@ def stiffest_page(document: dict[str, Any], problem: Problem, page: Page, shown:
     """
     told, plain, others = quantities(problem.units), document["plain_wall_n_per_m"], document["confirmed"]
     rows = [_stiffest("Stiffest wall", document, told, document["by"] or "")]
+    limited, limit = document["at_force_limit"], problem.device.max_force_n
+    if limited:
+        what = f"{limited} of {document['hands']} presses end at the {told(limit, 'N')} limit, not on a stiffness"
+        rows.append(Row(problem.units.key("force").capitalize(), what, Mark.CAUTION))
     if others is not None:
         settled, free, hands = (others[key] for key in ("at_rest", "at_rest_without_friction", "hands"))
         quiet = f"{others['quiet']} below the vibrotactile threshold"

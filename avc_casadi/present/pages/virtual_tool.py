@@ -159,7 +159,8 @@ def felt_rows(felt: list[dict[str, Any]], pressed_n_per_m: float | None, problem
     if moved["mass_kg"] is not None:
         errors = ", ".join(f"{percent(one['free_error'])} at {one['frequency_hz']:g} Hz" for one in felt)
         told = f"{inertia_text(moved, problem)}; impedance error {errors}"
-        rows.append(Row("Free motion", told, Mark.CAUTION if moved["free_error"] > _DRAGS else Mark.NONE))
+        altered = max(one["free_error"] for one in felt) > _DRAGS
+        rows.append(Row("Free motion", told, Mark.CAUTION if altered else Mark.NONE))
     return rows
 
 

@@ -29,7 +29,7 @@ from avc_casadi.present.report.frame import (
 )
 from avc_casadi.present.report.summary import device_line, injection_line, scope_line, summary_lines
 from avc_casadi.recommendation.preconditions import not_judged
-from avc_casadi.recommendation.told import hardly_rendered
+from avc_casadi.recommendation.told import hardly_rendered, pushed_through
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -223,9 +223,10 @@ def _verdict(found: Mapping[str, Any]) -> str:
     if found["coupling"] is None:
         return f'<p class="verdict fail">Deploy nothing: {escape(found["reason"].partition(";")[0])}.</p>'
     if not found["deployable"]:
-        return '<p class="verdict fail">Do not deploy this coupling.</p>'
+        return f'<p class="verdict fail">Do not deploy this coupling: {escape(found["reason"])}.</p>'
     rested = [found["trial"], *([found["confirmed"]] if found["confirmed"] else [])]
     doubts = ["not every simulated hand settles with it"] * any(one["at_rest"] < one["hands"] for one in rested)
+    doubts += ["most hands push through the wall"] * pushed_through(found)
     doubts += [f"not judged with {escape(what.partition(' (')[0])}" for what in not_judged(found["not_used"])]
     if doubts:
         return f'<p class="verdict fail">Deployable, but {" and ".join(doubts)}.</p>'
