@@ -8,14 +8,18 @@ from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
 from held_device import held_log
 
+from avc_casadi._util.units import units_for
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.diagnosis.law import find_integral, find_law
 from avc_casadi.identification.diagnosis.limit_cycle import goes_back
 from avc_casadi.identification.diagnosis.log import log_of
 from avc_casadi.identification.diagnosis.oscillation import Oscillation, TracedOscillation
 from avc_casadi.identification.diagnosis.saturation import fed
+from avc_casadi.identification.diagnosis.told import diagnosis_text
 from avc_casadi.identification.record import Columns
 from avc_casadi.model.device import Device
+from avc_casadi.present.pages.logs import diagnosis_page
+from avc_casadi.present.terminal import Page
 
 T = 1e-3
 
@@ -245,3 +249,84 @@ def test_a_delay_is_told_for_the_mass_of_the_device_that_it_goes_with():
     (told,) = (line for line in found.evidence if "from position to motion" in line)
     assert ("declared 0.2" in told) == (found.measured.hand is None)
     assert abs(found.measured.delay_samples - 6) < 0.3
+
+
+def driven(share, stiffness, damping, hand, hand_damping, size, hertz):
+    """Return the log of a wall, softer by a share, into which a hand that trembles is pressed."""
+
+    def pressed(tick, position, velocity):
+        moves = 0.01 + size * np.sin(2 * np.pi * hertz * T * tick)
+        return hand * (moves - position) - hand_damping * velocity
+
+    return held_log(
+        lambda _, z, u: -share * stiffness * z - damping * u,
+        mass=0.22, damping=0.5, friction=0.05, delay=1, ticks=3000, limit=12.0, outside=pressed,
+    )  # fmt: skip
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "loop",
+    [
+        (930, 4.0, 405, 1.0, 1.6e-3, 10.7),
+        (1268, 1.9, 410, 5.6, 8e-4, 9.5),
+        (544, 2.0, 260, 4.8, 1.5e-3, 6.4),
+        (900, 3.0, 350, 3.0, 1.2e-3, 8.0),
+    ],
+)
+def test_what_may_be_driven_from_outside_is_told_no_remedy_in_the_loop(loop):
+    """A softer wall lets a hand that trembles move it further."""
+    now, softer = (np.ptp(driven(share, *loop).position_m[-1000:]) for share in (1.0, 0.6))
+    assert softer > 1.3 * now
+    meant = {"mass_kg": 0.15, "damping_ns_per_m": 0.5, "coulomb_friction_n": 0.05, "max_force_n": 12.0}
+    found = diagnose(driven(1.0, *loop), device=DEVICE.model_copy(update=meant))
+    assert found.verdict == "cannot tell"
+    assert "from outside" in found.conclusion
+    assert "force off" in found.decides
+    assert not found.cures
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("play_n", [0.5, 0.6])
+def test_no_cause_and_no_remedy_is_told_where_hardly_any_answer_has_one(play_n):
+    """An amplifier whose output follows with play in the force is in no model here."""
+    given = [0.0]
+
+    def follows(force):
+        given[0] = min(max(given[0], force - play_n), force + play_n)
+        return given[0]
+
+    log = held_log(
+        lambda _, z, u: -3000 * z - 6 * u,
+        mass=0.2, damping=0.5, friction=0.02, ticks=3000, delay=1, start=4e-3, limit=12.0, given_by=follows,
+    )  # fmt: skip
+    found = diagnose(log, device=DEVICE.model_copy(update={"damping_ns_per_m": 0.5, "max_force_n": 12.0}))
+    assert found.shares["other"] > 2 / 3
+    assert (found.verdict, found.candidates, found.cures) == ("cannot tell", (), ())
+    assert "none of the causes it knows" in found.conclusion
+
+
+@pytest.mark.parametrize("few", [8, 12, 20])
+def test_a_damper_of_the_few_forces_below_a_limit_is_no_law_of_those_at_it(few):
+    """At the limit of 12 N the damper would ask for 1 N: something else does."""
+    time = T * np.arange(2000)
+    moved = 0.05 * np.sin(20 * time)
+    force = 12 * np.sign(moved + 1e-9)
+    rows = np.add.outer(np.linspace(100, 1900, few).astype(int), [0, 1]).ravel()
+    # What rounding leaves looks like a velocity filter far above the Nyquist frequency.
+    for row in rows:
+        force[row] = (moved[row] - moved[row - 1]) / T + 1e-6 * force[row - 1]
+    log, _ = log_of(Columns("log", time, moved, -force))
+    assert not find_law(log, 12.0).told
+    log, _ = log_of(Columns("log", time, moved, -np.clip(4000 * moved, -12, 12)))
+    assert find_law(log, 12.0).told
+
+
+@pytest.mark.parametrize("hertz", [2.0, 2.6])
+def test_a_limit_cycle_is_told_by_a_verdict_only(hertz):
+    log = driven(1.0, 1870, 2.0, 435, 4.0, 6e-3, hertz)
+    found = diagnose(log, device=DEVICE.model_copy(update={"damping_ns_per_m": 0.5, "coulomb_friction_n": 0.05}))
+    assert found.verdict == "nothing wrong"
+    assert found.oscillation.kind == "limit cycle"
+    page = diagnosis_page([found], units_for("linear"), Page(), "avc diagnose", [])
+    assert "limit cycle" not in diagnosis_text(found) + page

@@ -10,6 +10,9 @@ from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.identification.diagnosis.law import find_integral, find_law, without_repeats
+from avc_casadi.identification.diagnosis.log import log_of
+from avc_casadi.identification.diagnosis.relay import find_two_rates
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Columns, Record, records_of
 from avc_casadi.identification.repair import filled, left_out
@@ -80,3 +83,46 @@ def test_a_row_without_a_number_does_not_change_a_diagnosis():
     whole, found = (diagnose(one) for one in (Columns("log", time, position, force), mended))
     assert found.cause == whole.cause
     assert found.conclusion == whole.conclusion
+
+
+def with_holes(log, rows, **lost):
+    """Return a log with its positions, or other columns too, not a number at some rows, as a reader fills them in."""
+    columns = {name: getattr(log, name).copy() for name in ("time_s", "position_m", "force_n")}
+    for name in ("position_m", *lost):
+        columns[name][rows] = np.nan
+    return filled(replace(log, **columns))[0]
+
+
+HOLES = [337, 338, 900, 1501]
+
+
+@pytest.mark.parametrize("lost", [{}, {"force_n": True}, {"time_s": True, "force_n": True}])
+def test_what_is_read_beside_rows_without_a_number_is_what_the_whole_log_tells(lost):
+    """The law, an integral term and two rates are exact in these logs, and none is with a row of a wrong position."""
+    time = 1e-3 * np.arange(2000)
+    moved = 1e-3 * np.sin(31 * time) + 4e-4 * np.sin(57 * time + 1)
+    plain = 3000 * moved + 12 * np.diff(moved, prepend=moved[0]) / 1e-3
+    slow = 3000 * moved[np.arange(2000) // 10 * 10] + 12 * np.diff(moved, prepend=moved[0]) / 1e-3
+
+    def grid(force):
+        return log_of(with_holes(Columns("log", time, moved, -force), HOLES, **lost))[0]
+
+    law = find_law(grid(plain), None)
+    assert (law.stiffness_n_per_m, law.damping_ns_per_m) == pytest.approx((3000, 12), rel=1e-6)
+    assert law.misfit < 1e-6
+    integral = grid(plain + 40000 * np.cumsum(moved) * 1e-3)
+    assert find_integral(integral, find_law(integral, None), None).integral_n_per_ms == pytest.approx(40000, rel=1e-6)
+    rates = find_two_rates(grid(slow))
+    assert (rates.slow, rates.ticks) == ("spring", 10)
+
+
+def test_a_row_without_a_position_keeps_its_force_and_is_no_tick_that_was_missed():
+    time = 1e-3 * np.arange(2000)
+    moved = 1e-3 * np.sin(31 * time)
+    log, _ = log_of(with_holes(Columns("log", time, moved, -3000 * moved), HOLES))
+    assert np.array_equal(log.force_n, 3000 * moved)
+    assert log.ticks.missed_share == 0
+    assert log.pattern.all()
+    repeated = without_repeats(log, None)
+    assert repeated.pattern.all()
+    assert np.flatnonzero(~repeated.ran).tolist() == HOLES

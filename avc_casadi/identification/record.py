@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._errors import Fault
-from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, MASS, METRE, MotionKind, Units, in_its_units, spoken_key, units_for
 from avc_casadi.identification.repair import (
@@ -100,6 +100,7 @@ class Columns:
         line: line of each row in the file, shape (rows,), or None of a file without lines.
         motion: of the device.
         told: notes for the user on what was changed.
+        filled: whether a row was filled in, shape (rows,), or None where none was.
     """
 
     file: str
@@ -109,6 +110,7 @@ class Columns:
     line: IndexArray | None = None
     motion: MotionKind = "linear"
     told: tuple[str, ...] = ()
+    filled: BoolArray | None = None
 
     @property
     def units(self) -> Units:

@@ -77,12 +77,14 @@ def filled(columns: Columns) -> tuple[Columns, list[str]]:
         return columns, told
     row = np.arange(none.size)
     there = row[~none]
-    last = np.maximum.accumulate(np.where(none, there[0], row))
+    known = sound(columns.force_n)
+    last = np.maximum.accumulate(np.where(known, row, row[known][0]))
     whole = replace(
         columns,
         time_s=np.where(np.isfinite(columns.time_s), columns.time_s, np.interp(row, there, columns.time_s[there])),
         position_m=np.interp(row, there, columns.position_m[there]),
         force_n=columns.force_n[last],
+        filled=none,
     )
     return whole, told
 

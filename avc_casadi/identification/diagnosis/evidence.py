@@ -90,7 +90,7 @@ def oscillation_sentence(found: Oscillation, felt: float) -> str:
     stands = f", {100 * share:.0f} % of it with the {FORCE} at its limit of {number(found.largest_force_n, 3)} {NEWTON}"
     bounded = f"{stands}, which bounds it" if share > _CUT else ""
     return (
-        f"{found.kind} at {number(found.frequency_hz, 3)} +- {number(found.frequency_error_hz, 1)} Hz from "
+        f"{found.looks} at {number(found.frequency_hz, 3)} +- {number(found.frequency_error_hz, 1)} Hz from "
         f"{number(found.begins_s, 3)} to {number(found.ends_s, 3)} s: {_um(found.peak_to_peak_m)} peak to peak{steps}, "
         f"{number(found.force_peak_to_peak_n, 3)} {NEWTON}, in contact {100 * found.contact_share:.0f} % of the time, "
         f"{number(felt, 2)} times what a hand on a stylus detects{bounded}{grows}"
@@ -209,7 +209,7 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared:
 
 def _released(measured: Measured, law: Law, declared: Declared, answer: Hypothesis) -> str:
     """Describe what holds the device, and why a hand is missing."""
-    who = "no hand holds the device"
+    who = f"no hand holds the device, or one too light to be told from its {MASS}"
     if measured.hand is not None:
         mass, damping, _ = measured.hand.values()
         who = f"hardly any hand holds the device, {number(mass, 2)} {KG} and {number(damping, 2)} {NS_PER_M}"

@@ -107,7 +107,7 @@ def find_law(log: Log, limit_n: float | None) -> Law | None:
 
 def _also_cut(law: Law, log: Log, rows: IndexArray, limit_n: float) -> Law:
     """Include the residuals of saturated forces, which the law has to reach; not of one with a filter."""
-    if law.keep or not rows.size:
+    if law.filter_hz(log.ticks.period_s) is not None or not rows.size:
         return law
     position = log.position_m
     speed = (position[rows - law.lag] - position[rows - law.lag - 1]) / log.ticks.period_s
@@ -288,7 +288,7 @@ def without_repeats(log: Log, limit_n: float | None) -> Log:
         repeats=True,
     )
     # Where the force stays for another reason, it is unknown whether the position before was used.
-    return replace(log, ticks=ticks, ran=log.ran & ~same, telling=telling | ~log.seen)
+    return replace(log, ticks=ticks, ran=log.ran & ~same, telling=telling | (log.telling & ~log.seen))
 
 
 def _judges(law: Law, every: Law | None) -> bool:

@@ -136,14 +136,18 @@ def log_of(columns: Columns, *, flip_force: bool = False, reach_m: float = 1.0) 
         uneven_share=apart / period if apart < about else 0.0,
         held=_held(position, force),
     )
+    # What the law read at a row that was filled in is not known, nor is it one that did not run.
+    telling = np.ones_like(ran)
+    if columns.filled is not None:
+        telling[at] = ~columns.filled[part]
     log = Log(
         name=columns.file,
         ticks=ticks,
         position_m=np.interp(np.arange(ran.size), at, position),
         force_n=np.asarray(whole[last]),
-        ran=ran,
-        seen=ran,
-        telling=np.ones_like(ran),
+        ran=ran & telling,
+        seen=ran & telling,
+        telling=telling,
         encoder_m=_encoder(columns.file, period, position, force),
         start_s=float(time[0]),
         reach_m=reach_m,

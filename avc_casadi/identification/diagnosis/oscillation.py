@@ -71,6 +71,11 @@ class Oscillation:
     at_force_limit_share: float = 0.0
 
     @property
+    def looks(self) -> str:
+        """The kind as it is seen: whether a steady one is a limit cycle of the loop is for the verdict to say."""
+        return "steady" if self.kind == "limit cycle" else self.kind
+
+    @property
     def sustained(self) -> bool:
         """Whether it is self-sustained."""
         return self.kind in {"growing", "limit cycle", "irregular"}
@@ -254,7 +259,7 @@ def _measured(
         begins = reached = level
         growth, error = math.nan, math.nan
     elif (
-        (irregular is None or (log.ran.all() and _falls(log, fast, first, last)))
+        (irregular is None or (not log.ticks.missed_share and _falls(log, fast, first, last)))
         and late < _FALLS * early
         and decay < -3 * decay_error
     ):

@@ -327,9 +327,9 @@ def find_two_rates(log: Log) -> TwoRates | None:
     """
     force, position = log.force_n, log.position_m
     size = np.abs(force)
-    if not log.ran.all() or size.max() == 0:
+    if log.ticks.missed_share or size.max() == 0:
         return None
-    whole = (size > 1e-9 * size.max()) & (size < _WHOLE_OF_TWO * size.max())
+    whole = log.ran & (size > 1e-9 * size.max()) & (size < _WHOLE_OF_TWO * size.max())
     for lag in range(_MOST_LAG_OF_TWO + 1):
         for slow in ("spring", "damper"):
             found = _frames(force, position, whole, lag, slow)

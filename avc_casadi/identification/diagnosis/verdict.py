@@ -113,13 +113,17 @@ class Judge(EarlyJudge):
             some = [one.answer for one in asked if one.causes.get(first, 0.0) >= 0.5]
             doubts += doubts_of_encoder([answer, *some], law, log, evidence)
         if doubts:
-            candidates = tuple(cause for cause in causes if cause != OTHER)[:2]
+            # At the odds at which a cause is named, none of them is.
+            unknown = shares.get(OTHER, 0.0) >= _SURE
+            candidates = () if unknown else tuple(cause for cause in causes if cause != OTHER)[:2]
             known = [str(CAUSES[cause]) for cause in candidates] + [f"a {FORCE} from outside the loop"] * (
                 driven or trembles
             )
             names = " or ".join(known) or "none of the causes it knows"
             said = f"cannot tell: {names}; {'; '.join(doubts)}"
-            tried = () if uneven else candidates
+            # What is driven from outside has no remedy in the loop: less k lets it move further.
+            outside = driven or trembles or unknown
+            tried = () if uneven or outside else candidates
             cures = tuple(cure for cause in tried for cure in remedies_of(cause, answer, law, log, declared))
             return self._made(
                 "cannot tell",
@@ -132,7 +136,7 @@ class Judge(EarlyJudge):
                 decides=EVEN
                 if uneven
                 else str(_FORCE_OFF)
-                if driven or trembles
+                if outside
                 else deciding_log(candidates, known=declared.known),
             )
         if first == "resonance":

@@ -159,7 +159,7 @@ def _swings(one: Diagnosis, units: Units) -> list[Row]:
     return [
         Row(
             "Oscillation",
-            f"{found.kind} at {quantity(found.frequency_hz, 'Hz')}: {size}, {where}"
+            f"{found.looks} at {quantity(found.frequency_hz, 'Hz')}: {size}, {where}"
             f"{cut if found.at_force_limit_share > _CUT else ''}",
         )
     ]
