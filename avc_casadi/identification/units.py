@@ -31,6 +31,12 @@ _NAMES = {
         "moment",
     ),
 }
+# What to do where a log holds something else.
+_ELSE = {
+    "time": "; of a log without time --sample-time S",
+    "position": "; of a velocity its integral, added as a column",
+    "force": "; of a current that times the motor's constant, in N or N.m, added as a column",
+}
 _ALSO = {"angle": "position", "torque": "force"}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
@@ -184,7 +190,7 @@ def chosen_columns(
 def _allowed(quantity: str) -> str:
     """Return the usual units of a quantity."""
     if quantity == "force":
-        return "N, mN, kN, or N.m, mN.m of a device that turns"
+        return "N, mN, kN, or N.m, mN.m of a device that turns (a current times the motor's constant)"
     units = ", ".join(UNITS[quantity]) + (" (counts times the encoder's step)" if quantity == "position" else "")
     return units if quantity == "time" else f"{units}, or {', '.join(TURNED[quantity])} of a device that turns"
 
@@ -227,7 +233,7 @@ def _column(
         return found[0]
     unknown = [header.strip() for header in headers if _stem(header) in _NAMES[quantity]]
     why = f"has no column among {', '.join(map(repr, headers[:20]))}"
-    allowed = f"one, or --columns {quantity}=HEADER"
+    allowed = f"one, or --columns {quantity}=HEADER{_ELSE[quantity]}"
     if found:
         why = f"has {len(found)} columns among {', '.join(map(repr, headers[:20]))}"
     elif unknown:
