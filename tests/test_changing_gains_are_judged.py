@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from clip_last_simulator import Simulator
+from declared_device import growth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
@@ -286,6 +287,16 @@ def test_what_the_proof_does_not_know_is_open_by_name():
     assert "whole" in prove_changes(late, dampers(5.0, 9.0)).sentence
     resonant = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
     assert "resonance" in prove_changes(SOFT.changed(device={"resonance": resonant}), dampers(5.0, 9.0)).sentence
+
+
+@pytest.mark.parametrize("contact", ["clip-last", "gated"])
+@pytest.mark.parametrize(("wall", "damper", "holds"), [(2e3, 20.0, True), (2e3, 450.0, False), (1e5, 0.0, False)])
+def test_constant_gains_of_an_unstable_loop_prove_no_changes(contact, wall, damper, holds):
+    case = SOFT.changed(coupling={"contact": contact}, environment={"stiffness_n_per_m": wall})
+    assert (growth(case.device, (0.1, 10.0, 300.0), (1e3, 1e6, damper), (0.0, wall)) < 1) == holds
+    level = certify(case, Coupling.constant(case, Gains(1e3, 1e6, damper), "by hand"), prove=True).levels["L8"]
+    assert (level.outcome, level.passed) == (("proved", True) if holds else ("refuted", False))
+    assert ("no gains change" if holds else "unstable in contact") in level.claim
 
 
 @pytest.mark.thorough

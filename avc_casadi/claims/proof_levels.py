@@ -95,15 +95,22 @@ def ripple_level(coupling: Coupling, found: list[Rest], progress: Progress = SIL
 _MOST_CHANGES = 2000
 
 
-def changes_level(coupling: Coupling, progress: Progress = SILENT) -> LevelResult:
-    """Judge gains that change: anywhere in the box of the table, or row by row; the runtime is reported."""
+def changes_level(coupling: Coupling, frozen: list[Rest], progress: Progress = SILENT) -> LevelResult:
+    """Judge gains that change: anywhere in the box of the table, or row by row.
+
+    Args:
+        coupling: the coupling.
+        frozen: its rows with their proofs of rest.
+        progress: reported over the patterns and cells.
+    """
     table, runtime = coupling.table, coupling.runtime
 
     def told(outcome: Outcome, claim: str, detail: dict[str, Any]) -> LevelResult:
         return proof_level("L8", outcome, claim, np.full(len(table), outcome == "proved"), detail)
 
     if table.constant:
-        return told("proved", "no gains change", {})
+        unstable = frozen[0].unstable is not None
+        return told("refuted", frozen[0].sentence, {}) if unstable else told("proved", "no gains change", {})
     if runtime.state_feedback is not None or runtime.observer_mass_kg is not None or runtime.guard is not None:
         return told("open", "gains that change beside an observer or a guard are not judged", {})
     gains = coupling.table.gains

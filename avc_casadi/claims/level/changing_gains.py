@@ -34,4 +34,4 @@ class ChangingGains(Claim):
 
         assert judged.coupling is not None  # noqa: S101 - a level on demand is judged of what runs
         with judged.progress.step("patterns of changing gains"):
-            return changes_level(judged.coupling, judged.progress)
+            return changes_level(judged.coupling, judged.rests, judged.progress)

@@ -94,7 +94,9 @@ def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], probl
 
 def _proof(name: str, level: Mapping[str, Any], page: Page) -> Row:
     """Describe the result of a proof, in one line."""
-    told = f"{level['outcome']}: {level['title'] if level['outcome'] == 'proved' else level['claim']}"
+    # What is proved is told by its title, unless less is claimed: "no gains change".
+    words = [level["claim"], level["title"]] if level["outcome"] == "proved" else [level["claim"]]
+    told = f"{level['outcome']}: {min(words, key=len)}"
     return Row(
         name,
         textwrap.shorten(told, page.width - 18, placeholder=" ..."),
