@@ -116,6 +116,25 @@ def test_a_stiffer_wall_may_be_stable_again():
     assert worst(device, [hand], 0.0, 500.0) > 1 > worst(device, [hand], 0.0, 1000.0)
 
 
+@pytest.mark.parametrize(
+    ("values", "mode", "wall"),
+    [
+        ((2.2674, 0.95734, 0.44086e-3, 12), (69.9, 0.0183, 0.584), (24.37, 4366.0)),
+        ((0.45769, 0.19664, 3.2621e-3, 1.93), (47.0, 0.0112, 0.797), (0.7748, 121.5)),
+        ((0.093834, 0.53347, 4.4912e-3, 2), (29.8, 0.0496, 0.5345), (1.59, 172.8)),
+    ],
+)
+def test_the_stiffest_wall_told_is_not_beside_a_narrow_peak(values, mode, wall):
+    keys = ("mass_kg", "damping_ns_per_m", "sample_time_s", "delay_samples")
+    names = ("frequency_hz", "damping_ratio", "mass_ratio")
+    device = dict(zip(keys, values, strict=True)) | {"resonance": dict(zip(names, mode, strict=True))}
+    damping, stiffness = wall
+    case = avc.load_problem("figure5").changed(device=device, frequency={"stop_hz": 100.0})
+    assert spectral_radius(case.device, (0.0, 0.0, 0.0), damping, 0.98 * stiffness) < 1
+    released = {curve.key: curve.stiffness_n_per_m for curve in zwidth(case).curves}["stable-released"]
+    assert np.nanmax(released) >= 0.98 * stiffness
+
+
 def _least_real(damping, stiffness, share):
     """The least Re Z of a device of 0.5 N.s/m with the wall, at T = 0.35 ms, over a dense grid of angles."""
     later = np.exp(-1j * np.linspace(1e-4, np.pi, 20_001))

@@ -16,6 +16,8 @@ from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.present.figures.zwidth import draw_zwidth
+from avc_casadi.present.pages.walls import walls_page
+from avc_casadi.present.terminal import Page
 
 T = 1e-3
 
@@ -53,6 +55,20 @@ def test_passive_regions_without_delay_are_the_closed_forms():
     np.testing.assert_allclose(found["passive-sampled-data"], expected, rtol=1e-6)
     assert found["passive-delayed"][0] == pytest.approx(2 * 2.0 / (3 * T), rel=1e-6)
     assert region.passive_limit_n_per_m == pytest.approx(2 * 2.0 / T)
+
+
+@pytest.mark.parametrize(("b_d", "delay", "grows"), [(2.0, 0, True), (0.3, 0, True), (2.0, 3, False)])
+def test_what_grows_with_the_wall_damping_without_end_is_told_as_no_limit(b_d, delay, grows):
+    region, case = region_of(b_d, delay), problem(b_d, delay)
+    rows = walls_page(region.document(), case, Page(), case.name, None).splitlines()
+    told = {row.split("  ")[2].strip(): row for row in rows if "wall damping of" in row}
+    assert ("up to" in told["Passive, paper"]) != grows
+    assert all("up to" in told[name] for name in ("Passive, sampled", "Stable, released", "Stable, all hands"))
+    # Re Z_h with twice the damping that was looked at, and a stiffness above all that was told.
+    z = np.exp(1j * np.linspace(1e-3, np.pi - 1e-6, 20_001))
+    damping, stiffness = 2 * region.damping_ns_per_m[-1], 1.5 * np.nanmax(curves(region)["passive-paper"])
+    wall = damping + stiffness * T / 2 * (z + 1) / (z - 1)
+    assert ((b_d + ((z + 1) / 2 * z ** (-1 - delay) * wall).real).min() > -1e-9) == grows
 
 
 @pytest.mark.thorough

@@ -75,7 +75,7 @@ def main() -> None:
 
 def _row(name: str) -> str:
     problem = avc.load_problem(name)
-    device, damping = problem.device, zwidth(problem).damping_ns_per_m[:DAMPINGS]
+    device, damping = problem.device, zwidth(problem).damping_ns_per_m[::4]
     corners, hands = device_corners(device, LINEAR_KEYS), hand_set(problem.hands)
     curves = _seconds(lambda: stable_walls(corners, hands, damping), REPEATS)
     edge = stable_walls(corners, hands, damping).first_n_per_m

@@ -68,7 +68,9 @@ def _curves(document: dict[str, Any], problem: Problem) -> list[Row]:
         known = [(k, b) for k, b in zip(curve["stiffness_n_per_m"], damping, strict=True) if k is not None]
         if known:
             k, b = max(known)
-            rows.append(Row(label, f"up to {told(k, 'N/m')}, with a wall damping of {told(b, 'N.s/m')}"))
+            at = f"{told(k, 'N/m')}, with a wall damping of {told(b, 'N.s/m')}"
+            # The paper's hold calls any stiffness passive, with damping enough.
+            rows.append(Row(label, f"{at}; beyond it not looked at" if b == damping[-1] else f"up to {at}"))
         else:
             rows.append(Row(label, "no wall"))
     return rows
