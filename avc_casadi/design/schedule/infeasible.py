@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.design.schedule.hands import HandsRadii, admissible_states, hands_slack
-from avc_casadi.design.schedule.nlp import GOAL_ROWS, PENALTY_ROW, solve_program
+from avc_casadi.design.schedule.nlp import solve_program
 from avc_casadi.design.schedule.scope import REALISM_BACKOFF, Slots, realism_slack, worst_slack
+from avc_casadi.design.schedule.stage import GOAL_ROWS, PENALTY_ROW
 from avc_casadi.design.schedule.task import Task
 from avc_casadi.paper.realism import bound_magnitudes
 

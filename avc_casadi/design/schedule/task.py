@@ -10,8 +10,9 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.design.schedule.hands import hands_spline
-from avc_casadi.design.schedule.nlp import Data, stage_functions
+from avc_casadi.design.schedule.nlp import Data
 from avc_casadi.design.schedule.scope import REALISM_BACKOFF, REALISM_ROWS, Slots, loop_parameters, relative_bounds
+from avc_casadi.design.schedule.stage import stage_functions
 from avc_casadi.design.schedule.states import States
 from avc_casadi.model.problem import Problem
 from avc_casadi.paper.loop import Loop, loop_at
