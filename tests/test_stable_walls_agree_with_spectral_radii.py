@@ -116,6 +116,7 @@ def test_a_stiffer_wall_may_be_stable_again():
     assert worst(device, [hand], 0.0, 500.0) > 1 > worst(device, [hand], 0.0, 1000.0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("values", "mode", "wall"),
     [

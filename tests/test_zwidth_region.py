@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from avc_casadi import UnsupportedError, parse_problem
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
@@ -55,6 +56,18 @@ def test_passive_regions_without_delay_are_the_closed_forms():
     np.testing.assert_allclose(found["passive-sampled-data"], expected, rtol=1e-6)
     assert found["passive-delayed"][0] == pytest.approx(2 * 2.0 / (3 * T), rel=1e-6)
     assert region.passive_limit_n_per_m == pytest.approx(2 * 2.0 / T)
+
+
+@pytest.mark.parametrize("resonance_hz", [120.0, 40.0, None])
+def test_the_stiffness_of_a_curve_can_be_read_between_two_labels(resonance_hz):
+    mode = {"frequency_hz": resonance_hz, "damping_ratio": 0.02, "mass_ratio": 0.3}
+    device = {"delay_samples": 1, "resonance": None if resonance_hz is None else mode}
+    (axes,) = draw_zwidth(zwidth(problem().changed(device=device, environment={"stiffness_n_per_m": 3e3}))).axes
+    FigureCanvasAgg(axes.figure).draw()
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+        shown = [tick.get_loc() for tick in ticks if low <= tick.get_loc() <= high and tick.label1.get_text()]
+        assert len(shown) >= 2
 
 
 @pytest.mark.parametrize(("b_d", "delay", "grows"), [(2.0, 0, True), (0.3, 0, True), (2.0, 3, False)])

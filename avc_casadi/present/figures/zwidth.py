@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import BoundaryNorm
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.quantity import quantity
@@ -200,9 +200,14 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     axes.set_xlim(damping[0], 1.5 * max(shown_to, default=0.0) or damping[-1])
     axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
     axes.set_ylabel(f"wall stiffness K ({N_PER_M})")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(FuncFormatter(lambda value, _: quantity(value, "", 1).strip()))
+    plain = FuncFormatter(lambda value, _: quantity(value, "", 1).strip())
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        axis.set_major_formatter(plain)
         axis.set_minor_formatter(NullFormatter())
+        if high < 100 * low:
+            # A scale with one label alone cannot be read.
+            axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+            axis.set_minor_formatter(plain)
 
 
 def _bounds(axes: Axes, region: ZWidth) -> None:
