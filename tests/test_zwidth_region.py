@@ -70,6 +70,18 @@ def test_the_stiffness_of_a_curve_can_be_read_between_two_labels(resonance_hz):
         assert len(shown) >= 2
 
 
+@pytest.mark.parametrize(("b_d", "delay"), [(2.0, 0), (2.0, 1), (0.3, 2), (5.0, 4)])
+def test_the_legend_of_llewellyns_panel_covers_no_value(b_d, delay):
+    panel = draw_zwidth(region_of(b_d, delay), llewellyn_table(problem(b_d, delay), np.linspace(0.0, 8.0, 81))).axes[1]
+    FigureCanvasAgg(panel.figure).draw()
+    legend = panel.get_legend().get_window_extent()
+    assert len(panel.texts) == 2
+    assert not any(legend.overlaps(text.get_window_extent()) for text in panel.texts)
+    assert not any(
+        legend.contains(*point) for line in panel.lines for point in line.get_transform().transform(line.get_xydata())
+    )
+
+
 @pytest.mark.parametrize(("b_d", "delay", "grows"), [(2.0, 0, True), (0.3, 0, True), (2.0, 3, False)])
 def test_what_grows_with_the_wall_damping_without_end_is_told_as_no_limit(b_d, delay, grows):
     region, case = region_of(b_d, delay), problem(b_d, delay)

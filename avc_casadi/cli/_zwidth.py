@@ -61,7 +61,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         from avc_casadi.present.figures.zwidth import draw_zwidth
 
         with console.step("figure"):
-            drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 81)) if llewellyn is not None else None
+            drawn = llewellyn_table(problem, np.linspace(0.0, 8.0, 401)) if llewellyn is not None else None
             write_figure(plot, draw_zwidth(region, drawn, rendered))
     document = region.document() | {
         "llewellyn": None

@@ -238,7 +238,8 @@ def _llewellyn(axes: Axes, table: LlewellynTable) -> None:
             axes.annotate(
                 f"{values[best]:.4g}", place, xytext=(3, 3), textcoords="offset points", fontsize=7.5, color=colour
             )
-    axes.set_ylim(0, 1.3 * max(np.nanmax([table.paper, table.sampled_data], initial=0.0), 1e-3))
+    # Room for the legend above the largest value and its label.
+    axes.set_ylim(0, 1.6 * max(np.nanmax([table.paper, table.sampled_data], initial=0.0), 1e-3))
     some = [np.nan_to_num(values) > 0 for values in (table.paper, table.sampled_data)]
     widest = float(table.damping_ratio[some[0] | some[1]].max(initial=0.0))
     axes.set_xlim(0, min(1.3 * widest, table.damping_ratio[-1]) or table.damping_ratio[-1])
