@@ -1,6 +1,7 @@
 """What a session refuses and why: other hosts, other releases, streams without a table, answers that do not fit."""
 
 import dataclasses
+import math
 import struct
 from collections.abc import Generator
 from typing import Any
@@ -104,6 +105,13 @@ def test_firmware_of_another_interface_is_refused_with_advice(interface: int, wh
     core = host_core()
     device = dataclasses.replace(Connection(HostLink(core)).device, interface_version=interface)
     with pytest.raises(LinkError, match=f"update {who}"):
+        answer(Session(1, timeout_s=0.1).hello(), device)
+
+
+@pytest.mark.parametrize("time_s", [0.0, 1e-30, -1e-3, 3.0, math.inf, math.nan])
+def test_a_sample_time_that_no_control_loop_has_is_refused(time_s: float) -> None:
+    device = dataclasses.replace(Connection(HostLink(host_core())).device, sample_time_s=time_s)
+    with pytest.raises(LinkError, match=r"sample time of .* allowed: 1e-06 to 1 s"):
         answer(Session(1, timeout_s=0.1).hello(), device)
 
 
