@@ -47,8 +47,8 @@ _HEADER = """\
  *   than {accelerations}: the last good one is held, the dampers are left out, the {FORCE}
  *   fades while it lasts, and no new message is made: the other end fades too.
  * - While it fades the {FORCE} neither grows nor turns, and it comes back from where it was.
- * - At the beginning, and after a fault of more than {fade_s:.3g} s, the spring comes in stretched by how far the ends are
- *   apart, and pulls them together with energy that no hand has put in: bring them together first.
+ * - At the beginning, and after a fault of more than {fade_s:.3g} s, the spring comes in stretched by how far the ends
+ *   are apart, and pulls them together with energy that no hand has put in: bring them together first.
  *
  * One thread at a time. C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is
  * refused.

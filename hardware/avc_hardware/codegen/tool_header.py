@@ -49,8 +49,8 @@ _HEADER = """\
  *   over {fade_s:.3g} s; it comes back as slowly. avc_coupling_tool_force says that the engine lives; where it
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
  * - While it fades the {FORCE} neither grows nor turns, and it comes back from where it was.
- * - After a fault of more than {fade_s:.3g} s the spring comes back stretched by how far device and tool have gone apart
- *   meanwhile, and pulls them together with energy that no hand has put in: bring the tool to the device first.
+ * - After a fault of more than {fade_s:.3g} s the spring comes back stretched by how far device and tool have gone
+ *   apart meanwhile, and pulls them together with energy that no hand has put in: bring the tool to the device first.
  *
  * One thread at a time: an engine in a thread of its own takes the lock of the device's loop for each call. An engine
  * on another computer has its own avc_coupling_t, writes position_m and velocity_m_per_s of the device's newest sample
