@@ -8,7 +8,6 @@ from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
 from held_device import held_log
 
-from avc_casadi._util.units import units_for
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.diagnosis.law import find_integral, find_law
 from avc_casadi.identification.diagnosis.limit_cycle import goes_back
@@ -328,5 +327,5 @@ def test_a_limit_cycle_is_told_by_a_verdict_only(hertz):
     found = diagnose(log, device=DEVICE.model_copy(update={"damping_ns_per_m": 0.5, "coulomb_friction_n": 0.05}))
     assert found.verdict == "nothing wrong"
     assert found.oscillation.kind == "limit cycle"
-    page = diagnosis_page([found], units_for("linear"), Page(), "avc diagnose", [])
+    page = diagnosis_page([found], log.units, Page(), "avc diagnose", [])
     assert "limit cycle" not in diagnosis_text(found) + page

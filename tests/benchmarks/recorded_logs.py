@@ -38,7 +38,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
 
 from held_device import held_log  # noqa: E402 - found beside the tests
 
-from avc_casadi._errors import AvcError  # noqa: E402
+from avc_casadi import AvcError  # noqa: E402
 from avc_casadi.files.device_file import DeviceFile  # noqa: E402
 from avc_casadi.identification.device import SEARCHED  # noqa: E402
 from avc_casadi.identification.diagnosis.diagnose import diagnose  # noqa: E402
