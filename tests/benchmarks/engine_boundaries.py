@@ -80,15 +80,24 @@ def stiffest(problem: Problem) -> ToolGains:
 
 
 def in_mujoco(axis: Axis, gains: ToolGains) -> float | None:
-    """Return MuJoCo's largest stable K with the damper of a pair; None where the pair is none."""
+    """Return MuJoCo's largest stable K with the damper of a pair; None where the pair is none.
+
+    A damper of the device's own loop goes with K, for one damping ratio, as in the project's search.
+    """
     if gains.stiffness_n_per_m == 0:
         return None
+    ratio = (gains.local_damping_ns_per_m + axis.damping_ns_per_m) / math.sqrt(gains.stiffness_n_per_m)
+
+    def local(k: Any) -> Any:
+        within = ratio * np.sqrt(k) - axis.damping_ns_per_m
+        return np.maximum(within, 0.0) if gains.local_damping_ns_per_m else np.zeros_like(k)
+
     return largest_stable_n_per_m(
         axis,
         corners(problem_of(axis)),
         gains.stiffness_n_per_m,
         lambda k: np.full_like(k, gains.damping_ns_per_m),
-        lambda k: np.full_like(k, gains.local_damping_ns_per_m),
+        local,
         seconds=AHEAD_S if axis.exchange == "ahead" and not gains.local_damping_ns_per_m else 4.0,
     )
 
@@ -366,7 +375,7 @@ joint. Device and hand (exact zero-order hold, fractional delays too), coupling 
 and held (a body without a joint). Unstable is what grows: after a kick of 1 mm/s the energy is larger in the last
 quarter of 4 s (`ahead` without a damper of the device's loop: 20 s) than in the third. MuJoCo's limit is the largest
 K, from half the project's up, at last within 0.3 %, below which nothing grows, with the damper of the project's
-stiffest pair.
+stiffest pair, and with one of the device's own loop, where it has one, for the same damping ratio.
 
 ## Limits
 
