@@ -11,10 +11,10 @@ from avc_casadi.identification.diagnosis import causes as _causes
 from avc_casadi.identification.diagnosis import counterfactual as _counterfactual
 from avc_casadi.identification.diagnosis import diagnose as _diagnose
 from avc_casadi.identification.diagnosis import intended as _intended
-from avc_casadi.identification.diagnosis import oscillation as _oscillation
 from avc_casadi.identification.diagnosis import remedies as _remedies
 from avc_casadi.identification.diagnosis import saturation as _saturation
 from avc_casadi.identification.diagnosis import verdict as _verdict
+from avc_casadi.identification.diagnosis.envelope import line_of
 from avc_casadi.identification.diagnosis.evidence import felt
 from avc_casadi.identification.diagnosis.hypothesis import (
     Hypothesis,
@@ -211,7 +211,7 @@ def test_a_log_tells_for_how_long_forces_are_held_and_how_many_ticks_were_missed
 
 
 def test_a_line_has_the_amplitude_and_the_frequency_of_its_sine():
-    amplitude, hertz, share = _oscillation._line(3e-5 * np.sin(2 * np.pi * 52.0 * TIME[:500]), T)
+    amplitude, hertz, share = line_of(3e-5 * np.sin(2 * np.pi * 52.0 * TIME[:500]), T)
     assert amplitude == pytest.approx(3e-5, rel=0.03)
     assert hertz == pytest.approx(52.0, abs=0.3)
     assert share > 0.99

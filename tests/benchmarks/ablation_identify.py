@@ -219,9 +219,9 @@ DIAGNOSE = (
     ),
     Rule("identification.diagnosis.limit_cycle.passes", lambda *_: False, "a touch that passes", _nothing),
     Rule("identification.diagnosis.oscillation._unsettled", lambda *_: False, "ripple without a line", _nothing),
-    Rule("identification.diagnosis.oscillation._level_from", lambda *_: None, "a decay that ends at a level", _none),
+    Rule("identification.diagnosis.oscillation.level_from", lambda *_: None, "a decay that ends at a level", _none),
     Rule("identification.diagnosis.oscillation._falls", lambda *_: False, "irregular motion that falls", _nothing),
-    Rule("identification.diagnosis.oscillation._of_cycles", lambda *_: math.inf, "travel of two cycles"),
+    Rule("identification.diagnosis.oscillation.travel_of_cycles", lambda *_: math.inf, "travel of two cycles"),
     Rule(
         "identification.diagnosis.saturation.limited",
         lambda _, swing, *__: swing,

@@ -10,6 +10,7 @@ import numpy as np
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, NEWTON, NS_PER_M
 from avc_casadi.identification.diagnosis.causes import CAUSES
+from avc_casadi.identification.diagnosis.envelope import LOWEST_HZ
 from avc_casadi.identification.diagnosis.evidence import felt, limit_sentence, steps_sentence, toggles
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, growth_of_two_rates, worst_mode
 from avc_casadi.identification.diagnosis.intended import Declared
@@ -17,7 +18,7 @@ from avc_casadi.identification.diagnosis.law import IntegralTerm, Law
 from avc_casadi.identification.diagnosis.limit_cycle import goes_back, passes
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.model import Diagnosis, Measured, Remedy, Trace, Verdict
-from avc_casadi.identification.diagnosis.oscillation import LOWEST_HZ, TracedOscillation
+from avc_casadi.identification.diagnosis.oscillation import TracedOscillation
 from avc_casadi.identification.diagnosis.plant import Fit
 from avc_casadi.identification.diagnosis.relay import SwitchedForce, TwoRates, find_jump, jump_sentence
 from avc_casadi.identification.diagnosis.remedies import remedies_of_relay, remedies_of_two_rates

@@ -11,13 +11,20 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi.identification.diagnosis.envelope import (
+    LOWEST_HZ,
+    cycle_samples,
+    envelope_of,
+    growth_of,
+    level_from,
+    line_of,
+    travel_of_cycles,
+)
 from avc_casadi.identification.diagnosis.limit_cycle import CountLimitCycle, find_count_limit_cycle, goes_back, passes
 from avc_casadi.identification.diagnosis.log import Log
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 
-LOWEST_HZ = 4.0
-"""Slower motion is the hand's own."""
 _WINDOW_S = 0.25
 # A slow motion over encoder steps leaves a sawtooth error with a fundamental of 0.32 steps; a position that toggles
 # between two steps has one of 0.64.
@@ -30,9 +37,8 @@ _SAME = 0.25
 # A scene counts a ripple of 7 % of the mean force as buzzing.
 _RIPPLE, _LEAST_N = 0.07, 0.02
 _RESTLESS_HZ, _RESTLESS_STEPS = 8.0, 1.2
-# It decays to this share of its beginning, or persists: over so many cycles its logarithm changes little.
+# It decays to this share of its beginning, or persists.
 _FALLS = 0.55
-_LEVEL_S, _LEVEL_CYCLES, _LEVEL = 0.35, 10.0, 0.25
 _FEWEST_CYCLES = 5.0
 _SHORTEST_S = 0.25
 
@@ -142,7 +148,7 @@ def _found(log: Log) -> TracedOscillation:
     size = min(n, max(32, round(_WINDOW_S / period)))
     hop = max(1, size // 4)
     starts = np.arange(0, n - size + 1, hop)
-    lines = np.array([_line(fast[start : start + size], period) for start in starts])
+    lines = np.array([line_of(fast[start : start + size], period) for start in starts])
     amplitude, frequency, share = lines.T
     least = max(_LEAST_STEPS * log.encoder_m, _LEAST_M / log.reach_m)
     swings = (amplitude > least) & (share > _LINE)
@@ -159,7 +165,7 @@ def _found(log: Log) -> TracedOscillation:
         restless = np.isin(starts, [start for start in left if _unsettled(log, fast, slice(start, start + size))])
         # With slow beats, as over a few counts, the speed has the frequency of the loop.
         speed = np.gradient(fast)
-        quick = np.array([_line(speed[start : start + size], period) for start in starts]).T
+        quick = np.array([line_of(speed[start : start + size], period) for start in starts]).T
         more = _swings(log, fast, starts, size, restless, quick[0], quick[1], kind="irregular")
         if toggling is not None:
             more = [_toggled(log, fast, toggling)]
@@ -238,8 +244,8 @@ def _measured(
 ) -> TracedOscillation:
     """Measure an oscillation between two samples."""
     period = log.ticks.period_s
-    smooth = _smooth(hertz, period)
-    envelope = _envelope(fast, hertz, period)
+    smooth = cycle_samples(hertz, period)
+    envelope = envelope_of(fast, hertz, period)
     inside = envelope[first:last]
     top = float(np.quantile(inside, 0.9))
     floor = max(0.4 * log.encoder_m, 1e-9 / log.reach_m)
@@ -248,13 +254,13 @@ def _measured(
     reached = first + int(np.argmax(inside >= 0.7 * top))
     below = np.flatnonzero(envelope[:reached] < low)
     begins = int(below[-1]) + 1 if below.size else first
-    growth, error = _growth(envelope, begins, reached, period, hertz)
+    growth, error = growth_of(envelope, begins, reached, period, hertz)
     quarter = max(smooth, (last - reached) // 4)
     early, late = float(np.mean(envelope[reached : reached + quarter])), float(np.mean(envelope[last - quarter : last]))
-    decay, decay_error = _growth(envelope, reached, last - smooth, period, hertz)
+    decay, decay_error = growth_of(envelope, reached, last - smooth, period, hertz)
     irregular = kind
     kind = "limit cycle" if irregular is None else irregular
-    level = _level_from(envelope, reached, last, smooth, period, hertz)
+    level = level_from(envelope, reached, last, smooth, period, hertz)
     if irregular is None and late < _FALLS * early and level is not None:
         begins = reached = level
         growth, error = math.nan, math.nan
@@ -268,7 +274,7 @@ def _measured(
         kind = "growing"
     stretch = slice(max(first, reached if kind != "decaying" else first), last)
     force = log.force_n[stretch]
-    travel = min(_peak_to_peak(fast[stretch]), _of_cycles(log.position_m[stretch], period, hertz))
+    travel = min(_peak_to_peak(fast[stretch]), travel_of_cycles(log.position_m[stretch], period, hertz))
     return TracedOscillation(
         Oscillation(
             kind=kind,
@@ -313,22 +319,8 @@ def _toggled(log: Log, fast: FloatArray, toggling: CountLimitCycle) -> TracedOsc
         first,
         last,
         fast,
-        _envelope(fast, hertz, period),
+        envelope_of(fast, hertz, period),
     )
-
-
-def _smooth(hertz: float, period: float) -> int:
-    """Return the samples of a cycle, over which an envelope is smoothed."""
-    return max(3, round(1.0 / hertz / period))
-
-
-def _envelope(fast: FloatArray, hertz: float, period: float) -> FloatArray:
-    """Return the amplitude envelope at a frequency."""
-    ends = (max(0.6 * hertz, LOWEST_HZ), min(1.6 * hertz, 0.49 / period))
-    band = signal.butter(2, ends, "bandpass", fs=1 / period, output="sos")
-    envelope = np.abs(signal.hilbert(signal.sosfiltfilt(band, fast)))
-    smooth = _smooth(hertz, period)
-    return np.asarray(np.convolve(envelope, np.ones(smooth) / smooth, mode="same"))
 
 
 def _above(position: FloatArray, period: float) -> FloatArray:
@@ -336,30 +328,6 @@ def _above(position: FloatArray, period: float) -> FloatArray:
     return np.asarray(
         signal.sosfiltfilt(filtered, position - position.mean(), padtype="even", padlen=min(position.size - 1, 600))
     )
-
-
-def _line(part: FloatArray, period: float) -> tuple[float, float, float]:
-    """Return amplitude and frequency of the strongest line, and its share of the power with its harmonics."""
-    n = part.size
-    window = np.hanning(n)
-    spectrum = np.abs(np.fft.rfft(part * window)) ** 2
-    hertz = np.fft.rfftfreq(n, period)
-    spectrum[hertz < LOWEST_HZ] = 0.0
-    total = float(spectrum.sum())
-    if total <= 0:
-        return 0.0, LOWEST_HZ, 0.0
-    peak = int(np.argmax(spectrum))
-    near = slice(max(peak - 2, 0), peak + 3)
-    power = float(spectrum[near].sum())
-    harmonics = sum(
-        float(spectrum[max(turn * peak - 2, 0) : turn * peak + 3].sum())
-        for turn in range(2, 6)
-        if turn * peak < spectrum.size and turn * peak - 2 > peak + 2
-    )
-    # Hann's window spreads a line over three bins: power in them is a quarter of n times its energy times the square.
-    amplitude = 2 * math.sqrt(power / (n * float(np.sum(window**2))))
-    exact = float(np.sum(hertz[near] * spectrum[near]) / power)
-    return amplitude, exact, (power + harmonics) / total
 
 
 def _runs(flags: BoolArray, frequency: FloatArray, *, together: bool) -> list[tuple[int, int]]:
@@ -373,40 +341,6 @@ def _runs(flags: BoolArray, frequency: FloatArray, *, together: bool) -> list[tu
         else:
             runs.append([int(index)])
     return [(run[0], run[-1] + 1) for run in runs]
-
-
-def _level_from(envelope: FloatArray, first: int, last: int, smooth: int, period: float, hertz: float) -> int | None:
-    """Return where a decaying oscillation becomes constant in amplitude, or None."""
-    size = round(max(_LEVEL_S, _LEVEL_CYCLES / hertz) / period)
-    end = last - smooth
-    if end - first < size:
-        return None
-    slope, _ = _growth(envelope, end - size, end, period, hertz)
-    if not abs(slope) * size * period < _LEVEL:
-        return None
-    level = float(np.mean(envelope[end - size : end]))
-    away = np.flatnonzero(np.abs(np.log(envelope[first:end] / level)) > 2 * _LEVEL)
-    return first + (int(away[-1]) + 1 if away.size else 0)
-
-
-def _growth(envelope: FloatArray, begins: int, ends: int, period: float, hertz: float) -> tuple[float, float]:
-    """Return the slope of the logarithm of the envelope and its standard error."""
-    cycle = max(2, round(0.5 / hertz / period))
-    values = np.log(np.maximum(envelope[begins:ends:cycle], 1e-12))
-    if values.size < 4:
-        return math.nan, math.nan
-    time = np.arange(values.size) * cycle * period
-    (slope, _), covariance = np.polyfit(time, values, 1, cov=True)
-    return float(slope), float(math.sqrt(covariance[0, 0]))
-
-
-def _of_cycles(position: FloatArray, period: float, hertz: float) -> float:
-    """Return the travel in two cycles as measured: a filter overshoots where a position toggles between two steps."""
-    size = max(3, math.ceil(2 / hertz / period))
-    if position.size < size:
-        return math.inf
-    windows = np.lib.stride_tricks.sliding_window_view(position, size)[:: max(1, size // 2)]
-    return float(np.quantile(np.ptp(windows, axis=1), 0.9))
 
 
 def _rms(values: FloatArray) -> float:
