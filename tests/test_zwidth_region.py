@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from avc_casadi import UnsupportedError, parse_problem
+from avc_casadi import UnsupportedError, load_problem, parse_problem
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.stability.frozen_loop import linear_stability
@@ -94,6 +94,14 @@ def test_what_grows_with_the_wall_damping_without_end_is_told_as_no_limit(b_d, d
     damping, stiffness = 2 * region.damping_ns_per_m[-1], 1.5 * np.nanmax(curves(region)["passive-paper"])
     wall = damping + stiffness * T / 2 * (z + 1) / (z - 1)
     assert ((b_d + ((z + 1) / 2 * z ** (-1 - delay) * wall).real).min() > -1e-9) == grows
+
+
+@pytest.mark.parametrize("name", ["reference-r1", "reference-r3"])
+def test_every_region_is_in_the_picture_where_no_passive_limit_is_known(name):
+    region = zwidth(load_problem(name))
+    assert np.isnan(region.passive_limit_n_per_m)
+    lowest, _ = draw_zwidth(region).axes[0].get_ylim()
+    assert all(np.nanmax(curve.stiffness_n_per_m) > 2 * lowest for curve in region.curves)
 
 
 @pytest.mark.thorough

@@ -187,7 +187,9 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     stable = np.concatenate([c.stiffness_n_per_m for c in region.curves if c.key.startswith("stable")])
     passive = np.nan_to_num(region.passive_limit_n_per_m)
     top = max(np.nanmax(stable, initial=1.0), passive, *highest, 0.0)
-    bottom = min(0.3 * passive if passive > 0 else top, *lowest, top)
+    # Where no passive limit is known in closed form, that of the least region.
+    summits = [top, *(np.nanmax(curve.stiffness_n_per_m, initial=0.0) for curve in region.curves)]
+    bottom = min(0.3 * (passive or min(one for one in summits if one > 0)), *lowest, top)
     bottom = max(bottom, 1e-4 * top, 0.5 * np.nanmin(curves, initial=top))
     axes.set_ylim(0.7 * bottom, 2.5 * max(top, region.encoder_limit_n_per_m or 0.0))
     for line in axes.get_lines():
