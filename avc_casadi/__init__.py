@@ -51,7 +51,6 @@ __all__ = [
     "figures",
     "load_device",
     "load_problem",
-    "pareto",
     "parse_problem",
     "read_coupling",
     "recommend",
@@ -82,7 +81,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling as Coupling
     from avc_casadi.design.comparison.comparison import Comparison as Comparison
     from avc_casadi.design.comparison.comparison import compare as compare
-    from avc_casadi.design.comparison.pareto import pareto as pareto
     from avc_casadi.design.methods import solve as solve
     from avc_casadi.design.scene_coupling import screen as screen
     from avc_casadi.design.scene_coupling import simulate as simulate
@@ -139,7 +137,6 @@ else:
         "simulate_batch": "simulation.scene",
         "Comparison": "design.comparison.comparison",
         "compare": "design.comparison.comparison",
-        "pareto": "design.comparison.pareto",
     }
 
     class _OldRooms:

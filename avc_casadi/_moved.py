@@ -36,7 +36,6 @@ HOMES = {
     "stability": ("claims.stability",),
     "study": (),
     "study.comparison": ("design.comparison",),
-    "study.pareto": ("design.comparison",),
     "support": ("_util",),
     "trial": ("simulation.population",),
 }

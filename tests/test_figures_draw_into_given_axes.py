@@ -17,14 +17,12 @@ from studies.accuracy.study import Accuracy
 from studies.accuracy.tables import TableError
 from studies.estimators.figure import draw_estimators
 from studies.estimators.study import EstimatorTraces
-from studies.pareto.figure import draw_pareto
 from studies.table1.frontier_figure import draw_frontier
 
 import avc_casadi as avc
 from avc_casadi.arm.mechanisms import arm
 from avc_casadi.arm.walls import workspace_map
 from avc_casadi.claims.zwidth import llewellyn_table
-from avc_casadi.design.comparison.pareto import Pareto, Point
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Columns, Record
@@ -39,26 +37,6 @@ REGION = avc.zwidth(PROBLEM)
 OF_DAMPED = avc.compare(DAMPED, ("closed-form", "exact"))
 COUPLING = avc.Coupling.constant(DAMPED, Gains(0.0, 8e3, 10.0), "by hand")
 RUNS = [avc.simulate("scenes/stiff-wall-pressed"), avc.simulate("scenes/free-motion")]
-
-
-def _pareto():
-    levels = {f"L{level}": level < 3 for level in range(6)}
-    return Pareto(
-        "p",
-        "t",
-        "paper",
-        (1.0, 10.0),
-        1.0,
-        1e5,
-        9e4,
-        4e3,
-        tuple(
-            Point(study, label, 1.0, constant, "all", "magnitude", 0.1, 0.2, 1e4, 1.0, 0.0, 0, levels, {}, 1.0)
-            for study in ("scope", "slope", "contact")
-            for label in ("x", "y")
-            for constant in (False, True)
-        ),
-    )
 
 
 def _estimates():
@@ -122,7 +100,6 @@ CALLS = {
     "draw_loop": (4, lambda axes: figures.draw_loop(COUPLING, axes)),
     "draw_rendered": (2, lambda axes: figures.draw_rendered(COUPLING, axes)),
     "draw_frontier": (4, lambda axes: draw_frontier(_frontier(), axes)),
-    "draw_pareto": (6, lambda axes: draw_pareto(_pareto(), axes)),
     "draw_perceived": (5, lambda axes: figures.draw_perceived(COMPARISON, axes)),
     "draw_perceived, damped": (
         6,
@@ -214,7 +191,7 @@ def test_axes_are_taken_row_by_row_from_an_array():
 
 
 def test_every_drawing_function_takes_axes_and_is_tried_here():
-    of_studies = {draw.__name__: draw for draw in (draw_accuracy, draw_estimators, draw_frontier, draw_pareto)}
+    of_studies = {draw.__name__: draw for draw in (draw_accuracy, draw_estimators, draw_frontier)}
     drawn = of_studies | {name: getattr(figures, name) for name in dir(figures) if name.startswith("draw_")}
     assert {name.partition(",")[0] for name in CALLS} == set(drawn)
     for draw in drawn.values():

@@ -4,9 +4,6 @@ from importlib import import_module
 
 import pytest
 
-import avc_casadi as avc
-from avc_casadi.design.comparison.pareto import Pareto
-
 NAMES = {
     "avc_casadi.problem": ("load_problem", "Device", "Hands", "Scene"),
     "avc_casadi.coupling": ("Gains", "NO_COUPLING", "reduce_rows"),
@@ -21,7 +18,6 @@ NAMES = {
     "avc_casadi.excitation": ("plan_excitation",),
     "avc_casadi.recommendation": ("Recommendation",),
     "avc_casadi.study.comparison": ("compare",),
-    "avc_casadi.study.pareto": ("pareto", "Pareto"),
     "avc_casadi.proof": ("HandsProof",),
 }
 
@@ -53,12 +49,3 @@ def test_what_never_was_is_an_error_without_a_warning():
 def test_a_study_is_answered_with_where_it_stands(room):
     with pytest.raises(ModuleNotFoundError, match="tests/benchmarks/studies of the source distribution"):
         import_module(f"avc_casadi.study.{room}")
-
-
-@pytest.mark.thorough
-def test_pareto_answers_and_says_that_it_is_a_study():
-    problem = avc.load_problem("soft").changed(frequency={"points": 2})
-    with pytest.warns(DeprecationWarning, match="avc study pareto"):
-        found = avc.pareto(problem)
-    assert isinstance(found, Pareto)
-    assert {point.study for point in found.points} == {"scope", "slope", "contact"}

@@ -19,7 +19,6 @@ SAME = {
     "limits": ("limits", "--port", "emulator"),
     "store": ("store", "--port", "emulator", "--no-coupling"),
     "clear": ("clear", "--port", "emulator"),
-    "pareto": ("pareto", "no-such-problem"),
     "accuracy": ("accuracy", "no-such-problem"),
     "table1": ("table1", "--hands", "8", "--merge"),
 }
@@ -79,14 +78,14 @@ def test_doctor_lists_the_ports_too(capsys):
 def test_studies_are_listed_and_explain_themselves(capsys):
     code, document, _ = told(capsys, "study")
     assert code == 0
-    assert set(document["studies"]) == {"accuracy", "pareto", "table1"}
+    assert set(document["studies"]) == {"accuracy", "table1"}
     for name in document["studies"]:
         done = avc("study", name, "--help")
         assert done.returncode == 0
         assert f"usage: avc study {name}" in done.stdout.decode()
     code, document, _ = told(capsys, "study", "tabel1")
     assert code == 2
-    assert "allowed: accuracy, pareto, table1" in document["errors"][0]["message"]
+    assert "allowed: accuracy, table1" in document["errors"][0]["message"]
 
 
 @pytest.mark.thorough

@@ -15,8 +15,6 @@ from avc_casadi.files.gain_file import gain_document
 from avc_casadi.files.problem_file import as_problem
 from avc_casadi.model.gains import GainTable
 
-# About thirty schedules.
-LONG = {"pareto"}
 SOFT = avc.load_problem("soft").changed(frequency={"points": 12})
 
 
@@ -41,10 +39,9 @@ def test_every_name_shows_a_call_that_does_what_it_says(name, tmp_path, monkeypa
     assert any(f"avc.{name}" in example.source or name[0].isupper() for example in examples)
     for example in examples:
         compile(example.source, name, "single")
-    if name not in LONG:
-        found = doctest.DocTestParser().get_doctest(text, {"avc": avc}, name, name, 0)
-        told = []
-        assert doctest.DocTestRunner().run(found, out=told.append).failed == 0, "".join(told)
+    found = doctest.DocTestParser().get_doctest(text, {"avc": avc}, name, name, 0)
+    told = []
+    assert doctest.DocTestRunner().run(found, out=told.append).failed == 0, "".join(told)
 
 
 def test_the_methods_are_named_in_the_signature():
@@ -67,7 +64,7 @@ def test_a_mistyped_name_is_answered_with_the_near_one(call, hint):
     assert "command line" not in str(error.value)
 
 
-@pytest.mark.parametrize("call", [avc.solve, avc.compare, avc.simulate, avc.screen, avc.zwidth, avc.pareto])
+@pytest.mark.parametrize("call", [avc.solve, avc.compare, avc.simulate, avc.screen, avc.zwidth])
 def test_an_unknown_keyword_is_pythons_own_error(call):
     with pytest.raises(TypeError, match="unexpected keyword argument 'metod'"):
         call("soft", metod="exact")

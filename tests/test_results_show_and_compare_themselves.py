@@ -16,7 +16,6 @@ from avc_casadi._util.text import short
 from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.cli import main
-from avc_casadi.design.comparison.pareto import Pareto, Point
 from avc_casadi.design.scene_coupling import scene_coupling
 from avc_casadi.model.gains import GainTable
 from avc_casadi.simulation.screen import screen
@@ -28,9 +27,6 @@ SCENE = avc.load_problem("scenes/free-motion")
 def _results():
     gains = avc.solve(PROBLEM, "exact")
     run = avc.simulate(SCENE)
-    point = Point(
-        "scope", "<all>", None, False, "all", "magnitude", 0.1, np.nan, 1e4, 2.0, 0.0, 0, {"L0": True}, {"L0": 0.1}, 1.0
-    )
     return {
         "schedule": gains,
         "table": GainTable.of(gains),
@@ -41,7 +37,6 @@ def _results():
         "run": run,
         "judgement": run.judgement,
         "zwidth": zwidth(PROBLEM),
-        "pareto": Pareto("figure5", "t", "paper", (1.0, 10.0), 1.0, 1e5, 1e5, 4e3, (point, replace(point, label="b"))),
         "screening": screen(SCENE, scene_coupling(SCENE)),
     }
 
@@ -130,9 +125,6 @@ def test_gains_from_elsewhere_print_their_line():
 
 
 def test_what_people_wrote_is_escaped():
-    html = RESULTS["pareto"]._repr_html_()
-    assert "&lt;all&gt;" in html
-    assert "<all>" not in html
     assert "&lt;b&gt;" in replace(RESULTS["schedule"], problem="<b>")._repr_html_()
 
 
@@ -194,7 +186,6 @@ def test_equal_inputs_give_equal_results():
         ("comparison", {"target": RESULTS["comparison"].target + 1e-9}),
         ("run", {"force_n": RESULTS["run"].force_n[:-1]}),
         ("zwidth", {"hands": 0}),
-        ("pareto", {"points": ()}),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -205,10 +196,6 @@ def test_any_other_number_is_unequal(name, change):
 
 
 def test_undefined_numbers_are_equal_to_themselves():
-    point = RESULTS["pareto"].points[0]
-    assert point == replace(point)
-    assert point == replace(point, complex_error=float("nan"))
-    assert point != replace(point, complex_error=0.0)
     nothing = np.array([np.nan, 1.0])
     assert same(nothing, nothing.copy())
     assert not same(nothing, np.array([np.nan, 2.0]))

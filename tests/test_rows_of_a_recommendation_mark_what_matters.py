@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._util.units import speaks
-from avc_casadi.present.pages.baselines import baselines_page
 from avc_casadi.present.pages.recommendation import recommendation_page, recommendation_rows
 from avc_casadi.present.pages.stiffest import stiffest_page
 from avc_casadi.present.terminal import Mark, Page
@@ -62,7 +60,6 @@ DOCUMENT = {
         "edge_m": {"0.1": 0.0, "0.4": 0.0},
         "edge_force_n": 0.1,
         "rebound": {"0.1": 0.9},
-        "strikes": {},
         "rest_error_m": None,
         "encoder_step_n": {"spring": 0.0, "damping": 0.0},
         "ripple": {"force_n": {"0.02": 4e-4}, "hands": 16, "quiet": 16},
@@ -306,16 +303,3 @@ def test_what_is_stiffer_than_the_wall_is_marked(share, at_10_hz, damping, marke
 def test_hands_that_settle_with_a_vibration_that_they_feel_are_no_plain_pass(quiet, mark):
     assert rows(changed(trial={"quiet": quiet}))["Simulated"].mark is mark
     assert rows(changed(trial={"quiet": quiet, "at_rest": 99}))["Simulated"].mark is Mark.FAIL
-
-
-@pytest.mark.parametrize(("radius", "speed"), [(None, "20.0 mm/s"), (0.05, "400 mrad/s"), (0.15, "133 mrad/s")])
-def test_laws_are_compared_at_the_speed_that_is_told(radius, speed):
-    device = {} if radius is None else {"motion": "rotary", "handle_radius_m": radius}
-    problem = PROBLEM.changed(device=device)
-    text = speaks(problem.units, baselines_page, changed(baselines=[]), problem, Page())
-    assert f"at {speed}; how many settle" in " ".join(text.split())
-
-
-def test_a_refused_coupling_does_not_pass_beside_other_laws():
-    document = changed(deployable=False, reason="too soft a hand", baselines=[])
-    assert "✗ Recommended  too soft a hand" in baselines_page(document, PROBLEM, Page())

@@ -45,11 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="take the stiffest coupling with which hands settle by the declared dry friction, if not without it",
     )
     parser.add_argument(
-        "--compare",
-        action="store_true",
-        help="beside it what velocity estimators and passivity controllers of others render, half a minute more",
-    )
-    parser.add_argument(
         "--prove",
         action="store_true",
         help="prove what is chosen, as avc certify --prove does: minutes where it is robust",
@@ -62,9 +57,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend, write and show; 1 if nothing can be deployed."""
     if args.stiffest and args.out is not None:
         raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--out")
-    for given, key in ((args.prove, "--prove"), (args.compare, "--compare")):
-        if args.stiffest and given:
-            raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key=key)
+    if args.stiffest and args.prove:
+        raise avc.InputError.of("goes with a recommendation, not with --stiffest; leave one of them out", key="--prove")
     hands = _HANDS if args.hands is None else args.hands
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     with console.step(args.problem):
@@ -81,18 +75,13 @@ def _before_wall(
     from avc_casadi._util.json_values import json_text
     from avc_casadi._util.parallel import processors
     from avc_casadi.files.coupling_file import coupling_document
-    from avc_casadi.present.pages.baselines import baselines_page
     from avc_casadi.present.pages.recommendation import recommendation_page
     from avc_casadi.present.pages.recommendation_lines import recommendation_lines, stiffest_lines
     from avc_casadi.present.pages.stiffest import stiffest_page
-    from avc_casadi.recommendation.baselines import baselines
     from avc_casadi.recommendation.recommend import recommend
     from avc_casadi.recommendation.stiffest import stiffest
     from avc_casadi.simulation.native import compiler
 
-    if args.compare and problem.environment.stiffness_n_per_m == 0:
-        message = "compares how stiff a wall each law renders, and this one has no stiffness; leave it out"
-        raise avc.InputError.of(message, file=args.problem, key="--compare")
     if compiler() is None:
         console.notice(_NO_COMPILER)
     workers = min(2, processors())
@@ -117,13 +106,7 @@ def _before_wall(
         written = str(out)
     document = recommend_document(found)
     complaint = "" if found.deployable else f"avc: {problem.name}: no coupling is deployable"
-    if args.compare:
-        with console.step("walls of other laws"):
-            others = baselines(problem, hands, workers=workers, progress=console)
-        document["baselines"] = [one.document() for one in others]
-        text = baselines_page(document, problem, console.page, args.problem)
-    else:
-        text = recommendation_page(document, problem, console.page, args.problem, written)
+    text = recommendation_page(document, problem, console.page, args.problem, written)
     more = "\n".join(recommendation_lines(document))
     return Answer(document, text, code=1 if complaint else 0, complaint=complaint, more=more)
 
@@ -136,7 +119,7 @@ def _to_other_end(
     from avc_casadi.present.pages.virtual_tool import tool_page
     from avc_casadi.recommendation.virtual_tool import recommend_tool
 
-    alien = [option for option in ("stiffest", "lean_on_friction", "compare", "prove") if getattr(args, option)]
+    alien = [option for option in ("stiffest", "lean_on_friction", "prove") if getattr(args, option)]
     if alien:
         key = f"--{alien[0].replace('_', '-')}"
         raise avc.InputError.of("is asked of walls, and the other end is none; leave it out", key=key)

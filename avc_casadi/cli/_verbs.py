@@ -20,7 +20,6 @@ VERBS: tuple[str, ...] = tuple(verb for verbs in QUESTIONS.values() for verb in 
 
 OLD_VERBS: dict[str, tuple[str, ...]] = {
     "accuracy": ("study", "accuracy"),
-    "pareto": ("study", "pareto"),
     "table1": ("study", "table1"),
     "screen": ("simulate", "--screen"),
     "ports": ("doctor", "--ports"),

@@ -36,7 +36,6 @@ from avc_casadi.recommendation.ripple import ripple
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import Help, what_would_help
 from avc_casadi.recommendation.shaken import shaken
-from avc_casadi.recommendation.strike import strikes
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
 from avc_casadi.simulation.population.operators import GRIPS, draw_population, people_of
 
@@ -126,7 +125,6 @@ class Recommendation(Printed):
             "edge_m": contact_onset_m(self.coupling) if springy else {},
             "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
             "rebound": rebound(self.coupling) if springy else {},
-            "strikes": strikes(self.coupling, self.trial.seed) if springy else {},
             "vibration": tried["felt_vibration"],
             "friction_n": self.problem.device.coulomb_friction_n,
             "rest_error_m": self.problem.device.coulomb_friction_n / sensed if sensed else None,

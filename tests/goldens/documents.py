@@ -29,7 +29,7 @@ points = 12
 _OF_THE_MACHINE = ("versions", "solvers", "ports", "casadi", "packages")
 _EMULATOR = ("--port", "emulator")
 
-# What is typed. Not here: `explore` serves until it is interrupted; `pareto`, `accuracy` and `table1` take minutes;
+# What is typed. Not here: `explore` serves until it is interrupted; `accuracy` and `table1` take minutes;
 # `firmware` needs the compiler of a board.
 DOCUMENTS: dict[str, tuple[str, ...]] = {
     "list": ("list",),

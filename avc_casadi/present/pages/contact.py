@@ -1,4 +1,4 @@
-"""Rows of a recommendation about meeting the wall: where it begins, rebound of the released device, hard strikes."""
+"""Rows of a recommendation about meeting the wall: where it begins, rebound of the released device."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.quantity import quantity
 from avc_casadi.present.terminal import Mark, Row
 from avc_casadi.recommendation.contact_onset import REACHED_M
-from avc_casadi.recommendation.strike import STRIKING
 from avc_casadi.recommendation.told import begins_elsewhere
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ def contact_rows(document: dict[str, Any], problem: Problem) -> list[Row]:
         document: of `avc recommend --json`.
         problem: of the document.
     """
-    return [*_onset(document, problem), *_rebound(document, problem), *_strikes(document, problem)]
+    return [*_onset(document, problem), *_rebound(document, problem)]
 
 
 def _onset(document: dict[str, Any], problem: Problem) -> list[Row]:
@@ -50,14 +49,3 @@ def _rebound(document: dict[str, Any], problem: Problem) -> list[Row]:
         if share > _FASTER
     ]
     return [Row("Rebound", f"a released device leaves the wall at {', '.join(told)}", Mark.CAUTION)] if told else []
-
-
-def _strikes(document: dict[str, Any], problem: Problem) -> list[Row]:
-    """Describe strikes after which some hands go on vibrating."""
-    unit = problem.units.unit("m/s")
-    told = [
-        f"{settled} of {STRIKING} at {float(speed):.3g} {unit}"
-        for speed, settled in document["felt"]["strikes"].items()
-        if settled < STRIKING
-    ]
-    return [Row("Hard strikes", f"hands that settle after one: {', '.join(told)}", Mark.CAUTION)] if told else []
