@@ -101,7 +101,7 @@ sys.exit(code)
 """
     done = avc("list", "--json", program=program)
     assert done.returncode == 0
-    assert strict_json(done.stdout)["schema"] == "avc-list/1"
+    assert strict_json(done.stdout)["schema"] == "avc-list/2"
     assert done.stderr == b""
 
 

@@ -111,10 +111,9 @@ def test_list_and_check(capsys):
     document = json.loads(capsys.readouterr().out)
     names = [entry["name"] for entry in document["problems"]]
     assert {"figure5", "soft", "hard/rigid"} <= set(names)
-    problems, devices, arms = text.split("\n\n")
+    problems, devices = text.split("\n\n")
     assert [line.split()[0] for line in problems.splitlines()[2:]] == names
-    assert [line.split()[0] for line in devices.splitlines()[2:-1]] == [one["name"] for one in document["devices"]]
-    assert [line.split()[0] for line in arms.splitlines()[2:-1]] == [one["name"] for one in document["arms"]]
+    assert [line.split()[0] for line in devices.splitlines()[2:-2]] == [one["name"] for one in document["devices"]]
     for name in names:
         text, document = both(capsys, "check", name)
         assert document["problem"] == name

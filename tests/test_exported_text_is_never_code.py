@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
-from avc_hardware import arm_gains_c, export_teleoperator_c, export_tool_c
+from avc_hardware import export_teleoperator_c, export_tool_c
 from avc_hardware.codegen.packages import PACKAGES
 
 PLAIN = with_gains(bench_problem((5.0, 5e3), max_force_n=8.0), 5.0, 4e3, 3.0)
@@ -66,20 +66,6 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
             assert code(text) == code(plain[place]), place
         else:
             assert text == plain[place]
-
-
-@pytest.mark.thorough
-@given(arm=ANY, axis=ANY)
-@example(arm="*\\ int planted; /*", axis="*/")
-def test_no_name_of_an_arm_becomes_code(arm: str, axis: str) -> None:
-    def header(arm: str, axis: str) -> str:
-        numbers = {"stiffness_n_per_m": [1.0], "damping_ns_per_m": [1.0]}
-        region = numbers | {"tangent_stiffness_n_per_m": 1.0, "tangent_damping_ns_per_m": 1.0}
-        document = {"arm": arm, "axes": [axis], "regions": [region], "directions": [[1.0]], "claim": {"factor": 2.0}}
-        document |= {"max_force_n": 1.0, "sample_time_s": 1e-3, "home_tip_m": [0.0], "low_m": [0.0], "high_m": [1.0]}
-        return arm_gains_c(document | {"region_counts": [1]})["avc_arm_gains.h"]
-
-    assert code(header(arm, axis)) == code(header("an arm", "x"))
 
 
 @pytest.mark.thorough

@@ -287,7 +287,7 @@ SCENE = """<mujoco><option gravity="0 0 0" timestep="0.002"/><worldbody>
 
 def in_mujoco(exchange, hand, aim, kick, samples=3000):
     """Positions of a simulated device and of a tool in MuJoCo with the exported C between them; a box begins at 0."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     c = ExportedTool(tool_coupling(f'{TOOL}exchange = "{exchange}"', 9786.0, 25.85))
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)

@@ -7,7 +7,7 @@ import pytest
 from avc_process import avc
 
 BENCHMARKS = Path(__file__).parent / "benchmarks"
-EXTRAS = ["adam", "cloudpickle", "clarabel", "distributed", "elftools", "mcap", "mpmath", "mujoco", "pandas", "unicorn"]
+EXTRAS = ["cloudpickle", "clarabel", "distributed", "elftools", "mcap", "mpmath", "mujoco", "pandas", "unicorn"]
 HIDDEN = f"import sys\nfor name in {EXTRAS}:\n    sys.modules[name] = None\n"
 EVERY_MODULE = (
     HIDDEN
@@ -49,7 +49,7 @@ def test_accuracy_falls_back_to_the_exact_method():
     assert done.stdout.decode().strip() == "method exact (mpmath, the extra accuracy, is not installed)"
 
 
-@pytest.mark.parametrize("verb", ["study", "arm", "monitor", "push", "run", "trial", "firmware"])
+@pytest.mark.parametrize("verb", ["study", "monitor", "push", "run", "trial", "firmware"])
 def test_every_verb_is_parsed(verb):
     done = avc(verb, "--help", program=HIDDEN + "from avc_casadi.cli import main\nsys.exit(main(sys.argv[1:]))\n")
     assert done.returncode == 0, done.stderr.decode()

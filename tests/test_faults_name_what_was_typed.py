@@ -130,18 +130,3 @@ def test_a_key_of_a_file_is_not_told_as_an_option(folder, capsys):
     said = told(capsys, "diagnose", "line.csv", "--problem", "broken.toml")
     assert "broken.toml:1: coupling: " in said
     assert "--coupling" not in said
-
-
-def test_a_tip_that_the_model_has_not_is_a_fault_of_the_arm_file(folder, capsys):
-    pytest.importorskip("mujoco")
-    body = (
-        '<body><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/><joint name="{}" type="slide" axis="{}"/>{}</body>'
-    )
-    inner = body.format("z", "0 0 1", '<body name="tip" pos="0 0 1"/>')
-    model = body.format("x", "1 0 0", body.format("y", "0 1 0", inner))
-    (folder / "model.xml").write_text(f"<mujoco><worldbody>{model}</worldbody></mujoco>")
-    (folder / "arm.toml").write_text(
-        'title = "a"\nhome = [0, 0, 0]\n[device]\ndamping_ns_per_m = 2.0\n[workspace]\nlow_m = [-0.1, -0.1, -0.1]\n'
-        'high_m = [0.1, 0.1, 0.1]\n[model]\nfile = "model.xml"\ntip = "nose"\n'
-    )
-    assert "arm.toml: model.tip: " in told(capsys, "arm", "arm.toml")

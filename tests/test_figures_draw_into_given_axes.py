@@ -20,8 +20,6 @@ from studies.estimators.study import EstimatorTraces
 from studies.table1.frontier_figure import draw_frontier
 
 import avc_casadi as avc
-from avc_casadi.arm.mechanisms import arm
-from avc_casadi.arm.walls import workspace_map
 from avc_casadi.claims.zwidth import llewellyn_table
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.identify import identify
@@ -84,11 +82,6 @@ def _diagnosed():
     return diagnose(Columns("still", time, position, np.zeros(800)))
 
 
-@functools.cache
-def _workspace():
-    return workspace_map(arm("pantograph"), 9)
-
-
 CALLS = {
     "draw_accuracy": (3, lambda axes: draw_accuracy(_accuracy(), axes)),
     "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
@@ -107,7 +100,6 @@ CALLS = {
     ),
     "draw_scene": (4, lambda axes: figures.draw_scene(RUNS, axes=axes)),
     "draw_traces": (4, lambda axes: figures.draw_traces(dict(zip("ab", RUNS, strict=True)), axes)),
-    "draw_workspace": (6, lambda axes: figures.draw_workspace({"a": _workspace(), "b": _workspace()}, axes)),
     "draw_zwidth": (2, lambda axes: figures.draw_zwidth(REGION, llewellyn_table(PROBLEM), axes=axes)),
     "draw_zwidth, one panel": (1, lambda axes: figures.draw_zwidth(REGION, axes=axes)),
 }

@@ -37,7 +37,6 @@ ROOMS = (
     "design",
     "design.comparison",
     "recommendation",
-    "arm",
     "present.terminal",
     "present.pages",
     "present.results",

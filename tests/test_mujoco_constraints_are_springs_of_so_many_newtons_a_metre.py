@@ -41,7 +41,7 @@ def test_numbers_of_an_earlier_measurement():
 @pytest.mark.parametrize("kind", ["weld", "connect"])
 @pytest.mark.parametrize(("mass", "stiffness", "damping"), [(0.05, 500.0, 3.0), (0.2, 3000.0, 30.0), (1.0, 1e4, 100.0)])
 def test_pressed_weld_gives_the_stiffness_that_was_asked_for(kind, mass, stiffness, damping):
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     for impedance in (0.001, 0.5, 0.9):
         found = MujocoConstraint.of(stiffness, damping, mass, impedance)
         place = 'anchor="0 0 0"' if kind == "connect" else ""
@@ -53,7 +53,7 @@ def test_pressed_weld_gives_the_stiffness_that_was_asked_for(kind, mass, stiffne
 
 @pytest.mark.parametrize(("mass", "stiffness", "damping"), [(0.05, 500.0, 3.0), (0.2, 3000.0, 30.0), (1.0, 1e4, 100.0)])
 def test_tool_on_a_soft_weld_swings_as_on_a_spring_and_damper(mass, stiffness, damping):
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     for impedance, heavier in ((0.001, 1.001001), (0.9, 10.0)):
         found = MujocoConstraint.of(stiffness, damping, mass, impedance)
         text = WELD.format(mass=mass, kind="weld", place="", solref=words(found.solref), solimp=words(found.solimp))
@@ -71,7 +71,7 @@ def test_tool_on_a_soft_weld_swings_as_on_a_spring_and_damper(mass, stiffness, d
 
 def test_damper_of_a_weld_to_a_mocap_body_acts_towards_the_ground():
     """A mocap body has no velocity for MuJoCo: moved steadily the tool lags by B v/K, and not by nothing."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     found = MujocoConstraint.of(3000.0, 30.0, 0.2)
     text = WELD.format(mass=0.2, kind="weld", place="", solref=words(found.solref), solimp=words(found.solimp))
     model = mujoco.MjModel.from_xml_string(text)
@@ -97,7 +97,7 @@ def test_damper_of_a_weld_to_a_mocap_body_acts_towards_the_ground():
     ids=["default", "stiffer", "direct", "another impedance"],
 )
 def test_pressed_contact_has_the_stiffness_that_is_told(cone, ground, constraint):
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     given = f'solref="{words(constraint.solref)}" solimp="{words(constraint.solimp)}"'
     for mass, load in ((0.05, 0.2), (0.2, 2.0), (1.0, 0.2)):
         text = CONTACT.format(cone=cone, ground=GROUNDS[ground].format(given=given), mass=mass, given=given)

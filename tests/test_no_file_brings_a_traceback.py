@@ -3,7 +3,6 @@
 import io
 import json
 import os
-import re
 import sys
 import zipfile
 from pathlib import Path
@@ -12,8 +11,6 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.arm.model_file import model_arm
-from avc_casadi.files.arm_file import load_arm
 from avc_casadi.files.coupling_file import read_file
 from avc_casadi.files.problem_file import as_problem
 from avc_casadi.identification.read import read_columns, read_logs
@@ -58,9 +55,7 @@ def test_what_is_no_regular_file_is_not_opened(kind, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a\0b", "a\ud800b", "x" * 5000])
-@pytest.mark.parametrize(
-    "kind", ["problem", "device", "arm", "coupling", "gains", "log, CSV", "log, MAT", "URDF or MJCF"]
-)
+@pytest.mark.parametrize("kind", ["problem", "device", "coupling", "gains", "log, CSV", "log, MAT"])
 def test_what_is_no_path_is_refused(kind, name, tmp_path):
     refused(KINDS[kind].read, tmp_path / f"{name}{KINDS[kind].ending}")
 
@@ -124,35 +119,6 @@ def test_sizes_are_bounded_and_told(tmp_path):
     (tmp_path / "a.json").write_text(f'{{"schema": "avc-gains/1", "notes": {deep}}}')
     assert "nested" in refused(read_file, tmp_path / "a.json")
     assert "nested" in refused(avc.parse_problem, f"a = {deep}")
-
-
-LINK = '<link name="l{0}"/><joint name="j{0}" type="fixed"><parent link="l{1}"/><child link="l{0}"/></joint>'
-BODIES = "<mujoco><worldbody>{}</worldbody></mujoco>"
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (
-            '<robot name="r"><link name="l0"/>' + "".join(LINK.format(n + 1, n) for n in range(3000)) + "</robot>",
-            "links",
-        ),
-        (BODIES.format("<replicate count='1000'>" * 3 + "<body/>" + "</replicate>" * 3), "elements"),
-        (BODIES.format("<replicate count='99999999'><geom size='1'/></replicate>"), "at most"),
-        (BODIES.format("<body>" * 900 + "</body>" * 900), "deeper"),
-        (BODIES.format("<frame>" * 900 + "</frame>" * 900), "deeper"),
-        (BODIES.format("<include file='/dev/zero'/>"), "regular"),
-        ("<mujoco><asset><mesh name='m' file='/dev/zero'/></asset></mujoco>", "regular"),
-        ("<mujoco><asset><hfield name='h' nrow='900000' ncol='9' size='1 1 1 1'/></asset></mujoco>", "at most"),
-        ("<!DOCTYPE a [<!ENTITY b 'c'>]><mujoco/>", "entities"),
-        (re.sub('mass value="[^"]*', 'mass value="1e308', Path(load_arm("gantry-urdf").model.file).read_text()), "kg"),
-    ],
-)
-def test_models_are_measured_before_they_are_built(text, said, tmp_path):
-    (tmp_path / "a.xml").write_text(text)
-    arm = load_arm("gantry-urdf")
-    model = arm.model.model_copy(update={"file": str(tmp_path / "a.xml")})
-    assert said in refused(model_arm, arm, model)
 
 
 @pytest.mark.parametrize("value", ["NaN", "Infinity", "1e999", "[[-Infinity]]"])

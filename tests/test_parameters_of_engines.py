@@ -72,7 +72,7 @@ SLIDE = """<mujoco><option gravity="0 0 0" timestep="0.002" integrator="{integra
 
 @pytest.mark.parametrize("keys", [TOOL, SCALED])
 def test_weld_of_the_page_has_the_stiffness_of_the_coupling_in_mujoco(keys):
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     told = numbers(keys, "mujoco")
     model = mujoco.MjModel.from_xml_string(WELD.format(solref=told["solref"], solimp=told["solimp"]))
     data = mujoco.MjData(model)
@@ -87,7 +87,7 @@ def test_weld_of_the_page_has_the_stiffness_of_the_coupling_in_mujoco(keys):
 @pytest.mark.parametrize("keys", [TOOL, SCALED])
 def test_line_of_the_page_is_spring_and_damper_in_mujoco(keys, integrator):
     """The line is run as it stands: the tool of a device at rest swings as a mass on the spring and the damper."""
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     stated = f'{keys}integrator = "{integrator}"\n'
     told = numbers(stated, "mujoco")
     law = tool_parameters(tool_coupling(stated, K, B), "mujoco").lines[1]

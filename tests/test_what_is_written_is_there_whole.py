@@ -67,8 +67,6 @@ def test_a_file_is_the_old_one_or_the_new_one(before, code, tmp_path):
     ("arguments", "named"),
     [
         (["export", "COUPLING", "--c", "made", "--unsafe"], "--c: 'made' cannot be written"),
-        (["arm", "gantry", "--map", "map.svg", "--poses", "20"], "--map: 'map.svg' cannot be written"),
-        (["arm", "gantry", "--gains", "made", "--regions", "1,1,1"], "--gains: 'made' cannot be written"),
         (["simulate", "soft", "--plot", "run.svg"], "--plot: 'run.svg' cannot be written"),
         (["simulate", "soft", "--trace", "run.npz"], "--trace: 'run.npz' cannot be written"),
     ],

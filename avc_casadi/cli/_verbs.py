@@ -10,7 +10,7 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     "judge it": ("certify", "simulate", "trial", "zwidth"),
     "measure a device": ("excite", "identify", "diagnose", "commission"),
     "deploy": ("export", "push", "stream", "monitor", "device", "firmware"),
-    "look": ("list", "check", "explore", "arm", "doctor"),
+    "look": ("list", "check", "explore", "doctor"),
     "study": ("study",),
 }
 """The commands, by the question that they answer."""

@@ -12,7 +12,6 @@ from avc_casadi._resources import problems_folder
 from avc_casadi.model.quantity import shown
 
 DEVICES = "devices/"
-ARMS = "arms/"
 
 
 @dataclass(frozen=True)
@@ -35,12 +34,12 @@ class CatalogueEntry:
 def catalogue_names() -> dict[str, Path]:
     """Return the path of every problem by name: plain problems first, then those of folders.
 
-    Devices and arms are not among them.
+    Devices are not among them.
     """
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
     named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
-    return {name: path for name, path in named.items() if not name.startswith((DEVICES, ARMS))}
+    return {name: path for name, path in named.items() if not name.startswith(DEVICES)}
 
 
 def device_names() -> dict[str, Path]:
@@ -48,28 +47,21 @@ def device_names() -> dict[str, Path]:
     return {path.stem: path for path in sorted((problems_folder() / DEVICES).glob("*.toml"))}
 
 
-def arm_names() -> dict[str, Path]:
-    """Return the path of every arm of the catalogue by name."""
-    return {path.stem: path for path in sorted((problems_folder() / ARMS).glob("*.toml"))}
-
-
-def named_file(source: str | Path, kind: str, folder: Path | None = None) -> Path | str:
-    """Return the file of a device or an arm, or the fault of its name.
+def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
+    """Return the file of a device, or the fault of its name.
 
     Args:
         source: a path, which ends in ``.toml``, or a name of the catalogue.
-        kind: device or arm.
         folder: base of a relative path; None is the working directory.
     """
     if isinstance(source, Path) or source.endswith(".toml"):
         return Path(folder or "", source)
-    names, prefix = (device_names(), DEVICES) if kind == "device" else (arm_names(), ARMS)
-    name = source.removeprefix(prefix)
+    names, name = device_names(), source.removeprefix(DEVICES)
     if name in names:
         return names[name]
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"; near: {', '.join(near)}" if near else ""
-    return f"is {shown(source)}, no {kind} of the catalogue{hint}; allowed: a name of `avc list`, or a path to .toml"
+    return f"is {shown(source)}, no device of the catalogue{hint}; allowed: a name of `avc list`, or a path to .toml"
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
@@ -103,9 +95,6 @@ def catalogue_path(name: str) -> Path:
     if device in device_names():
         message = f'is a device, not a problem; write device = "{device}" in a problem file, or see it by `avc check`'
         raise InputError.of(message, file=name)
-    arm = name.removeprefix(ARMS)
-    if arm in arm_names():
-        raise InputError.of(f"is an arm, not a problem; see it by `avc arm {arm}`", file=name)
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"; near: {', '.join(near)}" if near else ""
     raise InputError.of(

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, model_validator
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.units import spoken_key
-from avc_casadi.files.catalogue import device_names, named_file
+from avc_casadi.files.catalogue import device_names, device_path
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.rotary_keys import COUNTS, Worded, device_words, linear_at_capstan, problem_words
 from avc_casadi.files.toml_text import tables_of, text_of
@@ -113,7 +113,7 @@ def load_device(source: str | Path) -> DeviceFile:
         >>> avc.load_device("reference-r1").device.amplifier_bandwidth_hz
         1000.0
     """
-    path = named_file(source, "device")
+    path = device_path(source)
     if isinstance(path, str):
         raise InputError.of(path, file=str(source))
     return parse_device(
@@ -252,7 +252,7 @@ def _referred(table: str | Mapping[str, Any], folder: Path | None) -> dict[str, 
     named = table if isinstance(table, str) else table["from"]
     if not isinstance(named, str):
         return key, f"is {shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
-    path = named_file(named, "device", folder)
+    path = device_path(named, folder)
     if isinstance(path, str):
         return key, path
     if not _exists(path):

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.figures import RuntimeFigures as RuntimeFigures
     from avc_hardware.codegen.firmware_fit import FirmwareLacksError as FirmwareLacksError
     from avc_hardware.codegen.firmware_fit import check_runs_on as check_runs_on
-    from avc_hardware.codegen.packages import arm_gains_c as arm_gains_c
     from avc_hardware.codegen.teleoperator_export import export_teleoperator_c as export_teleoperator_c
     from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
     from avc_hardware.codegen.velocity_export import export_velocity_c as export_velocity_c
@@ -75,7 +74,6 @@ else:
         "codegen.export": ("export_c",),
         "codegen.figures": ("BoardLimits", "RuntimeFigures"),
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
-        "codegen.packages": ("arm_gains_c",),
         "codegen.teleoperator_export": ("export_teleoperator_c",),
         "codegen.tool_export": ("export_tool_c",),
         "codegen.velocity_export": ("export_velocity_c",),

@@ -2,7 +2,7 @@
 
 python tests/benchmarks/fuzzed_files.py --count 10000 --write
 
-Valid files of the catalogue, of couplings, gains, logs, models, studies and boards are mutated in their bytes, lines,
+Valid files of the catalogue, of couplings, gains, logs, studies and boards are mutated in their bytes, lines,
 numbers and values, or made by a grammar of their own words. Each is read in a process of its own crew, with its
 memory bounded; told are what was neither read nor refused, the longest message, the most processor time and memory.
 With --write it overwrites fuzzed_files.json and RESULTS_fuzzed_files.md; without it the results are printed only.
@@ -37,8 +37,6 @@ from studied import about, made_by, write_rows
 
 import avc_casadi as avc
 from avc_casadi._util.checkpoint import Chunked
-from avc_casadi.arm.model_file import model_arm
-from avc_casadi.files.arm_file import load_arm
 from avc_casadi.files.coupling_file import coupling_document, read_file
 from avc_casadi.files.other_end_coupling_file import (
     other_end_document,
@@ -63,7 +61,7 @@ HEAD = """# Files that nobody meant
 {made_by}
 
 Every file that is read is a regular one of a stated size, and whatever it holds ends in an answer or in a message.
-{files} files, of the seed, by mutation of valid ones (bytes, lines, numbers, values of JSON, attributes of XML) and by
+{files} files, of the seed, by mutation of valid ones (bytes, lines, numbers, values of JSON) and by
 grammar: {bad} ended in anything else, in a message above {characters} characters, above {seconds:g} s of processor time
 or above {megabytes:g} MB.
 
@@ -151,20 +149,6 @@ def _gains() -> list[bytes]:
     return ["\n".join(one).encode() for one in ([header, *rows], [f"{header},contact_damping_ns_per_m", *damped])]
 
 
-def _models() -> list[bytes]:
-    body = (
-        '<body name="{name}" pos="0 0 0.1"><joint name="j{name}" type="slide" axis="{axis}"/>'
-        '<inertial pos="0 0 0" mass="0.2" diaginertia="1e-3 1e-3 1e-3"/>{inner}</body>'
-    )
-    chain = ""
-    for name, axis in (("tool", "0 0 1"), ("b", "0 1 0"), ("a", "1 0 0")):
-        chain = body.format(name=name, axis=axis, inner=chain)
-    return [
-        (PROBLEMS / "arms" / "gantry.urdf").read_bytes(),
-        f"<mujoco><option timestep='0.002'/><worldbody>{chain}</worldbody></mujoco>".encode(),
-    ]
-
-
 def _double(task: int) -> int:
     return 2 * task
 
@@ -194,12 +178,6 @@ def _merged(path: Path) -> object:
     if failed is not None:
         raise failed
     return path
-
-
-def _modelled(path: Path) -> object:
-    arm = load_arm("gantry-urdf")
-    assert arm.model is not None
-    return model_arm(arm, arm.model.model_copy(update={"file": str(path)}))
 
 
 def _bounded(path: Path) -> object:
@@ -253,7 +231,6 @@ def _texts(pattern: str) -> Callable[[], list[bytes]]:
 KINDS: Mapping[str, Kind] = {
     "problem": Kind(".toml", _texts("[!ad]*/*.toml"), lambda path: avc.dump_problem(avc.load_problem(path))),
     "device": Kind(".toml", _texts("devices/*.toml"), avc.load_device),
-    "arm": Kind(".toml", _texts("arms/*.toml"), load_arm),
     "coupling": Kind(".json", _couplings, _written_again),
     "coupling to another end": Kind(".json", _other_ends, _either_end),
     "gains": Kind(".csv", _gains, _written_again),
@@ -261,7 +238,6 @@ KINDS: Mapping[str, Kind] = {
     "log, JSON": Kind(".json", _json_log, _log),
     "log, NPZ": Kind(".npz", _npz_log, _log),
     "log, MAT": Kind(".mat", _mat_log, _log),
-    "URDF or MJCF": Kind(".urdf", _models, _modelled),
     "measured bounds": Kind(".csv", lambda: [b"f,re,im\n1,10,-100\n10,10,-10\n1000,12,-1\n"], _bounded),
     "folder of results": Kind(".json", lambda: [content for _, content in _study_files()], _merged),
     "board": Kind(".toml", lambda: [(_BOARDS / "riscv32" / "board.toml").read_bytes()], _board),
@@ -369,8 +345,6 @@ def _grammar(draw: random.Random, kind: str, data: bytes) -> bytes:
         return _made_npz(draw)
     if kind == "log, MAT":
         return _made_mat(draw)
-    if kind == "URDF or MJCF":
-        return _made_model(draw, data.decode("utf-8", "replace"))
     words = re.findall(rb"[A-Za-z_]\w*|[\[\]{}=,:\n\"]|-?\d[\d.e+-]*", data) or [b"x"]
     if KINDS[kind].ending == ".csv":
         names = [
@@ -428,35 +402,6 @@ def _made_mat(draw: random.Random) -> bytes:
         scipy.io.savemat(content, held, do_compression=draw.random() < 0.5, format=draw.choice("45"))
     data: bytes = content.getvalue()
     return _spoiled_bytes(draw, data) if draw.random() < 0.7 else data
-
-
-def _made_model(draw: random.Random, text: str) -> bytes:
-    attributes = list(re.finditer(r'"([^"]*)"', text))
-    elements = list(re.finditer(r"<(\w+)[^<>]*/>", text))
-    way = draw.random()
-    if way < 0.5 and attributes:
-        found = draw.choice(attributes)
-        value = draw.choice(
-            (draw.choice(_NUMBERS).strip('"'), "0 0 0", "1e308 0 1", draw.choice(attributes)[1], "x" * 99)
-        )
-        return (text[: found.start(1)] + value + text[found.end(1) :]).encode()
-    if way < 0.7 and elements:
-        found = draw.choice(elements)
-        return (text[: found.start()] + found[0] * draw.choice((0, 2, 30)) + text[found.end() :]).encode()
-    count = draw.choice((2, 30, 1000))
-    inner = draw.choice(
-        (
-            "<replicate count='{0}'>" * 3 + "<body><geom size='1'/></body>" + "</replicate>" * 3,
-            "<composite type='cable' count='{0} 1 1'/>",
-            "<include file='/dev/zero'/>",
-            "<include file='x.xml'/>",
-            "<body>" * 300 + "</body>" * 300,
-            "<geom type='mesh' mesh='m'/>",
-        )
-    ).format(count)
-    assets = f"<asset><hfield name='h' nrow='{count}' ncol='{10 * count}' size='1 1 1 1'/></asset>"
-    assets += f"<asset><texture name='t' builtin='flat' width='{count}' height='{100 * count}'/></asset>"
-    return text.replace("<worldbody>", f"{draw.choice(('', assets))}<worldbody>{inner}").encode()
 
 
 @cache

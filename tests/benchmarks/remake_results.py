@@ -61,7 +61,6 @@ STUDIES = (
     Study("table1_study.py 200", 1.5, ("table1",)),
     Study("robust_goals.py", 2, ("robust_goals",)),
     Study("many_hands.py", 4, ("many_hands",)),
-    Study("arms.py", 1.2, ("arms",)),
     Study("exported_rest.py", 1.6, ("exported_rest",)),
     Study("sensor_faults.py", 1.2, ("sensor_faults",)),
     Study("passivity_baselines.py", 10, ("passivity_baselines",)),

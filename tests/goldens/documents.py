@@ -54,7 +54,6 @@ DOCUMENTS: dict[str, tuple[str, ...]] = {
     "trial": ("trial", "coupling.json", "--hands", "16", "--workers", "1"),
     "identify": ("identify", "log.csv"),
     "diagnose": ("diagnose", "log.csv", "--problem", "small.toml"),
-    "arm": ("arm", "gantry"),
     "export": ("export", "coupling.json", "--c", "c"),
     "export packages": ("export", "coupling.json", "--c", "c", "--package", "arduino", "--package", "cmake"),
     "export refused": ("export", "gains.csv", "--problem", "figure5", "--c", "c"),

@@ -65,7 +65,7 @@ ERRORS: dict[str, tuple[tuple[str, ...], dict[str, str]]] = {
     "gain file with a word": (("certify", "figure5", "g.csv"), {"g.csv": f"{_CSV}1.0,two,3000\n"}),
     "gain file with a hole": (("certify", "figure5", "g.csv"), {"g.csv": f"{_CSV}1.0,2.0,3000\n2.0,2.0\n"}),
     "gain file backwards": (("certify", "figure5", "g.csv"), {"g.csv": f"{_CSV}2.0,2.0,3000\n1.0,2.0,3000\n"}),
-    "coupling file that is another": (("export", "c.json", "--c", "c"), {"c.json": '{"schema": "avc-list/1"}\n'}),
+    "coupling file that is another": (("export", "c.json", "--c", "c"), {"c.json": '{"schema": "avc-list/2"}\n'}),
     "coupling file cut off": (("trial", "c.json"), {"c.json": '{"schema": "avc-coupling/1", "k": [1'}),
     "log without columns": (("identify", "log.csv"), {"log.csv": "a,b\n1,2\n2,3\n"}),
     "log of words": (("diagnose", "log.csv"), {"log.csv": "time_s,position_m,force_N\n0,zero,0\n"}),

@@ -1,1 +1,0 @@
-"""Devices of several axes: effective mass by pose and direction, gains by contact normal."""
