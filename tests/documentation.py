@@ -10,10 +10,8 @@ ROOT = Path(__file__).parents[1]
 _ROOMS = ("avc_casadi", "hardware", "joss", "problems", "tests/benchmarks")
 PAGES = sorted(
     {*ROOT.glob("*.md")}
-    | {path for room in _ROOMS for path in (ROOT / room).rglob("*.md") if not {"packaging", "docs"} & set(path.parts)},
+    | {path for room in _ROOMS for path in (ROOT / room).rglob("*.md") if "packaging" not in path.parts},
 )
-SITE = sorted((ROOT / "avc_casadi" / "docs").rglob("*.md"))
-"""Sources of the site, whose links lead to its own pages."""
 _FENCE = re.compile(
     r"(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<language>\w*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
 )

@@ -70,8 +70,6 @@ NAMED = re.compile(r"^(avc_casadi|avc_hardware)(\.[a-z_0-9]+)*(:[a-z_0-9]+)?$")
 def modules():
     for folder in (ROOT / "avc_casadi", ROOT / "hardware" / "avc_hardware"):
         for path in sorted(folder.rglob("*.py")):
-            if path.parent == ROOT / "avc_casadi" / "docs":
-                continue  # builds the site, and is no part of the package
             parts = path.relative_to(folder.parent).with_suffix("").parts
             yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), path
 

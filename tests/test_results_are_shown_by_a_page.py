@@ -4,7 +4,7 @@ import json
 import re
 
 import pytest
-from documentation import PAGES, ROOT, SITE, links
+from documentation import PAGES, ROOT, links
 from documented_results import BLOCKS
 from measured_code import imported
 from remake_results import STUDIES
@@ -12,7 +12,7 @@ from remake_results import STUDIES
 BENCHMARKS = ROOT / "tests" / "benchmarks"
 RESULTS = sorted((BENCHMARKS / "results").glob("*.json"))
 SHOWN = {(page.parent / link.partition("#")[0]).resolve() for page in PAGES for link in links(page)}
-TEXTS = {path: path.read_text(encoding="utf-8") for path in (*PAGES, *SITE)}
+TEXTS = {path: path.read_text(encoding="utf-8") for path in PAGES}
 CODE = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "tests").rglob("*.py"))}
 SCRIPTS = sorted(BENCHMARKS.glob("*.py"))
 
