@@ -139,20 +139,6 @@ else:
         "compare": "design.comparison.comparison",
     }
 
-    class _OldRooms:
-        """Finder of last resort for missing modules: a room of 0.2 may be meant."""
-
-        @staticmethod
-        def find_spec(fullname, path=None, target=None):
-            del path, target
-            if not fullname.startswith(f"{__name__}."):
-                return None
-            from avc_casadi._moved import spec_of_old_room  # noqa: PLC0415 - loads what Ctrl-C must not meet
-
-            return spec_of_old_room(fullname)
-
-    __import__("sys").meta_path.append(_OldRooms)
-
     def __getattr__(name):
         from importlib import import_module  # noqa: PLC0415 - paid at first use only
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._moved import lookup
 from avc_casadi._util.text import columns_html
 from avc_casadi._util.units import N_PER_M, Units, in_its_units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
@@ -276,6 +275,3 @@ def require_coupling(value: object) -> None:
     else:
         hint = f"is a {type(value).__name__}; give a Coupling, for example avc.Coupling.of(problem, gains)"
     raise InputError.of(hint, key="coupling")
-
-
-__getattr__ = lookup("coupling")

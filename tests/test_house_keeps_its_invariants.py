@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-# The ground that every room stands on: exceptions, array types, old names.
-GROUND = {"avc_casadi._errors", "avc_casadi._util", "avc_casadi._moved"}
+# The ground that every room stands on: exceptions, array types.
+GROUND = {"avc_casadi._errors", "avc_casadi._util"}
 # Imports of private modules and names in tests: fewer with every change, never more.
 PRIVATE_IMPORTS_IN_TESTS = 114
 

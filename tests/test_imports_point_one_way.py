@@ -13,7 +13,6 @@ ROOMS = (
     "_interrupted",
     "_errors",
     "_resources",
-    "_moved",
     "_util",
     "model",
     "paper",

@@ -9,7 +9,6 @@ import re
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from importlib import import_module
@@ -31,7 +30,7 @@ from avc_casadi import (
 from avc_casadi.cli._arguments import named
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._study import command
-from avc_casadi.cli._verbs import OLD_VERBS, QUESTIONS, VERBS
+from avc_casadi.cli._verbs import QUESTIONS, VERBS
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -53,7 +52,7 @@ class _Parser(argparse.ArgumentParser):
         found = re.match(r"argument ([^:]+): (.*)", message, re.DOTALL)
         key, what = (found[1], found[2]) if found else ("", message)
         if key == _VERB and (typed := re.match(r"invalid choice: '([^']*)'", what)):
-            near = get_close_matches(typed[1], [*VERBS, *OLD_VERBS], n=1)
+            near = get_close_matches(typed[1], VERBS, n=1)
             what = f"{typed[1]!r} is no verb; "
             what += f"did you mean {near[0]}" if near else f"allowed: {', '.join(VERBS)}"
         if key.startswith("-") and what == "expected one argument":
@@ -127,16 +126,6 @@ def _take(parser: argparse.ArgumentParser, module: ModuleType) -> None:
     parser.set_defaults(run=module.run, options=options)
 
 
-def _of_today(arguments: list[str]) -> list[str]:
-    """Return arguments with the command's present name; an old one is noted on standard error."""
-    verb, *rest = arguments or [""]
-    if verb not in OLD_VERBS:
-        return arguments
-    with suppress(OSError, AttributeError):  # closed, or none
-        sys.stderr.write(f"avc {verb} is avc {' '.join(OLD_VERBS[verb])} since 0.3; the old name goes with 0.4\n")
-    return [*OLD_VERBS[verb], *rest]
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `avc` and return its exit code.
 
@@ -148,7 +137,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     console: Console | None = None
     try:
         try:
-            args = parse(_of_today(arguments))
+            args = parse(arguments)
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)

@@ -17,14 +17,3 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
 
 VERBS: tuple[str, ...] = tuple(verb for verbs in QUESTIONS.values() for verb in verbs)
 """All commands."""
-
-OLD_VERBS: dict[str, tuple[str, ...]] = {
-    "accuracy": ("study", "accuracy"),
-    "table1": ("study", "table1"),
-    "screen": ("simulate", "--screen"),
-    "ports": ("doctor", "--ports"),
-    "limits": ("device", "--limits"),
-    "store": ("device", "--store"),
-    "clear": ("device", "--clear"),
-}
-"""Commands of release 0.2, each with its name since 0.3; the old names go with 0.4."""

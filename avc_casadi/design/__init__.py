@@ -1,5 +1,1 @@
 """Design methods by name: from a problem to gains."""
-
-from avc_casadi._moved import lookup
-
-__getattr__ = lookup("design")

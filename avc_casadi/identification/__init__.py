@@ -1,5 +1,1 @@
 """From logs to a device file."""
-
-from avc_casadi._moved import lookup
-
-__getattr__ = lookup("identification")

@@ -1,5 +1,1 @@
 """Which coupling to deploy, how stiff it renders, what limits it."""
-
-from avc_casadi._moved import lookup
-
-__getattr__ = lookup("recommendation")
