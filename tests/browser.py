@@ -5,18 +5,10 @@ import json
 import shutil
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
 WIDTHS = {"desktop": 1400, "tablet": 768, "phone": 390}
-AXE = Path(__file__).parent / "axe" / "axe.min.js"
-_SERIOUS = """
-const done = arguments[arguments.length - 1];
-axe.run(document, {resultTypes: ['violations']}).then((found) => done(found.violations
-  .filter((one) => ['serious', 'critical'].includes(one.impact))
-  .map((one) => `${one.id}: ${one.nodes.map((node) => node.html.slice(0, 120)).slice(0, 3).join(' | ')}`)));
-"""
 # Whatever sticks out of the page sideways, but for what scrolls inside a box of its own.
 _SIDEWAYS = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
@@ -58,12 +50,6 @@ def resize(driver, width, height=900):
 
 def sticks_out_by(driver):
     return driver.execute_script(_SIDEWAYS)
-
-
-def serious_violations(driver):
-    """What axe-core finds of the kinds serious and critical."""
-    driver.execute_script(AXE.read_text(encoding="utf-8"))
-    return driver.execute_async_script(_SERIOUS)
 
 
 def console_errors(driver):

@@ -15,14 +15,12 @@ from browser import (
     console_errors,
     requested,
     resize,
-    serious_violations,
     shown,
     state,
     sticks_out_by,
     typed,
     until,
 )
-from selenium.webdriver import ActionChains
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
@@ -261,34 +259,6 @@ def test_an_address_is_read_though_the_page_was_about_to_write_its_own(page):
     settled(page)
 
 
-@pytest.mark.thorough
-def test_the_pointer_presses_the_wall_and_its_vibration_is_heard(page):
-    """Without a coupling this wall buzzes: what is played is the shaking of the force."""
-    page.execute_script(
-        """
-        window.heard = [];
-        const start = AudioBufferSourceNode.prototype.start;
-        AudioBufferSourceNode.prototype.start = function (at) {
-          window.heard.push(Math.max(...this.buffer.getChannelData(0).map(Math.abs)));
-          return start.call(this, at);
-        };
-        """
-    )
-    page.find_element("css selector", "#toy-with option[value='none']").click()
-    canvas = by_id(page, "toy")
-    by_id(page, "toy-run").click()
-    half = canvas.size["width"] / 2
-    for share in (-0.3, -0.1, 0.2, 0.3):
-        ActionChains(page).move_to_element_with_offset(canvas, round(share * half), -100).perform()
-    until(lambda: "in the wall" in canvas.get_attribute("aria-label"))
-    assert page.execute_script("return window.heard.length") == 0
-    by_id(page, "toy-sound").click()
-    ActionChains(page).move_to_element_with_offset(canvas, round(0.3 * half), -100).perform()
-    until(lambda: page.execute_script("return Math.max(0, ...window.heard)") > 0.01)
-    by_id(page, "toy-run").click()
-    until(lambda: by_id(page, "toy-run").get_attribute("aria-pressed") == "false")
-
-
 def test_a_gain_at_one_frequency_alone_is_a_mark(page):
     drawn = page.execute_async_script(
         """
@@ -312,7 +282,7 @@ def test_a_gain_at_one_frequency_alone_is_a_mark(page):
 
 
 @pytest.mark.thorough
-def test_a_knob_is_shown_and_pressed_in_its_own_units(driver):
+def test_a_knob_is_shown_in_its_own_units(driver):
     with ExploreServer(Explorer(avc.load_problem("knob").changed(frequency={"points": 30}), "knob")) as turning:
         threading.Thread(target=turning.serve_forever, daemon=True).start()
         driver.get(turning.url)
@@ -321,9 +291,6 @@ def test_a_knob_is_shown_and_pressed_in_its_own_units(driver):
         assert "Torque against angle" in by_id(driver, "c-loop").text
         text = driver.execute_script("return document.body.textContent")
         assert not re.search(r"N·s/m|N/m|kg(?!·m²)", text)
-        by_id(driver, "toy-run").click()
-        until(lambda: "° before the wall" in by_id(driver, "toy").get_attribute("aria-label"))
-        by_id(driver, "toy-run").click()
         assert console_errors(driver) == []
         driver.get("about:blank")
         turning.shutdown()
@@ -376,8 +343,6 @@ def test_nothing_sticks_out_and_nothing_is_hidden_from_anybody(page, size, schem
     settled(page)
     page.execute_script("document.querySelectorAll('details').forEach((one) => (one.open = true))")
     assert sticks_out_by(page) <= 0
-    if size != "tablet":
-        assert serious_violations(page) == []
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
     resize(page, WIDTHS["desktop"])
 

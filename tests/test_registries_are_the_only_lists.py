@@ -218,7 +218,6 @@ OWN_CHOICE = {
     "effects": {
         "avc_casadi/simulation/population/trial.py": "kinds for which the conditions of a trial have a number",
         "avc_casadi/files/coupling_file.py": "fields of `Runtime`, two of which are called as effects are",
-        "avc_casadi/present/explore/toy.py": "keys of the page's touch, some of which are called as effects are",
         "avc_casadi/identification/": "terms of a fit and causes of a buzz, some of which are called as effects are",
         "avc_casadi/present/report/summary.py": "keys of the summary, two of which are called as effects are",
         "hardware/avc_hardware/in_the_loop.py": "what the bench and the firmware have, whatever scenes have",

@@ -10,7 +10,6 @@ from browser import (
     printed_pages,
     requested,
     resize,
-    serious_violations,
     sticks_out_by,
 )
 
@@ -74,16 +73,6 @@ def test_paper_cuts_nothing_off(page):
     assert page.execute_script(_TOO_WIDE) == []
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
     assert printed_pages(page).startswith(b"%PDF")
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_nothing_serious(page, scheme):
-    resize(page, WIDTHS["desktop"])
-    page.execute_cdp_cmd(
-        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
-    )
-    assert serious_violations(page) == []
 
 
 @pytest.mark.thorough

@@ -41,7 +41,6 @@ from avc_casadi.present.explore.settings import (
     settings_of,
     values_of,
 )
-from avc_casadi.present.explore.toy import toy_document
 from avc_casadi.simulation.scene import simulate
 
 if TYPE_CHECKING:
@@ -171,13 +170,6 @@ def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def toy(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the numbers with which the page moves the device itself."""
-    settings = asked_settings(explorer, asked)
-    without = bool(asked.get("without_coupling"))
-    return toy_document(explorer.problem(settings), None if without else explorer.coupling(settings))
-
-
 def work(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Begin a slow method, or say how far it is."""
     settings = asked_settings(explorer, asked)
@@ -231,7 +223,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
 
 Part = Callable[["Explorer", Mapping[str, Any]], dict[str, Any]]
 PARTS: Mapping[str, Part] = {
-    each.__name__: each for each in (start, now, judge, touch, region, toy, work, cancel, device, file)
+    each.__name__: each for each in (start, now, judge, touch, region, work, cancel, device, file)
 }
 """What can be asked for, by name."""
 _B, _K = "damping_ns_per_m", "stiffness_n_per_m"

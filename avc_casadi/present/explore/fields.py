@@ -174,10 +174,8 @@ def words_document(units: Units) -> dict[str, str]:
         "stiffness": page_unit("N/m", units),
         "force": page_unit("N", units),
         "milli": page_unit("mm", units),
-        "micro": page_unit("µm", units),
         "pushed": str(CAP_FORCE),
         "depth": "depth" if units.linear else "angle",
-        "motion": units.motion,
     }
 
 

@@ -5,8 +5,7 @@ import { Client, Follow } from "./client.js";
 import { Fields, made } from "./fields.js";
 import { wall } from "./pictures.js";
 import { tool } from "./tool.js";
-import { Toy } from "./toy.js";
-import { speak, turns } from "./units.js";
+import { speak } from "./units.js";
 
 const UNDO_JOIN_MS = 900;
 const ADDRESS_MS = 300;
@@ -23,7 +22,6 @@ let about;
 let end;
 let fields;
 let gainFields;
-let toy;
 let state = { a: copy(FRESH), b: null, on: "a" };
 const shown = { a: {}, b: {} };
 const asking = { a: "", b: "" };
@@ -291,7 +289,6 @@ const followed = (column) => new Follow(client, () => state[column], {
         return;
       }
       Object.assign(mine, { now: found, judge: null, touch: null });
-      if (toy && toy.running) toy.reload();
     } else {
       mine[part] = found;
     }
@@ -356,10 +353,8 @@ async function begin() {
   for (const section of document.querySelectorAll("[data-end]")) section.hidden = section.dataset.end !== about.end;
   for (const column of ["a", "b"]) follow[column] = followed(column);
   speak(about.words);
-  if (turns()) get("toy-about").textContent = "Your pointer, or the arrow keys left and right, is the hand at the rim: to the right it turns towards the wall, which begins in the middle.";
   state = readAddress(location.hash);
   buildControls();
-  if (end === wall) toy = new Toy((without) => client.ask("toy", { settings: current(), without_coupling: without }));
   window.addEventListener("hashchange", (event) => {
     document.activeElement.blur();
     past.push(copy(state));
