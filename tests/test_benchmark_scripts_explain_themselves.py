@@ -39,4 +39,4 @@ def test_help_names_the_files_and_ends(script, capsys, monkeypatch):
 
 def test_there_are_scripts_and_files_to_look_for():
     named = set().union(*(result_files(path.read_text(encoding="utf-8")) for path in SCRIPTS))
-    assert {"estimators.png", "reach.json", "RESULTS_schedule.md"} <= named
+    assert {"estimators.png", "reach.json", "RESULTS_estimators.md"} <= named

@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from documented_keys import key_tables
 from documented_results import BLOCKS, document
 from generated_blocks import ROOT, WRITERS, pages, written
-from measured_code import code_of, start_of
+from measured_code import start_of
 from remake_results import STUDIES
 
 PAGES = pages()
@@ -52,14 +52,6 @@ def test_recorded_findings_say_what_made_them():
         about = finding["about"]
         assert all(about.get(key) for key in ("command", "commit", "seed", "machine", "versions")), name
         assert start_of(about["command"]).is_file(), name
-
-
-@pytest.mark.thorough
-def test_code_of_a_study_is_followed_through_late_imports():
-    names = {path.name for path in code_of(ROOT / "tests" / "benchmarks" / "guide_figures.py")}
-    # solve names its methods in strings; certify is taken from the package's top.
-    assert {"exact.py", "static.py", "levels.py", "equations.py"} <= names
-    assert "page.py" not in names
 
 
 def test_every_study_is_a_script_that_explains_itself():

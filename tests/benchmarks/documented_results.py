@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import baseline_page
-import documented_guide as guide
 import documented_hardware as hardware
 import numpy as np
 import velocity_estimators_page as estimators_page
@@ -335,14 +334,6 @@ BLOCKS: Mapping[str, ResultBlock] = {
     "recommend-time": ResultBlock("random_devices", recommend_time, quiet=True),
     "table1": ResultBlock("table1", table1),
     "table1-read": ResultBlock("table1", table1_read, quiet=True),
-    "closed-form": ResultBlock("guide_figures", guide.closed_form, quiet=True),
-    "phase": ResultBlock("guide_figures", guide.phase, quiet=True),
-    "targets-outside": ResultBlock("guide_figures", guide.targets_outside, quiet=True),
-    "realism": ResultBlock("guide_figures", guide.realism, quiet=True),
-    "constant-couplings": ResultBlock("guide_figures", guide.constant_couplings),
-    "certificate-levels": ResultBlock("guide_figures", guide.certificate_levels),
-    "diverging": ResultBlock("guide_figures", guide.diverging, quiet=True),
-    "thinned": ResultBlock("guide_figures", guide.thinned, quiet=True),
     "device-wire": ResultBlock("hardware", hardware.wire, quiet=True),
     "device-ticks": ResultBlock("hardware", hardware.ticks, quiet=True),
     "device-observers": ResultBlock("hardware", hardware.observers, quiet=True),

@@ -54,7 +54,6 @@ class Study:
 
 
 STUDIES = (
-    Study("guide_figures.py", 0.1, ("guide_figures",)),
     Study("published.py", 0.3, ("published",)),
     Study("velocity_estimators.py", 20, ("velocity_estimators",)),
     Study("hardware_figures.py", None, ("hardware",)),
@@ -67,13 +66,10 @@ STUDIES = (
     Study("proof_contradictions.py", 2.3, ("proof_contradictions",)),
     Study("recommended.py", 12, ("recommended",)),
     Study("tampered_proofs.py", 5.4, ("tampered_proofs",)),
-    Study("realism_ladder.py", 6.8, ("realism_ladder",)),
-    Study("clip_last.py 200", 7.5, ("clip_last",)),
     Study("catalogue_walls.py", 62, ("catalogue_walls",)),
     Study("proofs_of_rest.py", 18, ("proofs_of_rest_walls", "proofs_of_rest_designs", "proofs_of_rest_references")),
     Study("random_devices.py --count 200", 37, ("random_devices",)),
     Study("engine_boundaries.py", 9, ("engine_boundaries",)),
-    Study("law_starts.py --check 14", None, ("law_starts",)),
     Study("trade_off.py", 8, ("trade_off",)),
     Study("before_after.py --before CHECKOUT --count 200", None, ("before_after",)),
     Study("identification.py", None, ("identification",)),
@@ -86,7 +82,6 @@ STUDIES = (
     Study("round_trip.py", None, ("round_trip",)),
     Study("frontier.py 200", None, ("frontier",)),
     Study("reach.py 10000", None, ("reach",)),
-    Study("firmware_long.py", None, ("firmware_long",)),
     Study("fuzzed_files.py --write", 5, ("fuzzed_files",)),
     Study("mutation_run.py", None, ("mutation",)),
 )

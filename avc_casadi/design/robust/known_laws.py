@@ -1,6 +1,6 @@
 """Laws found on other devices, as initial guesses: one of them often stabilises a wall at once.
 
-The table (`known_laws.csv`, made by tests/benchmarks/law_starts.py) holds the parameters of laws relative to
+The table (`known_laws.csv`) holds the parameters of laws relative to
 the default initial guess, hence dimensionless: a law of one device often stabilises another one, or nearly. No claim
 rests on it: a law from the table is judged like any other, and without it a search starts from the default guess.
 """
