@@ -41,12 +41,32 @@ class ExportedTool:
         self._c = ctypes.CDLL(str(library))
         number = {"single": ctypes.c_float, "double": ctypes.c_double}[precision]
         given = 1 if coupling.tool.exchange == "held-force" else 2
-        for name, count in {"step": 1 + given, "force": given, "tool_force": 2, "sample": 1, "alive": 0}.items():
-            function = getattr(self._c, f"avc_coupling_{name}")
+        for name, count in {
+            "step": 1 + given,
+            "force": given,
+            "tool_force": 2,
+            "handed_force": 2,
+            "sample": 1,
+            "alive": 0,
+        }.items():
+            function = getattr(self._c, f"avc_coupling_{name}", None)
+            if function is None:
+                continue
             function.argtypes = [ctypes.c_void_p, *[number] * count]
             function.restype = number if name.endswith(("step", "force")) else None
         self._memory = ctypes.create_string_buffer(b"\xff" * _ROOM, _ROOM)
+        self._numbers = (number(), number())
+        self.joint = coupling.in_scene.stiffness_n_per_m, coupling.in_scene.damping_ns_per_m
+        if coupling.tool.solved == "spring and damper":
+            self._c.avc_coupling_target.argtypes = [ctypes.c_void_p] + 2 * [ctypes.POINTER(number)]
+            self._c.avc_coupling_target.restype = number
         self.init()
+
+    def target(self):
+        """Share of spring and damper, and the position and velocity that they lead to."""
+        place, speed = self._numbers
+        share = self._c.avc_coupling_target(self._memory, ctypes.byref(place), ctypes.byref(speed))
+        return share, place.value, speed.value
 
     def init(self):
         self._c.avc_coupling_init(self._memory)
@@ -62,6 +82,24 @@ def _sound(_k, x):
 
 class ExportedLoop(EngineSimulator):
     """The same device and engine with the exported C between them; the tool moves in units of the scene."""
+
+    def _engine(self, c, joint, place, speed):
+        """Return the force that is handed out and the velocity after a step of an engine that has `joint` = (K, B)."""
+        m, t, (k_c, b_c) = self.tool_mass, self.step_s, self.contact or (0.0, 0.0)
+        drag = self.tool_damping + b_c
+        handed = c.handed_force(place, speed) if self.exchange == "held-force" and self.integrator[0] == "i" else None
+        if self.integrator == "implicit":
+            share, goal, goal_speed = c.target()
+            k, b = share * joint[0], share * joint[1]
+            # Backward Euler of m a = k (goal - x) + b (goal_speed - v) - drag v - k_c x, both at the end of the step.
+            matrix = np.array([[1.0, -t], [t * (k + k_c), m + t * (b + drag)]])
+            after = np.linalg.solve(matrix, [place, m * speed + t * (k * goal + b * goal_speed)])[1]
+            return handed, float(after)
+        asked = c.tool_force(place, speed)
+        if self.integrator == "implicit-damping":
+            # Dampers at the end of the step, everything else at its beginning, as MuJoCo's implicitfast.
+            return handed, (m * speed + t * (asked - k_c * place)) / (m + t * (joint[1] + drag))
+        return asked, speed + t / m * (asked - drag * speed - k_c * place)
 
     def run_exported(self, c, tool, samples, *, target, kick, start=0.0, silent=(), glitch=_sound):
         """Return positions of device and tool at each sample, before the engine's steps since the last, and forces.
@@ -79,6 +117,7 @@ class ExportedLoop(EngineSimulator):
         x, v, held = start, kick, [0.0] * self.delay
         place, speed = start * tool.position_scale, 0.0
         queue = [0.0 if self.exchange == "held-force" else (place, speed)] * (1 + self.late)
+        joint = c.joint
         due = (np.arange(samples * self.T / self.step_s + 1) * self.step_s + self.phase * self.T) / self.T
         found, count = [], 0
 
@@ -86,9 +125,7 @@ class ExportedLoop(EngineSimulator):
             nonlocal place, speed, queue, count
             if count not in silent:
                 before = (place, speed)
-                asked = c.tool_force(place, speed)
-                mass, (k_c, b_c) = self.tool_mass, self.contact or (0.0, 0.0)
-                after = speed + self.step_s / mass * (asked - (self.tool_damping + b_c) * speed - k_c * place)
+                asked, after = self._engine(c, joint, place, speed)
                 place += self.step_s * (speed if self.integrator == "explicit" else after)
                 speed = after
                 queue = [*queue[1:], {"held-force": asked, "ahead": (place, speed)}.get(self.exchange, before)]

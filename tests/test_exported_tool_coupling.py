@@ -42,6 +42,14 @@ def target():
         ("held-force", 1, (300.0, 3.0, 4.0), 2, (1.0, 1.0), DEVICE, (1000.0, 5.0), "semi-implicit"),
         ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "semi-implicit"),
         ("held-force", 0, (20.0, 0.3, 0.5), 4, (1.0, 1.0), TURNING, None, "semi-implicit"),
+        ("on-time", 0, (900.0, 8.0, 0.0), 5, (10.0, 0.1), DEVICE, (1000.0, 5.0), "implicit-damping"),
+        ("late", 0, (500.0, 6.0, 0.0), 4, (2.0, 5.0), DEVICE, None, "implicit-damping"),
+        ("held-force", 0, (300.0, 3.0, 4.0), 2, (1.0, 0.5), DEVICE, None, "implicit-damping"),
+        ("on-time", 0, (900.0, 8.0, 0.0), 1.5, (0.5, 3.0), DEVICE, (1000.0, 5.0), "implicit"),
+        ("ahead", 0, (900.0, 8.0, 0.0), 5, (10.0, 1.0), DEVICE, None, "implicit"),
+        ("held-force", 1, (150.0, 3.0, 4.0), 2, (2.0, 1.0), DEVICE, None, "implicit"),
+        ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit-damping"),
+        ("on-time", 0, (40.0, 0.6, 0.0), 2, (3.0, 0.5), TURNING, None, "implicit"),
     ],
 )
 def test_exported_loop_is_the_plain_simulation(exchange, late, gains, ratio, scales, device, contact, integrator):
@@ -56,14 +64,55 @@ def test_exported_loop_is_the_plain_simulation(exchange, late, gains, ratio, sca
     scale = coupling.tool.scale
     tuned = {"exchange": exchange, "steps_late": late, "integrator": integrator}
     seen = None if contact is None else (scale * contact[0], scale * contact[1])
-    plain = EngineSimulator(plant, HAND, (scale * mass, scale * 0.5), step, contact=seen, **tuned)
-    wanted = plain.run(*gains[:2], SAMPLES, local=gains[2], target=target(), kick=0.2)
+    simulator = EngineSimulator(plant, HAND, (scale * mass, scale * 0.5), step, contact=seen, **tuned)
+    wanted = simulator.run(*gains[:2], SAMPLES, local=gains[2], target=target(), kick=0.2)
     loop = ExportedLoop(plant, HAND, (mass, 0.5), step, contact=contact, **tuned)
     found = loop.run_exported(ExportedTool(coupling), coupling.tool, SAMPLES, target=target(), kick=0.2)
     assert np.abs(wanted[0]).max() > 1e-3
     assert np.abs(found[0] - wanted[0]).max() < 1e-9
     assert np.abs(found[1] / scales[0] - wanted[1]).max() < 1e-9
     assert np.abs(found[2]).max() <= 8.0
+
+
+# Mass of the tool, steps of the device in one of the engine, exchange, and what is recommended for it.
+RECOMMENDED = [
+    ("implicit-damping", 0.005, 5, "on-time", (3499.27, 17.6136, 0.0)),
+    ("implicit-damping", 0.05, 2, "late", (4973.26, 17.6136, 0.0)),
+    ("implicit-damping", 0.2, 4, "held-force", (9047.20, 6.7481, 65.099)),
+    ("implicit", 0.005, 5, "on-time", (5589.95, 17.6136, 0.0)),
+    ("implicit", 0.05, 2, "late", (6771.63, 21.3394, 0.0)),
+    ("implicit", 0.2, 4, "held-force", (12352.15, 0.258532, 76.200)),
+]
+
+
+def unlimited(integrator, mass, ratio, exchange, gains):
+    """Gains for a device without a force limit, so that nothing but the linear loop is in the path."""
+    device = DEVICE.replace("max_force_n = 8.0\n", "")
+    keys = f'tool_mass_kg = {mass}\nstep_s = {ratio * T!r}\nintegrator = "{integrator}"\nexchange = "{exchange}"\n'
+    return tool_coupling(keys, *gains, device)
+
+
+def plain(coupling, hand=(0.0, 0.0, 0.0)):
+    """The simulator of a coupling to a free tool, and its path after a kick."""
+    tool, gains = coupling.tool, coupling.gains
+    tuned = {"exchange": tool.exchange, "integrator": tool.integrator}
+    loop = ExportedLoop((0.12, 0.8, T, 1), hand, (tool.tool_mass_kg[0], 0.0), tool.step_s[0], **tuned)
+    law = (gains.stiffness_n_per_m, gains.damping_ns_per_m)
+    return loop, loop.run(*law, SAMPLES, local=gains.local_damping_ns_per_m, kick=0.2, force=math.inf)
+
+
+@pytest.mark.parametrize(("integrator", "mass", "ratio", "exchange", "gains"), RECOMMENDED)
+def test_recommended_gains_settle_where_the_engine_solves_what_the_c_leaves_out(
+    integrator, mass, ratio, exchange, gains
+):
+    coupling = unlimited(integrator, mass, ratio, exchange, gains)
+    for hand in ((0.0, 0.0, 0.0), HAND):
+        loop, wanted = plain(coupling, hand)
+        c = ExportedTool(coupling)
+        found = loop.run_exported(c, coupling.tool, SAMPLES, target=np.zeros(SAMPLES), kick=0.2)
+        assert np.abs(wanted).max() > 1e-4
+        assert np.abs(found[:2] - wanted).max() < 1e-9
+        assert np.abs(found[0] - found[1])[-100:].max() < 1e-5
 
 
 @pytest.mark.parametrize("compiler", [C99, CPP11, CLANG], ids=lambda one: one[0])
@@ -244,6 +293,38 @@ def test_gains_that_are_not_stable_are_refused_or_written_down():
     assert "UNSAFE, written by request" in export_tool_c(coupling, unsafe=True)["avc_coupling.h"]
 
 
+def test_an_engine_that_solves_the_spring_is_given_no_force_on_the_tool():
+    damped, implicit, held = (
+        export_tool_c(tool_coupling(f"{TOOL}{keys}", 500.0, 5.0, 3.0))["avc_coupling.c"]
+        for keys in (
+            'integrator = "implicit-damping"\n',
+            'integrator = "implicit"\n',
+            'integrator = "implicit"\nexchange = "held-force"\n',
+        )
+    )
+    assert "avc_coupling_tool_force" in damped
+    assert "avc_coupling_target" not in damped
+    for text in (implicit, held):
+        assert "avc_coupling_tool_force" not in text
+        assert "avc_coupling_target" in text
+    assert "avc_coupling_handed_force" in held
+
+
+def test_target_before_the_first_sample_and_after_a_fault_has_no_share():
+    c = ExportedTool(tool_coupling(f'{TOOL}integrator = "implicit"\nposition_scale = 10.0\n', 1000.0, 5.0))
+    assert c.target()[0] == 0.0
+    c.step(0.001, 0.0, 0.0)
+    c.step(0.002, 0.0, 0.0)
+    assert c.target() == pytest.approx((1.0, 0.02, 10.0))
+    shares = []
+    for _ in range(FADE + 1):
+        c.step(math.nan, 0.0, 0.0)
+        share, place, speed = c.target()
+        assert (place, speed) == (0.02, 0.0)
+        shares.append(share)
+    assert shares == pytest.approx([*(1 - np.arange(1, FADE) / FADE), 0.0, 0.0])
+
+
 def test_header_says_which_exchange_holds_and_what_another_costs():
     stiff = export_tool_c(tool_coupling(TOOL, 5000.0, 30.0))["avc_coupling.h"]
     plain = " ".join(stiff.replace("\n * ", " ").split())
@@ -323,3 +404,25 @@ def test_state_read_after_the_step_shakes_a_released_device_in_mujoco():
     stretched = [np.ptp((device - tool)[-500:]) for device, tool in (on_time, ahead)]
     assert stretched[0] < 1e-7
     assert stretched[1] > 1e-4
+
+
+def test_tool_whose_damper_is_its_joint_moves_as_certified_in_mujoco():
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    coupling = unlimited(*RECOMMENDED[0])
+    c, (loop, wanted) = ExportedTool(coupling), plain(coupling)
+    free = f"""<mujoco><option gravity="0 0 0" timestep="0.005" integrator="implicitfast"/><worldbody><body name="tool">
+<joint type="slide" axis="1 0 0" damping="{coupling.in_scene.damping_ns_per_m}"/><geom size="0.02" mass="0.005"/></body>
+</worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(free)
+    data = mujoco.MjData(model)
+    x, v, held, path, before = 0.0, 0.2, [0.0], [], (0.0, 0.0)
+    for k in range(SAMPLES):
+        c.sample(x)
+        if k % 5 == 0:
+            before = float(data.qpos[0]), float(data.qvel[0])
+            data.qfrc_applied[0] = c.tool_force(*before)
+            mujoco.mj_step(model, data)
+        held.append(-c.force(*before))
+        path.append(x)
+        x, v = loop.step @ np.array([x, v, held.pop(0), 0.0, 0.0])
+    assert np.abs(path - wanted[0]).max() < 1e-7

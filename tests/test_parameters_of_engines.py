@@ -181,6 +181,34 @@ def test_unstable_coupling_is_written_on_request_alone(tmp_path, capsys):
     assert "linearly unstable" in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
     assert main(["export", str(file), "--c", str(tmp_path / "c"), "--unsafe"]) == 0
+    assert main(["export", str(file), "--parameters", "mujoco"]) == 1
+    out, err = capsys.readouterr()
+    assert "linearly unstable" in err
+    assert "qfrc_applied" not in out
+    assert main(["export", str(file), "--parameters", "mujoco", "--unsafe"]) == 0
+    assert "UNSAFE, written by request" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("integrator", ["implicit-damping", "implicit"])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_engine_that_does_not_solve_what_the_coupling_leaves_to_it_is_refused(engine, integrator):
+    coupling = tool_coupling(f'{TOOL}integrator = "{integrator}"\n', K, B)
+    if engine == "openhaptics" or integrator in ENGINES[engine].integrators:
+        assert tool_parameters(coupling, engine).parameters
+        return
+    with pytest.raises(avc.InputError, match=r"solves no .*say integrator = .* in \[simulation\] and make it again"):
+        tool_parameters(coupling, engine)
+
+
+@pytest.mark.parametrize("mass", [0.005, 0.2])
+def test_numbers_for_sofa_are_the_certified_step_in_its_implicit_solver(mass):
+    """One spring in EulerImplicitSolver: (M + h (h + s) K) dv = h (f - (h + s) K v), s its rayleighStiffness."""
+    told = numbers(f'tool_mass_kg = {mass}\nstep_s = 0.005\nintegrator = "implicit"\n', "sofa")
+    k, reach, h = told["stiffness"], 0.005 + told["rayleighStiffness"], 0.005
+    goal, rate, place, speed = 0.001, 0.02, 0.0004, -0.03
+    pull = k * (goal - place) + B * rate
+    after = speed + h * (pull - reach * k * speed) / (mass + h * reach * k)
+    assert mass * (after - speed) / h == pytest.approx(K * (goal - place - h * after) + B * (rate - after), rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -158,18 +159,23 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.cli._to_simulation import read_tool
     from avc_casadi.present.pages import tool_parameters as told
     from avc_hardware import export_tool_c
+    from avc_hardware.codegen.other_end_export import verdict
 
     alien = [option for option in ("package", "problem") if getattr(args, option)]
     if alien:
         raise avc.InputError.of("is of couplings to a wall; leave it out", file=args.gains, key=f"--{alien[0]}")
     coupling = read_tool(args.gains)
+    loops = ToolLoops(coupling.problem)
     if args.parameters is not None:
+        judged = verdict(coupling.problem, loops, coupling.gains, unsafe=args.unsafe)
         said = told.tool_parameters(coupling, args.parameters)
+        if not loops.stable(coupling.gains):
+            said = replace(said, traps=(judged, *said.traps))
         page = told.parameters_page(said, coupling, args.parameters, console.page, args.gains)
         return Answer(told.parameters_document(said, coupling, args.parameters), page)
     with faults_of(args.gains, args), console.step("C"):
         files = export_tool_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
-    written, stable = _written(args.c, files), ToolLoops(coupling.problem).stable(coupling.gains)
+    written, stable = _written(args.c, files), loops.stable(coupling.gains)
     document = {
         "schema": "avc-export-tool/1",
         "coupling": coupling.id,

@@ -120,6 +120,13 @@ class VirtualTool(Table):
         return self.steps_late + (self.exchange == "late")
 
     @property
+    def solved(self) -> Literal["nothing", "damper", "spring and damper"]:
+        """What of the coupling the engine's integrator solves for its new state, and no force on the tool may hold."""
+        if self.tool_mass_kg is None or self.integrator in ("semi-implicit", "explicit"):
+            return "nothing"
+        return "damper" if self.integrator == "implicit-damping" else "spring and damper"
+
+    @property
     def damped_locally(self) -> bool:
         """Whether a damper of the device's local loop belongs to the coupling.
 

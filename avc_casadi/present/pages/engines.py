@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from avc_casadi._util.units import FORCE, FORCES, KG, M_PER_S, MASS, MM, MM_PER_S, N_PER_M, NEWTON, NS_PER_M
 from avc_casadi.model.mujoco_constraint import SOFT_IMPEDANCE, MujocoConstraint
+from avc_casadi.model.virtual_tool import ToolIntegrator
 
 if TYPE_CHECKING:
-    from avc_casadi.model.virtual_tool import ToolIntegrator
     from avc_casadi.other_end_coupling import ToolCoupling
 
 # Loads at which a contact stiffness is given in N/m: a light touch and a press.
@@ -101,6 +101,8 @@ def _gains(coupling: ToolCoupling) -> tuple[float, float]:
 def _device(coupling: ToolCoupling, loop: str) -> str:
     """Return the call that applies the force to the device."""
     what = f"{FORCE} on the tool" if coupling.tool.exchange == "held-force" else "tool_x, tool_v"
+    if coupling.tool.exchange == "held-force" and coupling.tool.solved != "nothing":
+        what = "avc_coupling_handed_force(...)"
     every = number_text(1e3 * coupling.problem.device.sample_time_s)
     return f"F = avc_coupling_step(&c, x, {what}) in {loop}, every {every} ms"
 
@@ -119,11 +121,14 @@ def _mujoco(coupling: ToolCoupling) -> Said:
         *_mass(coupling, "mass", "of the tool, in its geoms or <inertial .../>"),
     )
     damper = f"{number_text(b)}*({v} - data.qvel[dof])"
-    if tool.integrator == "implicit-damping":
+    if tool.solved == "damper":
         # The integrator treats only the damper of a joint implicitly.
         parameters += (Parameter("damping", b, "N.s/m", "<joint damping=.../> of the tool: B, seen by implicitfast"),)
         damper = f"{number_text(b)}*{v}"
     law = f"data.qfrc_applied[dof] = {number_text(k)}*({x} - data.qpos[dof]) + {damper}"
+    instead = (
+        "the C of avc export --c has the line in avc_coupling_tool_force, without what the joint has: one of the two",
+    )
     traps: tuple[str, ...] = ("x and v are the newest sample of the device and its backward difference, not filtered",)
     if tool.tool_mass_kg is not None and coupling.problem.units.linear:
         parameters += _mujoco_constraints(k, b, tool.tool_mass_kg)
@@ -139,7 +144,7 @@ def _mujoco(coupling: ToolCoupling) -> Said:
             ),
             f"a contact grows with the {MASS} of the tool too: give it solref and solimp of its own",
         )
-    return Said(parameters, (_device(coupling, "the device's loop"), law, "mj_step(model, data)"), (), traps)
+    return Said(parameters, (_device(coupling, "the device's loop"), law, "mj_step(model, data)"), instead, traps)
 
 
 def _mujoco_constraints(k: float, b: float, masses: tuple[float, float]) -> tuple[Parameter, ...]:
@@ -224,24 +229,34 @@ def _unity(coupling: ToolCoupling) -> Said:
 
 def _sofa(coupling: ToolCoupling) -> Said:
     k, b = _gains(coupling)
+    lines = (
+        _device(coupling, "the haptic thread"),
+        "tool_x, tool_v: MechanicalObject of the tool at AnimateBeginEvent",
+    )
+    if coupling.tool.solved == "spring and damper":
+        lines += ("share = avc_coupling_target(&c, &place, &velocity) before the step: place is the spring's rest",)
     return Said(
         (
             _step(coupling, "dt", "of the root node"),
             *_mass(coupling, "totalMass", "UniformMass of the tool"),
             Parameter("stiffness", k, "N/m", "RestShapeSpringsForceField from the tool to the device's state"),
+            # Of one spring this is -B v at the end of the step, as the certified integrator has it.
+            Parameter("rayleighStiffness", b / k if k else 0.0, "s", "EulerImplicitSolver of the tool alone: B/K"),
+            Parameter("rayleighMass", 0.0, "", "the same"),
             Parameter("forceCoef", coupling.tool.force_scale, "", "of the ForceFeedback component; 0.03 by default"),
         ),
-        (
-            _device(coupling, "the haptic thread"),
-            "tool_x, tool_v: MechanicalObject of the tool at AnimateBeginEvent",
-        ),
+        lines,
         (
             (
-                f"RestShapeSpringsForceField has no damper: add the {FORCE} of {number_text(b)} {NS_PER_M} times (v of "
-                "the device - v of the tool) with a ConstantForceField in each step"
+                f"RestShapeSpringsForceField has no damper: rayleighStiffness is that of the tool, and a "
+                f"ConstantForceField of {number_text(b)} {NS_PER_M} times the velocity of the device adds the rest"
             ),
         ),
         (
+            (
+                "kd of SpringForceField and JointSpringForceField, and a damper in a ConstantForceField, are explicit: "
+                "another loop, in which a light tool is unstable"
+            ),
             f"forceCoef scales the {FORCE} alone: with 0.03 the device feels 0.03 of K",
             (
                 f"SOFA has no units: in centimetres, kilograms and seconds a {FORCE} of 1 is 0.01 {NEWTON}; say "
@@ -382,12 +397,13 @@ def _pybullet(coupling: ToolCoupling) -> Said:
 
 
 _SEMI_IMPLICIT: dict[ToolIntegrator, str] = {"semi-implicit": "semi-implicit"}
+_ANY: dict[ToolIntegrator, str] = {one: one for one in get_args(ToolIntegrator)}
 ENGINES: dict[str, Engine] = {
     "mujoco": Engine("MuJoCo", "mj_step", {"semi-implicit": "Euler", "implicit-damping": "implicitfast"}, _mujoco),
     "chai3d": Engine("CHAI3D", "updateDynamics", _SEMI_IMPLICIT, _chai3d, turns=False),
     "unity": Engine("Unity (PhysX)", "the physics step", _SEMI_IMPLICIT, _unity),
     "sofa": Engine("SOFA", "animate", {"implicit": "EulerImplicitSolver"}, _sofa, turns=False),
-    "openhaptics": Engine("OpenHaptics", "your engine's step", {}, _openhaptics, turns=False),
+    "openhaptics": Engine("OpenHaptics", "your engine's step", _ANY, _openhaptics, turns=False),
     "imstk": Engine("iMSTK", "the scene's step", {}, _imstk),
     "ros2": Engine("ROS 2", "the admittance_controller's update", _SEMI_IMPLICIT, _ros2),
     "pybullet": Engine("PyBullet", "stepSimulation", _SEMI_IMPLICIT, _pybullet),

@@ -35,7 +35,7 @@ def tool_parameters(coupling: ToolCoupling, engine: str) -> Said:
         engine: one of `ENGINES`.
 
     Raises:
-        InputError: another engine, or one that does not support a rotary device.
+        InputError: another engine, or one that supports no rotary device, or not the integrator.
     """
     if engine not in ENGINES:
         raise InputError.of(f"is {engine!r}; allowed: {', '.join(ENGINES)}", key=_KEY)
@@ -43,6 +43,11 @@ def tool_parameters(coupling: ToolCoupling, engine: str) -> Said:
     if not known.turns and not coupling.problem.units.linear:
         others = ", ".join(name for name, one in ENGINES.items() if one.turns)
         raise InputError.of(f"is {engine!r}, which has no words for a device that turns; allowed: {others}", key=_KEY)
+    solved = coupling.tool.solved
+    if solved != "nothing" and coupling.tool.integrator not in known.integrators:
+        message = f"is {engine!r}, which solves no {solved} of this coupling, as {coupling.tool.integrator} does"
+        wanted = " or ".join(known.integrators) or "semi-implicit"
+        raise InputError.of(f'{message}; say integrator = "{wanted}" in [simulation] and make it again', key=_KEY)
     said = known.say(coupling)
     return replace(
         said,

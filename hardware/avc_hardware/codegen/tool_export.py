@@ -40,6 +40,7 @@ void avc_coupling_init(avc_coupling_t *coupling)
     coupling->faded = 0ul;
     coupling->force_n = {zero};
     coupling->to_tool_n = {zero};
+    coupling->handed_n = {zero};
     coupling->started = 0u;
     coupling->given = 0u;
     coupling->fading = 0u;
@@ -105,7 +106,11 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
     return avc_coupling_force(coupling, {passed});
 }}
 
-{real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s)
+{engine}"""
+
+# A force of spring and damper from the tool's present state.
+_PULL = """\
+{real} avc_coupling_{which}(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s)
 {{
     {real} force_n, left_n;
     avc_coupling_alive(coupling);
@@ -113,13 +118,23 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
         !within(tool_velocity_m_per_s, {scene_farthest})) {{
         return {zero};
     }}
-    force_n = {scene_spring} * ({position_scale} * coupling->position_m - tool_position_m);
+    force_n = AVC_COUPLING_TOOL_STIFFNESS_N_PER_M * ({position_scale} * coupling->position_m - tool_position_m);
     if (coupling->missed == 0ul) {{
-        force_n += {scene_damper} * ({position_scale} * coupling->velocity_m_per_s - tool_velocity_m_per_s);
+        force_n += AVC_COUPLING_TOOL_DAMPING_NS_PER_M * {speed};
     }}
     left_n = left_of(force_n, coupling->faded, FADE);
-    coupling->to_tool_n = coupling->missed == 0ul ? left_n : no_more(left_n, coupling->to_tool_n);
-    return coupling->to_tool_n;
+    coupling->{kept} = coupling->missed == 0ul ? left_n : no_more(left_n, coupling->{kept});
+    return coupling->{kept};
+}}
+"""
+
+_TARGET = """\
+{real} avc_coupling_target(avc_coupling_t *coupling, {real} *position_m, {real} *velocity_m_per_s)
+{{
+    avc_coupling_alive(coupling);
+    *position_m = {position_scale} * coupling->position_m;
+    *velocity_m_per_s = {position_scale} * coupling->velocity_m_per_s;
+    return coupling->started == 0u ? {zero} : left_of({one}, coupling->faded, FADE);
 }}
 """
 
@@ -148,9 +163,23 @@ def export_tool_c(
     words, numbers = _words(coupling.tool, chosen), _numbers(coupling, chosen)
     files = {
         HEADER: tool_header(coupling, judged, {**words, **numbers}),
-        SOURCE: _SOURCE.format(**WORDS, **words, **numbers),
+        SOURCE: _SOURCE.format(**WORDS, **words, **numbers, engine=_engine_c(coupling.tool, numbers)),
     }
     return named(coupling.problem, files, name)
+
+
+def _engine_c(tool: VirtualTool, numbers: dict[str, str]) -> str:
+    """Return the functions of the engine's end: forces without what its integrator solves, or the target."""
+    moving = f"{numbers['position_scale']} * coupling->velocity_m_per_s"
+    both = f"({moving} - tool_velocity_m_per_s)"
+    if tool.solved == "spring and damper":
+        found = [_TARGET.format(**numbers)]
+    else:
+        speed = f"({moving})" if tool.solved == "damper" else both
+        found = [_PULL.format(**numbers, which="tool_force", speed=speed, kept="to_tool_n")]
+    if tool.solved != "nothing" and tool.exchange == "held-force":
+        found.append(_PULL.format(**numbers, which="handed_force", speed=both, kept="handed_n"))
+    return "\n".join(found)
 
 
 def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
@@ -165,6 +194,7 @@ def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
         "checks": compiler_checks(precision),
         "real": precision.c_type,
         "zero": literal(0.0),
+        "one": literal(1.0),
         "sample_time_literal": literal(device.sample_time_s),
         "sample_time_ns": str(round(device.sample_time_s * 1e9)),
         "watchdog": str(MISSED_STEPS * samples),
@@ -229,10 +259,7 @@ def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
             "passed": "tool_force_n",
             "held": "tool_force_n",
             "held_is": f"The last good {FORCE} on the tool, in units of the scene.",
-            "given_is": (
-                f"tool_force_n: the newest {FORCE} on the tool, from avc_coupling_tool_force\n"
-                " * or of the engine itself, the same until its next step; 0 before the first one."
-            ),
+            "given_is": f"tool_force_n: {_newest(tool)}, the same until its next step; 0 before the first one.",
         }
     return {
         "given": f"{real} tool_position_m, {real} tool_velocity_m_per_s",
@@ -244,6 +271,12 @@ def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
             " * the same until the engine's next step."
         ),
     }
+
+
+def _newest(tool: VirtualTool) -> str:
+    if tool.solved != "nothing":
+        return "the newest one\n * of avc_coupling_handed_force"
+    return f"the newest {FORCE} on the tool, from avc_coupling_tool_force\n * or of the engine itself"
 
 
 def _lines(lines: list[str], indent: int) -> str:

@@ -37,6 +37,7 @@ _HEADER = """\
 {order}
  * {otherwise}
  *
+{solved}
  * The tool's numbers are the engine's own, in SI units of the scene, with the device's origin and direction. Put the
  * tool where the device is before the first sample: the spring pulls from then on.
  *
@@ -46,7 +47,7 @@ _HEADER = """\
  *   The last good ones are held, the dampers are left out, and the {FORCE} fades to 0 over {fade_s:.3g} s as
  *   long as it lasts. Once nothing is left of it, whatever comes is believed, and the {FORCE} comes back as slowly.
  * - No step of the engine in more than {watchdog} samples, {steps} of its steps: it hangs, and the {FORCE} fades to 0
- *   over {fade_s:.3g} s; it comes back as slowly. avc_coupling_tool_force says that the engine lives; where it
+ *   over {fade_s:.3g} s; it comes back as slowly. {call} says that the engine lives; where it
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
  * - While it fades the {FORCE} neither grows nor turns, and it comes back from where it was.
  * - After a fault of more than {fade_s:.3g} s the spring comes back stretched by how far device and tool have gone
@@ -54,7 +55,7 @@ _HEADER = """\
  *
  * One thread at a time: an engine in a thread of its own takes the lock of the device's loop for each call. An engine
  * on another computer has its own avc_coupling_t, writes position_m and velocity_m_per_s of the device's newest sample
- * into it and 1 into started, and calls avc_coupling_tool_force.
+ * into it and 1 into started, and calls {call}.
  *
  * C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is refused.
  */
@@ -65,6 +66,9 @@ _HEADER = """\
 #define AVC_COUPLING_EXCHANGE "{name}"
 #define AVC_COUPLING_SAMPLE_TIME_S {sample_time_literal}
 #define AVC_COUPLING_SAMPLE_TIME_NS {sample_time_ns}L
+/* Spring and damper between device and tool, in units of the scene. */
+#define AVC_COUPLING_TOOL_STIFFNESS_N_PER_M {scene_spring}
+#define AVC_COUPLING_TOOL_DAMPING_NS_PER_M {scene_damper}
 {max_force}
 {loop}
 {begin_c}
@@ -80,8 +84,8 @@ typedef struct {{
     unsigned long missed, lost, silent;
     /* How far the {FORCE} has faded; 0 is all of it. */
     unsigned long faded;
-    /* That was given last, to the device and to the tool. */
-    {real} force_n, to_tool_n;
+    /* That was given last, to the device, to the tool, and out of the engine. */
+    {real} force_n, to_tool_n, handed_n;
     /* Known of the position: 0 nothing, 1 the last one, 2 its velocity too; whether anything is of the engine, and
      * whether something was wrong in the last sample. */
     unsigned char started, given, fading;
@@ -98,15 +102,45 @@ void avc_coupling_init(avc_coupling_t *coupling);
 void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m);
 {real} avc_coupling_force(avc_coupling_t *coupling, {given});
 
-/* The {FORCE} on the tool, in units of the scene, from the device's newest sample: once in each step of the engine, \
-with
- * position and velocity that the step begins with. 0 before the first sample, and where one of them is no number. */
-{real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
-
-/* The engine lives: where avc_coupling_tool_force is not called on this coupling. */
+{engine_c}
+/* The engine lives: where {call} is not called on this coupling. */
 void avc_coupling_alive(avc_coupling_t *coupling);
 
 {end_c}"""
+
+_TOOL_FORCE = """\
+/* The {FORCE} on the tool{without}, in units of the scene, from the device's newest sample: once in each
+ * step of the engine, with position and velocity that the step begins with. 0 before the first sample, and where one
+ * of them is no number. */
+{real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
+"""
+_TARGET = """\
+/* Where the engine's spring and damper lead in this step, in units of the scene: once in each step of the engine.
+ * Returns what share of both acts: 1, less while something fades, 0 before the first sample. */
+{real} avc_coupling_target(avc_coupling_t *coupling, {real} *position_m, {real} *velocity_m_per_s);
+"""
+_HANDED = """
+/* The {FORCE} for the device's loop, in units of the scene, not to be put on the tool: once in each step of the engine,
+ * with position and velocity that the step begins with. */
+{real} avc_coupling_handed_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
+"""
+_SOLVED = {
+    "nothing": "",
+    "damper": """\
+
+ * THE ENGINE HAS THE DAMPER: AVC_COUPLING_TOOL_DAMPING_NS_PER_M times the tool's own velocity, which it solves
+ * implicitly, as a damper of the tool's joint beside any drag of the tool. avc_coupling_tool_force leaves that part
+ * out. Without it the tool has no damper; with a second one, or in an engine that integrates explicitly, this is
+ * another loop than the certified one. Where a position is bad the engine's damper stays.
+ *""",
+    "spring and damper": """\
+
+ * THE ENGINE HAS SPRING AND DAMPER: AVC_COUPLING_TOOL_STIFFNESS_N_PER_M and AVC_COUPLING_TOOL_DAMPING_NS_PER_M, each
+ * times the share that avc_coupling_target returns, between the tool and the position and velocity that it tells; it
+ * solves both implicitly. No {FORCE} of this coupling is put on the tool: one that is computed before the step is
+ * another loop, in which a light tool is unstable. Where a position is bad the target stands still at the last one.
+ *""",
+}
 
 
 def tool_header(coupling: ToolCoupling, verdict: str, made: Mapping[str, str]) -> str:
@@ -118,6 +152,7 @@ def tool_header(coupling: ToolCoupling, verdict: str, made: Mapping[str, str]) -
         made: literals and names that the source has too.
     """
     problem, tool, gains, scene = coupling.problem, coupling.tool, coupling.gains, coupling.in_scene
+    names = {"real": made["real"], **WORDS}
     device = problem.device
     bounds = SensorBounds.of(device)
     whose = "the device" if tool.exchange == "held-force" else "the device, or of the tool as the device counts it,"
@@ -152,6 +187,9 @@ def tool_header(coupling: ToolCoupling, verdict: str, made: Mapping[str, str]) -
         "fade_s": max(1, round(FADE_S / device.sample_time_s)) * device.sample_time_s,
         "steps": MISSED_STEPS,
         "name": tool.exchange,
+        "call": _call(tool),
+        "solved": _SOLVED[tool.solved].format(**WORDS),
+        "engine_c": _engine_c(tool, names),
         "limited": "" if device.max_force_n is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
     }
     return _HEADER.format(**WORDS, **made, **told)
@@ -167,12 +205,29 @@ def _engine(tool: VirtualTool) -> str:
     return f"a step every {steps} s, {what}"
 
 
+def _call(tool: VirtualTool) -> str:
+    return "avc_coupling_target" if tool.solved == "spring and damper" else "avc_coupling_tool_force"
+
+
+def _engine_c(tool: VirtualTool, names: Mapping[str, str]) -> str:
+    """Return the declarations of the engine's end."""
+    without = " without the damper" if tool.solved == "damper" else ""
+    found = (_TARGET if tool.solved == "spring and damper" else _TOOL_FORCE).format(**names, without=without)
+    hands_out = tool.solved != "nothing" and tool.exchange == "held-force"
+    return found + (_HANDED.format(**names) if hands_out else "")
+
+
 def _order(tool: VirtualTool) -> list[str]:
     """Return the operations of a sample of the exchange, in order."""
     engine = f"where the engine steps: {FORCE} = avc_coupling_tool_force(its state), then the step"
+    if tool.solved == "spring and damper":
+        engine = "where the engine steps: avc_coupling_target(...) for its spring and damper, then the step"
     late = tool.queued
     age = f" {_steps(late)} before this one" if late else ""
     if tool.exchange == "held-force":
+        if tool.solved != "nothing":
+            engine = engine.replace(", then the step", f"; {FORCE} to hand out = avc_coupling_handed_force(its state)")
+            engine += "; then the step"
         return [
             "avc_coupling_sample(position)",
             engine,
