@@ -129,8 +129,6 @@ class Units:
 _NAME = re.compile(rf"(?<![\w/])[A-Za-z]\w*?(?:{'|'.join(_ENDINGS)})\b(?!\.[ch]\b|[/-])")
 _MACROS = {
     "MAX_FORCE_N": "MAX_TORQUE_NM",
-    "TOOL_STIFFNESS_N_PER_M": "TOOL_STIFFNESS_NM_PER_RAD",
-    "TOOL_DAMPING_NS_PER_M": "TOOL_DAMPING_NMS_PER_RAD",
     "METRES_PER_COUNT": "RADIANS_PER_COUNT",
     "NEWTONS_AT_FULL_DUTY": "NEWTON_METRES_AT_FULL_DUTY",
 }

@@ -15,7 +15,6 @@ from avc_casadi.cli._subject import (
     add_problem_of_gains,
     add_unsafe,
     faults_of,
-    load_problem,
     read_subject,
     unsafe_note,
 )
@@ -32,10 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard\n"
         "and force limit, in C99 that is also C++11 and later. A coupling that is not deployable is refused with exit\n"
         "code 1; --unsafe overrides. Of a coupling to a [simulation] both ends, the device's and the engine's; or its\n"
-        "numbers in the words of an engine (--parameters). Of a coupling to a [follower] one source for both ends.\n"
-        "With --velocity, of a problem file, the velocity estimator of its scene for a wall of your own."
+        "numbers in the words of an engine (--parameters). Of a coupling to a [follower] one source for both ends."
     )
-    parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem; or a problem")
+    parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--c", metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c, or for the packages")
     what.add_argument(
@@ -66,11 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what files, functions, types and macros begin with (default: avc_coupling); couplings of two names link "
         "into one program",
     )
-    parser.add_argument(
-        "--velocity",
-        action="store_true",
-        help="of a problem file: the estimator that the effect velocity-filter of its scene names, alone",
-    )
     add_problem_of_gains(parser)
     add_unsafe(parser)
     add_verbose(parser)
@@ -84,8 +77,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.pages.subject import holes
     from avc_hardware import export_c
 
-    if args.velocity:
-        return _velocity(args, console)
     if is_tool_coupling(args.gains):
         return _to_simulation(args, console)
     if is_teleoperator_coupling(args.gains):
@@ -115,31 +106,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     }
     document["holes"] = holes(coupling.schedule) or None
     return Answer(document, export_page(document, coupling, console.page, args.gains), more="\n".join(written))
-
-
-def _velocity(args: argparse.Namespace, console: Console) -> Answer:
-    """Write a velocity estimator."""
-    from avc_casadi.present.pages.bench import velocity_export_page
-    from avc_hardware import export_velocity_c
-
-    alien = [option for option in ("package", "problem", "parameters", "unsafe") if getattr(args, option)]
-    if alien:
-        raise avc.InputError.of("is of couplings; leave it out", file=args.gains, key=f"--{alien[0]}")
-    problem = load_problem(args.gains)
-    with console.step("C"):
-        files = export_velocity_c(problem, precision=args.precision, name=args.name)
-    (table,) = (one for one in problem.scene.effects if one.kind == "velocity-filter")
-    told = table.model_dump(exclude_none=True)
-    document = {
-        "schema": "avc-export-velocity/1",
-        "problem": problem.name,
-        "estimator": told["estimator"],
-        "settings": {key: value for key, value in told.items() if key not in ("kind", "estimator")},
-        "files": _written(args.c, files),
-        "sample_time_s": problem.device.sample_time_s,
-        "precision": args.precision,
-    }
-    return Answer(document, velocity_export_page(document, problem, console.page, args.gains))
 
 
 def _written(to: str, files: dict[str, str]) -> list[str]:

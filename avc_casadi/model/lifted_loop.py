@@ -1,7 +1,7 @@
 """Monodromy matrix (lifted loop) of device and virtual tool over whole steps of the engine.
 
 Between two steps of the engine the device takes some samples; each is one linear map of the state, a step of the engine
-is anengine. Their product over one period of the pattern is the monodromy matrix, whose spectral radius decides on
+is another. Their product over one period of the pattern is the monodromy matrix, whose spectral radius decides on
 stability; no transfer function at T does, as the loop is periodic, not time-invariant.
 """
 
@@ -74,12 +74,7 @@ class Clock:
 
 
 def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
-    """Return the patterns of an engine's steps: one where T divides the step, otherwise one for each distinct phase.
-
-    Args:
-        step_s: of the engine.
-        sample_time_s: T.
-    """
+    """Return the patterns of an engine's steps: one where T divides the step, otherwise one for each distinct phase."""
     ratio = step_s / sample_time_s
     if math.isclose(ratio, round(ratio), rel_tol=1e-6) and round(ratio) >= 1:
         return [Clock((round(ratio),), (False,), step_s)]

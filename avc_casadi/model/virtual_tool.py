@@ -165,12 +165,7 @@ class ToolState:
 
 
 def tool_states(tool: VirtualTool, contact_stiffness_n_per_m: float) -> list[ToolState]:
-    """Return the corners of a tool in contact, in the device's units, light ones first.
-
-    Args:
-        tool: with its ranges.
-        contact_stiffness_n_per_m: in the scene; `RIGID_N_PER_M` or more is rigid.
-    """
+    """Return the corners of a tool in a contact of the scene, in the device's units, light ones first."""
     if tool.tool_mass_kg is None:
         return [ToolState(math.inf, 0.0, math.inf, 0.0)]
     rigid = contact_stiffness_n_per_m >= RIGID_N_PER_M

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.firmware_fit import check_runs_on as check_runs_on
     from avc_hardware.codegen.teleoperator_export import export_teleoperator_c as export_teleoperator_c
     from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
-    from avc_hardware.codegen.velocity_export import export_velocity_c as export_velocity_c
     from avc_hardware.emulator.bench import BenchDevice as BenchDevice
     from avc_hardware.emulator.bench import Wiring as Wiring
     from avc_hardware.emulator.board import EmulatedBoard as EmulatedBoard
@@ -76,7 +75,6 @@ else:
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
         "codegen.teleoperator_export": ("export_teleoperator_c",),
         "codegen.tool_export": ("export_tool_c",),
-        "codegen.velocity_export": ("export_velocity_c",),
         "emulator.bench": ("BenchDevice", "Wiring"),
         "emulator.board": ("EmulatedBoard",),
         "in_the_loop": ("FirmwareInTheLoop", "LoopResult", "LoopTrace", "tried_in_the_loop"),

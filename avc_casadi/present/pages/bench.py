@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.quantity import quantity
-from avc_casadi._util.units import spoken_key
 from avc_casadi.present.pages.subject import gains_text, headline, plural, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.problem import Problem
 
 _LIMITED = (("Force", "force_n", "N"), ("Speed", "speed_m_per_s", "m/s"), ("Energy", "energy_j", "J"))
 _MOVED = (("Force", "force_n", "N"), ("Speed", "speed_m_per_s", "m/s"), ("Travel", "travel_m", "m"))
@@ -233,25 +231,6 @@ def export_page(document: Mapping[str, Any], coupling: Coupling, page: Page, sho
         *(Row("Lacks", one, Mark.CAUTION) for one in document["lacks"]),
     ]
     return page.rendered(headline(coupling.problem, shown), rows)
-
-
-def velocity_export_page(document: Mapping[str, Any], problem: Problem, page: Page, shown: str) -> str:
-    """Return the `export --velocity` document as a headline and rows.
-
-    Args:
-        document: of `avc export --velocity --json`.
-        problem: its scene names the estimator.
-        page: where it is printed.
-        shown: the problem as the user names it.
-    """
-    settings = "".join(f", {spoken_key(key)} {value}" for key, value in document["settings"].items())
-    rate = quantity(1 / document["sample_time_s"], "Hz")
-    rows = [
-        Row("Estimator", f"{document['estimator']}{settings}"),
-        Row("C", f"{document['precision']} precision, {rate}"),
-        *_files(document["files"]),
-    ]
-    return page.rendered(headline(problem, shown), rows)
 
 
 def firmware_page(document: Mapping[str, Any], title: str, units: Units, page: Page, held: str) -> str:

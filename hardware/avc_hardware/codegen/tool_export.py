@@ -118,9 +118,9 @@ _PULL = """\
         !within(tool_velocity_m_per_s, {scene_farthest})) {{
         return {zero};
     }}
-    force_n = AVC_COUPLING_TOOL_STIFFNESS_N_PER_M * ({position_scale} * coupling->position_m - tool_position_m);
+    force_n = AVC_COUPLING_TOOL_STIFFNESS * ({position_scale} * coupling->position_m - tool_position_m);
     if (coupling->missed == 0ul) {{
-        force_n += AVC_COUPLING_TOOL_DAMPING_NS_PER_M * {speed};
+        force_n += AVC_COUPLING_TOOL_DAMPING * {speed};
     }}
     left_n = left_of(force_n, coupling->faded, FADE);
     coupling->{kept} = coupling->missed == 0ul ? left_n : no_more(left_n, coupling->{kept});

@@ -67,8 +67,8 @@ _HEADER = """\
 #define AVC_COUPLING_SAMPLE_TIME_S {sample_time_literal}
 #define AVC_COUPLING_SAMPLE_TIME_NS {sample_time_ns}L
 /* Spring and damper between device and tool, in units of the scene. */
-#define AVC_COUPLING_TOOL_STIFFNESS_N_PER_M {scene_spring}
-#define AVC_COUPLING_TOOL_DAMPING_NS_PER_M {scene_damper}
+#define AVC_COUPLING_TOOL_STIFFNESS {scene_spring}
+#define AVC_COUPLING_TOOL_DAMPING {scene_damper}
 {max_force}
 {loop}
 {begin_c}
@@ -128,14 +128,14 @@ _SOLVED = {
     "nothing": "",
     "damper": """\
 
- * THE ENGINE HAS THE DAMPER: AVC_COUPLING_TOOL_DAMPING_NS_PER_M times the tool's own velocity, which it solves
+ * THE ENGINE HAS THE DAMPER: AVC_COUPLING_TOOL_DAMPING times the tool's own velocity, which it solves
  * implicitly, as a damper of the tool's joint beside any drag of the tool. avc_coupling_tool_force leaves that part
  * out. Without it the tool has no damper; with a second one, or in an engine that integrates explicitly, this is
  * another loop than the certified one. Where a position is bad the engine's damper stays.
  *""",
     "spring and damper": """\
 
- * THE ENGINE HAS SPRING AND DAMPER: AVC_COUPLING_TOOL_STIFFNESS_N_PER_M and AVC_COUPLING_TOOL_DAMPING_NS_PER_M, each
+ * THE ENGINE HAS SPRING AND DAMPER: AVC_COUPLING_TOOL_STIFFNESS and AVC_COUPLING_TOOL_DAMPING, each
  * times the share that avc_coupling_target returns, between the tool and the position and velocity that it tells; it
  * solves both implicitly. No {FORCE} of this coupling is put on the tool: one that is computed before the step is
  * another loop, in which a light tool is unstable. Where a position is bad the target stands still at the last one.
