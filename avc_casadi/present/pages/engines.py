@@ -229,7 +229,7 @@ def _unity(coupling: ToolCoupling) -> Said:
 
 def _sofa(coupling: ToolCoupling) -> Said:
     k, b = _gains(coupling)
-    lines = (
+    lines: tuple[str, ...] = (
         _device(coupling, "the haptic thread"),
         "tool_x, tool_v: MechanicalObject of the tool at AnimateBeginEvent",
     )

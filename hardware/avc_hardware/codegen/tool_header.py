@@ -152,7 +152,6 @@ def tool_header(coupling: ToolCoupling, verdict: str, made: Mapping[str, str]) -
         made: literals and names that the source has too.
     """
     problem, tool, gains, scene = coupling.problem, coupling.tool, coupling.gains, coupling.in_scene
-    names = {"real": made["real"], **WORDS}
     device = problem.device
     bounds = SensorBounds.of(device)
     whose = "the device" if tool.exchange == "held-force" else "the device, or of the tool as the device counts it,"
@@ -189,7 +188,7 @@ def tool_header(coupling: ToolCoupling, verdict: str, made: Mapping[str, str]) -
         "name": tool.exchange,
         "call": _call(tool),
         "solved": _SOLVED[tool.solved].format(**WORDS),
-        "engine_c": _engine_c(tool, names),
+        "engine_c": _engine_c(tool, {**WORDS, **made}),
         "limited": "" if device.max_force_n is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
     }
     return _HEADER.format(**WORDS, **made, **told)
