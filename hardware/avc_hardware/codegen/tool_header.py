@@ -208,7 +208,7 @@ def _call(tool: VirtualTool) -> str:
     return "avc_coupling_target" if tool.solved == "spring and damper" else "avc_coupling_tool_force"
 
 
-def _engine_c(tool: VirtualTool, names: Mapping[str, str]) -> str:
+def _engine_c(tool: VirtualTool, names: Mapping[str, object]) -> str:
     """Return the declarations of the engine's end."""
     without = " without the damper" if tool.solved == "damper" else ""
     found = (_TARGET if tool.solved == "spring and damper" else _TOOL_FORCE).format(**names, without=without)
