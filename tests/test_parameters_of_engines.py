@@ -10,8 +10,7 @@ import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.present.pages.engines import ENGINES, number_text
-from avc_casadi.present.pages.tool_parameters import parameters_document, parameters_page, tool_parameters
-from avc_casadi.present.terminal import Page
+from avc_casadi.present.pages.tool_parameters import parameters_document, tool_parameters
 
 TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"
 SCALED = f"{TOOL}position_scale = 10.0\nforce_scale = 0.5\n"
@@ -114,27 +113,6 @@ def test_default_contact_of_mujoco_is_told_for_the_tool():
     said = tool_parameters(tool_coupling("tool_mass_kg = [0.05, 1.0]\nstep_s = 0.002", K, B), "mujoco")
     contacts = [one.value for one in said.parameters if one.name == "default contact"]
     assert contacts[0] == "1163.64 to 22439.9"
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("exchange", ["on-time", "late", "ahead", "held-force"])
-def test_page_says_what_to_hand_out_and_can_be_typed_off(engine, exchange):
-    coupling = tool_coupling(f'{SCALED}exchange = "{exchange}"\n', 123456.789, 0.00123, 2.0)
-    said = tool_parameters(coupling, engine)
-    page = parameters_page(said, coupling, engine, Page(), "c.json")
-    lines = page.splitlines()
-    assert "e+0" not in page
-    assert "e-0" not in page
-    assert max(map(len, lines)) <= 110
-    assert f"exchange {exchange}" in lines[0]
-    plain = " ".join(page.split())
-    assert "position scale 10" in plain
-    assert "damper of 2 N.s/m acts in the device's own loop" in plain
-    assert ("hand out the force" if exchange == "held-force" else "10 to 60") in plain
-    document = parameters_document(said, coupling, engine)
-    json.dumps(document, allow_nan=False)
-    assert document["traps"]
-    assert document["engine"] == engine
 
 
 def test_engine_with_another_integrator_is_told():
