@@ -9,7 +9,7 @@ from exported_tool import DEVICE, tool_coupling
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.files.other_end_coupling_file import write_other_end
-from avc_casadi.present.pages.engines import ENGINES, number_text
+from avc_casadi.present.pages.engines import ENGINES
 from avc_casadi.present.pages.tool_parameters import parameters_document, tool_parameters
 
 TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"
@@ -227,18 +227,3 @@ def test_command_knows_the_engines():
     assert tuple(ENGINES) == avc_casadi.cli._export.ENGINES
     with pytest.raises(avc.InputError, match="allowed: mujoco"):
         tool_parameters(tool_coupling(TOOL, K, B), "havok")
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0.0, "0"),
-        (9786.2345, "9786.23"),
-        (1234567.8, "1234568"),
-        (0.000012345678, "0.0000123457"),
-        (-0.5, "-0.5"),
-        (10, "10"),
-    ],
-)
-def test_numbers_have_no_exponent(value, text):
-    assert number_text(value) == text
