@@ -1,0 +1,24 @@
+"""Mutants are code, repeat from a seed, and a rate is judged as the numbers allow."""
+
+import ast
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from mutate import ROOT, drawn, faults
+
+
+def test_mutants_are_code_and_repeat_from_a_seed():
+    found = list(drawn(["avc_casadi/paper"], 40, "one"))
+    assert found == list(drawn(["avc_casadi/paper"], 40, "one")) != list(drawn(["avc_casadi/paper"], 40, "two"))
+    for one in found:
+        whole = (ROOT / one.path).read_bytes()
+        broken = whole[: one.start] + one.new + whole[one.end :]
+        assert ast.dump(ast.parse(broken)) != ast.dump(ast.parse(whole))
+
+
+def test_a_rate_is_judged_as_the_numbers_allow():
+    assert list(faults({"a": [10, 12]}, {"a": [11, 12]})) == []
+    assert len(list(faults({"a": [400, 500]}, {"a": [450, 500]}))) == 2  # the room, and all rooms
+    assert any("fewer than 80%" in told for told in faults({"a": [350, 500]}, {}))
