@@ -40,9 +40,6 @@ INSTALL = {
     "clang": "apt-get install -y --no-install-recommends clang",
     "clang++": "apt-get install -y --no-install-recommends clang",
     "arm-none-eabi-gcc": ARM_INSTALL,
-    "cmake": "apt-get install -y --no-install-recommends cmake make",
-    "/usr/share/arduino/hardware/arduino/avr/cores": "apt-get install -y --no-install-recommends arduino-core-avr",
-    "avr-g++": "apt-get install -y --no-install-recommends gcc-avr avr-libc",
     "avr-gcc": "apt-get install -y --no-install-recommends gcc-avr avr-libc",
     "simavr": "apt-get install -y --no-install-recommends simavr",
     "riscv64-unknown-elf-gcc": "apt-get install -y --no-install-recommends gcc-riscv64-unknown-elf",
@@ -55,7 +52,7 @@ INSTALL = {
 def require(*tools: str) -> None:
     """Skip where a tool is missing, with the line that installs it; with HIL_REQUIRE=all fail instead."""
     for tool in tools:
-        there = importlib.util.find_spec(tool) if tool == "unicorn" else shutil.which(tool) or Path(tool).is_dir()
+        there = importlib.util.find_spec(tool) if tool == "unicorn" else shutil.which(tool)
         if not there:
             reason = f"{tool} is not installed: {INSTALL[tool]}"
             if os.environ.get("HIL_REQUIRE") == "all":

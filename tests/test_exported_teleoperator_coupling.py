@@ -244,8 +244,6 @@ def test_command_writes_what_is_unstable_by_request_and_refuses_what_is_of_other
     assert main(command) == 1
     assert main([*command, "--unsafe", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["unsafe"].startswith("UNSAFE")
-    assert main([*command, "--package", "arduino"]) == 2
-    assert "--package" in capsys.readouterr().err
 
 
 def test_bounds_of_both_handles_are_told():

@@ -14,8 +14,7 @@ from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains
-from avc_hardware import build_firmware, export_c
-from avc_hardware.codegen.packages import packaged
+from avc_hardware import build_firmware
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.stream import faults_on_the_way
 
@@ -134,12 +133,3 @@ def test_a_knobs_firmware_is_told_in_its_units(tmp_path: Path, capsys: pytest.Ca
     text = capsys.readouterr().out
     assert json.loads(text)["limits"]["radians_per_count"] == pytest.approx(2 * 3.14159265358979 / 16384)
     assert not re.search(r"metres|_m_per_s", text)
-
-
-def test_a_sketch_begins_with_the_devices_own_numbers() -> None:
-    made = knob()
-    sketch = packaged(export_c(made, unsafe=True), made, ["arduino"])["examples/wall/wall.ino"]
-    step, full = re.findall(r"\(avc_coupling_real_t\)([\d.e-]+);", sketch)[:2]
-    assert float(step) == pytest.approx(made.problem.device.encoder_resolution_m, rel=1e-6)
-    assert float(full) == pytest.approx(made.max_force_n, rel=1e-6)
-    assert "@" not in sketch

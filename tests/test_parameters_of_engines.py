@@ -199,7 +199,6 @@ def test_numbers_for_sofa_are_the_certified_step_in_its_implicit_solver(mass):
             ("firmware", "c.json", "--board", "stm32f405", "--out", "o", "--built-in"),
             "simulate, run, check and export know a [simulation]",
         ),
-        (("export", "c.json", "--c", "o", "--package", "cmake"), "--package: is of couplings to a wall"),
         (("export", "c.json", "--c", "o", "--problem", "soft"), "--problem: is of couplings to a wall"),
         (("export", "w.json", "--parameters", "unity"), "--parameters: is of a coupling to a [simulation]"),
     ],

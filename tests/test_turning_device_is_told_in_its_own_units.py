@@ -75,7 +75,7 @@ VERBS = {
     "screen": ["simulate", "quick.toml", "--screen"],
     "zwidth": ["zwidth", "quick.toml"],
     "compare": ["compare", "knob.toml"],
-    "export": ["export", "knob.json", "--c", "c", "--unsafe", "--package", "arduino"],
+    "export": ["export", "knob.json", "--c", "c", "--unsafe"],
 }
 
 

@@ -94,10 +94,7 @@ class Units:
         """Return C or C++ whose names are of this motion; its comments are written in it already."""
         if self.linear:
             return source
-        told = _NAME.sub(lambda found: self.key(found[0]), source)
-        for name, other in _MACROS.items():
-            told = told.replace(name, other)
-        return told
+        return _NAME.sub(lambda found: self.key(found[0]), source).replace("MAX_FORCE_N", "MAX_TORQUE_NM")
 
     def document(self, document: Mapping[str, Any]) -> dict[str, Any]:
         """Return JSON values with the names of this motion; a rotary document declares its motion and units."""
@@ -127,11 +124,6 @@ class Units:
 
 # A name in C, by its ending; a file's name is none.
 _NAME = re.compile(rf"(?<![\w/])[A-Za-z]\w*?(?:{'|'.join(_ENDINGS)})\b(?!\.[ch]\b|[/-])")
-_MACROS = {
-    "MAX_FORCE_N": "MAX_TORQUE_NM",
-    "METRES_PER_COUNT": "RADIANS_PER_COUNT",
-    "NEWTONS_AT_FULL_DUTY": "NEWTON_METRES_AT_FULL_DUTY",
-}
 LINEAR = Units("linear")
 ROTARY = Units("rotary")
 UNIT_BLOCK = {

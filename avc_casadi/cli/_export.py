@@ -19,8 +19,6 @@ from avc_casadi.cli._subject import (
     unsafe_note,
 )
 
-# Precisions of `avc_hardware.export_c`.
-PACKAGES = ("arduino", "platformio", "cmake", "esp-idf", "zephyr", "chai3d", "openhaptics", "haply")
 # Names of `avc_casadi.present.pages.engines`.
 ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 
@@ -35,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("--c", metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c, or for the packages")
+    what.add_argument("--c", metavar="DIR", help="folder for avc_coupling.h and avc_coupling.c")
     what.add_argument(
         "--parameters",
         choices=ENGINES,
@@ -47,16 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("single", "double"),
         default="single",
         help="single (default): float, as in the packaged firmware; double: where a processor has it in hardware",
-    )
-    parser.add_argument(
-        "--package",
-        action="append",
-        default=[],
-        choices=PACKAGES,
-        metavar="NAME",
-        help="what stands round the two files, which then go to DIR/src; may be given several times: arduino, "
-        "platformio, cmake, esp-idf, zephyr (a library each, all in one folder), chai3d, openhaptics, haply (an "
-        "example in C++ each)",
     )
     parser.add_argument(
         "--name",
@@ -90,13 +78,12 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     coupling = read_subject("export", args.gains, args.problem)
     verdict = require_deployable(coupling, unsafe=args.unsafe)
     with faults_of(args.gains, args), console.step("C"):
-        files = export_c(coupling, precision=args.precision, packages=args.package, name=args.name, unsafe=args.unsafe)
+        files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     written = _written(args.c, files)
     document: dict[str, Any] = {
         "schema": "avc-export/2",
         "coupling": coupling.id,
         "files": written,
-        "packages": args.package,
         "rows": len(coupling.table),
         "sample_time_s": coupling.sample_time_s,
         "precision": args.precision,
@@ -114,7 +101,6 @@ def _written(to: str, files: dict[str, str]) -> list[str]:
 
     with output_folder(to, "--c") as folder:
         for name, text in files.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
             write_file(folder / name, text)
     return [str(Path(to) / name) for name in files]
 
@@ -127,9 +113,8 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
     from avc_hardware import export_tool_c
     from avc_hardware.codegen.other_end_export import verdict
 
-    alien = [option for option in ("package", "problem") if getattr(args, option)]
-    if alien:
-        raise avc.InputError.of("is of couplings to a wall; leave it out", file=args.gains, key=f"--{alien[0]}")
+    if args.problem:
+        raise avc.InputError.of("is of couplings to a wall; leave it out", file=args.gains, key="--problem")
     coupling = read_tool(args.gains)
     loops = ToolLoops(coupling.problem)
     if args.parameters is not None:
@@ -163,7 +148,7 @@ def _to_follower(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.pages.bilateral import bilateral_export_page
     from avc_hardware import export_teleoperator_c
 
-    alien = [option for option in ("package", "problem", "parameters") if getattr(args, option)]
+    alien = [option for option in ("problem", "parameters") if getattr(args, option)]
     if alien:
         message = "is of couplings to something else than a [follower]; for C: --c DIR alone"
         raise avc.InputError.of(message, file=args.gains, key=f"--{alien[0]}")

@@ -55,7 +55,6 @@ DOCUMENTS: dict[str, tuple[str, ...]] = {
     "identify": ("identify", "log.csv"),
     "diagnose": ("diagnose", "log.csv", "--problem", "small.toml"),
     "export": ("export", "coupling.json", "--c", "c"),
-    "export packages": ("export", "coupling.json", "--c", "c", "--package", "arduino", "--package", "cmake"),
     "export refused": ("export", "gains.csv", "--problem", "figure5", "--c", "c"),
     "excite planned": ("excite", "small.toml", "--plan-only", "--seconds", "4"),
     "excite": ("excite", "small.toml", "--seconds", "4", "--out", "excited.csv"),

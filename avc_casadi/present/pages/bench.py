@@ -221,11 +221,10 @@ def export_page(document: Mapping[str, Any], coupling: Coupling, page: Page, sho
     gains = {key: getattr(schedule, key)[schedule.usable].tolist() for key in columns}
     observer = "observer with state feedback, " if coupling.runtime.state_feedback is not None else ""
     rate, rows_of = quantity(1 / coupling.sample_time_s, "Hz"), plural(document["rows"], "row")
-    packages = f", packages {', '.join(document['packages'])}" if document["packages"] else ""
     rows = [
         *([Row("Unsafe", document["unsafe"], Mark.FAIL)] if document["unsafe"] else []),
         Row("Coupling", f"{coupling.id}: {observer}{gains_text(gains, coupling.problem)}"),
-        Row("C", f"{document['precision']} precision, {rate}, {rows_of}{packages}"),
+        Row("C", f"{document['precision']} precision, {rate}, {rows_of}"),
         *_files(document["files"]),
         *([Row("Note", document["holes"], Mark.CAUTION)] if document["holes"] else []),
         *(Row("Lacks", one, Mark.CAUTION) for one in document["lacks"]),

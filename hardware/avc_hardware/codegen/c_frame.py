@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import textwrap
 from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
 from avc_casadi._util.units import FORCE, M_PER_S, N_PER_M, NEWTON, NS_PER_M
 from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, Precision
-from avc_hardware.codegen.packages import checked_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,6 +17,17 @@ if TYPE_CHECKING:
 
 NAME = "avc_coupling"
 HEADER, SOURCE = f"{NAME}.h", f"{NAME}.c"
+
+# Excludes *, \ and ?: without them no comment ends or begins, no line continues in the next, and there is no trigraph.
+_FOREIGN = re.compile(r"[^A-Za-z0-9 .,:;()\[\]+=<>%_'/-]")
+_WIDTH = 115
+# Lower case, since macros have its name in capitals; a linker of C99 distinguishes 31 characters.
+_NAME = re.compile(r"[a-z]([a-z0-9_]{0,18}[a-z0-9])?")
+# Headers of C that NAME.h would hide.
+_HEADERS = re.compile(
+    "assert|complex|ctype|errno|fenv|float|inttypes|iso646|limits|locale|math|setjmp|signal|stdalign|stdarg|stdatomic|"
+    "stdbool|stddef|stdint|stdio|stdlib|stdnoreturn|string|tgmath|threads|time|uchar|wchar|wctype"
+)
 
 _LOOP = """\
 /* Define AVC_LOOP_SAMPLE_TIME_NS as your loop's own, and a coupling for another one does not compile. */
@@ -71,7 +83,11 @@ def checked(precision: str, name: str) -> Precision:
     """
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
-    checked_name(name)
+    if not _NAME.fullmatch(name):
+        told = f"is {name!r}; allowed: a small letter, then small letters and digits with low lines between, at most 20"
+        raise InputError.of(told, key="name")
+    if _HEADERS.fullmatch(name):
+        raise InputError.of(f"is {name!r}; {name}.h is of C already; allowed: another, as my_{name}", key="name")
     return PRECISIONS[precision]
 
 
@@ -88,5 +104,14 @@ def named(problem: Problem, files: Mapping[str, str], name: str) -> dict[str, st
 
 def _renamed(text: str, name: str) -> str:
     """Return a path or a source with the usual name replaced."""
-    plain = text.replace(NAME, name).replace(NAME.upper(), name.upper())
-    return plain.replace(NAME.replace("_", "-"), name.replace("_", "-"))
+    return text.replace(NAME, name).replace(NAME.upper(), name.upper())
+
+
+def comment(text: str) -> str:
+    """Return any text as one line of a comment; other characters become an underscore."""
+    return _FOREIGN.sub("_", " ".join(text.split()))
+
+
+def comment_lines(text: str) -> str:
+    """Return any text as lines of a comment, each after the first behind an asterisk."""
+    return "\n * ".join(textwrap.wrap(comment(text), _WIDTH))

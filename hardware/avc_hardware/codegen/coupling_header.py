@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M
-from avc_hardware.codegen.c_frame import WORDS
-from avc_hardware.codegen.packages import comment, comment_lines
+from avc_hardware.codegen.c_frame import WORDS, comment, comment_lines
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 
 if TYPE_CHECKING:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.units import in_its_units
@@ -13,7 +12,6 @@ from avc_hardware.codegen.coupling_header import coupling_header
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
 from avc_hardware.codegen.operations import SINGLE, Precision
-from avc_hardware.codegen.packages import packaged
 from avc_hardware.codegen.sensor_rule import SensorBounds, believed_c
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
@@ -225,7 +223,6 @@ def export_c(
     coupling: Coupling,
     *,
     precision: str = "single",
-    packages: Iterable[str] = (),
     name: str = NAME,
     unsafe: bool = False,
 ) -> dict[str, str]:
@@ -238,15 +235,13 @@ def export_c(
     Args:
         coupling: any; its runtime needs no support by the packaged firmware.
         precision: ``single`` (float) or ``double``, for processors that have it in hardware.
-        packages: around the two files, which then are in ``src``: ``arduino``, ``platformio``, ``cmake``, ``esp-idf``
-            and ``zephyr`` libraries, ``chai3d``, ``openhaptics`` and ``haply`` examples in C++.
         name: prefix of the files, functions, types and macros (in capitals); two couplings of two names link into one
             program.
         unsafe: whether a coupling that is not deployable is written too.
 
     Raises:
         NotDeployableError: it is not stable with every hand of ``[hands]`` and released.
-        InputError: another precision or package, a name invalid in C, a wall without force, an observer without an
+        InputError: another precision, a name invalid in C, a wall without force, an observer without an
             encoder step for its dead zone, a gain too large for single precision, or two rows that become one in it.
     """
     chosen = checked(precision, name)
@@ -257,7 +252,7 @@ def export_c(
         HEADER: coupling_header(coupling, program, chosen, verdict),
         SOURCE: _source(coupling, program, chosen, rows),
     }
-    return named(coupling.problem, packaged(files, coupling, packages), name)
+    return named(coupling.problem, files, name)
 
 
 def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:

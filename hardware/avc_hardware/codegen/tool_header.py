@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M
 from avc_casadi.claims.stability.tool_loop import ToolLoops
-from avc_hardware.codegen.c_frame import WORDS
+from avc_hardware.codegen.c_frame import WORDS, comment, comment_lines
 from avc_hardware.codegen.other_end_export import FADE_S
-from avc_hardware.codegen.packages import comment, comment_lines
 from avc_hardware.codegen.sensor_rule import SensorBounds
 
 if TYPE_CHECKING:
