@@ -9,7 +9,7 @@ from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
 from hardware_bench import require
 from measured_device import Truth, measured, multisine
-from test_turning_device_is_told_in_its_own_units import linear_words
+from test_files_of_turning_devices import linear_keys
 
 import avc_casadi as avc
 from avc_casadi._util import units
@@ -48,7 +48,7 @@ def document(capsys, *arguments):
     """Return the JSON answer of a command, of which nothing is told in a linear unit."""
     assert main([*arguments, "--json"]) == 0
     text = capsys.readouterr().out
-    assert linear_words(text) == []
+    assert linear_keys(text) == []
     return json.loads(text)
 
 
@@ -71,12 +71,12 @@ def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, 
         assert one["unit"] == expected[key]
     assert found["estimates"]["encoder_resolution_rad"]["unit"] == "rad"
     assert "newton" not in json.dumps(found)
-    assert linear_words((tmp_path / "mine.toml").read_text()) == []
+    assert linear_keys((tmp_path / "mine.toml").read_text()) == []
     (tmp_path / "end.toml").write_text(
         'device = "mine.toml"\n[environment]\nstiffness_nm_per_rad = 0.5\ndamping_nms_per_rad = 0.0\n'
     )
     assert main(["recommend", "end.toml", "--out", "c.json"]) == 0
-    assert linear_words(capsys.readouterr().out) == []
+    assert linear_keys(capsys.readouterr().out) == []
     hidden = avc.load_device(tmp_path / "hidden.toml").device
     tried = tried_in_the_loop(avc.read_coupling(tmp_path / "c.json"), seconds=1.5, device=hidden)
     assert tried.at_rest
@@ -95,7 +95,7 @@ def test_what_is_watched_of_a_knob_is_read_as_that_of_a_knob(tmp_path, capsys):
         comment, head = log.read_text(encoding="utf-8").splitlines()[:2]
         assert tuple(head.split(",")[2:4]) == columns
         assert f"{columns[1]} along +{columns[0].partition('_')[0]};" in comment
-        assert linear_words(log.read_text(encoding="utf-8")) == [] or motion == "linear"
+        assert linear_keys(log.read_text(encoding="utf-8")) == [] or motion == "linear"
         with pytest.raises(
             avc.InputError, match=f"{what}: is 0 throughout; allowed: .* {unit}; without"
         ):  # no coupling, no wall
@@ -114,7 +114,7 @@ def test_what_comes_after_an_excitation_is_a_command_that_works(kind, tmp_path, 
     command = capsys.readouterr().out.partition("next: avc ")[2].split()
     assert command[2:4] == ["--device", "knob.toml"]
     assert main(command) == 0
-    assert linear_words(capsys.readouterr().out) == []
+    assert linear_keys(capsys.readouterr().out) == []
     assert avc.load_device(tmp_path / "mine.toml").device.motion == "rotary"
 
 
@@ -135,7 +135,7 @@ def test_what_is_found_of_a_turn_is_what_is_found_at_its_rim():
                 tuple(scale * x for x in (one.low, one.value, one.high)), rel=1e-6
             )
     text = device_text(found.device)
-    assert linear_words(text) == []
+    assert linear_keys(text) == []
     assert parse_device(text).device == found.device.device
     assert found.device.device.handle_radius_m == RADIUS
 
@@ -186,7 +186,7 @@ def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
     its = next(cure for cure in at_rim.cures if cure.key == "stiffness_n_per_m")
     assert own.value == pytest.approx(its.value * RADIUS**2, rel=0.05)
     with units.speaking(units.ROTARY):
-        assert linear_words(diagnosis_text(found)) == []
+        assert linear_keys(diagnosis_text(found)) == []
     with pytest.raises(avc.InputError, match="nothing says where the hand holds it"):
         diagnose(Columns("log", time, position, force, motion="rotary"))
 
@@ -209,7 +209,7 @@ def test_commissioning_speaks_of_angles(tmp_path, monkeypatch, capsys):
     (tmp_path / "knob.toml").write_text(GUESS)
     assert main(["commission", "knob.toml", "--port", "emulator"]) == 0
     told = capsys.readouterr().out
-    assert linear_words(told) == []
+    assert linear_keys(told) == []
     assert "250 mrad" in told
     assert "next: avc push    touch the wall" in told
     assert main(["commission", "knob", "--port", "emulator"]) == 0  # with detents

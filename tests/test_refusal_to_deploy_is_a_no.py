@@ -1,0 +1,83 @@
+"""A coupling that may not go into a device, or that the firmware cannot run: exit code 1, and no bad input."""
+
+import json
+
+import pytest
+
+import avc_casadi as avc
+import avc_hardware
+from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
+from avc_casadi.model.gains import Gains
+from avc_casadi.model.runtime import Runtime
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("push", "c.json", "--port", "emulator"),
+        ("stream", "c.json", "--port", "emulator"),
+        ("export", "c.json", "--c", "firmware"),
+        ("certify", "c.json"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_an_unstable_coupling_is_refused_by_every_verb_that_deploys(arguments):
+    problem = avc.load_problem("figure5").changed(frequency={"points": 10})
+    avc.write_coupling(Coupling.of(problem, avc.solve(problem, "direct")), "c.json")
+    assert main(list(arguments)) == 1
+
+
+@pytest.mark.parametrize("runtime", [Runtime(observer_mass_kg=0.15), Runtime(guard="energy-tank")])
+@pytest.mark.parametrize("verb", ["push", "stream"])
+def test_what_the_firmware_lacks_is_a_no(verb, runtime):
+    made = Coupling.constant(avc.load_problem("figure5"), Gains(5.0, 1e3, 10.0), "mine", runtime)
+    avc.write_coupling(made, "c.json")
+    assert main([verb, "c.json", "--port", "emulator"]) == 1
+    with pytest.raises(avc_hardware.FirmwareLacksError) as refused:
+        avc_hardware.check_runs_on(made)
+    assert isinstance(refused.value, avc.NotDeployableError)
+    assert isinstance(refused.value, avc.UnsupportedError)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        avc.deployable,
+        lambda coupling: avc.certify("soft", coupling),
+        lambda coupling: avc.simulate("soft", coupling),
+        lambda coupling: avc.screen("soft", coupling),
+        lambda coupling: avc.write_coupling(coupling, "c.json"),
+        lambda coupling: avc_hardware.push(coupling, "emulator"),
+        lambda coupling: avc_hardware.stream(coupling, "emulator"),
+        avc_hardware.tried_in_the_loop,
+        avc_hardware.export_c,
+        avc_hardware.check_runs_on,
+    ],
+)
+def test_what_is_no_coupling_is_an_input_error(call):
+    for value in ("c.json", 3.0):
+        with pytest.raises(avc.InputError) as refused:
+            call(value)
+        assert [fault.key for fault in refused.value.faults] == ["coupling"]
+
+
+def test_a_coupling_is_certified_as_its_gains_are():
+    made = Coupling.constant(avc.load_problem("soft"), Gains(5.0, 1e3), "mine")
+    assert avc.certify("soft", made) == avc.certify("soft", made.schedule)
+
+
+@pytest.mark.thorough
+def test_a_push_to_a_device_with_part_of_a_sample_of_delay_is_tried_too(capsys):
+    """The firmware itself knows of no delay; the bench has it."""
+    problem = avc.load_problem("figure5").changed(device={"delay_samples": 1.5})
+    avc.write_coupling(Coupling.constant(problem, Gains(5.0, 1e3, 10.0), "mine"), "c.json")
+    assert main(["push", "c.json", "--port", "emulator", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["readback_equal"] is True
+    assert document["in_the_loop"]["at_rest"] is True
