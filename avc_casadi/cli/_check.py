@@ -35,7 +35,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         return check_device(args.problem, console)
     problem = load_problem(args.problem)
     frequency = problem.frequencies_hz()
-    device, measured = problem.device, problem.boundaries.measured
+    device = problem.device
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(problem)]
     # The precondition of a wall does not cover another end.
     walled = problem.simulation is None and problem.follower is None
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     if why_none:
         warnings.append({"key": "avc recommend", "message": f"deploys nothing: {why_none}"})
     document = {
-        "schema": "avc-check/1",
+        "schema": "avc-check/2",
         "valid": True,
         "problem": problem.name,
         "title": problem.title,
@@ -56,7 +56,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "highest_hz": float(frequency.max()),
         "nyquist_hz": 0.5 / device.sample_time_s,
         "environment_stiffness_n_per_m": problem.environment.stiffness_n_per_m,
-        "bounds_measured_hz": None if measured is None else list(measured.range_hz),
         "passive_limit_n_per_m": plain(passive_limit_n_per_m(device)),
         "declared": [*map(spoken_key, declared(problem))],
         "not_used": list(not_used(problem)),

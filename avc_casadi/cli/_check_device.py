@@ -36,7 +36,7 @@ def check_device(source: str, console: Console) -> Answer:
     values = file.device.model_dump(mode="json", exclude_unset=True)
     ranges = values.pop("range", {})
     document: dict[str, Any] = {
-        "schema": "avc-check/1",
+        "schema": "avc-check/2",
         "valid": True,
         "device": file.name,
         "title": file.title,

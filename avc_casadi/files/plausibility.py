@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from avc_casadi._errors import Fault
 from avc_casadi._util.units import FORCE, KG, METRE, N_PER_M, NEWTON, NS_PER_M, Wording, in_its_units, spoken_key
@@ -52,10 +49,6 @@ _USUAL = {
 
 # A fraction of a sample that no driver tells apart from none.
 _LEAST_DELAY = 0.02
-# A wall so many times stiffer or softer than the measured one is another wall.
-_FAR = 20.0
-# Phases so far from those that belong to a magnitude, in degrees, have another sign or unit.
-_PHASES_APART = 60.0
 
 
 @in_its_units
@@ -82,8 +75,6 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
         *_seconds(problem),
         *_idle(problem),
         *_beyond(problem),
-        *_other_unit(problem),
-        *_of_no_wall(problem),
     )
     return tuple(Fault(problem.name, None, spoken_key(key), message) for key, message in every)
 
@@ -138,40 +129,6 @@ def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
     if device.backlash_m > 0 and device.encoder_at == "handle" and device.resonance is not None:
         seen = "between motor and encoder; an encoder at the handle stands beyond it, and nothing here simulates it"
         yield "device.backlash_m", f"is play {seen}"
-
-
-def _other_unit(problem: Problem) -> Iterator[tuple[str, str]]:
-    """Yield measured bounds whose magnitude is far from the wall's, as of stiffness in place of impedance."""
-    measured, wall = problem.boundaries.measured, problem.environment
-    if measured is None or wall.stiffness_n_per_m == 0:
-        return
-    hertz = math.sqrt(math.prod(measured.range_hz))
-    wanted = abs(complex(wall.damping_ns_per_m, -wall.stiffness_n_per_m / (2 * math.pi * hertz)))
-    times = float(abs(measured.desired(hertz))) / wanted
-    if not 1 / _FAR < times < _FAR:
-        told = f"is {times:.2g} times the impedance of the wall at {hertz:.3g} Hz; is it in {NS_PER_M}?"
-        yield "boundaries.measured", told
-
-
-def _of_no_wall(problem: Problem) -> Iterator[tuple[str, str]]:
-    """Yield measured bounds whose phase contradicts their magnitude, and those dominated by their errors."""
-    measured = problem.boundaries.measured
-    if measured is None:
-        return
-    for side in ("upper", "lower"):
-        bound = getattr(measured, side)
-        z = bound.at(np.array(bound.frequency_hz))
-        # By Bode's relation the phase of a passive impedance is about 90 degrees per decade of magnitude a decade of
-        # frequency.
-        slope = float(np.polyfit(np.log(bound.frequency_hz), np.log(np.maximum(np.abs(z), 1e-300)), 1)[0])
-        phase = math.degrees(float(np.angle(np.sum(z / np.maximum(np.abs(z), 1e-300)))))
-        if abs(phase - 90 * slope) > _PHASES_APART:
-            told = f"has a phase of about {phase:.0f} degrees where |Z| goes with f^{slope:.1f}, which belongs to "
-            question = f"{90 * slope:.0f}; is the sign of Im, or the unit of the phase, right?"
-            yield f"boundaries.measured.{side}", told + question
-        unknown = float(np.mean(bound.error_at(np.array(bound.frequency_hz)) >= np.abs(z)))
-        if unknown > 0.5:
-            yield f"boundaries.measured.{side}", f"has errors above |Z| at {100 * unknown:.0f} % of its frequencies"
 
 
 def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:

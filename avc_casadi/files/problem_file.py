@@ -13,7 +13,6 @@ from avc_casadi._util.units import in_its_units
 from avc_casadi.files.catalogue import catalogue_names, catalogue_path
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
-from avc_casadi.files.measured_bounds_file import with_measured_bounds
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.findings import checked
 from avc_casadi.model.problem import Frequency, Problem
@@ -172,7 +171,7 @@ def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | N
     worded = with_device(tables, folder)
     if isinstance(worded, tuple):
         return [worded]
-    tables = _with_band(with_measured_bounds(worded.tables, folder))
+    tables = _with_band(worded.tables)
     return worded.told(lambda: checked(Problem, tables, name))
 
 

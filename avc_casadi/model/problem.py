@@ -18,7 +18,6 @@ from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, Units, in_its_units
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.findings import checked
 from avc_casadi.model.follower import Follower
-from avc_casadi.model.measured_bounds import MeasuredBounds
 from avc_casadi.model.quantity import (
     Damping,
     DampingInterval,
@@ -64,16 +63,10 @@ class Impedance(Table):
 
 
 class Boundaries(Table):
-    """The range of realistic impedance; its mean is the desired impedance   (10).
-
-    Attributes:
-        measured: frequency responses of both bounds, which then apply; upper and lower replace them where a spring
-            and damper are needed.
-    """
+    """The range of realistic impedance; its mean is the desired impedance   (10)."""
 
     upper: Impedance
     lower: Impedance
-    measured: MeasuredBounds | None = None
 
 
 class GainBox(Table):

@@ -111,46 +111,17 @@ def broken_rules(values: Values, rules: Sequence[Rule]) -> list[Finding]:
 def _bounds(quantity: str) -> Rule:
     def rule(values: Values) -> Iterator[Finding]:
         upper, lower = values[f"boundaries.upper.{quantity}"], values[f"boundaries.lower.{quantity}"]
-        # Springs and dampers in place of measured bounds need not be ordered.
-        if upper < lower and _measured(values) is None:
+        if upper < lower:
             message = f"is {shown(upper)}, below the lower bound {shown(lower)}; allowed: at least that"
             yield ("boundaries", "upper", quantity), message
 
     return rule
 
 
-def _measured(values: Values) -> Any:
-    """Return the measured bounds; () where they are faulty, None where there are none."""
-    return values.get("boundaries.measured", ()) if values.given("boundaries") else None
-
-
-def _measured_where_asked(values: Values) -> Iterator[Finding]:
-    """Check that frequencies lie within those at which the bounds were measured."""
-    measured = _measured(values)
-    if not measured:
-        return
-    sides = [_inside(_inside(measured, side), "frequency_hz") for side in ("upper", "lower")]
-    low, high = max(side[0] for side in sides), min(side[-1] for side in sides)
-    listed = values["frequency.values_hz"]
-    span = "a range or a list" if listed is None else "a list"
-    first = values["frequency.start_hz"] if listed is None else min(listed)
-    last = values["frequency.stop_hz"] if listed is None else max(listed)
-    if listed is None and values["frequency.points"] == 1:
-        last = first
-    if first < low or last > high:
-        message = (
-            f"asks for {plain(first)} to {plain(last)} Hz, but [boundaries] are measured from {plain(low)} to "
-            f"{plain(high)} Hz; allowed: {span} within"
-        )
-        yield ("frequency",), message
-
-
 def _bounds_apart(values: Values) -> Iterator[Finding]:
     if values["realism.require"] != "bounds":
         return
     quantities = ("damping_ns_per_m", "stiffness_n_per_m")
-    if _measured(values) is not None:
-        return
     # If left out, both bounds are the environment.
     if not values.given("boundaries") or all(
         values[f"boundaries.upper.{quantity}"] == values[f"boundaries.lower.{quantity}"] for quantity in quantities
@@ -381,7 +352,6 @@ RULES: tuple[Rule, ...] = (
     _bounds("damping_ns_per_m"),
     _bounds("stiffness_n_per_m"),
     _bounds_apart,
-    _measured_where_asked,
     *DEVICE_RULES,
     _contact_damping,
     _range_or_list,

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.model.corners import margin_over_range
@@ -147,11 +146,6 @@ def _desired(problem: Problem, loop: Loop, *, as_printed: bool) -> tuple[Complex
     if not as_printed:
         return loop.desired, loop.desired_gap
     bounds = problem.boundaries
-    if bounds.measured is not None:
-        raise UnsupportedError(
-            f"{problem.name}: as printed: the paper's (10) takes springs and dampers, and [boundaries] are measured; "
-            "take the closed form as it is corrected"
-        )
     b, k = (
         (getattr(bounds.upper, name) + getattr(bounds.lower, name)) / 2
         for name in ("damping_ns_per_m", "stiffness_n_per_m")

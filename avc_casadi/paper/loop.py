@@ -92,7 +92,7 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
     gap_b = ((environment_b - n(upper.damping_ns_per_m)) + (environment_b - n(lower.damping_ns_per_m))) / 2
     gap_k = ((environment_k - n(upper.stiffness_n_per_m)) + (environment_k - n(lower.stiffness_n_per_m))) / 2
     angle = eq.SampleAngle.at(numbers, frequency_hz, n(device.sample_time_s))
-    loop = Loop(
+    return Loop(
         angle=angle,
         device=eq.device_impedance(angle, n(device.mass_kg), n(device.damping_ns_per_m)),
         hold=eq.hold(angle, model, device.delay_samples),
@@ -100,10 +100,3 @@ def loop_at(problem: Problem, frequency_hz: Real, numbers: NumberSystem = NUMPY)
         desired=eq.environment_impedance(angle, model, desired_b, desired_k),
         desired_gap=eq.environment_impedance(angle, model, gap_b, gap_k),
     )
-    measured = problem.boundaries.measured
-    if measured is None:
-        return loop
-    # Floats in every number system: measurements have no more digits.
-    found = measured.desired(np.asarray(frequency_hz, dtype=np.float64))
-    desired = found if numbers is NUMPY else numbers.complex(n(float(found.real)), n(float(found.imag)))
-    return replace(loop, desired=desired, desired_gap=loop.environment - desired)

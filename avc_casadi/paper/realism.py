@@ -78,33 +78,18 @@ def judge_realism(problem: Problem, impedance: ComplexArray, usable: BoolArray |
 
 
 def bound_magnitudes(problem: Problem, loop: Loop) -> tuple[FloatArray, FloatArray]:
-    """Return |Z_h| with the bounds L and U themselves rendered: the smaller and the larger, (n,) each, N.s/m.
-
-    Measured bounds are narrowed by their uncertainty, so that all between is realistic.
-    """
+    """Return |Z_h| with the bounds L and U themselves rendered: the smaller and the larger, (n,) each, N.s/m."""
     ends = np.array([np.abs(bound) for bound in perceived_bounds(problem, loop)])
-    measured = problem.boundaries.measured
-    if measured is None:
-        return ends.min(axis=0), ends.max(axis=0)
-    frequency = np.asarray(loop.angle.turns / loop.angle.sample_time_s)
-    unknown = np.abs(loop.hold) * np.array([one.error_at(frequency) for one in (measured.upper, measured.lower)])
-    order = ends.argsort(axis=0)
-    low = np.take_along_axis(ends + unknown, order[:1], axis=0)[0]
-    high = np.take_along_axis(ends - unknown, order[1:], axis=0)[0]
-    return low, high
+    return ends.min(axis=0), ends.max(axis=0)
 
 
 def perceived_bounds(problem: Problem, loop: Loop) -> tuple[ComplexArray, ComplexArray]:
     """Return Z_h with the bounds U and L themselves rendered, each (n,), N.s/m."""
     bounds, model = problem.boundaries, problem.stability.model
-    if bounds.measured is None:
-        upper, lower = (
-            environment_impedance(loop.angle, model, bound.damping_ns_per_m, bound.stiffness_n_per_m)
-            for bound in (bounds.upper, bounds.lower)
-        )
-    else:
-        frequency = np.asarray(loop.angle.turns / loop.angle.sample_time_s)
-        upper, lower = (bound.at(frequency) for bound in (bounds.measured.upper, bounds.measured.lower))
+    upper, lower = (
+        environment_impedance(loop.angle, model, bound.damping_ns_per_m, bound.stiffness_n_per_m)
+        for bound in (bounds.upper, bounds.lower)
+    )
     return (
         np.asarray(perceived_impedance(loop.device, loop.hold, upper)),
         np.asarray(perceived_impedance(loop.device, loop.hold, lower)),

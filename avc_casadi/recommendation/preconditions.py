@@ -287,7 +287,7 @@ def not_used(problem: Problem) -> tuple[str, ...]:
     else:
         bounds, wall = problem.boundaries, problem.environment
         asked = (
-            ("boundaries", bounds.measured is not None or not bounds.upper == bounds.lower == wall),
+            ("boundaries", not bounds.upper == bounds.lower == wall),
             ("stability", problem.stability != Stability()),
             ("realism", problem.realism != Realism()),
             ("schedule", problem.schedule != ScheduleSettings()),

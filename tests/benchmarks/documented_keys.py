@@ -124,13 +124,6 @@ def key_tables() -> str:
         said = (model.__doc__ or "").partition("\n")[0].rstrip(".")
         left = rows(model)
         head = f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}."
-        if name == "boundaries":
-            left = [row for row in left if not row[0].startswith("`measured.")]
-            meaning = (
-                "`{ upper = FILE, lower = FILE }`: measured frequency responses, which then are the bounds; CSV of "
-            )
-            meaning += "f with Re and Im, or magnitude and phase_deg or phase_rad, and error where it is known"
-            left.append(("`measured`", "Hz, N.s/m", "left out", "two files", meaning))
         parts.append(f"{head}\n\n{table(_HEAD, left)}")
         if name == "device":
             parts[-1] += "\n\nA table `resonance` is all three keys or none; `range` says how well each value is known."

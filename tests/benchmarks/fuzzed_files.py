@@ -180,15 +180,6 @@ def _merged(path: Path) -> object:
     return path
 
 
-def _bounded(path: Path) -> object:
-    return avc.parse_problem(
-        "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 1.0\n[environment]\ndamping_ns_per_m = 1.0\n"
-        "stiffness_n_per_m = 1000.0\n[boundaries.measured]\n"
-        f'upper = "{path.name}"\nlower = "{path.name}"\n',
-        folder=path.parent,
-    )
-
-
 def _board(path: Path) -> object:
     folder = path.parent / "board"
     shutil.copytree(_BOARDS / "riscv32", folder)
@@ -238,7 +229,6 @@ KINDS: Mapping[str, Kind] = {
     "log, JSON": Kind(".json", _json_log, _log),
     "log, NPZ": Kind(".npz", _npz_log, _log),
     "log, MAT": Kind(".mat", _mat_log, _log),
-    "measured bounds": Kind(".csv", lambda: [b"f,re,im\n1,10,-100\n10,10,-10\n1000,12,-1\n"], _bounded),
     "folder of results": Kind(".json", lambda: [content for _, content in _study_files()], _merged),
     "board": Kind(".toml", lambda: [(_BOARDS / "riscv32" / "board.toml").read_bytes()], _board),
 }
@@ -355,9 +345,6 @@ def _grammar(draw: random.Random, kind: str, data: bytes) -> bytes:
             b"force_n",
             b"torque_nm",
             b"record",
-            b"f",
-            b"re",
-            b"im",
         ]
         width = draw.randrange(1, 6)
         header = draw.choice((b",".join(draw.choices(names, k=width)), data.split(b"\n")[0]))

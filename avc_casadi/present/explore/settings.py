@@ -132,8 +132,7 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
     _mend_started(tables, tables["device"], "resonance", "frequency_hz", base.device)
     _mend_started(tables, tables, "detent", "force_n", base.device)
     _end_below_nyquist(tables, settings.values)
-    if "measured" not in tables["boundaries"]:
-        _scale_bounds(tables, base, settings.values)
+    _scale_bounds(tables, base, settings.values)
     if tables["coupling"].get("structure") == "damped" and tables["coupling"]["contact_damping_ns_per_m"] == [0.0, 0.0]:
         tables["coupling"]["contact_damping_ns_per_m"] = [0.0, tables["coupling"]["damping_ns_per_m"][1]]
     if not to_save:

@@ -47,9 +47,6 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
         Row("Frequencies", f"{document['frequencies']}, {low} to {high}; Nyquist {nyquist}"),
         passive_limit(document["passive_limit_n_per_m"], problem.units),
     ]
-    if document["bounds_measured_hz"]:
-        low, high = (quantity(end, "Hz") for end in document["bounds_measured_hz"])
-        rows.append(Row("Bounds", f"of what feels real measured from {low} to {high}"))
     if document["declared"]:
         rows.append(Row("Declared", ", ".join(map(problem.units.key, document["declared"]))))
     rows += [
