@@ -1,9 +1,7 @@
 """`avc new` writes what was typed, in any unit that fits, and the reader of all files reads it back."""
 
-import io
 import math
 import re
-import sys
 import tomllib
 
 import pytest
@@ -46,7 +44,7 @@ def answers(draw, units):
 @given(answers(LINEAR))
 def test_a_linear_device_is_read_back(tmp_path_factory, drawn):
     values, typed = drawn
-    read = NewProblem(tmp_path_factory.getbasetemp() / "p.toml", answers=typed).problem()
+    read = NewProblem(tmp_path_factory.getbasetemp() / "p.toml", typed=typed).problem()
     for key, value in values.items():
         table, _, name = key.partition(".")
         assert getattr(getattr(read, table), name) == pytest.approx(value, rel=1e-13)
@@ -56,7 +54,7 @@ def test_a_linear_device_is_read_back(tmp_path_factory, drawn):
 def test_a_device_that_turns_is_read_back(tmp_path_factory, drawn, radius):
     values, typed = drawn
     typed["device.handle_radius_m"] = f"{1e3 * radius!r} mm"
-    new = NewProblem(tmp_path_factory.getbasetemp() / "p.toml", motion="rotary", held="fingertip", answers=typed)
+    new = NewProblem(tmp_path_factory.getbasetemp() / "p.toml", motion="rotary", held="fingertip", typed=typed)
     read = new.problem()
     assert read.device.motion == "rotary"
     assert read.device.handle_radius_m == pytest.approx(radius, rel=1e-13)
@@ -111,8 +109,6 @@ def test_options_write_a_file_that_says_what_is_not_known(tmp_path, monkeypatch,
         "2 kHz",
         "--encoder",
         "55 um",
-        "--friction",
-        "unknown",
     ]
     assert main(asked) == 0
     said = capsys.readouterr().out
@@ -149,62 +145,6 @@ def test_a_device_of_the_catalogue_keeps_what_was_not_typed(tmp_path, monkeypatc
     capsys.readouterr()
 
 
-def piped(monkeypatch, *lines):
-    monkeypatch.setattr(sys, "stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
-
-
-def test_answers_are_piped_in_and_a_slip_of_the_unit_is_questioned(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    given_answers = [
-        "linear",
-        "120",
-        "120 g",
-        "unknown",
-        "",
-        "",
-        "0.1 N",
-        "0.055 m",
-        "0.055 mm",
-        "8 N",
-        "",
-        "3 kN/m",
-        "",
-    ]
-    piped(monkeypatch, *given_answers, "foot", "0.5 to 2 kg", "10..40 N.s/m", "300 N/m to 2 kN/m")
-    assert main(["new", "wall.toml"]) == 0
-    asked = capsys.readouterr().err
-    assert "is 120: usual" in asked
-    assert "is 0.055: usual" in asked
-    found = avc_casadi.load_problem("wall.toml")
-    assert (found.device.mass_kg, found.device.encoder_resolution_m) == (0.12, 5.5e-5)
-    assert found.hands.mass_kg == (0.5, 2.0)
-    assert found.hands.damping_ns_per_m == (10.0, 40.0)
-    assert found.hands.stiffness_n_per_m == (300.0, 2000.0)
-
-
-def test_who_types_it_again_means_it(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    piped(
-        monkeypatch,
-        "rotary",
-        "20 mm",
-        "3 kg.m2",
-        "3 kg.m2",
-        "",
-        "",
-        "",
-        "",
-        "4096 counts",
-        "200 mN.m",
-        "",
-        "1 N.m/rad",
-        "",
-    )
-    assert main(["new", "knob.toml"]) == 0
-    assert avc_casadi.load_problem("knob.toml").device.mass_kg == 3.0
-    assert "inertia_kgm2 is 3: usual" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     ("options", "key", "said"),
     [
@@ -234,6 +174,14 @@ def test_a_fault_is_told_under_its_option_and_nothing_is_written(options, key, s
     assert list(tmp_path.iterdir()) == []
 
 
+def test_without_options_it_says_which_to_give(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "wall.toml"]) == 2
+    told = capsys.readouterr().err
+    assert all(f"{option}: must be known" in told for option in ("--mass", "--wall"))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_all_faults_are_told_at_once(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["new", "wall.toml", "--mass", "1 N", "--encoder", "2 m", "--wall=-1 N/m", "--hand-mass", "1 kg"]) == 2
@@ -249,13 +197,6 @@ def test_a_file_that_is_there_stays_unless_forced(tmp_path, monkeypatch, capsys)
     assert main(["new", "wall.toml", *TYPED, "--force"]) == 0
     assert avc_casadi.load_problem("wall.toml").device.mass_kg == 0.12
     capsys.readouterr()
-
-
-def test_no_answers_are_faults(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    piped(monkeypatch)
-    assert main(["new", "wall.toml"]) == 2
-    assert "--mass: must be known" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("held", "device"), [("stylus", "stylus"), ("grip", "grip"), ("wheel", "grip")])

@@ -246,7 +246,6 @@ MICROMETRE = Wording("\N{MICRO SIGN}m", "\N{MICRO SIGN}rad")
 
 MASS = Wording("mass", "inertia")
 MASSES = Wording("masses", "inertias")
-CAP_MASS = Wording("Mass", "Inertia")
 A_MASS = Wording("a mass", "an inertia")
 FORCE = Wording("force", "torque")
 FORCES = Wording("forces", "torques")

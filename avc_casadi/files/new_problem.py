@@ -1,4 +1,4 @@
-"""A problem file from knowledge of a device: answers as typed, read, judged and written as TOML."""
+"""A problem file from the options of `avc new`: values as typed, read, judged and written as TOML."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.quantity import quantity
 from avc_casadi._util.units import units_for
 from avc_casadi.files.catalogue import device_names
 from avc_casadi.files.device_file import load_device
+from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import parse_problem
-from avc_casadi.files.questions import HAND_RANGES, HOLDS, OWN_RANGES, QUESTIONS, RADIUS, Question
 from avc_casadi.files.typed_quantity import read_quantity
 from avc_casadi.model.hands import FINGERTIP
 
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from avc_casadi.files.device_file import DeviceFile
     from avc_casadi.model.problem import Problem
 
-UNKNOWN = "unknown"
-"""Answer for an unknown value."""
 _COMMENT_AT = 31
 _RANGE = re.compile(r"(.+?)(?:\bto\b|\.\.)(.+)")
 
@@ -41,14 +38,14 @@ class NewProblem:
         like: device of the catalogue, or device file, to start from; empty for none.
         motion: of a device without one to start from.
         held: one of `HOLDS`.
-        answers: as typed, by the key of their question; others are unanswered.
+        typed: texts by the key of their option.
     """
 
     path: Path
     like: str = ""
     motion: MotionKind = "linear"
     held: str = "grip"
-    answers: Mapping[str, str] = field(default_factory=dict)
+    typed: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
     def base(self) -> DeviceFile | None:
@@ -64,69 +61,45 @@ class NewProblem:
         """Names and units of its motion."""
         return units_for(self.motion if self.base is None else self.base.device.motion)
 
-    def questions(self) -> tuple[Question, ...]:
-        """Return the questions."""
+    def options(self) -> tuple[Option, ...]:
+        """Return the options for such a device and such hands."""
         first = () if self.units.linear or self.base is not None else (RADIUS,)
-        return (*first, *QUESTIONS, *(HAND_RANGES if self.held in OWN_RANGES else ()))
+        return (*first, *OPTIONS, *(HANDS if self.held in OWN_RANGES else ()))
 
-    def default(self, question: Question) -> str:
-        """Return the default answer, as typed: that of the catalogue's device; empty where there is none."""
-        if not self._of_base(question):
-            return question.default
-        value = self._base_value(question)
-        if question.unit == "samples":
-            return f"{value:g} sample{'' if value == 1 else 's'}"
-        if question.key == "device.sample_time_s":
-            return quantity(1 / value, "Hz") if value else UNKNOWN
-        return quantity(value, self._unit(question)) if value else UNKNOWN
-
-    def example(self, question: Question) -> str:
-        """Return an example answer."""
-        return question.examples[not self.units.linear]
-
-    def unknown(self) -> list[Question]:
-        """Return the unknown properties that no device of the catalogue gives."""
-        return [
-            one
-            for one in self.questions()
-            if self._typed(one) == UNKNOWN and not (self._of_base(one) and self.default(one) != UNKNOWN)
-        ]
+    def unknown(self) -> list[Option]:
+        """Return the unknown properties, which no device of the catalogue gives either."""
+        return [one for one in self.options() if one.cost and one.key not in self.typed and not self._base_value(one)]
 
     def assumed(self) -> dict[str, str]:
-        """Return the defaults in the file, as typed, by the key of their question."""
+        """Return the defaults in the file, as typed, by key."""
         return {
-            one.key: self._typed(one)
-            for one in self.questions()
-            if one.key not in self.answers and not self._kept(one) and self._typed(one) != UNKNOWN
+            one.key: one.default
+            for one in self.options()
+            if one.default and one.key not in self.typed and not self._kept(one)
         }
 
     def faults(self) -> list[Fault]:
-        """Return all faults of the answers, each under the key of its question."""
+        """Return all faults of the values, each under the key of its option."""
         found = []
-        for question in self.questions():
+        for option in self.options():
             try:
-                self._value(question)
+                self._value(option)
             except ValueError as error:
-                found.append(Fault("", None, question.key, str(error)))
-        keys = {self.outer(one): one.key for one in self.questions()}
+                found.append(Fault("", None, option.key, str(error)))
+        keys = {self.outer(one): one.key for one in self.options()}
+        # A faulty value is judged once: an example replaces it.
+        wrong = {one.key for one in found}
+        examples = {one.key: self._example(one).partition(",")[0] for one in self.options() if one.key in wrong}
         try:
-            # A faulty answer is judged once: an example replaces it.
-            replace(self, answers=self._with_examples(found)).problem()
+            replace(self, typed={**self.typed, **examples}).problem()
         except InputError as error:
             found += [Fault("", None, keys.get(one.key, one.key), one.message) for one in error.faults]
         return found
 
     def doubts(self) -> list[Fault]:
-        """Return implausible values of a file without faults, each under the key of its question where it has one."""
-        keys = {self.outer(one): one.key for one in self.questions()}
+        """Return implausible values of a file without faults, each under the key of its option where it has one."""
+        keys = {self.outer(one): one.key for one in self.options()}
         return [Fault("", None, keys.get(one.key, one.key), one.message) for one in plausibility(self.problem())]
-
-    def judged(self, question: Question) -> tuple[list[Fault], list[Fault]]:
-        """Return the faults of the answer to a question, and its doubts, independent of further answers."""
-        whole = replace(self, answers=self._with_examples(()))
-        others = {one.key for one in self.questions()} - {question.key}
-        wrong = [one for one in whole.faults() if one.key not in others]
-        return wrong, [] if whole.faults() else [one for one in whole.doubts() if one.key == question.key]
 
     def problem(self) -> Problem:
         """Return the problem of the file, by the common reader.
@@ -136,9 +109,9 @@ class NewProblem:
         """
         return parse_problem(self.text(), file=str(self.path), name=self.path.stem, folder=self.path.parent)
 
-    def outer(self, question: Question) -> str:
-        """Return the key of a question in the file."""
-        return self.units.key(question.key)
+    def outer(self, option: Option) -> str:
+        """Return the key of an option in the file."""
+        return self.units.key(option.key)
 
     def text(self) -> str:
         """Return the text of the file."""
@@ -148,8 +121,8 @@ class NewProblem:
         return "\n".join(lines) + "\n"
 
     def _table(self, table: str) -> Iterator[str]:
-        asked = [one for one in self.questions() if one.key.startswith(f"{table}.")]
-        if table == "hands" and not asked and self.held != "fingertip":
+        options = [one for one in self.options() if one.key.startswith(f"{table}.")]
+        if table == "hands" and not options and self.held != "fingertip":
             yield f"# No table [hands], held by {self.held}: {HOLDS[self.held]}"
             return
         yield f"[{table}]"
@@ -160,64 +133,57 @@ class NewProblem:
             yield 'motion = "rotary"'
         if table == "device" and self.held == "stylus":
             yield 'held = "stylus"'
-        for question in asked:
-            yield from self._line(question)
-        if table == "hands" and not asked:
+        for option in options:
+            yield from self._line(option)
+        if table == "hands" and not options:
             radius = self._radius_m()
             for key, ends in FINGERTIP.model_dump(exclude={"let_go"}).items():
                 yield f"{self.units.key(key)} = {[float(f'{end * radius**2:.15g}') for end in ends]}"
             yield f"# Held by {self.held}: {HOLDS[self.held]}"
 
-    def _line(self, question: Question) -> Iterator[str]:
-        if self._kept(question):
+    def _line(self, option: Option) -> Iterator[str]:
+        if self._kept(option):
             return
-        typed, value = self._typed(question), self._value(question)
-        key = self.outer(question).partition(".")[2]
-        if value is None and question.taken is None:
-            yield f"{f'# {key}':<{_COMMENT_AT}} # not known, {question.cost}"
+        value, key = self._value(option), self.outer(option).partition(".")[2]
+        if value is None and option is not DAMPING:
+            yield f"{f'# {key}':<{_COMMENT_AT}} # not known, {option.cost}"
             return
-        told = typed if question.key in self.answers else f"{typed}, assumed"
-        told = f"not known, {question.cost}" if value is None else told
-        written = question.taken if value is None else list(value) if isinstance(value, tuple) else value
-        yield f"{f'{key} = {written!r}':<{_COMMENT_AT}} # {told}"
+        comment = " ".join(self.typed.get(option.key, f"{option.default}, assumed").split())
+        comment = f"not known, {option.cost}" if value is None else comment
+        written = 0.0 if value is None else list(value) if isinstance(value, tuple) else value
+        yield f"{f'{key} = {written!r}':<{_COMMENT_AT}} # {comment}"
 
-    def _typed(self, question: Question) -> str:
-        return " ".join(self.answers.get(question.key, self.default(question)).split())
-
-    def _value(self, question: Question) -> float | tuple[float, ...] | None:
-        """Return an answer in SI units; None where unknown.
+    def _value(self, option: Option) -> float | tuple[float, ...] | None:
+        """Return a value in SI units; None where unknown.
 
         Raises:
-            ValueError: it is not a quantity.
+            ValueError: it is not a quantity, or is missing.
         """
-        if self._kept(question):
-            return self._base_value(question)
-        typed, unit = self._typed(question), self._unit(question)
-        allowed = f"for example {self.example(question)}"
-        if typed in {"", UNKNOWN}:
-            if typed and question.cost:
+        if self._kept(option):
+            return self._base_value(option)
+        typed, unit = " ".join(self.typed.get(option.key, option.default).split()), self._unit(option)
+        allowed = f"allowed: a value in {unit}, for example {self._example(option)}"
+        if not typed:
+            if option.cost and option.key not in self.typed:
                 return None
-            why = HOLDS[self.held] if question in HAND_RANGES else str(question.asks)
-            raise ValueError(f"must be known ({why}); allowed: a value in {unit}, {allowed}")
+            raise ValueError(f"must be known ({HOLDS[self.held] if option in HANDS else option.text}); {allowed}")
         both = _RANGE.fullmatch(typed)
         try:
-            if question in HAND_RANGES:
+            if option in HANDS:
                 low, high = both.groups() if both else (typed, typed)
                 alone = re.fullmatch(r"[-+.0-9eE ]+", low)  # the unit of the second is that of both
                 of_both = re.sub(r"^[-+.0-9eE ]+", "", high) if alone else ""
                 return read_quantity(f"{low} {of_both}", unit), read_quantity(high, unit)
-            if question.key == "device.delay_samples":
-                return self._delay(typed)
-            return read_quantity(typed, unit)
+            return self._delay(typed) if option is DELAY else read_quantity(typed, unit)
         except ValueError as error:
-            raise ValueError(f"{error}; allowed: a value in {unit}, {allowed}") from None
+            raise ValueError(f"{error}; {allowed}") from None
 
     def _delay(self, typed: str) -> float:
         try:
             samples = read_quantity(typed, "samples")
         except ValueError:
             try:
-                period = self._value(next(one for one in QUESTIONS if one.key == "device.sample_time_s"))
+                period = self._value(RATE)
             except ValueError:
                 period = None
             # A faulty rate is reported by itself.
@@ -225,31 +191,25 @@ class NewProblem:
             samples = float(f"{read_quantity(typed, 's') / period:.12g}")
         return int(samples) if samples.is_integer() else samples
 
-    def _unit(self, question: Question) -> str:
-        return question.unit if question is RADIUS else self.units.unit(question.unit)
+    def _unit(self, option: Option) -> str:
+        return option.unit if option is RADIUS else self.units.unit(option.unit)
 
-    def _of_base(self, question: Question) -> bool:
-        return self.base is not None and question.key.startswith("device.")
+    def _example(self, option: Option) -> str:
+        return option.examples[not self.units.linear]
 
-    def _base_value(self, question: Question) -> float | None:
+    def _base_value(self, option: Option) -> float | None:
         """Return the value of the device to start from; None where it gives none."""
-        if self.base is None:
+        if self.base is None or not option.key.startswith("device."):
             return None
-        value: float | None = getattr(self.base.device, question.key.partition(".")[2])
+        value: float | None = getattr(self.base.device, option.key.partition(".")[2])
         return value
 
-    def _kept(self, question: Question) -> bool:
+    def _kept(self, option: Option) -> bool:
         """Return whether the device to start from gives it."""
-        return self._of_base(question) and self.answers.get(question.key, UNKNOWN).strip() == UNKNOWN
+        return self.base is not None and option.key.startswith("device.") and option.key not in self.typed
 
     def _radius_m(self) -> float:
         if self.base is not None:
             return self.base.device.metres_per_unit
         found = None if self.units.linear else self._value(RADIUS)
         return found if isinstance(found, float) else 1.0
-
-    def _with_examples(self, wrong: list[Fault] | tuple[()]) -> dict[str, str]:
-        """Return the answers, with examples for the faulty and the missing required ones."""
-        keys = {one.key for one in wrong} | {one.key for one in self.questions() if not self._typed(one)}
-        examples = {one.key: self.example(one).partition(",")[0] for one in self.questions() if one.key in keys}
-        return {**self.answers, **examples}
