@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 from avc_casadi import Fault, InputError
 from avc_casadi.cli._arguments import add_worded, check_worded
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
-from avc_casadi.files.new_options import EVERY, HANDS, HOLDS, RADIUS, Option
+from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS, Option
 
 if TYPE_CHECKING:
     from avc_casadi.files.new_problem import NewProblem
@@ -31,6 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             add_worded(parser, one.option, one.turning, "V", text, str)
         else:
             parser.add_argument(one.option, metavar="V", help=text)
+    parser.add_argument("--model", metavar="M", help="device of several axes, MJCF or URDF: mass from it (MuJoCo)")
+    parser.add_argument("--tip", metavar="NAME", help="site, body or geom of the model that the hand holds")
     parser.add_argument("--force", action="store_true", help="write over a file that is there")
 
 
@@ -53,7 +55,10 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     new = NewProblem(path, args.like or "", "rotary" if turned else "linear", args.held, typed)
     check_worded(args, new.units)
     speak(new.units)
-    if faults := [*_alien(new), *new.faults()]:
+    alien = _alien(new)
+    if args.model is not None or args.tip is not None:
+        new = _at_tip(new, args.model, args.tip)
+    if faults := [*alien, *new.faults()]:
         raise InputError([replace(one, key=_option(one.key, new)) for one in faults])
     write_text(path, new.text(), "FILE")
     problem = new.problem()
@@ -66,8 +71,32 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         "assumed": new.assumed(),
         "not_known": [{"key": new.units.key(one.key), "message": one.cost} for one in new.unknown()],
         "warnings": doubts,
+        "model": None if new.tip is None else {"file": args.model, "tip": args.tip, **asdict(new.tip)},
     }
     return Answer(document, new_page(document, problem, console.page, args.file))
+
+
+def _at_tip(new: NewProblem, model: str | None, tip: str | None) -> NewProblem:
+    """Return a draft with the mass and the damping at the tip of a model.
+
+    Raises:
+        InputError: half of the options, one that the model answers, or a fault of the model.
+    """
+    from pathlib import Path
+
+    from avc_casadi.files.model_file import tip_mass
+
+    if model is None or tip is None:
+        raise InputError.of("goes with --model and --tip, both", key="--model" if model is None else "--tip")
+    if not new.units.linear:
+        raise InputError.of("moves its tip in lines, and the device turns; leave one out", key="--model")
+    if MASS.key in new.typed:
+        raise InputError.of("is that of --model; leave it out", key=MASS.option)
+    found = tip_mass(Path(model), tip)
+    typed = {MASS.key: f"{found.mass_kg:.4g} kg", **new.typed}
+    if found.damping_ns_per_m > 0:
+        typed.setdefault(DAMPING.key, f"{found.damping_ns_per_m:.4g} N.s/m")
+    return replace(new, typed=typed, tip=found)
 
 
 def _dest(option: Option) -> str:

@@ -23,6 +23,7 @@ from avc_casadi.model.hands import FINGERTIP
 if TYPE_CHECKING:
     from avc_casadi._util.units import MotionKind, Units
     from avc_casadi.files.device_file import DeviceFile
+    from avc_casadi.files.model_file import TipMass
     from avc_casadi.model.problem import Problem
 
 _COMMENT_AT = 31
@@ -39,6 +40,7 @@ class NewProblem:
         motion: of a device without one to start from.
         held: one of `HOLDS`.
         typed: texts by the key of their option.
+        tip: mass at the tip of a model, in place of one that is typed.
     """
 
     path: Path
@@ -46,6 +48,7 @@ class NewProblem:
     motion: MotionKind = "linear"
     held: str = "grip"
     typed: Mapping[str, str] = field(default_factory=dict)
+    tip: TipMass | None = None
 
     @cached_property
     def base(self) -> DeviceFile | None:
@@ -135,6 +138,14 @@ class NewProblem:
             yield 'held = "stylus"'
         for option in options:
             yield from self._line(option)
+        if table == "device" and self.tip is not None:
+            ends = ", ".join(f"{end:.4g}" for end in self.tip.range_kg)
+            yield from (
+                "",
+                "[device.range]",
+                "# Over poses and contact normals of the model's tip.",
+                f"mass_kg = [{ends}]",
+            )
         if table == "hands" and not options:
             radius = self._radius_m()
             for key, ends in FINGERTIP.model_dump(exclude={"let_go"}).items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -62,14 +62,7 @@ def problem_page(document: dict[str, Any], problem: Problem, page: Page, shown: 
 
 
 def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str) -> str:
-    """Return the `new` document as a headline and rows: what was written, what is unknown and what is unlikely.
-
-    Args:
-        document: of `avc new --json`.
-        problem: as written, read back.
-        page: where it is printed.
-        shown: the file as the user names it.
-    """
+    """Return the `new` document as a headline and rows: what was written, what is unknown and what is unlikely."""
     units, told, hands = problem.units, quantities(problem.units), problem.hands
     ranges = (
         f"{told(low, unit)} to {told(high, unit)}"
@@ -83,6 +76,7 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
     assumed = ", ".join(f"{units.key(key)} {value}" for key, value in document["assumed"].items())
     rows = [
         Row("Written", document["file"], Mark.PASS),
+        *_model_rows(document["model"], told),
         Row("Hands", f"{document['held']}: {', '.join(ranges)}"),
         *([Row("Assumed", assumed)] if assumed else []),
         *(Row("Not known", one, Mark.CAUTION) for one in not_known),
@@ -91,14 +85,23 @@ def new_page(document: dict[str, Any], problem: Problem, page: Page, shown: str)
     return page.rendered(headline(problem, shown), rows, [f"avc recommend {quote(shown)} --out coupling.json"])
 
 
-def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
-    """Return the `check` document of a device as a headline and rows, a value each with its range and grade.
+def _model_rows(model: dict[str, Any] | None, told: Callable[[float, str], str]) -> list[Row]:
+    """Return what a model said of the mass, and what was left out of it."""
+    if model is None:
+        return []
+    lowest, highest = (told(end, "kg") for end in model["range_kg"])
+    mass = f"{told(model['mass_kg'], 'kg')}, {lowest} to {highest} over {model['poses']} poses and all normals"
+    rows = [Row("Mass", f"{mass} of {model['tip']}")]
+    if left_out := model["singular_poses"]:
+        near = "near a singular one, where it grows without end: limits of the joints keep a hand away from them"
+        rows.append(Row("Left out", f"{left_out} poses {near}", Mark.CAUTION))
+    if model["has_dry_friction"]:
+        rows.append(Row("Not used", "dry friction of the model's joints; that at the tip: --friction", Mark.CAUTION))
+    return rows
 
-    Args:
-        document: of `avc check --json`.
-        units: of the device's motion.
-        page: where it is printed.
-    """
+
+def device_page(document: dict[str, Any], units: Units, page: Page) -> str:
+    """Return the `check` document of a device as a headline and rows, a value each with its range and grade."""
     sources, ranges = document["sources"], document["range"]
     told = {}
     for key, value in document["values"].items():
