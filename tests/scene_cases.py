@@ -39,17 +39,6 @@ CASES = {
         (HAND, WALL, 'kind = "resonance"\nfrequency_hz = 180.0\ndamping_ratio = 0.02\nmass_ratio = 0.3', FRICTION),
         SOFT,
     ),
-    "structure": ((HAND, WALL, 'kind = "structure"\nfrequency_hz = 230.0'), SOFT),
-    "structure-beside-a-resonance": (
-        (
-            HAND,
-            WALL,
-            FRICTION,
-            'kind = "structure"\nfrequency_hz = 230.0\ndamping_ratio = 0.05\nmass_ratio = 0.4',
-            'kind = "resonance"\nfrequency_hz = 120.0\ndamping_ratio = 0.05\nmass_ratio = 0.5',
-        ),
-        SOFT,
-    ),
     "encoder": ((HAND, WALL, 'kind = "encoder"\nresolution_m = 2e-5'), SOFT),
     "noise": ((HAND, WALL, 'kind = "noise"\nrms_m = 1e-6\nseed = 4'), SERIES),
     "velocity-filter": ((HAND, WALL, 'kind = "velocity-filter"\ncutoff_hz = 150.0'), SOFT),
@@ -57,23 +46,6 @@ CASES = {
     "kalman": (
         (HAND, WALL, 'kind = "velocity-filter"\nestimator = "kalman"\nacceleration_m_per_s2 = 5.0\nnoise_rms_m = 5e-6'),
         SERIES,
-    ),
-    "foaw": (
-        (HAND, WALL, ENCODER, 'kind = "velocity-filter"\nestimator = "foaw"\nwindow_samples = 7'),
-        Gains(math.inf, 0.0, 5.0),
-    ),
-    "levant": (
-        (HAND, WALL, 'kind = "velocity-filter"\nestimator = "levant"\nacceleration_m_per_s2 = 20.0'),
-        Gains(math.inf, 0.0, 5.0),
-    ),
-    "levant-gives-the-position": (
-        (
-            HAND,
-            WALL,
-            ENCODER,
-            'kind = "velocity-filter"\nestimator = "levant"\ndiscretisation = "explicit"\nposition = "estimated"',
-        ),
-        NO_COUPLING,
     ),
     "delay": ((HAND, WALL, 'kind = "delay"\nsamples = 3'), SOFT),
     "saturation": ((HAND, WALL, 'kind = "saturation"'), SERIES),
@@ -116,10 +88,6 @@ CASES = {
         SOFT,
     ),
     "notch": ((HAND, WALL, 'kind = "notch"\nfrequency_hz = 120.0\ndepth = 0.1\nwidth = 0.6'), SOFT),
-    "compensator": (
-        (HAND, WALL, 'kind = "compensator"\nsections = [[0.9, -0.5, 0.1, -0.6, 0.2], [1.3, -0.8, 0.0, -0.5, 0.0]]'),
-        SOFT,
-    ),
     "state-feedback": ((HAND, WALL, 'kind = "encoder"\nresolution_m = 2e-5', FEEDBACK), SOFT),
     "state-feedback-late-and-limited": (
         (HAND, WALL, FRICTION, FEEDBACK, 'kind = "delay"\nsamples = 1', 'kind = "saturation"\nforce_n = 1.5'),

@@ -62,16 +62,6 @@ class Reference:
             self.m1 = device.mass_kg - self.m2
             reduced, omega = self.m1 * self.m2 / (self.m1 + self.m2), 2 * math.pi * mode.frequency_hz
             self.k12, self.b12 = reduced * omega**2, 2 * mode.damping_ratio * omega * reduced
-        self.m3, self.k13, self.b13 = 0.0, 0.0, 0.0
-        if "structure" in effects:
-            part = effects["structure"]
-            self.m3 = device.mass_kg * part.mass_ratio
-            omega, reduced = 2 * math.pi * part.frequency_hz, self.m3 * (1 - part.mass_ratio)
-            self.k13, self.b13 = reduced * omega**2, 2 * part.damping_ratio * omega * reduced
-            # The handle's share is taken of what is left.
-            whole, handle = device.mass_kg - self.m3, self.m2 / device.mass_kg
-            self.k12, self.b12 = (value * (1 - part.mass_ratio) for value in (self.k12, self.b12))
-            self.m1, self.m2 = whole * (1 - handle), whole * handle
         self.hand = None
         if "hand" in effects:
             table = effects["hand"]
@@ -91,16 +81,14 @@ class Reference:
             self.ratio = effects["amplifier"].damping_ratio or device.amplifier_damping_ratio
 
     def rates(self, y, force, xh, vh):
-        """Rates of [x1 v1 x2 v2 xs vs fa ra x3 v3] without dry friction."""
-        x1, v1, x2, v2, xs, vs, fa, ra, x3, v3 = y
+        """Rates of [x1 v1 x2 v2 xs vs fa ra] without dry friction."""
+        x1, v1, x2, v2, xs, vs, fa, ra = y
         w = self.bandwidth
         acting = fa if self.bandwidth else force
         on1, on2, ons = -acting - self.b1 * v1, 0.0, 0.0
         if self.m2:
             link = self.k12 * (x2 - x1) + self.b12 * (v2 - v1)
             on1, on2 = on1 + link, -link
-        part = self.k13 * (x3 - x1) + self.b13 * (v3 - v1)
-        on1 += part
         tip_x, tip_v = (x2, v2) if self.m2 else (x1, v1)
         pull = 0.0
         if self.hand:
@@ -119,8 +107,6 @@ class Reference:
             ons / self.stylus.mass_kg if self.stylus else 0.0,
             ra if self.order == 2 else w * (force - fa) if w else 0.0,
             w**2 * (force - fa) - 2 * self.ratio * w * ra if self.order == 2 else 0.0,
-            v3,
-            -part / self.m3 if self.m3 else 0.0,
         ]
 
     def move(self, y, force, k, begin, end):
@@ -193,7 +179,7 @@ class Reference:
             rest *= section.gain
         computer, line, before = Computer(self, rest), [0.0] * lag, 0.0
         believer = Believer(effects["state-feedback"]) if "state-feedback" in effects else None
-        y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0, self.start, 0.0])
+        y = np.array([self.start, 0.0, self.start, 0.0, self.start, 0.0, 0.0, 0.0])
         out, self.handle = [], np.empty((2, samples))
         for k in range(samples):
             command = before
@@ -268,8 +254,6 @@ def sections_of(effects, period):
         above = [1, table.depth * table.width * warped, warped**2]
         b, a = bilinear(above, [1, table.width * warped, warped**2], 1 / period)
         filters.append(Filter(*b, *a[1:]))
-    if "compensator" in effects:
-        filters += [Filter(*section) for section in effects["compensator"].sections]
     return filters
 
 
@@ -288,32 +272,25 @@ class Computer:
         self.one_sided = "environment" not in effects
         self.gated = self.one_sided and problem.coupling.contact == "gated"
         self.absent = not ("wall" in effects or "environment" in effects) or self.k_e == self.b_e == 0
-        self.share, self.estimator, self.gains_of_kalman = 0.0, None, None
+        self.share, self.gains_of_kalman = 0.0, None
         if "velocity-filter" in effects:
-            self.choose(effects["velocity-filter"], effects, start)
+            self.choose(effects["velocity-filter"])
         depth = self.depth(start)
         # Value and rate of the last sample.
         self.stretch, self.surface, self.contact = [0.0, 0.0], [depth, 0.0], [start, 0.0]
 
-    def choose(self, table, effects, start):
-        """Take the share of a first-order lag, the gains of a Kalman filter, or what estimates the velocity of x."""
-        bound = table.acceleration_m_per_s2 or 30.0  # 3 N on 0.1 kg
+    def choose(self, table):
+        """Take the share of a first-order lag, or the gains of a Kalman filter."""
         if table.estimator == "first-order":
             self.share = math.exp(-2 * math.pi * table.cutoff_hz * self.T)
-        elif table.estimator == "kalman":
-            self.gains_of_kalman = plain_velocity.Kalman(self.T, 0.0, bound, table.noise_rms_m).gains
-        elif table.estimator == "foaw":
-            self.estimator = plain_velocity.Foaw(self.T, start, effects["encoder"].resolution_m, table.window_samples)
         else:
-            self.estimator = plain_velocity.Levant(self.T, start, bound, table.discretisation)
-        self.believes = table.position == "estimated"
+            known = table.acceleration_m_per_s2, table.noise_rms_m
+            self.gains_of_kalman = plain_velocity.Kalman(self.T, 0.0, *known).gains
 
     def depth(self, x):
         return max(x, 0.0) if self.gated else x
 
     def rate(self, value, memory):
-        if self.estimator is not None:
-            return self.velocity
         if self.gains_of_kalman is not None:
             return memory[1] + self.gains_of_kalman[1] * (value - memory[0] - self.T * memory[1])
         return (1 - self.share) * (value - memory[0]) / self.T + self.share * memory[1]
@@ -340,9 +317,6 @@ class Computer:
     def force(self, x):
         if self.absent:
             return 0.0
-        if self.estimator is not None:
-            self.velocity = self.estimator(x)
-            x = self.estimator.position if self.believes else x
         gains, tool = self.gains, x
         command = self.wall_force(x) if gains.rigid else 0.0
         if not gains.rigid and (gains.stiffness_n_per_m or gains.damping_ns_per_m):

@@ -37,7 +37,6 @@ EFFECTS = {
     "noise": {"rms_m": 1e-7, "seed": 4},
     "backlash": {"gap_m": 1e-4},
     "notch": {"frequency_hz": 120.0, "depth": 0.1},
-    "compensator": {"sections": [[1.0, -0.5, 0.0, 0.2, 0.1], [0.5, 0.0, 0.0, 0.0, 0.0]]},
     "velocity-filter": {"cutoff_hz": 50.0},
     "observer": {"mass_kg": 0.2},
     "state-feedback": {
@@ -49,7 +48,6 @@ EFFECTS = {
         "dead_zone_m": 1e-5,
     },
     "delay": {"samples": 2.5},
-    "structure": {"frequency_hz": 250.0, "mass_ratio": 0.2},
     "jitter": {"rms_s": 1e-5, "dropped_share": 0.01},
     "amplifier": {"bandwidth_hz": 300.0, "order": 2},
     "saturation": {"force_n": 5.0},

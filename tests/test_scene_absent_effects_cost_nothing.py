@@ -32,11 +32,6 @@ ADDS = {
     'kind = "delay"\nsamples = 0.5': (("delayed_1_n",), (), True),
     'kind = "backlash"\ngap_m = 1e-4': (("backlash_position_m",), (), True),
     'kind = "notch"\nfrequency_hz = 100.0': (("notch_first_m", "notch_second_m"), (), True),
-    'kind = "compensator"\nsections = [[1.0, -0.5, 0.1, 0.2, 0.1]]': (
-        ("compensator_1_first_m", "compensator_1_second_m"),
-        (),
-        True,
-    ),
     'kind = "state-feedback"\nstate = [[1.0]]\nforce_m_per_n = [-1e-6]\ninnovation = [0.5]\nfeedback = [1.0]\n'
     "positions = [0]": (
         ("asked_force_n", "state_feedback_started", "state_feedback_s1_m"),

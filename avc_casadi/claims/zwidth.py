@@ -28,8 +28,7 @@ from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay
 from avc_casadi.model.hands import hand_set, no_hand
 from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.velocity import PLAIN, Poles, velocity_estimator
-from avc_casadi.model.velocity_keys import VelocityFilterEffect
+from avc_casadi.model.velocity import PLAIN, Poles, VelocityFilterEffect, velocity_poles
 from avc_casadi.paper.equations import coupling_gains
 from avc_casadi.paper.loop import loop_at
 
@@ -305,10 +304,7 @@ def _estimator(problem: Problem) -> tuple[Poles, str]:
     filters = [one for one in problem.scene.effects if isinstance(one, VelocityFilterEffect)]
     if not filters:
         return PLAIN, ""
-    poles = velocity_estimator(problem, filters[-1]).poles
-    if poles is None:
-        return PLAIN, f", by the backward difference, not by the scene's estimator {filters[-1].estimator}"
-    return poles, ", with the velocity filter of the scene"
+    return velocity_poles(problem, filters[-1]), ", with the velocity filter of the scene"
 
 
 _Claims = dict[str, tuple[str, partial[Stretches]]]
@@ -358,11 +354,5 @@ def _keys(problem: Problem, *, bounded: bool) -> tuple[tuple[str, ...], tuple[st
     for effect in problem.scene.effects:
         if EFFECTS[effect.kind].scene_alone and effect.kind not in simulated:
             name = f"scene.effects: {effect.kind}"
-            if not isinstance(effect, VelocityFilterEffect):
-                unused.append(name)
-            elif velocity_estimator(problem, effect).poles is not None:
-                used.append(name)
-            else:
-                said = "not linear" if effect.position != "estimated" else "gives the spring its position too"
-                unused.append(f"{name} (estimator {effect.estimator}: {said}, judged by avc simulate alone)")
+            (used if isinstance(effect, VelocityFilterEffect) else unused).append(name)
     return tuple(used), tuple(unused)

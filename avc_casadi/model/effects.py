@@ -19,11 +19,9 @@ from avc_casadi.model.quantity import (
     LoopDampingRatio,
     Mass,
     MassRatio,
-    MassShare,
     Place,
     Places,
     Rate,
-    Sections,
     Seed,
     Share,
     Stiffness,
@@ -169,21 +167,6 @@ class ResonanceEffect(EffectTable):
     mass_ratio: MassRatio | None = None
 
 
-class StructureEffect(EffectTable):
-    """A part of the device on a spring of its own, beside the resonance of [device] if it has one.
-
-    Attributes:
-        frequency_hz: of motor and part against each other, nothing else being joined to them.
-        damping_ratio: of that oscillation.
-        mass_ratio: share of the device's mass in that part.
-    """
-
-    kind: Literal["structure"] = "structure"
-    frequency_hz: Hertz
-    damping_ratio: DampingRatio = 0.02
-    mass_ratio: MassShare = 0.3
-
-
 class BacklashEffect(EffectTable):
     """Play between the handle and the motor, on which the encoder sits.
 
@@ -234,17 +217,6 @@ class NotchEffect(EffectTable):
     frequency_hz: Hertz
     depth: Share = 0.0
     width: Threshold = 0.5
-
-
-class CompensatorEffect(EffectTable):
-    """A linear discrete filter on the measured position, in second-order sections [b0, b1, b2, a1, a2].
-
-    Attributes:
-        sections: second-order sections [b0, b1, b2, a1, a2], one after the other.
-    """
-
-    kind: Literal["compensator"] = "compensator"
-    sections: Sections
 
 
 class ObserverEffect(EffectTable):

@@ -94,26 +94,13 @@ class Plant:
             damping_ratio: damping of that mode, as a share of the critical.
             mass_ratio: share of the device's mass on the side of the hand.
         """
-        self.hang(HANDLE, frequency_hz, damping_ratio, mass_ratio)
-        self.grip = HANDLE
-
-    def hang(
-        self, body: str, frequency_hz: float | FloatArray, damping_ratio: float | FloatArray, mass_ratio: float
-    ) -> None:
-        """Move a share of the device's mass to a body on a spring.
-
-        Args:
-            body: its name.
-            frequency_hz: frequency of device and body against each other, nothing else being joined to them.
-            damping_ratio: damping of that mode, as a share of the critical.
-            mass_ratio: share of the device's mass in that body.
-        """
-        hung = self.mass_kg(DEVICE) * mass_ratio
-        self.add_mass(DEVICE, -hung)
-        self.add_mass(body, hung)
-        reduced = hung * (1 - mass_ratio)
+        handle = self.mass_kg(DEVICE) * mass_ratio
+        self.add_mass(DEVICE, -handle)
+        self.add_mass(HANDLE, handle)
+        reduced = handle * (1 - mass_ratio)
         omega = 2 * math.pi * frequency_hz
-        self.join(DEVICE, body, reduced * omega**2, 2 * damping_ratio * omega * reduced)
+        self.join(DEVICE, HANDLE, reduced * omega**2, 2 * damping_ratio * omega * reduced)
+        self.grip = HANDLE
 
     def linear(self) -> LinearPlant:
         """Assemble the equations of motion."""

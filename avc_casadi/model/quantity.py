@@ -156,12 +156,6 @@ def ordered(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-def _five(value: Any) -> Any:
-    if not isinstance(value, list | tuple) or len(value) != 5:
-        raise refusal(f"is {shown(value)}; allowed: five numbers, [b0, b1, b2, a1, a2]")
-    return tuple(value)
-
-
 def sequence(value: Any) -> Any:
     """Return a list as a tuple, or refuse what is no list, empty or too long."""
     if not isinstance(value, list | tuple) or not value:
@@ -222,7 +216,6 @@ MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False)
 MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
 DelaySamples = Annotated[int | float, BeforeValidator(_delay)]
 Samples = Annotated[int, BeforeValidator(Whole(0, 1000))]
-Window = Annotated[int, BeforeValidator(Whole(2, 64))]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, MOST_FREQUENCIES))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]
@@ -240,9 +233,6 @@ LoopDampingRatioInterval = Annotated[
 ]
 MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair), AfterValidator(ordered)]
 DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(ordered)]
-Coefficient = Annotated[float, BeforeValidator(Quantity("", 1e-15, 1e6, signed=True))]
-Section = Annotated[tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient], BeforeValidator(_five)]
-Sections = Annotated[tuple[Section, ...], BeforeValidator(sequence)]
 Entry = Annotated[float, BeforeValidator(Quantity("", 1e-30, 1e12, signed=True))]
 Entries = Annotated[tuple[Entry, ...], BeforeValidator(sequence)]
 EntryRows = Annotated[tuple[Entries, ...], BeforeValidator(sequence)]

@@ -1,4 +1,4 @@
-"""Unmodelled effects of a device: less mass, missed samples, one more resonance."""
+"""Unmodelled effects of a device: less mass, missed samples."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from avc_casadi.model.corners import device_corners, device_with
-from avc_casadi.model.effects import JitterEffect, StructureEffect
-from avc_casadi.model.quantity import Hertz, MassShare, Share, Table
+from avc_casadi.model.effects import JitterEffect
+from avc_casadi.model.quantity import MassShare, Share, Table
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -20,15 +20,13 @@ class Robustness(Table):
     Attributes:
         mass_share: the device is lighter by this share of its lowest mass; None: not required.
         dropped_share: the computer misses this share of the samples; None: not required.
-        mode_hz: 0.3 of the mass on a resonance of this frequency at the motor, damping ratio 0.02; None: not required.
     """
 
     mass_share: MassShare | None = None
     dropped_share: Share | None = None
-    mode_hz: Hertz | None = None
 
 
-USUAL = Robustness(mass_share=0.2, dropped_share=1e-3, mode_hz=400.0)
+USUAL = Robustness(mass_share=0.2, dropped_share=1e-3)
 """Effects reported for every coupling, required or not."""
 
 
@@ -65,7 +63,4 @@ def unmodelled(device: Device, asked: Robustness) -> tuple[Unmodelled, ...]:
     if asked.dropped_share:
         drops = JitterEffect(rms_s=0.0, dropped_share=asked.dropped_share)
         found.append(Unmodelled("dropped_share", asked.dropped_share, known, (drops,)))
-    if asked.mode_hz is not None and device.mass_kg > 0:
-        part = StructureEffect(frequency_hz=asked.mode_hz)
-        found.append(Unmodelled("mode_hz", asked.mode_hz, known, (part,)))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""Robustness to unmodelled effects: a lighter device, missed samples, one more resonance."""
+"""Robustness to unmodelled effects: a lighter device, missed samples."""
 
 from __future__ import annotations
 

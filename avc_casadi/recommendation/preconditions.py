@@ -294,7 +294,7 @@ def not_used(problem: Problem) -> tuple[str, ...]:
             ("frequency", _band_stated(problem)),
         )
         unused += [f"{table}{_OF_SOLVE}" for table, stated in asked if stated]
-    known = {"velocity-filter": "known to avc simulate and, if linear, to avc zwidth alone"}
+    known = {"velocity-filter": "known to avc simulate and avc zwidth alone"}
     return (
         *unused,
         *(f"scene.effects: {kind} ({known.get(kind, 'simulated by avc simulate alone')})" for kind in listed),

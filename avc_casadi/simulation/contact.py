@@ -21,7 +21,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.velocity import PLAIN
 from avc_casadi.simulation.tick import Expr, Rate, Tick
@@ -99,18 +98,9 @@ def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: boo
 
     Returns:
         The force, N, positive against +x.
-
-    Raises:
-        InputError: a nonlinear velocity estimator together with a coupling.
     """
     import casadi as ca  # noqa: PLC0415
 
-    if tick.velocity is not None and not rigid:
-        raise InputError.of(
-            "differentiates the measured position, and the deflection of a coupling is none; allowed: estimator "
-            '"first-order" or "kalman" (position = "measured"), or scene.coupling = "none"',
-            key="scene.effects: velocity-filter",
-        )
     force = _series_force(tick, environment, rigid=rigid)
     if damped:
         force += _contact_damper(tick)
@@ -212,7 +202,7 @@ def _spring_energy(
 def _pushing_only(tick: Tick, force: Expr, free: Expr, compliance: Expr | None) -> Expr:
     import casadi as ca  # noqa: PLC0415
 
-    if tick.poles == PLAIN and tick.velocity is None:
+    if tick.poles == PLAIN:
         # A plain difference never pushes a tool outside the wall: f > 0 implies p > 0.
         return ca.fmax(force, 0)
     if compliance is None:

@@ -69,7 +69,6 @@ class Tick:
         command: commanded force, N, positive against +x; None in free space.
         command_before: previous force, which acts until a late one arrives; None where forces are never late.
         poles: of the low pass behind every backward difference (`model.velocity`; PLAIN: none).
-        velocity: estimated velocity of the measured position, in place of its differences; None without.
         late: share of the sample during which the previous force still acts; None where forces are never late.
         asked: commanded force before any delay; None without a delay.
         dropped: 1 where the computer misses the sample; None where it never does.
@@ -89,7 +88,6 @@ class Tick:
     command: Expr = None
     command_before: Expr = None
     poles: Poles = PLAIN
-    velocity: Expr = None
     late: Expr = None
     asked: Expr = None
     dropped: Expr = None
@@ -202,7 +200,7 @@ class Tick:
 
 
 class Rate:
-    """Velocity in the computer: backward difference, or the scene's estimator.
+    """Velocity in the computer: backward difference, behind the low pass of the scene.
 
     The value may be unknown when the rate is needed (an implicit force law): rate = gain * value - offset.
 
@@ -229,9 +227,6 @@ class Rate:
         self.gain = tick.rate_gain_per_s
         self.offset: Expr = self.gain * before
         self._rates: list[tuple[str, Expr]] = []
-        if tick.velocity is not None:
-            # The value is the measured position, or its penetration where the wall has any force.
-            self.offset = self.gain * tick.position - tick.velocity
         for name_of, pole in zip(("rate", "older_rate"), tick.poles, strict=True):
             if pole:
                 self._rates.append((f"{name}_{name_of}_m_per_s", tick.state(f"{name}_{name_of}_m_per_s")))

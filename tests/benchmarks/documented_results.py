@@ -12,7 +12,6 @@ from typing import Any
 import baseline_page
 import documented_hardware as hardware
 import numpy as np
-import velocity_estimators_page as estimators_page
 from studied import percent, rounded, table
 
 from avc_casadi.simulation.population.settled import exact_interval
@@ -314,12 +313,7 @@ def real_drive(found: Document) -> str:
     )
 
 
-def velocity_estimators(found: Document) -> str:
-    return estimators_page.summary([row for row in found["rows"] if row["part"] == "device"])
-
-
 BLOCKS: Mapping[str, ResultBlock] = {
-    "velocity-estimators": ResultBlock("velocity_estimators", velocity_estimators),
     "real-drive": ResultBlock("real_drive", real_drive),
     "many-hands": ResultBlock("many_hands", many_hands, quiet=True),
     "many-workers": ResultBlock("many_hands", many_workers),

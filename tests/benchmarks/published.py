@@ -659,8 +659,6 @@ _PADDLE_PARTS = """
   which adds a fifteenth of the torque before.
 - `avc zwidth` alone would mislead here. Its encoder limit is one of springs; walls with B on a coarse encoder need a
   trial.
-- FOAW, Levant's and Kalman's each held walls as stiff as the backward difference's or stiffer; scenes with each of them
-  stand beside these columns in [velocity estimators](RESULTS_velocity_estimators.md#the-measured-paddle).
 """
 
 

@@ -55,7 +55,6 @@ class Study:
 
 STUDIES = (
     Study("published.py", 0.3, ("published",)),
-    Study("velocity_estimators.py", 20, ("velocity_estimators",)),
     Study("hardware_figures.py", None, ("hardware",)),
     Study("table1_study.py 200", 1.5, ("table1",)),
     Study("robust_goals.py", 2, ("robust_goals",)),
