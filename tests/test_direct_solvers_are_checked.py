@@ -1,26 +1,22 @@
 """Every solver of the registry solves, stays quiet, and is believed only after its answer has been recomputed."""
 
 import os
-import re
 import signal
 import threading
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
+from avc_casadi.paper import backends as _backends
 from avc_casadi.paper import nlp as _optimality
-from avc_casadi.paper.backends import BACKENDS, DEFAULT_SOLVER, backend
+from avc_casadi.paper.backends import DEFAULT_SOLVER, SOLVERS
 from avc_casadi.paper.cross_check import EXCESS_TOLERANCE, excess_error
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.nlp_gains import nlp_gains
 from tests.drawn_problems import drawn_problem
-
-# The others may stop short now and then, and then say so.
-SURE = {"ipopt", "sqpmethod", DEFAULT_SOLVER}
 
 
 def some_frequencies(name, *values):
@@ -32,7 +28,7 @@ STIFF = some_frequencies("figure5", 1.0, 18.0, 60.0, 300.0)
 MANY = avc.load_problem("figure5")
 
 
-@pytest.mark.parametrize("name", BACKENDS)
+@pytest.mark.parametrize("name", SOLVERS)
 def test_it_solves_a_stiff_wall_without_a_word(name, capfd):
     schedule = solve(STIFF, "direct", solver=name)
     written = capfd.readouterr()
@@ -40,24 +36,11 @@ def test_it_solves_a_stiff_wall_without_a_word(name, capfd):
     assert written.err == ""
     assert schedule.solver == name
     exact = solve(STIFF, "exact")
-    for row, status in enumerate(schedule.status):
-        if status == "failed":
-            assert name not in SURE
-            assert "short of the global optimum" in schedule.reason[row] or "KKT" in schedule.reason[row]
-        else:
-            excess = schedule.magnitude_error[row] - exact.magnitude_error[row]
-            assert excess <= EXCESS_TOLERANCE * abs(exact.target[row])
-            assert schedule.real_part[row] >= 0
-    assert sum(status != "failed" for status in schedule.status) >= 3
+    excess = schedule.magnitude_error - exact.magnitude_error
+    assert "failed" not in schedule.status
+    assert (excess <= EXCESS_TOLERANCE * np.abs(exact.target)).all()
+    assert (schedule.real_part >= 0).all()
     assert any("cross-check with exact" in note for note in schedule.notes)
-
-
-@pytest.mark.parametrize("name", BACKENDS)
-def test_each_has_a_citation_and_maps_the_tolerance_to_its_own_options(name):
-    assert re.search(r"\d{4}|CasADi", backend(name).citation)
-    tight, loose = (str(backend(name).options(tolerance)) for tolerance in (1e-9, 1e-3))
-    assert "1e-09" in tight
-    assert "0.001" in loose
 
 
 def test_a_tighter_tolerance_gives_a_smaller_error():
@@ -75,19 +58,25 @@ def test_a_tighter_tolerance_gives_a_smaller_error():
 def test_unknown_names_are_refused_with_those_that_are_known():
     with pytest.raises(avc.InputError) as refused:
         solve(STIFF, "direct", solver="gurobi")
-    assert all(name in str(refused.value) for name in BACKENDS)
+    assert all(name in str(refused.value) for name in SOLVERS)
 
 
-def test_a_plugin_that_this_casadi_lacks_is_named(monkeypatch):
-    monkeypatch.setitem(BACKENDS, "absent", replace(BACKENDS["ipopt"], name="absent", plugin="nosuchsolver"))
-    with pytest.raises(avc.UnsupportedError, match="absent"):
-        solve(STIFF, "direct", solver="absent")
+def test_another_plugin_is_taken_by_its_name_and_checked_like_all(capfd):
+    schedule, exact = solve(STIFF, "direct", solver="fatrop"), solve(STIFF, "exact")
+    capfd.readouterr()
+    assert schedule.solver == "fatrop"
+    good = [status != "failed" for status in schedule.status]
+    assert (np.abs(schedule.magnitude_error - exact.magnitude_error) <= EXCESS_TOLERANCE * np.abs(exact.target))[
+        good
+    ].all()
+    with pytest.raises(avc.InputError, match="keeps its own"):
+        solve(STIFF, "direct", solver="fatrop", tolerance=1e-6)
 
 
 def liar(monkeypatch, name, **options):
     """A solver of CasADi that calls its start solved, or whatever it has when it may do no step."""
-    lying = replace(BACKENDS["sqpmethod"], name=name, tolerance_options=lambda _tolerance: options)
-    monkeypatch.setitem(BACKENDS, name, lying)
+    plugin, honest = SOLVERS["sqpmethod"](1e-12)
+    monkeypatch.setattr(_backends, "SOLVERS", SOLVERS | {name: lambda _tolerance: (plugin, honest | options)})
     return name
 
 
@@ -137,7 +126,7 @@ def test_infeasible_problems_are_told_apart_from_failures():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["ipopt", "sqpmethod", "fatrop"])
+@pytest.mark.parametrize("name", ["ipopt", "sqpmethod"])
 def test_random_problems_end_solved_or_failed_and_never_wrong(name):
     rng = np.random.default_rng(8)
     solved = 0
@@ -154,7 +143,7 @@ def test_random_problems_end_solved_or_failed_and_never_wrong(name):
     assert solved >= 8
 
 
-@pytest.mark.parametrize("name", BACKENDS)
+@pytest.mark.parametrize("name", SOLVERS)
 def test_ctrl_c_ends_a_solve(name):
     """IPOPT turns Ctrl-C into a return status, sqpmethod into a RuntimeError."""
 
@@ -191,7 +180,7 @@ def test_ctrl_c_is_left_to_a_handler_that_stands_already(delay_s):
     try:
         timer = threading.Timer(delay_s, os.kill, (os.getpid(), signal.SIGINT))
         timer.start()
-        assert "failed" not in solve(some_frequencies("figure5", 1.0, 18.0), "direct", solver="fatrop").status
+        assert "failed" not in solve(some_frequencies("figure5", 1.0, 18.0), "direct", solver="ipopt").status
         timer.join()
     finally:
         signal.signal(signal.SIGINT, before)

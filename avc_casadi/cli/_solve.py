@@ -29,9 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problem", metavar="P", help="problem file or name of the catalogue")
     parser.add_argument("--method", help=f"{methods_help()}; default direct")
     parser.add_argument(
-        "--solver", help="CasADi solver of direct: sqpmethod-qrqp (default), ipopt, sqpmethod, fatrop, ..."
+        "--solver", help="of direct: sqpmethod-qrqp (default), sqpmethod, ipopt, or another nlpsol plugin of CasADi"
     )
-    parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the backend")
+    parser.add_argument("--tolerance", type=float, metavar="TOL", help="tolerance asked of the solver")
     parser.add_argument("--as-printed", action="store_true", help="closed form with the paper's errors; -v tells them")
     parser.add_argument(
         "--out", metavar="FILE", help="write the coupling: .json (everything), or .csv (the bare table)"

@@ -68,7 +68,7 @@ def checked_gains(
     Args:
         problem: the problem.
         loop: its loop at n frequencies.
-        name: the backend.
+        name: of the solver.
         tolerance: relative tolerance requested.
         margin_ns_per_m: as in `nlp_gains`.
         progress: reports the frequencies.

@@ -33,13 +33,13 @@ def solve_direct(
 
     Args:
         problem: the problem.
-        solver: a backend of CasADi; None is `DEFAULT_SOLVER`.
+        solver: of CasADi; None is `DEFAULT_SOLVER`.
         tolerance: relative tolerance requested; None is `DEFAULT_TOLERANCE`.
         progress: reports the frequencies.
 
     Raises:
         InputError: unknown solver.
-        UnsupportedError: a solver that this CasADi was built without.
+        UnsupportedError: a solver that refuses these problems.
         KeyboardInterrupt: Ctrl-C, also from within a solver.
     """
     started = time.perf_counter()

@@ -49,15 +49,15 @@ def nlp_gains(
     Args:
         problem: the problem.
         loop: its loop at n frequencies.
-        name: the backend.
+        name: of the solver.
         tolerance: relative tolerance requested.
         lattice: of its starts.
         margin_ns_per_m: least Re Z_h; None is the problem's, kept by every device of its range; -inf admits all gains.
         progress: reports the frequencies.
 
     Raises:
-        InputError: unknown backend.
-        UnsupportedError: this CasADi was built without it.
+        InputError: unknown solver.
+        UnsupportedError: a solver that refuses these problems.
         KeyboardInterrupt: Ctrl-C, also while the solver runs.
     """
     margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m

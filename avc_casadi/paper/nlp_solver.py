@@ -6,11 +6,6 @@ then changes evenly over a box of any width, and a Newton step is as good at one
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
-import os
-import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,44 +16,13 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.interrupt import HeldInterrupt
-from avc_casadi.paper.backends import Backend, backend
+from avc_casadi.paper.backends import plugin_of
 from avc_casadi.paper.loop import Loop
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters
 from avc_casadi.paper.numbers import abs2
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
-
-
-@contextlib.contextmanager
-def silent_terminal(*, active: bool) -> Iterator[None]:
-    """Discard standard output and error, whether written by Python or by a library.
-
-    Args:
-        active: whether to do so.
-    """
-    if not active:
-        yield
-        return
-    sys.stdout.flush()
-    sys.stderr.flush()
-    with contextlib.ExitStack() as stack:
-        nowhere = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123 - not a real path
-        for number in (1, 2):
-            kept = os.dup(number)
-            stack.callback(_restore, kept, number)
-            os.dup2(nowhere.fileno(), number)
-        stack.enter_context(contextlib.redirect_stdout(nowhere))
-        stack.enter_context(contextlib.redirect_stderr(nowhere))
-        yield
-
-
-def _restore(kept: int, number: int) -> None:
-    # A library's own buffer would otherwise be written to the terminal later.
-    with contextlib.suppress(OSError, TypeError, AttributeError):
-        ctypes.CDLL(None).fflush(None)
-    os.dup2(kept, number)
-    os.close(kept)
 
 
 Stage = Literal["error", "turn", "contact"]
@@ -73,17 +37,15 @@ _LAST_SHARE = 1.0 - 2.0**-52
 
 @dataclass(frozen=True)
 class NlpSolvers:
-    """CasADi functions of one backend, in the lexicographic order of the goals.
+    """CasADi functions of one solver, in the lexicographic order of the goals.
 
     Attributes:
-        backend: name.
         error: minimises (|Z_h_ds| - |Z_h|)^2 subject to Re Z_h >= margin   (11), (12).
         turn: of all |Z_h| = |Z_h_ds|, minimises |Z_h - Z_h_ds|, as tan of half the angle between the two, on the side
             of Z_h_ds where it starts: along the circle both increase together, but the angle has no flat minimum.
         contact: of all gains with the same Z_h, minimises b_p; None where b_p is fixed.
     """
 
-    backend: Backend
     error: Any
     turn: Any
     contact: Any | None
@@ -91,18 +53,18 @@ class NlpSolvers:
 
 @lru_cache(maxsize=16)
 def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSolvers:
-    """Return the solvers, built once for each backend and tolerance.
+    """Return the solvers, built once for each solver and tolerance.
 
     Args:
-        name: the backend.
+        name: of the solver.
         tolerance: relative tolerance requested.
         contact: whether b_p is a variable beside b and k.
 
     Raises:
-        InputError: unknown backend.
-        UnsupportedError: this CasADi was built without it.
+        InputError: unknown solver.
+        UnsupportedError: a solver that refuses these problems.
     """
-    chosen, nlp = backend(name), coupling_nlp()
+    (plugin, options), nlp = plugin_of(name, tolerance), coupling_nlp()
     u = ca.SX.sym("u", 3 if contact else 2)
     low, span, scale, sizes, point = (ca.SX.sym(label, n) for label, n in _SCALING)
     share = low + span * (u if contact else ca.vertcat(u, 0))
@@ -125,13 +87,12 @@ def nlp_solvers(name: str, tolerance: float, *, contact: bool = False) -> NlpSol
     def solver(label: str, goal: Any, constraints: list[Any]) -> Any:
         problem = {"x": u, "f": goal, "g": ca.vertcat(*constraints), "p": parameters}
         try:
-            return ca.nlpsol(label, chosen.plugin, problem, chosen.options(tolerance))
+            return ca.nlpsol(label, plugin, problem, options)
         except RuntimeError as failure:
             why = str(failure).strip().splitlines()[-1]
-            raise UnsupportedError(f"solver {name} cannot be used: {why}; avc doctor lists those that can") from failure
+            raise UnsupportedError(f"solver {name} cannot be used: {why}; leave --solver out") from failure
 
     return NlpSolvers(
-        chosen,
         solver("error", error, [passive]),
         solver("turn", turn, [passive, turn, on_circle]),
         solver("contact", u[2], same) if contact else None,
@@ -207,13 +168,12 @@ class NlpRows:
         lowest = np.zeros(len(_UPPER[stage]))
         if stage != "contact" and not np.isfinite(self.margin):
             lowest[0] = -np.inf
-        with silent_terminal(active=self._solvers.backend.prints):
-            for first in range(0, u.shape[1], _AT_ONCE):
-                some = slice(first, first + _AT_ONCE)
-                # Where a foreign handler intercepts Ctrl-C without ending anything, the next calls follow.
-                with HeldInterrupt():
-                    x = _solved(solver, u[:varied, some], data[:, some], lowest, np.array(_UPPER[stage]))
-                found[:varied, some] = np.where(np.isfinite(x), np.clip(x, 0, 1), u[:varied, some])
+        for first in range(0, u.shape[1], _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            # Where a foreign handler intercepts Ctrl-C without ending anything, the next calls follow.
+            with HeldInterrupt():
+                x = _solved(solver, u[:varied, some], data[:, some], lowest, np.array(_UPPER[stage]))
+            found[:varied, some] = np.where(np.isfinite(x), np.clip(x, 0, 1), u[:varied, some])
         return found
 
 

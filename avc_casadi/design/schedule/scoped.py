@@ -77,7 +77,7 @@ def solve_direct_in_scope(
     Args:
         problem: the problem.
         solver: as in `solve_direct`; beyond the pointwise scope the default alone.
-        tolerance: of the CasADi backends; pointwise alone.
+        tolerance: of CasADi's solver; pointwise alone.
         progress: reports the frequencies.
 
     Raises:

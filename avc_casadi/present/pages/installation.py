@@ -5,29 +5,29 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from avc_casadi._util.text import number, text_table
+from avc_casadi._util.text import text_table
 from avc_casadi.present.terminal import Mark, Page, Row
 
 _NO = "no right to open it: add yourself to its group (dialout)"
 
 
-def installation_page(document: dict[str, Any], ports: Sequence[Row], page: Page, needed: str) -> str:
+def installation_page(document: dict[str, Any], ports: Sequence[Row], page: Page) -> str:
     """Return the `doctor` document as a headline and rows.
 
     Args:
         document: of `avc doctor --json`.
         ports: rows of the ports.
         page: where it is printed.
-        needed: the required solver.
     """
-    there = [trial for trial in document["solvers"] if trial["outcome"] != "absent"]
-    solve = [trial["name"] for trial in there if trial["outcome"] == "solves"]
     programs = [name for name, place in document["programs"].items() if place]
     missing = [name for name, place in document["programs"].items() if not place]
-    well = needed in {trial["name"] for trial in there if trial["kind"] == "nlp" and trial["outcome"] == "solves"}
+    solvers = document["solvers"]
     rows = [
-        Row("Solver", f"{needed} {'solves' if well else 'does NOT solve'}", Mark.PASS if well else Mark.FAIL),
-        Row("All solvers", f"{len(solve)} of {len(there)} solve a small problem: {', '.join(solve)}"),
+        Row(
+            "Solvers",
+            ", ".join(f"{name} {'solves' if solves else 'does NOT solve'}" for name, solves in solvers.items()),
+            Mark.PASS if all(solvers.values()) else Mark.FAIL,
+        ),
         Row("Packages", ", ".join(f"{name} {version}" for name, version in document["packages"].items())),
         Row("Programs", ", ".join(programs) or "none", Mark.PASS if not missing else Mark.NONE),
         *([Row("Absent", ", ".join(missing), Mark.CAUTION)] if missing else []),
@@ -43,25 +43,13 @@ def installation_page(document: dict[str, Any], ports: Sequence[Row], page: Page
 
 
 def installation_lines(document: dict[str, Any]) -> list[str]:
-    """Return the result of each solver, and the paths of the programs.
+    """Return the paths of the programs.
 
     Args:
         document: of `avc doctor --json`.
     """
-    trials = document["solvers"]
-    solvers = [
-        (trial["kind"], trial["name"], trial["outcome"], number(trial["seconds"], 2))
-        for trial in trials
-        if trial["outcome"] != "absent"
-    ]
-    absent = [f"{trial['name']} ({trial['kind']})" for trial in trials if trial["outcome"] == "absent"]
     programs = [(name, found or "absent") for name, found in document["programs"].items()]
-    return [
-        text_table(("kind", "solver", "outcome", "s"), solvers, left=(0, 1, 2)),
-        f"absent: {', '.join(absent) or 'none'}",
-        "",
-        text_table(("program", "place"), programs, left=(0, 1)),
-    ]
+    return [text_table(("program", "place"), programs, left=(0, 1))]
 
 
 def port_rows(ports: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:

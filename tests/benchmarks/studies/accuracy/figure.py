@@ -19,14 +19,10 @@ if TYPE_CHECKING:
 
 _OWN = {name: (line.label, line.colour, line.marker) for name, line in METHODS.items() if name != "direct"}
 _DEFAULT = ("direct, default", "#08306b", "*")
-_BACKENDS: dict[str, tuple[str, str, Any]] = {
+_SOLVERS: dict[str, tuple[str, str, Any]] = {
     "ipopt": ("#08519c", "o", "-"),
     "sqpmethod": ("#a50f15", "v", "-"),
     "sqpmethod-qrqp": ("#de2d26", "<", (0, (4, 1.5))),
-    "sqpmethod-ipqp": ("#fb6a4a", ">", (0, (1, 1.4))),
-    "fatrop": ("#238b45", "D", "-"),
-    "uno": ("#6a51a3", "P", (0, (6, 2))),
-    "alpaqa": ("0.45", "X", (0, (3, 1, 1, 1))),
 }
 _FLOOR = 1e-16
 _TABLES = {"linear": ("#08306b", "o"), "pchip": ("#a50f15", "v"), "nearest": ("0.5", "s")}
@@ -64,7 +60,7 @@ def _own_axes(figure: Figure) -> list[Axes]:
 def _work_precision(axes: Axes, study: Accuracy) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
-    for name, (colour, marker, style) in _BACKENDS.items():
+    for name, (colour, marker, style) in _SOLVERS.items():
         costs = [cost for cost in study.solvers if cost.solver == name and cost.largest_excess_error is not None]
         if costs:
             x, y = _points(costs)
@@ -110,7 +106,7 @@ def _legend(study: Accuracy) -> list[Line2D]:
     present = {cost.solver for cost in study.solvers}
     handles += [
         Line2D([], [], color=colour, marker=marker, linestyle=style, linewidth=1.0, label=f"direct, {name}")
-        for name, (colour, marker, style) in _BACKENDS.items()
+        for name, (colour, marker, style) in _SOLVERS.items()
         if name in present
     ]
     return [

@@ -14,7 +14,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.model.corners import margin_over_range
-from avc_casadi.paper.backends import BACKENDS, DEFAULT_SOLVER, DEFAULT_TOLERANCE
+from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE, SOLVERS
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.cross_check import EXCESS_TOLERANCE
 from avc_casadi.paper.equations import coupling_gains
@@ -34,7 +34,7 @@ OPTIMAL = 1e-8
 _STEADY_RUNS = 5
 _STEADY_SECONDS = 0.5
 _BACKEND_FREQUENCIES = 25
-"""Frequencies on which the CasADi backends are timed; `exact` and the closed form run on all."""
+"""Frequencies on which CasADi's solvers are timed; `exact` and the closed form run on all."""
 
 
 @dataclass(frozen=True)
@@ -107,14 +107,12 @@ class Entry:
     tolerance: float | None = None
 
 
-def entries(
-    tolerances: tuple[float, ...] = TOLERANCES, solvers: tuple[str, ...] = tuple(BACKENDS)
-) -> tuple[Entry, ...]:
+def entries(tolerances: tuple[float, ...] = TOLERANCES, solvers: tuple[str, ...] = tuple(SOLVERS)) -> tuple[Entry, ...]:
     """List every method and solver.
 
     Args:
         tolerances: asked of each CasADi solver.
-        solvers: CasADi backends.
+        solvers: CasADi's.
     """
     default = Entry("direct", DEFAULT_SOLVER, DEFAULT_TOLERANCE)
     others = [Entry("direct", name, tolerance) for name in solvers for tolerance in tolerances]

@@ -13,7 +13,7 @@ from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.design.scene_coupling import scene_coupling
-from avc_casadi.paper.backends import BACKENDS
+from avc_casadi.paper.backends import SOLVERS
 from studies.accuracy.grids import GridMiss, grid_misses
 from studies.accuracy.integrators import IntegratorAccuracy, integrator_accuracy
 from studies.accuracy.solvers import TOLERANCES, Entry, SolverCost, entries, reference_errors, solver_cost
@@ -87,7 +87,7 @@ def study_accuracy(
     progress: Progress = SILENT,
     *,
     tolerances: tuple[float, ...] = TOLERANCES,
-    solvers: tuple[str, ...] = tuple(BACKENDS),
+    solvers: tuple[str, ...] = tuple(SOLVERS),
     executor: Executor | None = None,
 ) -> Accuracy:
     """Measure what accuracy costs in time.
