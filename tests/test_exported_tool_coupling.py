@@ -407,7 +407,7 @@ def test_state_read_after_the_step_shakes_a_released_device_in_mujoco():
 
 
 def test_tool_whose_damper_is_its_joint_moves_as_certified_in_mujoco():
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[arms]'")
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
     coupling = unlimited(*RECOMMENDED[0])
     c, (loop, wanted) = ExportedTool(coupling), plain(coupling)
     free = f"""<mujoco><option gravity="0 0 0" timestep="0.005" integrator="implicitfast"/><worldbody><body name="tool">
