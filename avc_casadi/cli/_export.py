@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{__doc__}\nThe whole coupling at its own sample time: wall, look-up, estimator, adaptation, observer, guard\n"
         "and force limit, in C99 that is also C++11 and later. A coupling that is not deployable is refused with exit\n"
         "code 1; --unsafe overrides. Of a coupling to a [simulation] both ends, the device's and the engine's; or its\n"
-        "numbers in the words of an engine (--parameters). Of a coupling to a [follower] one source for both ends."
+        "numbers in the parameters of an engine (--parameters). Of a coupling to a [follower] one source for both ends."
     )
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     what = parser.add_mutually_exclusive_group(required=True)
@@ -38,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--parameters",
         choices=ENGINES,
         metavar="ENGINE",
-        help=f"numbers of a coupling to a [simulation] in the words and units of an engine: {', '.join(ENGINES)}",
+        help=f"numbers of a coupling to a [simulation] in the parameters and units of an engine: {', '.join(ENGINES)}",
     )
     parser.add_argument(
         "--precision",
@@ -109,7 +108,7 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
     """Write both ends of a coupling to a [simulation], or print its parameters for an engine."""
     from avc_casadi.claims.stability.tool_loop import ToolLoops
     from avc_casadi.cli._to_simulation import read_tool
-    from avc_casadi.present.pages import tool_parameters as told
+    from avc_casadi.present.pages import engines
     from avc_hardware import export_tool_c
     from avc_hardware.codegen.other_end_export import verdict
 
@@ -119,11 +118,10 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
     loops = ToolLoops(coupling.problem)
     if args.parameters is not None:
         judged = verdict(coupling.problem, loops, coupling.gains, unsafe=args.unsafe)
-        said = told.tool_parameters(coupling, args.parameters)
+        found = engines.tool_parameters(coupling, args.parameters)
         if not loops.stable(coupling.gains):
-            said = replace(said, traps=(judged, *said.traps))
-        page = told.parameters_page(said, coupling, args.parameters, console.page, args.gains)
-        return Answer(told.parameters_document(said, coupling, args.parameters), page)
+            found["traps"].insert(0, judged)
+        return Answer(found, engines.parameters_page(found, coupling, console.page, args.gains))
     with faults_of(args.gains, args), console.step("C"):
         files = export_tool_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     written, stable = _written(args.c, files), loops.stable(coupling.gains)
@@ -137,7 +135,7 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
         "precision": args.precision,
         "unsafe": "" if stable else "UNSAFE, went on by request: a loop is linearly unstable",
     }
-    return Answer(document, told.tool_export_page(document, coupling, console.page, args.gains))
+    return Answer(document, engines.tool_export_page(document, coupling, console.page, args.gains))
 
 
 def _to_follower(args: argparse.Namespace, console: Console) -> Answer:
