@@ -50,6 +50,8 @@ NO_CODE = {"__all__", "linewidth", "alpha", "figsize", "fontsize", "zorder", "wi
 FLIPPED = {ast.Add: (b"+", b"-"), ast.Sub: (b"-", b"+")}
 SWAPPED = {ast.Lt: (b"<", b"<="), ast.LtE: (b"<=", b"<"), ast.Gt: (b">", b">="), ast.GtE: (b">=", b">")}
 
+# Of so many files the quick tests first, then the others.
+MARKS = ("not thorough and not exhaustive", "thorough and not exhaustive")
 # Of a process: its copy of the tree, and whether tests that failed pass without a mutant.
 OWN, SOUND = dict[str, Path](), dict[str, bool]()
 
@@ -124,7 +126,7 @@ class Places:
         elif isinstance(node, ast.Slice) and (node.lower or node.upper):
             at = self.at(node.upper or node.lower)
             yield "slice", at, b"(" + self.source[slice(*at)] + b") + 1"
-        elif isinstance(node, ast.Assign | ast.AugAssign) and function:
+        elif isinstance(node, ast.Assign | ast.AugAssign) and function and not _is_text(node.value):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             # Only what has a value already: without the others a name is undefined, which anything notices.
             if all(isinstance(one, ast.Attribute | ast.Subscript) or _name(one) in bound for one in targets):
@@ -172,18 +174,12 @@ def rooms() -> dict[str, list[Path]]:
 
 
 def drawn(asked: Iterable[str], each: int, seed: str) -> Iterator[Mutant]:
-    """Draw mutants, a kind first and then a place; rooms take turns, so that a run that is stopped has some of all."""
+    """Draw mutants, every place as likely; rooms take turns, so that a run that is stopped has some of all."""
     columns = []
     for room in asked:
-        kinds: dict[str, list[Mutant]] = defaultdict(list)
-        for mutant in chain.from_iterable(Places(room, path).found for path in rooms()[room]):
-            kinds[mutant.kind].append(mutant)
-        chance, column = random.Random(f"{seed} {room}"), list[Mutant]()  # noqa: S311 - no secret
-        while len(column) < each and kinds:
-            kind = chance.choice(sorted(kinds))
-            column.append(kinds[kind].pop(chance.randrange(len(kinds[kind]))))
-            kinds = {name: places for name, places in kinds.items() if places}
-        columns.append(column)
+        places = list(chain.from_iterable(Places(room, path).found for path in rooms()[room]))
+        chance = random.Random(f"{seed} {room}")  # noqa: S311 - no secret
+        columns.append(chance.sample(places, min(each, len(places))))
     yield from filter(None, chain.from_iterable(zip_longest(*columns)))
 
 
@@ -224,9 +220,11 @@ def _reached(tree: ast.AST, own: str, modules: dict[str, Path], passed: dict[str
         elif isinstance(node, ast.Attribute):
             names += [f"{base}.{node.attr}" for base in (_name(node.value), "avc_casadi", "avc_hardware")]
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.isprintable():
-            beside = own.rpartition(".")[0]
-            names += [f"{beside}.{node.value}", f"{beside}._{node.value}", f"avc_casadi.{node.value}"] if beside else []
-            names += ["avc_casadi.cli._main"] if node.value == "avc_casadi" and "." not in own else []
+            beside, told = own.rpartition(".")[0], node.value.replace(":", ".")
+            names += [told, f"{beside}.{told}", f"{beside}._{told}", f"avc_casadi.{told}"] if beside else []
+            names += ["avc_casadi.cli._main"] if told == "avc_casadi" and not beside else []
+            # A registry names a package and takes each of its modules.
+            names += [one for one in modules if told.startswith("avc_") and one.rpartition(".")[0] == told]
     found = set()
     for name in names:
         package, _, last = name.rpartition(".")
@@ -313,19 +311,20 @@ def tried(mutant: Mutant) -> tuple[Mutant, str, float]:
         The mutant, the test that noticed it or "", and the processor time in s.
     """
     root, path, files = OWN["root"], OWN["root"] / mutant.path, judges(mutant.path, mutant.function)
-    whole, spent, count = path.read_bytes(), 0.0, FIRST_FILES
+    whole, spent, count, rest = path.read_bytes(), 0.0, FIRST_FILES, False
     while files and spent < LIMIT_S:
         path.write_bytes(whole[: mutant.start] + mutant.new + whole[mutant.end :])
         out = [f"--deselect={test}" for test, held in SOUND.items() if not held]
-        by, cpu_s = tested(root, files[:count], LIMIT_S - spent, *out)
+        by, cpu_s = tested(root, files[:count], LIMIT_S - spent, "-m", MARKS[rest], *out)
         path.write_bytes(whole)
         spent += cpu_s
         if by and by not in SOUND:
-            SOUND[by] = by.startswith("signal") or not tested(root, [by], 4 * LIMIT_S)[0]
+            SOUND[by] = by.startswith("signal") or not tested(root, [by], 4 * LIMIT_S, "-m", MARKS[rest])[0]
         if by and SOUND[by]:
             return mutant, by, spent
-        if not by:
+        if not by and rest:
             files, count = files[count:], 2 * count
+        rest = rest if by else not rest
     return mutant, "", spent
 
 
