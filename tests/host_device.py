@@ -14,8 +14,6 @@ from avc_casadi._util.arrays import Float32Array
 from avc_hardware.codegen.figures import BoardLimits
 
 _ROOM = 8192
-FLASH_SLOT = 8192
-"""Bytes of a slot of the host's memory that lasts."""
 # Counts: where a device stands that nobody has put anywhere, out of contact.
 BEFORE_WALL = -100
 
@@ -40,26 +38,11 @@ class State(ctypes.Structure):
     ]
 
 
-class HostFlash:
-    """A memory that lasts, of two slots.
-
-    Attributes:
-        memory: its bytes.
-        left: operations until the power is cut: 16 for an erase, 4 for a word.
-    """
-
-    def __init__(self, content: bytes = b"\xff" * (2 * FLASH_SLOT)) -> None:
-        """Take a content, or begin erased."""
-        self.memory = ctypes.create_string_buffer(content, 2 * FLASH_SLOT)
-        self.left = ctypes.c_int64(1 << 40)
-
-
 class HostCore:
     """One device."""
 
-    def __init__(self, library: Path, limits: BoardLimits | None = None, *, flash: HostFlash | None = None) -> None:
-        """Load the library that `build.build_host` made; ``flash`` is a memory that lasts."""
-        self.flash = flash
+    def __init__(self, library: Path, limits: BoardLimits | None = None) -> None:
+        """Load the library that `build.build_host` made."""
         self._c = ctypes.CDLL(str(library))
         self._c.avc_host_new.restype = ctypes.c_void_p
         self._c.avc_host_read.restype = ctypes.c_size_t
@@ -74,7 +57,6 @@ class HostCore:
         """Start anew: the table is gone."""
         self.free()
         self._boots += 1
-        self._use_flash()
         self._device = ctypes.c_void_p(self._c.avc_host_new(ctypes.byref(self._limits), 0, self._boots))
 
     def free(self) -> None:
@@ -88,12 +70,10 @@ class HostCore:
 
     def write(self, data: bytes) -> None:
         """Bytes to the device."""
-        self._use_flash()
         self._c.avc_host_write(self._device, data, ctypes.c_size_t(len(data)))
 
     def read(self) -> bytes:
         """Bytes from the device."""
-        self._use_flash()
         room = ctypes.create_string_buffer(_ROOM)
         size = self._c.avc_host_read(self._device, room, ctypes.c_size_t(_ROOM))
         return room.raw[:size]
@@ -125,12 +105,6 @@ class HostCore:
     def name_chip(self, unique: bytes) -> None:
         """Give it the 12 bytes that no other chip has."""
         self._c.avc_host_unique(self._device, unique)
-
-    def _use_flash(self) -> None:
-        """The library is shared: say whose memory it is."""
-        flash = self.flash
-        memory = (None, None) if flash is None else (flash.memory, ctypes.byref(flash.left))
-        self._c.avc_host_flash(*memory)
 
     def overrun(self) -> None:
         """Say that the last tick took too long."""

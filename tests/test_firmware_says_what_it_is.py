@@ -12,7 +12,6 @@ import avc_casadi as avc
 from avc_casadi import InputError, UnsupportedError
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
-from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains
 from avc_hardware import build_firmware
 from avc_hardware.link.faults import Reason, Refusal
@@ -39,13 +38,11 @@ def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
     own = board(tmp_path / "own")
     (own / "board.c").write_text((own / "board.c").read_text() + "\n/* mine */\n")
     names = set()
-    for at, (of, target, built_in) in enumerate(
-        [(made.problem, "stm32f405", False), (made, "stm32f405", True), (made.problem, str(own), False)]
-    ):
-        built = build_firmware(of, target, tmp_path / str(at), built_in=built_in, unsafe=True)
+    for target in ("stm32f405", str(own)):
+        built = build_firmware(made.problem, target, tmp_path / target[-3:])
         assert built.build.encode() in built.files[0].read_bytes()
         names.add(built.build)
-    assert len(names) == 3
+    assert len(names) == 2
 
 
 @pytest.mark.thorough
@@ -116,19 +113,15 @@ def knob(**more: object) -> Coupling:
 
 
 @pytest.mark.thorough
-def test_detents_are_built_in_or_refused(tmp_path: Path) -> None:
-    require("arm-none-eabi-gcc")
+def test_detents_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnsupportedError, match="detent has no place in the table"):
         build_firmware(knob(), "stm32f405", tmp_path)
-    assert build_firmware(knob(), "stm32f405", tmp_path, built_in=True, unsafe=True).size > 0
 
 
 @pytest.mark.thorough
 def test_a_knobs_firmware_is_told_in_its_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
-    file = tmp_path / "knob.json"
-    write_coupling(knob(), file)
-    asked = ["firmware", str(file), "--board", "stm32f405", "--out", str(tmp_path / "f"), "--built-in", "--unsafe"]
+    asked = ["firmware", "knob", "--board", "stm32f405", "--out", str(tmp_path / "f")]
     assert main([*asked, "--json"]) == 0
     text = capsys.readouterr().out
     assert json.loads(text)["limits"]["radians_per_count"] == pytest.approx(2 * 3.14159265358979 / 16384)

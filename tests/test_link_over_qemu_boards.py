@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from hardware_bench import coupling, push, require, scratch, stream
 
-from avc_casadi import LinkError, UnsupportedError
+from avc_casadi import UnsupportedError
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import TableImage, monitor, store
+from avc_hardware import TableImage, monitor
 from avc_hardware.codegen.boards import TARGETS
 from avc_hardware.codegen.build import build_image
 
@@ -55,8 +55,6 @@ def test_push_stream_and_monitor(port: str, board: str) -> None:
     result = push(made, port)
     assert result.readback_equal
     assert result.crc32 == TableImage.of(made).crc32
-    with pytest.raises(LinkError, match="no memory that lasts"):  # QEMU has no flash controller
-        store(port)
     again = push(made, port)
     assert again.table_id == result.table_id
     streamed = stream(made, port, rate_hz=50, seconds=0.5)

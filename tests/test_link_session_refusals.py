@@ -210,7 +210,7 @@ def test_a_busy_device_is_given_time() -> None:
     assert step.timeout_s > 0.5
 
 
-@pytest.mark.parametrize("reason", [Reason.FLAGS, Reason.BUILT_IN, Reason.NO_FLASH, Reason.STATES, 4711])
+@pytest.mark.parametrize("reason", [Reason.FLAGS, Reason.STATES, 4711])
 def test_what_no_second_attempt_gets_over_is_refused_at_once(reason: int) -> None:
     core = host_core()
     connection = Connection(HostLink(core), session=1)

@@ -200,17 +200,3 @@ def test_limits_of_an_excitation_are_those_of_the_rim_and_its_options_of_the_tur
     path.write_text(GUESS)
     assert main(["excite", str(path), "--plan-only", "--force-n", "1"]) == 2
     assert "allowed of a device that turns: --torque-nm" in capsys.readouterr().err
-
-
-@pytest.mark.thorough
-def test_commissioning_speaks_of_angles(tmp_path, monkeypatch, capsys):
-    require("unicorn")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "knob.toml").write_text(GUESS)
-    assert main(["commission", "knob.toml", "--port", "emulator"]) == 0
-    told = capsys.readouterr().out
-    assert linear_keys(told) == []
-    assert "250 mrad" in told
-    assert "next: avc push    touch the wall" in told
-    assert main(["commission", "knob", "--port", "emulator"]) == 0  # with detents
-    assert "next: avc firmware --built-in    touch the wall" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Show or lower the limits of a device, store what it holds, or clear its faults."""
+"""Show or lower the limits of a device, or clear its faults."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from avc_casadi import InputError
 from avc_casadi.cli._arguments import add_motion, add_port, add_worded, check_worded, positive, positive_int
 from avc_casadi.cli._console import Answer, Console
 
-_OF_STORE = {"acts": "--acts", "no_coupling": "--no-coupling", "name": "--name"}
 _OF_LIMITS = {
     "force_n": "--force-n",
     "speed_m_per_s": "--speed-m-per-s",
@@ -23,7 +22,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_port(parser)
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--limits", action="store_true", help="show or lower the limits (what is done by default)")
-    what.add_argument("--store", action="store_true", help="keep coupling, limits and name over a reset")
     what.add_argument("--clear", action="store_true", help="show the latched faults and clear them; 1 if one stays")
     limits = parser.add_argument_group(
         "limits",
@@ -36,15 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--energy-j", type=positive, metavar="E", help="that a coupling may give out, a second, without having got it"
     )
     limits.add_argument("--built-in", action="store_true", help="those of the firmware, for all that is not given")
-    store = parser.add_argument_group(
-        "store",
-        "The device gives no force meanwhile. Where the power is cut, what was kept before or this\n"
-        "is whole. A coupling that acts after a reset takes over out of contact alone; an encoder that counts from\n"
-        "where it stood has its wall there, until avc commission places it. --no-coupling switches it off.",
-    )
-    store.add_argument("--acts", action="store_true", help="the coupling takes over after a reset by itself")
-    store.add_argument("--no-coupling", action="store_true", help="keep limits and name alone")
-    store.add_argument("--name", metavar="NAME", help="of the device, at most 16 bytes; default the one it has")
     add_motion(parser)
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 
@@ -55,12 +44,12 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     Raises:
         InputError: options that do not belong together.
     """
-    chosen = "clear" if args.clear else "store" if args.store else "limits"
-    for what, options in (("limits", _OF_LIMITS), ("store", _OF_STORE)):
-        given = [option for key, option in options.items() if getattr(args, key) not in {None, False}]
-        if given and what != chosen:
-            raise InputError.of(f"goes with --{what}, not with --{chosen}", key=given[0])
-    return {"clear": _cleared, "store": _stored, "limits": _limited}[chosen](args, console)
+    if not args.clear:
+        return _limited(args, console)
+    given = [option for key, option in _OF_LIMITS.items() if getattr(args, key) not in {None, False}]
+    if given:
+        raise InputError.of("goes with --limits, not with --clear", key=given[0])
+    return _cleared(args, console)
 
 
 def _limited(args: argparse.Namespace, console: Console) -> Answer:
@@ -85,27 +74,6 @@ def _limited(args: argparse.Namespace, console: Console) -> Answer:
     three = {name: vars(getattr(found, name)) for name in ("boards", "asked", "hold")}
     document: dict[str, Any] = plain({"schema": "avc-limits/1", "port": found.port, "waits": found.waits} | three)
     return Answer(document, limits_page(document, units, console.page))
-
-
-def _stored(args: argparse.Namespace, console: Console) -> Answer:
-    from avc_casadi._util.json_values import plain
-    from avc_casadi._util.units import speak, units_for
-    from avc_casadi.present.pages.bench import store_page
-    from avc_hardware import store
-
-    units = units_for(args.motion)
-    speak(units)
-    with console.step(f"store on {args.port}"):
-        kept = store(
-            args.port,
-            coupling=not args.no_coupling,
-            acts=args.acts,
-            name=args.name,
-            baud=args.baud,
-            on_silence=console.notice,
-        )
-    document = plain({"schema": "avc-store/1"} | vars(kept))
-    return Answer(document, store_page(document, units, console.page))
 
 
 def _cleared(args: argparse.Namespace, console: Console) -> Answer:

@@ -39,12 +39,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the .elf, .bin and .hex file")
     parser.add_argument(
-        "--built-in",
-        action="store_true",
-        help="run the coupling's exported C itself, whatever is beside its gains; no other can be pushed then",
-    )
-    parser.add_argument("--unsafe", action="store_true", help="build a coupling in that is not deployable")
-    parser.add_argument(
         "--baud",
         type=positive_int,
         help=f"rate of its serial port; default {_USUAL_BAUD}; push, stream and monitor need the same",
@@ -65,7 +59,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     else:
         subject = load_device(args.subject).device if is_device(args.subject) else load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
-        built = build_firmware(subject, args.board, folder, baud=args.baud, built_in=args.built_in, unsafe=args.unsafe)
+        built = build_firmware(subject, args.board, folder, baud=args.baud)
     baud = args.baud or _USUAL_BAUD
     limits, figures = built.limits, built.figures
     notes = _notes(subject, limits)
@@ -85,12 +79,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         }
     )
     at = "" if baud == _USUAL_BAUD else f" --baud {baud}"
-    estimator = "" if args.built_in else f"; estimator {figures.estimator}"
-    held = (
-        f"coupling {getattr(subject, 'id', '')} built in: no other can be pushed"
-        if args.built_in
-        else f"pushed: avc push{at}{estimator}"
-    )
+    held = f"pushed: avc push{at}; estimator {figures.estimator}"
     text = firmware_page(document, built.title, spoken(), console.page, held)
     return Answer(document, text)
 
@@ -103,7 +92,7 @@ def _notes(subject: Coupling | Problem | Device, limits: BoardLimits) -> list[st
     device = getattr(problem, "device", problem)
     notes = []
     if getattr(subject, "detent", None) is not None:
-        notes.append("[detent] has no place in what is pushed: build a coupling in that has it (--built-in)")
+        notes.append("[detent] has no place in what is pushed: export it (avc export)")
     for key, value, unit in (
         ("max_force_n", limits.max_force_n, NEWTON),
         ("encoder_resolution_m", limits.metres_per_count, METRE),

@@ -134,7 +134,7 @@ def _device(device: Device) -> str:
     from avc_casadi._util.units import NEWTON
 
     running = f"coupling {device.coupling_id}" if device.coupling_id else "no coupling"
-    own = "".join(f" {word}" for word in (device.name, device.unique_id) if word)
+    own = f" {device.unique_id}" if device.unique_id else ""
     return (
         f"device{own} with firmware {device.build}: a tick every {1e3 * device.sample_time_s:g} ms, at most "
         f"{device.max_force_n:g} {NEWTON}, {running}"

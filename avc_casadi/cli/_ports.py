@@ -41,7 +41,6 @@ def _asked(port: str, baud: int) -> dict[str, Any] | None:
     except avc.LinkError:
         return None
     return {
-        "name": device.name or None,
         "unique_id": device.unique_id or None,
         "build": device.build,
         "coupling_id": device.coupling_id or None,

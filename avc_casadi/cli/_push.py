@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     add_port(parser)
     parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
-    parser.add_argument("--device-id", metavar="ID", help="name or number of the device; another one is refused")
+    parser.add_argument("--device-id", metavar="ID", help="number of the device's chip; another one is refused")
     add_problem_of_gains(parser)
     add_unsafe(parser)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 QUESTIONS: dict[str, tuple[str, ...]] = {
     "design a coupling": ("new", "recommend", "run", "solve", "compare"),
     "judge it": ("certify", "simulate", "trial", "zwidth"),
-    "measure a device": ("excite", "identify", "diagnose", "commission"),
+    "measure a device": ("excite", "identify", "diagnose"),
     "deploy": ("export", "push", "stream", "monitor", "device", "firmware"),
     "look": ("list", "check", "explore", "doctor"),
     "study": ("study",),

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.teleoperator_export import export_teleoperator_c as export_teleoperator_c
     from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
     from avc_hardware.emulator.bench import BenchDevice as BenchDevice
-    from avc_hardware.emulator.bench import Wiring as Wiring
     from avc_hardware.emulator.board import EmulatedBoard as EmulatedBoard
     from avc_hardware.in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
     from avc_hardware.in_the_loop import LoopResult as LoopResult
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from avc_hardware.in_the_loop import tried_in_the_loop as tried_in_the_loop
     from avc_hardware.link.bytes import ByteLink as ByteLink
     from avc_hardware.link.bytes import SerialLink as SerialLink
-    from avc_hardware.link.commission import Commissioned as Commissioned
-    from avc_hardware.link.commission import commission as commission
     from avc_hardware.link.connection import DEFAULT_BAUD as DEFAULT_BAUD
     from avc_hardware.link.connection import EMULATOR as EMULATOR
     from avc_hardware.link.connection import EMULATOR_IS_FRESH as EMULATOR_IS_FRESH
@@ -53,10 +50,8 @@ if TYPE_CHECKING:
     from avc_hardware.link.settings import Cleared as Cleared
     from avc_hardware.link.settings import DeviceLimits as DeviceLimits
     from avc_hardware.link.settings import Limits as Limits
-    from avc_hardware.link.settings import Stored as Stored
     from avc_hardware.link.settings import clear_faults as clear_faults
     from avc_hardware.link.settings import set_limits as set_limits
-    from avc_hardware.link.settings import store as store
     from avc_hardware.link.stream import HOLD_PERIODS as HOLD_PERIODS
     from avc_hardware.link.stream import StreamResult as StreamResult
     from avc_hardware.link.stream import StreamSample as StreamSample
@@ -75,11 +70,10 @@ else:
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
         "codegen.teleoperator_export": ("export_teleoperator_c",),
         "codegen.tool_export": ("export_tool_c",),
-        "emulator.bench": ("BenchDevice", "Wiring"),
+        "emulator.bench": ("BenchDevice",),
         "emulator.board": ("EmulatedBoard",),
         "in_the_loop": ("FirmwareInTheLoop", "LoopResult", "LoopTrace", "tried_in_the_loop"),
         "link.bytes": ("ByteLink", "SerialLink"),
-        "link.commission": ("Commissioned", "commission"),
         "link.connection": (
             *("Connection", "DEFAULT_BAUD", "EMULATOR", "EMULATOR_IS_FRESH", "open_link"),
             *("Diagnosis", "Port", "diagnose", "find_port", "list_ports"),
@@ -90,7 +84,7 @@ else:
         "link.monitor": ("LivePlot", "monitor"),
         "link.push": ("PushResult", "push"),
         "link.session": ("NoAnswerError", "RefusedError"),
-        "link.settings": ("Cleared", "DeviceLimits", "Limits", "Stored", "clear_faults", "set_limits", "store"),
+        "link.settings": ("Cleared", "DeviceLimits", "Limits", "clear_faults", "set_limits"),
         "link.stream": ("HOLD_PERIODS", "StreamResult", "StreamSample", "stream"),
         "link.table": ("TableImage",),
         "link.telemetry": ("LOG_ENDINGS", "TelemetryLog", "TelemetrySample", "open_log"),

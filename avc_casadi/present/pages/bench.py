@@ -1,4 +1,4 @@
-"""Summaries of work with a device at its port: excited, commissioned, limited, pushed to, streamed to."""
+"""Summaries of work with a device at its port: excited, limited, pushed to, streamed to."""
 
 from __future__ import annotations
 
@@ -91,24 +91,6 @@ def limits_page(document: Mapping[str, Any], units: Units, page: Page) -> str:
     return page.rendered(f"{document['port']}   limits", rows)
 
 
-def store_page(document: Mapping[str, Any], units: Units, page: Page) -> str:
-    """Return the `device --store` document as a headline and rows.
-
-    Args:
-        document: of `avc device --store --json`.
-        units: of the device's motion.
-        page: where it is printed.
-    """
-    after = "acts after a reset, out of contact" if document["acts"] else "does not act after a reset"
-    coupling = f"{document['coupling_id']}, {after}" if document["coupling_id"] else "none"
-    rows = [
-        Row("Coupling", coupling),
-        Row(f"{_label('force', units)} limit", quantities(units)(document["force_n"], "N")),
-        Row("Name", document["name"] or "none"),
-    ]
-    return page.rendered(f"{document['port']}   kept over a reset, store {document['number']}", rows)
-
-
 def faults_page(document: Mapping[str, Any], advice: Sequence[str], page: Page) -> str:
     """Return the `device --clear` document as a headline and rows, a fault each.
 
@@ -125,33 +107,6 @@ def faults_page(document: Mapping[str, Any], advice: Sequence[str], page: Page) 
     elif document["were"]:
         rows.append(Row("Cleared", f"the device is in mode {document['mode']}", Mark.PASS))
     return page.rendered(f"{document['port']}   latched faults", rows)
-
-
-def commission_page(document: Mapping[str, Any], units: Units, page: Page, onwards: Sequence[str]) -> str:
-    """Return the `commission` document of a device that is wired rightly as a headline and rows.
-
-    Args:
-        document: of `avc commission --json`.
-        units: of the device's motion.
-        page: where it is printed.
-        onwards: next commands.
-    """
-    told = quantities(units)
-    moved = "no pulse" if document["pulse_m"] is None else told(document["pulse_m"], "m")
-    rows = [
-        Row("Wiring", "encoder and motor agree", Mark.PASS),
-        Row("By hand", f"{told(document['by_hand_m'], 'm')} into the wall"),
-        Row("Pulse", f"{told(document['pulse_n'], 'N')} moved it {moved}"),
-        Row("Face", "position 0, the face of the wall, is where it was held, until it starts anew")
-        if document["zero"]
-        else Row("Face", "position 0 is where it was", Mark.CAUTION),
-        Row(
-            "First touch",
-            f"the {units.key('force')} is limited to {told(document['limits']['force_n'], 'N')}",
-            Mark.CAUTION,
-        ),
-    ]
-    return page.rendered(f"{document['port']}   commissioned", rows, onwards)
 
 
 def push_page(document: Mapping[str, Any], coupling: Coupling, page: Page, shown: str) -> str:

@@ -79,5 +79,5 @@ def _device(found: Mapping[str, Any] | None) -> str:
     """Describe the avc device behind a port."""
     if found is None:
         return "no avc device"
-    own = " ".join(filter(None, (found["name"], found["unique_id"]))) or "without name and number"
+    own = found["unique_id"] or "without a number"
     return f"avc device {own}, coupling {found['coupling_id'] or 'none'}"

@@ -62,9 +62,7 @@ class Target:
     install: str = ARM_INSTALL
 
 
-# Its last two sectors are non-volatile storage.
-_STM32F405 = ((0x08000000, 0xC0000), (0x20000000, 0x20000))
-_KEEPS = "stm32f405/flash.c"
+_STM32F405 = ((0x08000000, 0x100000), (0x20000000, 0x20000))
 _FLASHING = (
     "st-flash --reset write {name}.bin 0x08000000",
     "dfu-util -a 0 -s 0x08000000:leave -D {name}.bin    (BOOT0 high at reset)",
@@ -77,7 +75,6 @@ TARGETS = {
         "netduinoplus2",
         _M4F,
         *_STM32F405,
-        (_KEEPS,),
         commands=("qemu-system-arm -M netduinoplus2 -kernel {name}.elf -display none -serial pty",),
     ),
     "stm32f405": Target(
@@ -85,7 +82,7 @@ TARGETS = {
         "netduinoplus2",
         _M4F,
         *_STM32F405,
-        ("stm32f405/clock.c", _KEEPS),
+        ("stm32f405/clock.c",),
         commands=_FLASHING,
     ),
     "mps2-an386": Target(

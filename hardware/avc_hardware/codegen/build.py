@@ -38,15 +38,11 @@ CORE = (
     "avc_fault.c",
     "avc_takeover.c",
     "avc_supervision.c",
-    "avc_attend.c",
     "avc_control.c",
     "avc_telemetry.c",
     "avc_answer.c",
     "avc_transfer.c",
     "avc_excitation.c",
-    "avc_commission.c",
-    "avc_store.c",
-    "avc_keep.c",
     "avc_device.c",
 )
 # Generated; the constants of the figures are in sources of their own.
@@ -60,8 +56,6 @@ TICK = (
     "avc_estimate_constants.c",
     "avc_figures.c",
 )
-# For a built-in coupling.
-BUILT_IN = ("avc_coupling.c", "avc_built_in.c")
 HOST_INSTALL = "apt-get install -y --no-install-recommends gcc"
 
 
@@ -115,7 +109,7 @@ def source_hash(estimator: str = "fused", *further: bytes) -> str:
 
     Args:
         estimator: whose control tick is generated.
-        further: sources of a custom board and of a built-in coupling.
+        further: sources of a custom board.
     """
     digest = hashlib.sha256(b"".join(further))
     parts = [*(FIRMWARE / "core").rglob("*"), *(FIRMWARE / "boards").rglob("*")]
@@ -127,15 +121,9 @@ def source_hash(estimator: str = "fused", *further: bytes) -> str:
     return digest.hexdigest()[:8]
 
 
-def build_name(board: Target, generated: Mapping[str, str] | None = None) -> str:
-    """Return the name of the sources of an image, as in HELLO.
-
-    Args:
-        board: with the sources of a custom board.
-        generated: as for `build_image`; a coupling that is built in counts.
-    """
+def build_name(board: Target) -> str:
+    """Return the name of the sources of an image, those of a custom board among them, as in HELLO."""
     own = [] if board.root is None else [(board.root / source).read_bytes() for source in board.sources]
-    own += [text.encode() for file, text in (generated or {}).items() if file in BUILT_IN]
     return source_hash(board.estimator, *own)
 
 
@@ -205,15 +193,13 @@ def build_image(
         made = Path(folder)
         _write(made, tick_sources(board.estimator) | dict(generated or {}))
         sources += [boards / file for file in board.extra] + _core_sources(made)
-        built_in = [made / file for file in BUILT_IN if (made / file).exists()]
         _run(
             [
                 _compiler_of(board),
-                *_common(made, build_name(board, generated)),
+                *_common(made, build_name(board)),
                 *board.cpu,
                 *EXACT_FLOAT,  # whatever the flags of a custom board
                 *board.defines,
-                *(["-DAVC_BUILT_IN"] if built_in else []),
                 *([f"-DBOARD_BAUD={baud}u"] if baud else []),
                 f"-I{boards}",
                 f"-I{root}",
@@ -228,7 +214,7 @@ def build_image(
                 "-Wl,--gc-sections,--build-id=none,--no-warn-rwx-segments",
                 *(f"-Wl,--defsym={place}={value:#x}" for place, value in places.items()),
                 f"-T{script}",
-                *map(str, [*sources, *built_in]),
+                *map(str, sources),
                 "-lgcc",
                 "-o",
                 str(image),

@@ -13,11 +13,9 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.problem import Problem
 from avc_hardware.codegen.boards import MANIFEST, TARGETS, Target, flashing, read_board
 from avc_hardware.codegen.build import build_image, build_name
-from avc_hardware.codegen.export import export_c
 from avc_hardware.codegen.figures import RuntimeFigures, board_limits
 from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of, wall_alone
 from avc_hardware.codegen.image import as_binary, as_intel_hex, read_elf
-from avc_hardware.codegen.operations import SINGLE
 from avc_hardware.codegen.tick_c import sources_for
 
 if TYPE_CHECKING:
@@ -59,23 +57,6 @@ class BuiltFirmware:
 # The divider of the packaged boards' ports has 16 bits at up to 84 MHz and takes 16 clocks a bit.
 _BAUDS = (2400, 2_000_000)
 
-_BUILT_IN = """\
-/* The coupling that is built in; do not edit. */
-#include "avc_built_in.h"
-#include "avc_made_for.h"
-
-_Static_assert(AVC_COUPLING_SAMPLE_TIME_NS == AVC_MADE_FOR_SAMPLE_TIME_NS, "the coupling has another sample time");
-
-const avc_table_header_t avc_built_in = {{
-    .rows = 1u,
-    .sample_time_s = AVC_COUPLING_SAMPLE_TIME_S,
-    .wall_damping_ns_per_m = {damping},
-    .wall_stiffness_n_per_m = {stiffness},
-    .max_force_n = {force},
-    .coupling_id = 0x{id}u,
-}};
-"""
-
 
 @in_its_units
 def build_firmware(
@@ -84,10 +65,8 @@ def build_firmware(
     out: Path,
     *,
     baud: int | None = None,
-    built_in: bool = False,
-    unsafe: bool = False,
 ) -> BuiltFirmware:
-    """Build the firmware of a board for a device: gains are pushed later; or with a coupling built in.
+    """Build the firmware of a board for a device: gains are pushed later.
 
     Args:
         of: a device or a problem, for sample time, encoder and force limit (by default 2 um and 50 N); or a coupling,
@@ -95,14 +74,11 @@ def build_firmware(
         board: a key of `BOARDS`, or the folder of a board of your own with its ``board.toml`` (hardware/PORTING.md).
         out: folder for ``BOARD.elf``, ``BOARD.bin`` and ``BOARD.hex``.
         baud: rate of the serial line, bits a second; None is 115200.
-        built_in: whether the exported C of the coupling is what runs, any that can be exported; no other can be pushed.
-        unsafe: whether a coupling that is not deployable is built in too.
 
     Raises:
-        InputError: unknown board, a rate that no port divides to, all faults of its manifest, or nothing to build in.
-        NotDeployableError: the built-in coupling is not stable with every hand of ``[hands]`` and released.
+        InputError: unknown board, a rate that no port divides to, or all faults of its manifest.
         FirmwareLacksError: the coupling needs what no firmware of this release has.
-        UnsupportedError: no program exists for the sample time, or a coupling with detents is not built in.
+        UnsupportedError: no program exists for the sample time, or the coupling has detents.
         MissingExtraError: no cross compiler; says how to install it.
     """
     if baud is not None and not _BAUDS[0] <= baud <= _BAUDS[1]:
@@ -113,14 +89,13 @@ def build_firmware(
     device = problem.device if isinstance(problem, Problem) else problem
     limits, reach = board_limits(device), device.metres_per_unit
     figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, target.estimator, hand_m_per_unit=reach)
-    generated = _coupling_sources(of, unsafe=unsafe) if built_in else {}
-    if isinstance(of, Coupling) and not built_in:
+    if isinstance(of, Coupling):
         check_runs_on(of)
         wall_alone(of)
         figures = figures_of(of)
         if of.table.constant:
             figures = replace(figures, estimator=target.estimator)
-    generated |= sources_for(limits, figures)
+    generated = sources_for(limits, figures)
     elf = build_image(board if target.root is None else target, out, baud=baud, generated=generated)
     image = read_elf(elf)
     if not image.segments:
@@ -136,25 +111,8 @@ def build_firmware(
     name = elf.stem
     commands = tuple(flashing(command, name) for command in target.commands)
     files = (elf, binary, text)
-    build = build_name(target, generated)
+    build = build_name(target)
     return BuiltFirmware(name, target.title, build, files, address, len(data), limits, figures, commands)
-
-
-def _coupling_sources(of: Coupling | Problem | Device, *, unsafe: bool) -> dict[str, str]:
-    """Return the exported C of a coupling, and its figures in HELLO."""
-    if not isinstance(of, Coupling):
-        raise InputError.of(
-            "is no coupling, and nothing else can be built in; make one: avc recommend P --out coupling.json",
-            key="built_in",
-        )
-    wall = of.wall
-    header = _BUILT_IN.format(
-        damping=SINGLE.literal(wall.damping_ns_per_m),
-        stiffness=SINGLE.literal(wall.stiffness_n_per_m),
-        force=SINGLE.literal(of.max_force_n or 0.0),
-        id=of.id,
-    )
-    return export_c(of, unsafe=unsafe) | {"avc_built_in.c": header}
 
 
 def _target(board: str) -> Target:

@@ -29,8 +29,8 @@ def wall_alone(coupling: Coupling) -> None:
     """
     if coupling.problem.detent is not None:
         message = (
-            f"{coupling.problem.name}: detent has no place in the table that is pushed; export the whole as C (avc "
-            "export FILE --c DIR), or build it into the firmware (avc firmware FILE --board B --built-in --out DIR)"
+            f"{coupling.problem.name}: detent has no place in the table that is pushed; export the whole as C: avc "
+            "export FILE --c DIR"
         )
         raise UnsupportedError(message, key="detent")
 
@@ -67,7 +67,6 @@ def single_feedback(feedback: StateFeedback) -> Float32Array:
 
 
 GUARD = "passivity-controller"
-_BUILD = "build it into firmware (avc firmware FILE --board B --built-in --out DIR), or export it (avc export)"
 
 
 class FirmwareLacksError(NotDeployableError, UnsupportedError):
@@ -83,16 +82,6 @@ class FirmwareLacksError(NotDeployableError, UnsupportedError):
 
 class RunningFirmware(Protocol):
     """Firmware running on a device, as it reports it."""
-
-    @property
-    def built_in(self) -> bool:
-        """Whether a coupling is built in."""
-        ...
-
-    @property
-    def coupling_id(self) -> str:
-        """Of the running coupling."""
-        ...
 
     @property
     def capacity_states(self) -> int:
@@ -118,11 +107,6 @@ def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> 
     """
     require_coupling(coupling)
     runtime = coupling.runtime
-    if device is not None and device.built_in:
-        raise FirmwareLacksError(
-            f"{coupling.problem.name}: the device takes no coupling: coupling {device.coupling_id} is built into its "
-            "firmware; flash firmware without one to push others (avc firmware DEVICE --board B --out DIR)"
-        )
     lacks = []
     if runtime.observer_mass_kg is not None:
         lacks.append("it has no observer between encoder steps (runtime.observer_mass_kg)")
@@ -134,7 +118,8 @@ def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> 
     if lacks:
         raise FirmwareLacksError(
             f"{coupling.problem.name}: the coupling does not run on this firmware: {'; '.join(lacks)}. "
-            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or {_BUILD}"
+            f"Take a coupling that it can run (of a method: avc solve P --method static-tuned --out FILE), or export "
+            "it for firmware of your own: avc export FILE --c DIR"
         )
 
 

@@ -1,15 +1,13 @@
 """A device on an emulated board: linear mechanics, dry friction with sticking, delay, encoder and noise.
 
-Wiring may be faulty, and the hand of commissioning may hold it. Left out are backlash, friction that depends on speed
+Left out are backlash, friction that depends on speed
 or direction, gravity, cable and gear ripple, heat.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -189,72 +187,3 @@ def code_of_force(force_n: Any, full_n: float) -> Any:
 def force_of_code(code: Any, full_n: float) -> Any:
     """Return the force of a 12-bit code of the output, N."""
     return (code - _CODE_ZERO) / _CODE_FULL * full_n
-
-
-# The hand: instants and positions as shares of its travel; then it releases the device.
-_TIMES_S = (0.0, 0.8, 1.6, 2.8, 3.6, 5.2)
-_SHARES = (0.0, 0.0, 1.0, 1.0, 0.0, 0.0)
-
-
-class Wiring(StrEnum):
-    """Wiring of a device on the bench."""
-
-    RIGHT = "right"
-    ENCODER_REVERSED = "encoder-reversed"
-    ENCODER_STUCK = "encoder-stuck"
-    MOTOR_REVERSED = "motor-reversed"
-    MOTOR_DEAD = "motor-dead"
-
-
-class WiredBench:
-    """A device that a hand pushes into the wall, draws back, and then releases.
-
-    Attributes:
-        device: on the bench.
-    """
-
-    def __init__(self, declared: Device, wiring: Wiring = Wiring.RIGHT, *, way_m: float = 0.01) -> None:
-        """Put a device at rest at 0.
-
-        Args:
-            declared: the device.
-            wiring: of motor and encoder.
-            way_m: travel of the hand into the wall.
-        """
-        self.device = BenchDevice(declared)
-        self._wiring = wiring
-        self._way_m = way_m
-        self._period_s = declared.sample_time_s
-        self._ticks = 0
-
-    def count(self) -> int:
-        """Move to the next tick; return the encoder count."""
-        time_s = self._ticks * self._period_s
-        self._ticks += 1
-        shown = self.device.count()
-        if time_s < _TIMES_S[-1]:
-            place = self._way_m * float(np.interp(time_s, _TIMES_S, _SHARES))
-            self.device.plant.place(place)
-            shown = round(place / self.device.limits.metres_per_count)
-        if self._wiring is Wiring.ENCODER_STUCK:
-            return 0
-        return -shown if self._wiring is Wiring.ENCODER_REVERSED else shown
-
-    def hold(self, force_n: float) -> None:
-        """Apply the force of this tick, positive against +x."""
-        gain = {Wiring.MOTOR_REVERSED: -1.0, Wiring.MOTOR_DEAD: 0.0}.get(self._wiring, 1.0)
-        self.device.hold(gain * force_n)
-
-    def board(self) -> EmulatedBoard:
-        """Return the firmware image on an emulated board with this device on it.
-
-        Raises:
-            MissingExtraError: the emulator is not installed.
-        """
-        limits = self.device.limits
-        encoder: Callable[[int], int] = lambda _: self.count()  # noqa: E731 - beside the actuator's
-        return EmulatedBoard(
-            limits=limits,
-            encoder=encoder,
-            on_force_code=lambda code: self.hold(force_of_code(code, limits.max_force_n)),
-        )

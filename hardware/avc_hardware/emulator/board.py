@@ -11,7 +11,6 @@ from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures, board_limi
 from avc_hardware.codegen.firmware import IMAGE
 from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of
 from avc_hardware.codegen.image import image_for, read_elf
-from avc_hardware.emulator.flash import FlashController
 from avc_hardware.emulator.machine import CLOCK_HZ, Machine
 
 if TYPE_CHECKING:
@@ -47,7 +46,6 @@ class EmulatedBoard:
         on_force_code: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
         on_instruction: Callable[[int], None] | None = None,
-        flash: FlashController | None = None,
     ) -> None:
         """Start the firmware.
 
@@ -60,7 +58,6 @@ class EmulatedBoard:
             on_force_code: takes the 12-bit code of the force output at every tick.
             slice_cycles: see `Machine`.
             on_instruction: see `Machine`.
-            flash: see `Machine`.
 
         Raises:
             UnsupportedError: the image has no program for these figures.
@@ -78,12 +75,11 @@ class EmulatedBoard:
             actuator=on_force_code,
             slice_cycles=slice_cycles,
             on_instruction=on_instruction,
-            flash=flash,
         )
         self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
 
     def restart(self) -> None:
-        """Power-cycle it: it restarts with its stored content."""
+        """Power-cycle it: it starts anew."""
         self.machine.reset()
         self.machine.received.clear()
         self.machine.sent.clear()

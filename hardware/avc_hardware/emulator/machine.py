@@ -1,9 +1,8 @@
 """An emulated STM32F405: core by Unicorn; SysTick, interrupts and peripherals here.
 
 Time is counted in cycles of the core's clock. A slice of the main loop runs until the next event (timer, byte received,
-byte sent) and takes the time until then; waiting for an interrupt, for the transmitter or for the flash ends the
-slice. Interrupts run to their end in no time. Nothing depends on the host's clock: the same bytes and positions give
-the same run.
+byte sent) and takes the time until then; waiting for an interrupt or for the transmitter ends the slice. Interrupts run
+to their end in no time. Nothing depends on the host's clock: the same bytes and positions give the same run.
 """
 
 from __future__ import annotations
@@ -17,11 +16,9 @@ from typing import Any
 from avc_casadi import LinkError, MissingExtraError
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_hardware.codegen.image import Image
-from avc_hardware.emulator import flash as _flash
-from avc_hardware.emulator.flash import FlashController
 
 CLOCK_HZ = 168_000_000
-_FLASH, _FLASH_SIZE = 0x08000000, _flash.KEPT - 0x08000000
+_FLASH, _FLASH_SIZE = 0x08000000, 0x100000
 _RAM, _RAM_SIZE = 0x20000000, 0x20000
 _SYSTEM, _APB1, _TIMERS, _SERIAL = 0xE000E000, 0x40007000, 0x40010000, 0x40011000
 _WATCHDOG, _PORTS, _RESETS = 0x40003000, 0x40020000, 0x40023000
@@ -46,7 +43,6 @@ class Machine:
 
     Attributes:
         enabled: whether the enable line is closed.
-        flash: its controller, with the non-volatile storage.
     """
 
     def __init__(
@@ -57,7 +53,6 @@ class Machine:
         actuator: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
         on_instruction: Callable[[int], None] | None = None,
-        flash: FlashController | None = None,
     ) -> None:
         """Load an image and reset the core.
 
@@ -67,7 +62,6 @@ class Machine:
             actuator: takes the 12-bit code of the force output, once a tick.
             slice_cycles: the main loop is interrupted at the latest after so many instructions (tests make it small).
             on_instruction: takes the address of every instruction; slow.
-            flash: with a content; None: erased.
 
         Raises:
             MissingExtraError: Unicorn is not installed.
@@ -94,15 +88,12 @@ class Machine:
         core.mem_map(_RETURN, _PAGE, unicorn.UC_PROT_READ | unicorn.UC_PROT_EXEC)
         for base in (_SYSTEM, _APB1, _TIMERS, _SERIAL, _WATCHDOG, _PORTS, _RESETS):
             core.mmio_map(base, _PAGE, self._read_register, base, self._write_register, base)
-        kept = _flash.SECTOR_BYTES * 2
-        core.mmio_map(_flash.KEPT, kept, self._read_kept, None, self._write_kept, None)
         if on_instruction is not None:
             core.hook_add(unicorn.UC_HOOK_CODE, lambda _core, address, _size, _data: on_instruction(address))
         self._core: Any = core
         self._saved = core.context_save()
         self.cycle = 0
         self.enabled = True
-        self.flash = flash or FlashController()
         self.received: deque[int] = deque()
         self.sent = bytearray()
         self.reset()
@@ -122,8 +113,6 @@ class Machine:
         self._core.reg_write(self._arm.UC_ARM_REG_C1_C0_2, access | 0xF << 20)
         self._core.reg_write(self._arm.UC_ARM_REG_PRIMASK, 0)
         self._pc = entry
-        self.flash.reset()
-        self._pending: set[int] = set()
         self._registers: dict[int, int] = {_RESETS + 0x874: why}
         self._bites: int | None = None
         self._status = _TRANSMIT_EMPTY | _TRANSMITTED
@@ -169,9 +158,6 @@ class Machine:
         """Advance time until a cycle, or until ``stop`` is true between two events."""
         with HeldInterrupt() as interrupt:
             while self.cycle < cycle and not interrupt.came and not stop():
-                if not self.flash.powered:
-                    self.cycle = cycle
-                    break
                 due = self._due(cycle)
                 if due > self.cycle:
                     count = min(due - self.cycle, self._slice)
@@ -188,23 +174,17 @@ class Machine:
             events.append(self._next_byte)
         if self._bites is not None:
             events.append(self._bites)
-        if self.flash.busy(self.cycle):
-            events.append(self.flash.busy_until)
         if not self._status & _TRANSMIT_EMPTY:
             events.append(self._transmit_free)
         return max(min(events), self.cycle)
 
     def _run_main(self, count: int) -> None:
-        if self.flash.busy(self.cycle) and self._pc < _RAM:
-            self._busy = False  # the code to run cannot be read
-            return
-        self._waits = self._polled = False
+        self._waits = False
         self._in_main = True
         self._execute(self._pc | 1, 0, max(count, 2))
         self._in_main = False
         self._pc = self._core.reg_read(self._arm.UC_ARM_REG_PC)
-        # Nothing precedes the first instruction that runs from memory.
-        waiting = self._pc != _RAM and bytes(self._core.mem_read(self._pc - 2, 2)) == b"\x30\xbf"  # wfi
+        waiting = bytes(self._core.mem_read(self._pc - 2, 2)) == b"\x30\xbf"  # wfi
         self._busy = not (waiting or self._waits)
 
     def _execute(self, start: int, until: int, count: int) -> None:
@@ -220,11 +200,6 @@ class Machine:
         """Process the events of this cycle, the timer first, by interrupt priority."""
         if self._bites is not None and self.cycle >= self._bites:
             self.reset(BY_WATCHDOG)
-        self._held = self.flash.busy(self.cycle) or bool(self._core.reg_read(self._arm.UC_ARM_REG_PRIMASK))
-        if not self._held:
-            for vector in sorted(self._pending):
-                self._pending.remove(vector)
-                self._interrupt(vector)
         if self._next_tick is not None and self.cycle >= self._next_tick:
             self._next_tick += (self._registers.get(_SYSTEM + 0x14, 0) & 0xFFFFFF) + 1
             self._counted = True
@@ -243,9 +218,6 @@ class Machine:
                 self._interrupt(_SERIAL_VECTOR)
 
     def _interrupt(self, vector: int) -> None:
-        if self._held:
-            self._pending.add(vector)
-            return
         core = self._core
         core.context_update(self._saved)  # the registers stacked by hardware and handler
         stack = core.reg_read(self._arm.UC_ARM_REG_SP)
@@ -271,13 +243,6 @@ class Machine:
                 return self._encoder(self.cycle) & 0xFFFF
             case 0x40020410:
                 return 0 if self.enabled else 1
-            case 0x40023C0C | 0x40023C10 as address:
-                if self._in_main and self.flash.busy(self.cycle):
-                    if self._polled:  # once per slice: the loop feeds the watchdog
-                        self._waits = True
-                        self._core.emu_stop()
-                    self._polled = True
-                value = self.flash.read_register(address, self.cycle)
             case 0xE000E010:
                 value = self._registers.get(_SYSTEM + 0x10, 0) | (_COUNTED if self._counted else 0)
                 self._counted = False
@@ -298,20 +263,8 @@ class Machine:
             case 0x40003000 if value in {0xAAAA, 0xCCCC}:
                 ticks = (self._registers.get(_WATCHDOG + 8, 0xFFF) + 1) * (4 << self._registers.get(_WATCHDOG + 4, 0))
                 self._bites = self.cycle + ticks * CLOCK_HZ // _SLOW_HZ
-            case 0x40023C04 | 0x40023C0C | 0x40023C10:
-                self.flash.write_register(address, value, self.cycle)
-                if self._in_main and self._pending:
-                    self._core.emu_stop()
             case 0x40023874 if value & _FORGET:
                 self._registers[address] = 0
             case 0xE000E010:
                 on = bool(value & 1)
                 self._next_tick = self.cycle + (self._registers[_SYSTEM + 0x14] & 0xFFFFFF) + 1 if on else None
-
-    def _read_kept(self, _core: Any, offset: int, size: int, _: Any) -> int:
-        return self.flash.read(offset, size)
-
-    def _write_kept(self, _core: Any, offset: int, size: int, value: int, _: Any) -> None:
-        self.flash.write(offset, size, value, self.cycle)
-        if not self.flash.powered:
-            self._core.emu_stop()

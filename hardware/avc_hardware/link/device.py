@@ -12,7 +12,7 @@ from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, RuntimeFigures
 
 MODES = ("table", "ramp", "safe", "fault")
 _COUPLING_ID = 14  # place in STATUS
-_HELLO = struct.Struct("<HHHH8sII6fIIHH4fHHHHHHI8fI3f12s4I16s")
+_HELLO = struct.Struct("<HHHH8sII6fIIHH4fHHHHHHI8fI3f12s")
 _STATUS = struct.Struct("<II9fi18I8B3f")
 
 
@@ -22,7 +22,7 @@ class Device:
 
     Attributes:
         interface_version: of the messages' meaning; must equal this program's.
-        capacity_rows: rows that a table may have; 0 where a coupling is built in.
+        capacity_rows: rows that a table may have.
         window_bytes: bytes that may be in transit unanswered.
         chunk_bytes: largest part of a table in one message.
         build: name of the firmware's sources.
@@ -57,11 +57,6 @@ class Device:
         lowered_speed_m_per_s: the same of `max_speed_m_per_s`.
         lowered_energy_j: the same of `max_energy_j`.
         unique_id: unique number of the chip, hexadecimal; empty where it has none.
-        flash_bytes: of each slot of non-volatile storage; 0 without one.
-        kept_number: how often something was stored there; 0 where empty.
-        kept_coupling_id: of the stored coupling; empty without one.
-        kept_acts: whether it takes over after a reset.
-        name: given by a user; empty without one.
     """
 
     interface_version: int
@@ -100,16 +95,6 @@ class Device:
     lowered_speed_m_per_s: float
     lowered_energy_j: float
     unique_id: str
-    flash_bytes: int
-    kept_number: int
-    kept_coupling_id: str
-    kept_acts: bool
-    name: str
-
-    @property
-    def built_in(self) -> bool:
-        """Whether its coupling is built into the firmware, so that it takes no other."""
-        return self.capacity_rows == 0
 
     @classmethod
     def read(cls, payload: bytes) -> Device:
@@ -131,11 +116,9 @@ class Device:
         running = (*values[13:16], bool(values[16]))
         coupling = _coupling(values[27], bool(values[15]))
         unique_id = values[40].hex() if any(values[40]) else ""
-        flash_bytes, number, flags, kept_coupling, name = values[41:46]
-        kept = (flash_bytes, number, _coupling(kept_coupling, bool(flags & 1)), bool(flags & 2), _name(name))
         wall, watched = map(_meant, values[28:31]), map(_meant, values[31:35])
         head = [*values[:4], build, *values[5:7], *meant, *running, figures, *values[23:27], coupling, *wall]
-        return cls(*[*head, *watched, int(values[35]), values[36], *map(_meant, values[37:40]), unique_id, *kept])
+        return cls(*[*head, *watched, int(values[35]), values[36], *map(_meant, values[37:40]), unique_id])
 
 
 def require_same(first: Device, now: Device) -> None:
@@ -191,7 +174,6 @@ class DeviceStatus:
         contact: whether the device is in contact with the wall.
         has_table: whether there is a table.
         waits: whether another table waits for the device to be released.
-        has_zero: whether its position was set to 0 since it started; otherwise 0 is its position then.
         limits_wait: whether higher limits wait for its release.
         lowered_force_n: limit at run time.
         lowered_speed_m_per_s: limit at run time.
@@ -233,7 +215,6 @@ class DeviceStatus:
     contact: bool
     has_table: bool
     waits: bool
-    has_zero: bool
     limits_wait: bool
     lowered_force_n: float
     lowered_speed_m_per_s: float
@@ -243,19 +224,15 @@ class DeviceStatus:
     def read(cls, payload: bytes) -> DeviceStatus:
         """Read the payload of the answer to STATUS."""
         values = _STATUS.unpack(payload)
-        mode, streaming, contact, has_table, waits, has_zero, limits_wait, _ = values[-11:-3]
+        mode, streaming, contact, has_table, waits, limits_wait, _, _ = values[-11:-3]
         at = _COUPLING_ID
         coupling = _coupling(values[at], bool(has_table))
-        flags = (MODES[mode], *map(bool, (streaming, contact, has_table, waits, has_zero, limits_wait)))
+        flags = (MODES[mode], *map(bool, (streaming, contact, has_table, waits, limits_wait)))
         return cls(*[*values[:at], coupling, *values[at + 1 : -11], *flags, *map(_meant, values[-3:])])
 
 
 def _coupling(number: int, has_table: bool) -> str:
     return f"{number:08x}" if has_table else ""
-
-
-def _name(data: bytes) -> str:
-    return data.rstrip(b"\0").decode("utf-8", "replace")
 
 
 def _meant(value: float) -> float:

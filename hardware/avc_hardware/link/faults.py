@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from avc_casadi._util.units import FORCE, MASS, Wording, spoken_key
+from avc_casadi._util.units import FORCE, MASS, Wording
 from avc_hardware.link.frames import PROTOCOL_VERSION
 
 
@@ -29,9 +29,6 @@ class DeviceFault(IntFlag):
     WATCHDOG = 128
     BROWN_OUT = 256
     HEARTBEAT = 512
-    ENCODER_REVERSED = 1024
-    MOTOR_REVERSED = 2048
-    MOTOR_DEAD = 4096
 
     @property
     def word(self) -> str:
@@ -55,19 +52,13 @@ _WORDS: Mapping[DeviceFault, str | Wording] = {
     DeviceFault.WATCHDOG: "reset by the watchdog",
     DeviceFault.BROWN_OUT: "supply sank",
     DeviceFault.HEARTBEAT: "host silent",
-    DeviceFault.ENCODER_REVERSED: "encoder reversed",
-    DeviceFault.MOTOR_REVERSED: "motor reversed",
-    DeviceFault.MOTOR_DEAD: "motor dead",
 }
 _ADVICE: Mapping[DeviceFault, str | Wording] = {
     DeviceFault.JUMP: Wording.of(
         lambda: f"between two ticks it moved as nothing of this {MASS} can; look at its wires, shield and supply"
     ),
     DeviceFault.STUCK: Wording.of(
-        lambda: (
-            f"no count came though the {FORCE} swung, or a hand was to move it; look at its wires, or for what blocks "
-            "the device"
-        )
+        lambda: f"no count came though the {FORCE} swung; look at its wires, or for what blocks the device"
     ),
     DeviceFault.SPEED: "the device was faster than its limit; look for an unstable coupling, or a hand that let go",
     DeviceFault.ENERGY: "the coupling gave out more than it got; it does not hold this device (avc diagnose)",
@@ -77,21 +68,9 @@ _ADVICE: Mapping[DeviceFault, str | Wording] = {
     DeviceFault.WATCHDOG: "the firmware hung and was started anew; push the coupling again",
     DeviceFault.BROWN_OUT: "the supply fell below its limit and the device started anew; push the coupling again",
     DeviceFault.HEARTBEAT: "no heartbeat in time; send them again, and let go of the device",
-    DeviceFault.ENCODER_REVERSED: "it counts down on the way into the wall; swap its lines A and B, commission again",
-    DeviceFault.MOTOR_REVERSED: Wording.of(
-        lambda: f"a {FORCE} into the wall moved it out; swap the motor's two wires, then commission again"
-    ),
-    DeviceFault.MOTOR_DEAD: Wording.of(
-        lambda: (
-            f"a {FORCE} moved it by no count; look at the amplifier's enable and supply, the motor's wires, and "
-            f"whether friction holds it ({spoken_key('--force-n')}), then commission again"
-        )
-    ),
 }
-WIRED_WRONGLY = DeviceFault.ENCODER_REVERSED | DeviceFault.MOTOR_REVERSED | DeviceFault.MOTOR_DEAD
-"""Faults found by commissioning; with any of them a device takes no table."""
 
-INTERFACE_VERSION = 9  # of the messages' meaning
+INTERFACE_VERSION = 10  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 
@@ -123,9 +102,6 @@ class Reason(IntEnum):
     MODE = 23
     HOLD = 24
     FAULT = 25
-    NO_FLASH = 26
-    FLASH = 27
-    BUILT_IN = 28
     FLAGS = 29
     OTHER_COUPLING = 30
 
@@ -149,9 +125,6 @@ _SENTENCES = {
     Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
     Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
     Reason.FAULT: "the device has latched faults ({fault}); clear them first: avc device --clear",
-    Reason.NO_FLASH: "this board has no memory that lasts",
-    Reason.FLASH: "the memory did not take it (a slot has {detail} bytes); what was kept before still is",
-    Reason.BUILT_IN: "coupling {detail:08x} is built into the firmware, which takes no other; flash another",
     Reason.FLAGS: "{row} has a flag that the firmware does not know, which is older than this program; update it",
     Reason.OTHER_COUPLING: "the gains are those of another coupling than {detail:08x}, which the device runs; push "
     "theirs first",

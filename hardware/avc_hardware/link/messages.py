@@ -15,7 +15,6 @@ from avc_hardware.link.telemetry import Telemetry
 
 REPLY = 0x80
 UNITS_SI = 1  # Hz, N.s/m, N/m, N.s/m
-KEEPS_COUPLING, COUPLING_ACTS = 1, 2
 
 
 class Kind(IntEnum):
@@ -35,10 +34,7 @@ class Kind(IntEnum):
     STOP = 0x0C
     CLEAR = 0x0D
     SUBSCRIBE = 0x0E
-    ZERO = 0x0F
-    LATCH = 0x10
     LIMITS = 0x11
-    STORE = 0x12
     TELEMETRY = 0xFD
     LOG = 0xFE
     REFUSED = 0xFF
@@ -56,7 +52,6 @@ _TWO = struct.Struct("<II")
 _THREE = struct.Struct("<III")
 _ONE = struct.Struct("<I")
 _LIMITS = struct.Struct("<3f")
-_STORE = struct.Struct("<I16s")
 
 
 @dataclass(frozen=True)
@@ -144,27 +139,12 @@ class Records:
 
 
 @dataclass(frozen=True)
-class Zeroed:
-    """ZERO accepted, for the next tick after ``ticks``."""
-
-    ticks: int
-
-
-@dataclass(frozen=True)
 class LimitsTaken:
     """LIMITS accepted: they hold from the next tick on, a higher force from the next one out of contact."""
 
     force_n: float
     speed_m_per_s: float
     energy_j: float
-
-
-@dataclass(frozen=True)
-class StoreTaken:
-    """STORE done: count and content of the storage."""
-
-    number: int
-    flags: int
 
 
 @dataclass(frozen=True)
@@ -194,9 +174,7 @@ Message = (
     | GainsTaken
     | Excited
     | Records
-    | Zeroed
     | LimitsTaken
-    | StoreTaken
     | Subscribed
     | Telemetry
     | Log
@@ -243,19 +221,9 @@ def clear(faults: int) -> bytes:
     return _ONE.pack(faults)
 
 
-def latch(faults: int) -> bytes:
-    """Payload of LATCH: faults that commissioning has found."""
-    return _ONE.pack(faults)
-
-
 def limits(force_n: float, speed_m_per_s: float, energy_j: float) -> bytes:
     """Payload of LIMITS; 0 stands for the board's own."""
     return _LIMITS.pack(force_n, speed_m_per_s, energy_j)
-
-
-def store(flags: int, name: str) -> bytes:
-    """Payload of STORE: 1 keeps the coupling, 2 activates it after a reset; the name of the device."""
-    return _STORE.pack(flags, name.encode())
 
 
 def subscribe(every: int, ticks: int) -> bytes:
@@ -318,10 +286,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.EXCITE | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
     Kind.STOP | REPLY: lambda payload: Excited(*_TWO.unpack(payload)),
     Kind.RECORDS | REPLY: _records,
-    Kind.ZERO | REPLY: lambda payload: Zeroed(*_ONE.unpack(payload)),
-    Kind.LATCH | REPLY: _clear,
     Kind.LIMITS | REPLY: lambda payload: LimitsTaken(*_LIMITS.unpack(payload)),
-    Kind.STORE | REPLY: lambda payload: StoreTaken(*_TWO.unpack(payload)),
     Kind.SUBSCRIBE | REPLY: lambda payload: Subscribed(*_TWO.unpack(payload)),
     Kind.TELEMETRY: Telemetry.read,
     Kind.LOG: lambda payload: Log(payload.decode("utf-8", "replace")),

@@ -106,7 +106,7 @@ def push(
         deadline_s: longest duration on the link's clock.
         unsafe: whether a coupling that is not deployable, or was made for a higher force than the device's, is sent
             too.
-        device_id: name of the intended device, or number of its chip; another device is refused.
+        device_id: number of the intended device's chip; another device is refused.
         on_log: receives the firmware's lines of text.
         on_wait: called when the table waits for the device to be released.
         on_silence: called once with the awaited answer and the time, where the device does not answer at once.
@@ -198,13 +198,12 @@ def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
 
 
 def _require_device(connection: Connection, device_id: str) -> None:
-    name, number = connection.device.name, connection.device.unique_id
+    number = connection.device.unique_id
     where = f"{connection.link.name}: not sent"
-    if not name and not number:
-        raise LinkError(f"{where}: the device has no number of its own and no name (avc device --store --name)")
-    if device_id != name and device_id.lower() != number:
-        found = " ".join(filter(None, (name, number)))
-        raise LinkError(f"{where}: this is device {found}, not {device_id}; see avc doctor --ports --ask")
+    if not number:
+        raise LinkError(f"{where}: the device has no number of its own")
+    if device_id.lower() != number:
+        raise LinkError(f"{where}: this is device {number}, not {device_id}; see avc doctor --ports --ask")
 
 
 def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:

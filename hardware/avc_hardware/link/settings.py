@@ -1,4 +1,4 @@
-"""Settings of a device beside its coupling: faults cleared, limits at run time, non-volatile storage.
+"""Settings of a device beside its coupling: faults cleared, limits at run time.
 
 Limits of force, speed and energy are lowered below those of the board, never above them.
 """
@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from avc_casadi import Fault, InputError, LinkError
+from avc_casadi import Fault, InputError
 from avc_casadi._util.units import M_PER_S, NEWTON
 from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
@@ -172,82 +172,3 @@ def _wanted(device: Device, wanted: tuple[float | None, ...], *, built_in: bool)
     if faults:
         raise InputError(faults)
     return Limits(*values)
-
-
-NAME_BYTES = 16
-"""Longest name of a device, UTF-8."""
-# Erasing a sector of 128 KB may take four seconds, in which no byte is received.
-_ERASES_S = 5.0
-
-
-@dataclass(frozen=True)
-class Stored:
-    """Content of a device's non-volatile storage.
-
-    Attributes:
-        port: as given.
-        number: how often something was stored.
-        coupling_id: of the stored coupling; empty without one.
-        acts: whether it takes over after a reset, out of contact.
-        name: of the device; empty without one.
-        force_n: stored limit at run time.
-    """
-
-    port: str
-    number: int
-    coupling_id: str
-    acts: bool
-    name: str
-    force_n: float
-
-
-def store(
-    port: str | ByteLink,
-    *,
-    coupling: bool = True,
-    acts: bool = False,
-    name: str | None = None,
-    baud: int = DEFAULT_BAUD,
-    on_silence: Callable[[str], None] | None = None,
-) -> Stored:
-    """Store a device's running coupling, its limits and a name over a reset.
-
-    It gives no force meanwhile, and resumes its coupling out of contact. After a power cut, the old or the new content
-    is whole.
-
-    Args:
-        port: device path, pyserial URL, ``usb:NUMBER``, or an open link.
-        coupling: whether to store the running coupling; else none is.
-        acts: whether it takes over after a reset, as soon as the device is out of contact. With an incremental encoder
-            the wall is relative to the position then, until position 0 is set.
-        name: of the device; None keeps the one it has.
-        baud: rate of a serial port.
-        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
-
-    Raises:
-        InputError: a name that is too long, or a coupling that acts and is not stored.
-        LinkError: no device, one without such a memory, without a coupling, or in contact.
-    """
-    if acts and not coupling:
-        raise InputError.of("a coupling acts after a reset that is kept; leave out one of the two", key="acts")
-    if name is not None and not name.isprintable():
-        raise InputError.of(f"is {name!r}; allowed: characters that print, in a line", key="name")
-    if name is not None and len(name.encode()) > NAME_BYTES:
-        raise InputError.of(f"{name!r} takes {len(name.encode())} bytes; allowed: {NAME_BYTES}", key="name")
-    link = open_link(port, baud=baud)
-    with Connection(link, baud=baud, on_silence=on_silence) as connection:
-        session, before = connection.session, connection.device
-        if not before.flash_bytes:
-            raise LinkError(f"{link.name}: this board has no memory that lasts (hal_flash_size); push after each start")
-        session.timeout_s = max(session.timeout_s, _ERASES_S)
-        flags = m.KEEPS_COUPLING * coupling + m.COUPLING_ACTS * acts
-        payload = m.store(flags, before.name if name is None else name)
-        connection.run(session.ask(Kind.STORE, payload, m.StoreTaken), deadline_s=6 * _ERASES_S)
-        return stored_of(connection.run(session.hello()), link.name)
-
-
-def stored_of(device: Device, port: str) -> Stored:
-    """Return the content of the storage as the device reports it."""
-    return Stored(
-        port, device.kept_number, device.kept_coupling_id, device.kept_acts, device.name, device.lowered_force_n
-    )

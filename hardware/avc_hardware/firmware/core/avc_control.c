@@ -2,7 +2,6 @@
 
 #include <string.h>
 
-#include "avc_attend.h"
 #include "avc_law.h"
 
 static const float longest_hold_s = 5.0f;
@@ -24,15 +23,6 @@ void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
     control->state.frequency_hz = not_a_number();
     control->lowered = (avc_lowered_t){limits->max_force_n, limits->max_speed_m_per_s, limits->max_energy_j};
     avc_fault_init(&control->fault, limits);
-    if (AVC_IS_BUILT_IN) { /* it waits for the device to be out of contact, as after a lost heartbeat */
-        avc_table_t *table = &control->tables[control->active];
-        table->image.header = avc_built_in;
-        table->id = avc_built_in.coupling_id;
-        control->state.has_table = 1u;
-        control->state.mode = AVC_MODE_SAFE;
-        control->scale = 0.0f;
-        control->most_n = avc_force_limit(&avc_built_in, limits);
-    }
 }
 
 bool avc_control_drives(const avc_control_t *c)
@@ -99,17 +89,12 @@ static float excite(avc_control_t *c, float x, int32_t encoder_count)
     return -avc_excite_tick(&c->excite, encoder_count);
 }
 
-float avc_control_tick(avc_control_t *c, int32_t raw_count)
+float avc_control_tick(avc_control_t *c, int32_t encoder_count)
 {
-    if (c->asked != 0u) {
-        avc_attend(c, raw_count);
-        if (c->paused != 0u) {
-            avc_idle(c, (int32_t)((uint32_t)raw_count - (uint32_t)c->zero));
-            return 0.0f;
-        }
+    if (c->limits_wanted != 0u) {
+        avc_adopt_limits(c);
     }
     avc_state_t *s = &c->state;
-    const int32_t encoder_count = (int32_t)((uint32_t)raw_count - (uint32_t)c->zero);
     int32_t moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count); /* wraps rightly */
     const float x = (float)encoder_count * c->limits.metres_per_count;
     if (c->swap_wanted != 0u) {
@@ -130,7 +115,7 @@ float avc_control_tick(avc_control_t *c, int32_t raw_count)
     const float work_j = c->previous_force * step;
     s->energy_j = s->energy_j + work_j;
     const uint32_t wrong = avc_fault_watch(&c->fault, watched, c->previous_force, s->overruns);
-    if (!c->steadies && !AVC_IS_BUILT_IN) {
+    if (!c->steadies) {
         estimate(c, table, x);
     }
     avc_supervise(c, x);

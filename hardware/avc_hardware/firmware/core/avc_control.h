@@ -8,7 +8,6 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "avc_built_in.h"
 #include "avc_couple_clips.h"
 #include "avc_couple_gated.h"
 #include "avc_estimate.h"
@@ -64,8 +63,7 @@ typedef struct {
     float scale;   /* of the force: ramps to 0 when the heartbeat is lost */
     float previous_force;
     float most_n;             /* force limit in force: of board, table and run time the lowest */
-    volatile uint32_t asked; /* set last by the link: the tick looks at zero, latch and limits */
-    int32_t zero;            /* count of the encoder where the position is 0 */
+    volatile uint32_t limits_wanted; /* set by the link, cleared by the tick that takes them */
     avc_state_t state;
     avc_fault_t fault;
     avc_couple_state_t couple;
@@ -96,19 +94,12 @@ typedef struct {
     avc_stream_t stream[2];
     volatile uint32_t stream_slot;
 
-    volatile uint32_t zero_wanted;
-    volatile uint32_t latch_wanted; /* codes of faults */
-    volatile uint32_t limits_wanted;
-    volatile uint32_t has_zero;
-    volatile uint32_t pause_wanted; /* no force, so that the link may take its time */
-    volatile uint32_t paused;
     avc_lowered_t wanted;
     avc_lowered_t lowered; /* in force */
     avc_telemetry_t telemetry;
     avc_estimate_state_t estimate;
     avc_table_t tables[2];
     avc_excite_t excite;
-    avc_coupling_t built_in;
 } avc_control_t;
 
 /* Longest time that streamed gains or a heartbeat may hold, in ticks. */
@@ -135,6 +126,6 @@ float avc_most_force(const avc_control_t *control);
 void avc_telemetry_tick(avc_control_t *control);
 
 /* One tick; returns the force in newtons that the device shall push back with (positive out of the wall). */
-float avc_control_tick(avc_control_t *control, int32_t raw_count);
+float avc_control_tick(avc_control_t *control, int32_t encoder_count);
 
 #endif

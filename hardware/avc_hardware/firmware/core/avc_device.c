@@ -41,7 +41,7 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     const bool has_table = device->control.state.has_table != 0u;
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_HELLO | AVC_MESSAGE_REPLY, request->sequence);
     avc_put16(&a, AVC_INTERFACE_VERSION);
-    avc_put16(&a, AVC_IS_BUILT_IN ? 0u : AVC_ROWS_MAX);
+    avc_put16(&a, AVC_ROWS_MAX);
     avc_put16(&a, AVC_WINDOW);
     avc_put16(&a, AVC_CHUNK_MAX);
     avc_put(&a, avc_build, sizeof avc_build);
@@ -79,11 +79,6 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, avc_faults(&device->control));
     avc_put_lowered(&a, &device->control.lowered);
     avc_put(&a, device->unique, sizeof device->unique);
-    avc_put32(&a, hal_flash_size());
-    avc_put32(&a, device->kept_number);
-    avc_put32(&a, device->kept.flags);
-    avc_put32(&a, device->kept_coupling);
-    avc_put(&a, device->kept.name, sizeof device->kept.name);
     avc_send(&a);
 }
 
@@ -137,7 +132,7 @@ static void on_status(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, device->control.fault.first_tick);
     const uint8_t waits = device->control.swap_wanted != 0u ? 1u : 0u;
     const uint8_t flags[8] = {s.mode, s.streaming, s.contact, s.has_table, waits,
-                              (uint8_t)device->control.has_zero, (uint8_t)device->control.limits_wanted, 0u};
+                              (uint8_t)device->control.limits_wanted, 0u, 0u};
     avc_put(&a, flags, sizeof flags);
     avc_put_lowered(&a, &device->control.lowered);
     avc_send(&a);
@@ -164,20 +159,39 @@ static void on_heartbeat(avc_device_t *device, const avc_request_t *request)
 static void on_clear(avc_device_t *device, const avc_request_t *request)
 {
     avc_control_t *control = &device->control;
-    const uint32_t there = control->fault.codes | control->latch_wanted; /* none that comes later is cleared */
-    control->fault.clear_wanted = avc_get32(&request->payload[0]) & there;
+    control->fault.clear_wanted = avc_get32(&request->payload[0]) & control->fault.codes; /* none that comes later */
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_CLEAR | AVC_MESSAGE_REPLY, request->sequence);
     avc_put32(&a, avc_faults(&device->control));
     avc_put32(&a, device->control.state.mode);
     avc_send(&a);
 }
 
-static void on_set_gains(avc_device_t *device, const avc_request_t *request)
+/* Takes effect with the next tick, a higher force out of contact. */
+static void on_limits(avc_device_t *device, const avc_request_t *request)
 {
-    if (AVC_IS_BUILT_IN) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_BUILT_IN, avc_built_in.coupling_id);
+    avc_control_t *control = &device->control;
+    avc_lowered_t wanted = {avc_get_float(&request->payload[0]), avc_get_float(&request->payload[4]),
+                            avc_get_float(&request->payload[8])};
+    if (!avc_lowered_check(&wanted, &control->limits)) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_LIMIT, AVC_AT_LIMITS);
         return;
     }
+    if (avc_excite_runs(&control->excite)) { /* it keeps the limit that its plan was taken for */
+        avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, control->excite.plan.number);
+        return;
+    }
+    control->limits_wanted = 0u; /* the tick leaves them alone from here on */
+    atomic_signal_fence(memory_order_release);
+    control->wanted = wanted;
+    atomic_signal_fence(memory_order_release);
+    control->limits_wanted = 1u;
+    avc_answer_t a = avc_answer(device, AVC_MESSAGE_LIMITS | AVC_MESSAGE_REPLY, request->sequence);
+    avc_put_lowered(&a, &wanted);
+    avc_send(&a);
+}
+
+static void on_set_gains(avc_device_t *device, const avc_request_t *request)
+{
     const uint32_t number = avc_get32(&request->payload[0]);
     const uint32_t ticks = avc_get32(&request->payload[4]);
     const avc_gains_t gains = {avc_get_float(&request->payload[8]), avc_get_float(&request->payload[12]),
@@ -254,10 +268,7 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_STOP, 4, 4, avc_on_stop},
     {AVC_MESSAGE_CLEAR, 4, 4, on_clear},
     {AVC_MESSAGE_SUBSCRIBE, 8, 8, avc_on_subscribe},
-    {AVC_MESSAGE_ZERO, 0, 0, avc_on_zero},
-    {AVC_MESSAGE_LATCH, 4, 4, avc_on_latch},
-    {AVC_MESSAGE_LIMITS, 12, 12, avc_on_limits},
-    {AVC_MESSAGE_STORE, 4 + AVC_NAME_SIZE, 4 + AVC_NAME_SIZE, avc_on_store},
+    {AVC_MESSAGE_LIMITS, 12, 12, on_limits},
 };
 
 static void on_frame(avc_device_t *device)
@@ -294,10 +305,6 @@ bool avc_device_poll(avc_device_t *device)
             did = true;
             continue;
         }
-        if (device->storing && avc_watch_store(device)) {
-            did = true;
-            continue;
-        }
         if (!avc_ring_get(&device->rx, &byte)) {
             break;
         }
@@ -320,7 +327,6 @@ void avc_device_init(avc_device_t *device, const avc_limits_t *limits, uint32_t 
     avc_decoder_reset(&device->decoder);
     device->serial = serial;
     device->boot_id = boot_id;
-    avc_recall(device);
     const char note[] = "avc device ready";
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_LOG, 0u);
     avc_put(&a, note, sizeof note - 1u);

@@ -13,11 +13,10 @@
 #include "avc_control.h"
 #include "avc_frame.h"
 #include "avc_ring.h"
-#include "avc_store.h"
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 9,
+    AVC_INTERFACE_VERSION = 10,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512, /* table bytes in one message */
     AVC_UNIQUE_SIZE = 12 /* bytes of the number that no other chip has; 0 where there is none */
@@ -38,10 +37,7 @@ typedef enum {
     AVC_MESSAGE_STOP = 0x0C,
     AVC_MESSAGE_CLEAR = 0x0D,
     AVC_MESSAGE_SUBSCRIBE = 0x0E,
-    AVC_MESSAGE_ZERO = 0x0F,
-    AVC_MESSAGE_LATCH = 0x10,
     AVC_MESSAGE_LIMITS = 0x11,
-    AVC_MESSAGE_STORE = 0x12,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
     AVC_MESSAGE_TELEMETRY = 0xFD,
     AVC_MESSAGE_LOG = 0xFE,
@@ -72,14 +68,6 @@ typedef struct {
     uint32_t boot_id;
     uint32_t serial;
     uint8_t unique[AVC_UNIQUE_SIZE];
-    avc_kept_t kept;      /* what is kept over a reset */
-    uint32_t kept_number; /* of it; 0: nothing is */
-    uint32_t kept_coupling;
-    bool storing; /* its answer is still owed */
-    uint16_t store_sequence;
-    uint32_t store_tick;
-    uint32_t store_flags;
-    char store_name[AVC_NAME_SIZE];
     volatile uint32_t rx_overruns;
     uint32_t frames_good;
     uint32_t frames_bad;

@@ -16,10 +16,6 @@ static void tell(avc_device_t *device, uint8_t type, uint16_t sequence)
 
 void avc_on_excite(avc_device_t *device, const avc_request_t *request)
 {
-    if (AVC_IS_BUILT_IN) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_BUILT_IN, avc_built_in.coupling_id);
-        return;
-    }
     avc_excite_t *e = &device->control.excite;
     const uint32_t number = avc_get32(request->payload);
     if (number == e->plan.number && number != 0u) { /* its answer was lost; it is not played again */
@@ -53,7 +49,6 @@ void avc_on_excite(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, (uint32_t)request->size);
         return;
     }
-    avc_forget_recalled(device);
     e->plan = plan;
     e->stop_wanted = 0u;
     e->heard = 0u;

@@ -17,12 +17,7 @@ typedef enum {
     AVC_FAULT_DISABLED = 64,    /* the enable line is open */
     AVC_FAULT_WATCHDOG = 128,   /* the last start was a reset by the watchdog */
     AVC_FAULT_BROWN_OUT = 256,  /* or by a supply that sank */
-    AVC_FAULT_HEARTBEAT = 512,  /* the host is silent; alone not latched: told in ramp and safe */
-    /* What commissioning found; latched by the host. With them no table is taken. */
-    AVC_FAULT_ENCODER_REVERSED = 1024,
-    AVC_FAULT_MOTOR_REVERSED = 2048,
-    AVC_FAULT_MOTOR_DEAD = 4096,
-    AVC_FAULT_WIRED_WRONGLY = AVC_FAULT_ENCODER_REVERSED | AVC_FAULT_MOTOR_REVERSED | AVC_FAULT_MOTOR_DEAD
+    AVC_FAULT_HEARTBEAT = 512   /* the host is silent; alone not latched: told in ramp and safe */
 } avc_fault_code_t;
 
 typedef struct {

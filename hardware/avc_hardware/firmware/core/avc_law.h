@@ -80,14 +80,6 @@ static inline avc_steady_gated_out_t avc_couple(avc_control_t *c, const avc_tabl
     return (avc_steady_gated_out_t){out.force_n, out.tool_m, out.stored_j};
 }
 
-/* The force of the exported coupling; none in safe mode, since it has no safe gains. It tells nothing of tool and energy. */
-static inline avc_steady_gated_out_t avc_built_in_step(avc_control_t *c, float x)
-{
-    const float force = c->state.mode == AVC_MODE_SAFE ? 0.0f : avc_coupling_step(&c->built_in, x);
-    c->fault.settled = false;
-    return (avc_steady_gated_out_t){force, x, 0.0f};
-}
-
 /* The force of the coupling that was pushed; the position becomes the one that the wall sees. */
 static inline avc_steady_gated_out_t avc_pushed_step(avc_control_t *c, const avc_table_t *table, float *position_m)
 {
@@ -122,8 +114,7 @@ static inline float avc_law(avc_control_t *c, const avc_table_t *table, float x,
     avc_state_t *s = &c->state;
     const avc_table_header_t *header = &table->image.header;
     float position_m = x;
-    const avc_steady_gated_out_t out =
-        AVC_IS_BUILT_IN ? avc_built_in_step(c, x) : avc_pushed_step(c, table, &position_m);
+    const avc_steady_gated_out_t out = avc_pushed_step(c, table, &position_m);
     s->contact = out.tool_m > 0.0f || out.force_n > 0.0f ? 1u : 0u; /* clip-last pushes before the surface */
     float force = out.force_n;
     if ((header->flags & AVC_TABLE_GUARD) != 0u) {

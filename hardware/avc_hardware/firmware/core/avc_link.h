@@ -33,17 +33,6 @@ void avc_on_excite(avc_device_t *device, const avc_request_t *request);
 void avc_on_records(avc_device_t *device, const avc_request_t *request);
 void avc_on_stop(avc_device_t *device, const avc_request_t *request);
 
-/* Commissioning. */
-void avc_on_zero(avc_device_t *device, const avc_request_t *request);
-void avc_on_latch(avc_device_t *device, const avc_request_t *request);
-void avc_on_limits(avc_device_t *device, const avc_request_t *request);
-
-/* What is kept over a reset. */
-void avc_recall(avc_device_t *device);
-void avc_forget_recalled(avc_device_t *device);
-void avc_on_store(avc_device_t *device, const avc_request_t *request);
-bool avc_watch_store(avc_device_t *device);
-
 /* Telemetry. */
 void avc_on_subscribe(avc_device_t *device, const avc_request_t *request);
 bool avc_push_telemetry(avc_device_t *device);

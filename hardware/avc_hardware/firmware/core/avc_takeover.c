@@ -9,9 +9,6 @@ void avc_rest(avc_control_t *c, float x)
     avc_couple_start(&c->couple, x);
     avc_guard_start(&c->guard, x);
     c->feedback.started = false;
-    if (AVC_IS_BUILT_IN) {
-        avc_coupling_start(&c->built_in);
-    }
     c->fault.settled = false;
     c->begun = false;
     c->steadies = false;
@@ -59,21 +56,30 @@ void avc_adapt(avc_control_t *c, const avc_table_t *table)
 bool avc_out_of_wall(const avc_table_t *table, float x)
 {
     float seen = x;
-    if (AVC_IS_BUILT_IN) {
-        avc_coupling_t begun;
-        avc_coupling_start(&begun);
-        seen = avc_coupling_step(&begun, x);
-    } else if (avc_states(&table->image.header) != 0u) {
+    if (avc_states(&table->image.header) != 0u) {
         avc_feedback_state_t begun = {.started = false};
         seen = avc_feedback_step(&begun, &table->image, x, 0.0f);
     }
     return x <= 0.0f && seen <= 0.0f;
 }
 
-void avc_limit_force(avc_control_t *c)
+static void limit_force(avc_control_t *c)
 {
     const float tables = avc_force_limit(&c->tables[c->active].image.header, &c->limits);
     c->most_n = c->lowered.force_n < tables ? c->lowered.force_n : tables;
+}
+
+void avc_adopt_limits(avc_control_t *c)
+{
+    const bool released = c->state.has_table == 0u || (c->state.contact == 0u && c->state.position_m <= 0.0f);
+    atomic_signal_fence(memory_order_acquire);
+    if (c->wanted.force_n > c->lowered.force_n && !released) {
+        return;
+    }
+    c->lowered = c->wanted;
+    limit_force(c);
+    avc_fault_limit(&c->fault, &c->limits, c->wanted.speed_m_per_s, c->wanted.energy_j);
+    c->limits_wanted = 0u;
 }
 
 void avc_swap(avc_control_t *c, float x)
@@ -89,7 +95,7 @@ void avc_swap(avc_control_t *c, float x)
     c->waited = 0u;
     c->away = 0u;
     c->active = 1u - c->active;
-    avc_limit_force(c);
+    limit_force(c);
     c->near = 0u;
     c->stream_fresh = 0u;
     c->stream_left = 0u;

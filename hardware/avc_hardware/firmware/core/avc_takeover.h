@@ -33,8 +33,9 @@ void avc_adapt(avc_control_t *c, const avc_table_t *table);
 /* Whether a table that begins here gives no force and stores no energy. */
 bool avc_out_of_wall(const avc_table_t *table, float x);
 
-/* The force limit in force follows from board, run time and running table. */
-void avc_limit_force(avc_control_t *c);
+/* Limits at run time that the link has set: a lower force at once; a higher one out of contact, where no spring is held
+ * back by the old one. */
+void avc_adopt_limits(avc_control_t *c);
 
 /* Out of the wall of the new table, and of the old one too: nothing of it is left. Where an observer goes on believing in
  * contact, being measured out of it for some ticks is enough. */

@@ -32,10 +32,6 @@ static bool transfer_stale(const avc_device_t *device)
 
 void avc_on_begin(avc_device_t *device, const avc_request_t *request)
 {
-    if (AVC_IS_BUILT_IN) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_BUILT_IN, avc_built_in.coupling_id);
-        return;
-    }
     avc_transfer_t *transfer = &device->transfer;
     const uint32_t session = avc_get32(&request->payload[0]);
     const uint32_t table_id = avc_get32(&request->payload[4]);
@@ -56,7 +52,6 @@ void avc_on_begin(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_BUSY, transfer->session);
         return;
     }
-    avc_forget_recalled(device); /* from here on its place is the new table's */
     const uint32_t size = avc_image_size(rows, states);
     transfer->open = true;
     transfer->session = session;
@@ -132,11 +127,6 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
     }
     if (avc_excite_runs(&device->control.excite)) {
         avc_refuse(device, request->sequence, AVC_REFUSED_EXCITED, device->control.excite.plan.number);
-        return;
-    }
-    const uint32_t faults = device->control.fault.codes | device->control.latch_wanted;
-    if ((faults & (uint32_t)AVC_FAULT_WIRED_WRONGLY) != 0u) {
-        avc_refuse(device, request->sequence, AVC_REFUSED_FAULT, faults);
         return;
     }
     transfer->last_tick = device->control.state.ticks;

@@ -42,7 +42,7 @@ static void check(void)
     const float lowered = control->lowered.force_n * 1.000001f;
     must(lowered <= limits.max_force_n * 1.00001f, "no limit rises above the board's");
     must((control->state.force_n <= lowered && control->state.force_n >= -lowered) || control->fault.codes != 0u ||
-             control->asked != 0u,
+             control->limits_wanted != 0u,
          "the force keeps the lowered limit");
     must(control->telemetry.made - control->telemetry.sent <= AVC_SAMPLES_KEPT, "the records fit");
     const avc_excite_t *excited = &control->excite;

@@ -13,7 +13,6 @@ size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room);
 void avc_host_state(const avc_device_t *device, avc_state_t *state);
 size_t avc_host_image(const avc_device_t *device, uint8_t *out);
 void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, float *frequency, size_t size);
-void avc_host_flash(uint8_t *memory, int64_t *left);
 void avc_host_unique(avc_device_t *device, const uint8_t *id);
 void avc_host_disable(avc_device_t *device, int disabled);
 void avc_host_overrun(avc_device_t *device);
@@ -85,61 +84,6 @@ void avc_host_ticks(avc_device_t *device, const int32_t *counts, float *force, f
         force[i] = avc_device_tick(device, counts[i]);
         frequency[i] = device->control.state.frequency_hz;
     }
-}
-
-/* A memory that lasts, of the test that is being run: two slots, and how many operations are left until the power is cut:
- * an erase is 16 of them, a word 4. */
-enum { FLASH_SLOT = 8192 };
-static uint8_t *flash;
-static int64_t *flash_left;
-
-void avc_host_flash(uint8_t *memory, int64_t *left)
-{
-    flash = memory;
-    flash_left = left;
-}
-
-static bool powered(void)
-{
-    if (*flash_left <= 0) {
-        return false;
-    }
-    *flash_left -= 1;
-    return true;
-}
-
-uint32_t hal_flash_size(void)
-{
-    return flash != NULL ? (uint32_t)FLASH_SLOT : 0u;
-}
-
-void hal_flash_read(uint32_t slot, uint32_t offset, void *to, uint32_t size)
-{
-    memcpy(to, &flash[slot * FLASH_SLOT + offset], size);
-}
-
-bool hal_flash_erase(uint32_t slot)
-{
-    for (uint32_t at = 0; at < FLASH_SLOT; at += 512u) {
-        if (!powered()) {
-            return false;
-        }
-        memset(&flash[slot * FLASH_SLOT + at], 0xFF, 512u);
-    }
-    return true;
-}
-
-bool hal_flash_write(uint32_t slot, uint32_t offset, uint32_t word)
-{
-    uint8_t bytes[4];
-    memcpy(bytes, &word, sizeof bytes);
-    for (uint32_t i = 0; i < sizeof bytes; i++) { /* bits turn from 1 to 0 alone */
-        if (!powered()) {
-            return false;
-        }
-        flash[slot * FLASH_SLOT + offset + i] &= bytes[i];
-    }
-    return true;
 }
 
 /* The number of the chip. */

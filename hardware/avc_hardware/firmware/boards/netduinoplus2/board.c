@@ -81,12 +81,12 @@ uint32_t hal_reset_faults(void)
     return codes;
 }
 
-BOARD_IN_MEMORY void hal_feed_watchdog(void)
+void hal_feed_watchdog(void)
 {
     WATCHDOG_KEY = 0xAAAAu;
 }
 
-BOARD_IN_MEMORY int32_t hal_encoder_count(void)
+int32_t hal_encoder_count(void)
 {
     /* the counter has 16 bits: 65 mm at 2 um; movement within a tick is far less */
     const int16_t moved = (int16_t)(uint16_t)(TIM8_COUNT - (uint32_t)count);

@@ -4,5 +4,3 @@
 #ifndef BOARD_BAUD
 #define BOARD_BAUD 115200u
 #endif
-/* Runs while the flash cannot be read. */
-#define BOARD_IN_MEMORY __attribute__((section(".ramcode"), noinline))
