@@ -315,15 +315,6 @@ def test_the_worst_hand_and_device_of_l5_have_the_radius_stated():
         assert radius == pytest.approx(detail["spectral_radius"], rel=1e-12)
 
 
-def test_switching_is_proved_where_rows_hardly_differ_and_open_where_they_jump():
-    case = problem(b_d=2.0, rows=2)
-    for b, k, proved in (((2.0, 2.1), (3e3, 3.1e3), 1), ((1.0, 300.0), (100.0, 1e3), 0)):
-        levels = certify(case, table(case, np.array(b), np.array(k)), draws=0).levels
-        found = levels["L5"].detail["common_lyapunov"]
-        assert levels["L5"].passed
-        assert (found["pairs"], found["proved"], found["pass"]) == (1, proved, bool(proved))
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("amplifier", ["", "amplifier_bandwidth_hz=800.0\n"])
 def test_one_row_is_judged_where_it_runs(amplifier):

@@ -1,10 +1,10 @@
-"""The exactly discretised loop: propagation, measured stability limits, hands, delay and switching."""
+"""The exactly discretised loop: propagation, measured stability limits, hands and delay."""
 
 import itertools
 
 import numpy as np
 import pytest
-from scipy.linalg import expm, solve_discrete_lyapunov
+from scipy.linalg import expm
 
 from avc_casadi import UnsupportedError, parse_problem
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
@@ -18,7 +18,6 @@ from avc_casadi.claims.stability.frozen_loop import (
     linear_stability,
     mechanics,
 )
-from avc_casadi.claims.stability.switching import common_lyapunov, lyapunov, switching_proof
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, no_hand
 
 T = 1e-3
@@ -169,44 +168,6 @@ def test_undefined_mechanics_is_not_called_stable():
     assert np.isinf(linear_stability(case.device, frozen_parts(case, 1.0, 1e3), 0.0, no_hand()).radius).all()
 
 
-def test_common_lyapunov_is_a_proof():
-    case = problem()
-    slow = np.linspace(2, 4, 30), np.linspace(3e3, 6e3, 30), np.zeros(30)
-    hands = hand_corners(case.hands)
-    proof = switching_proof(case, *slow, hands)
-    assert proof.proved == proof.pairs == 29
-    # A pair of stable matrices whose product is unstable has none.
-    pair = np.array([[[0.1, 2.0], [0.0, 0.1]], [[0.1, 0.0], [2.0, 0.1]]])
-    assert np.abs(np.linalg.eigvals(pair)).max() < 1
-    assert np.abs(np.linalg.eigvals(pair[0] @ pair[1])).max() > 1
-    assert not common_lyapunov(pair[None])[0]
-    assert not common_lyapunov(np.array([[np.eye(2) * 1.01, np.eye(2) * 0.5]]))[0]
-    assert not common_lyapunov(np.array([[np.eye(2), np.eye(2) * 0.5]]))[0]
-
-
-def test_doubling_solves_the_lyapunov_equation():
-    rng = np.random.default_rng(1)
-    matrix = rng.normal(size=(5, 5))
-    matrix *= 0.99 / np.abs(np.linalg.eigvals(matrix)).max()
-    np.testing.assert_allclose(lyapunov(matrix, np.eye(5)), solve_discrete_lyapunov(matrix.T, np.eye(5)), rtol=1e-8)
-
-
-def test_switching_search_is_not_offered_where_it_has_no_meaning():
-    case = problem()
-    hands = hand_corners(case.hands)
-    row = np.ones(3)
-    assert switching_proof(case, row[:1], row[:1], row[:1], hands) is None
-    assert switching_proof(case, row * np.inf, row, row, hands) is None
-    assert switching_proof(problem(delay=9), row, row, row, hands) is None
-    assert switching_proof(problem(k_e=0.0), row, 0 * row, row, hands) is None
-
-
-def test_switching_is_judged_with_a_fraction_of_a_sample_under_way():
-    case, row = problem(b_d=30.0, delay=1.5, k_e=1e3), np.ones(3)
-    found = switching_proof(case, row, 50 * row, row, hand_corners(case.hands))
-    assert (found.pairs, found.proved) == (2, 2)
-
-
 def test_stable_with_some_hands_is_not_stable():
     """A wall rendered directly that a heavy, well damped hand holds and a light one does not."""
     case = problem()
@@ -215,12 +176,3 @@ def test_stable_with_some_hands_is_not_stable():
     found = linear_stability(case.device, fractions(walls, np.inf, 1.0), 0.0, hands)
     np.testing.assert_array_equal(found.radius < 1, [[True, True], [False, True], [False, False]])
     np.testing.assert_array_equal(found.stable, [True, False, False])
-
-
-def test_a_jump_between_rows_that_are_stable_alone_is_left_open():
-    case = problem()
-    hands = hand_corners(case.hands)
-    one, other = np.array([1.0, 300.0]), np.array([100.0, 1e3])
-    assert switching_proof(case, one, other, 0 * one, hands).proved == 0
-    for row in (0, 1):
-        assert switching_proof(case, one[[row, row]], other[[row, row]], 0 * one, hands).proved == 1

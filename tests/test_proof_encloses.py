@@ -15,15 +15,13 @@ from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
 from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import Multiplier, _bounds, _Cells, _rounded, verify
-from avc_casadi.claims.prove.rest import prove_rest
-from avc_casadi.claims.prove.switching import SwitchingLoop
-from avc_casadi.claims.stability.declared_device import plants_with_forces
+from avc_casadi.claims.prove.rest import contact_radius, prove_rest
+from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import fraction_rendering, frozen_parts
 from avc_casadi.claims.stability.state_feedback import state_feedback_loop
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import STYLUS_RANGES, Hand
-from avc_casadi.model.plant import expm
 from avc_casadi.model.sampled_plant import sampled_plant
 
 BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
@@ -184,14 +182,16 @@ def test_the_law_is_that_of_the_loop_in_contact(seed):
     hand = Hand(*(np.array([value]) for value in (0.1, 6.0, 400.0)))
     parts = frozen_parts(problem, np.array([gains.damping_ns_per_m]), np.array([gains.stiffness_n_per_m]))
     contact = np.array([gains.contact_damping_ns_per_m])
-    loop = SwitchingLoop.of(law, "clip-last", device, hand, np.zeros(1))
-    radius = loop.contact_radius()[0]
+    rendering, plants = (
+        fraction_rendering(parts, contact, device.sample_time_s),
+        plants_with_forces(sampled_plant(device, hand)),
+    )
+    whole = closed_loop(*plants, rendering)[0, 0]
     if observer is not None:
-        rendering = fraction_rendering(parts, contact, device.sample_time_s)
-        whole = state_feedback_loop(plants_with_forces(sampled_plant(device, hand)), observer, rendering)[0, 0]
-        assert abs(np.abs(np.linalg.eigvals(whole)).max() - radius) < 1e-6
-    rows, _, _ = loop.piece(np.zeros((1, loop.states)), always=True)
-    for value in np.linalg.eigvals(rows[0, :, : loop.states]):
+        whole = state_feedback_loop(plants, observer, rendering)[0, 0]
+    values = np.linalg.eigvals(whole)
+    assert abs(np.abs(values).max() - contact_radius(law, device, hand)[0]) < 1e-6
+    for value in values:
         if abs(value) < 0.3:
             continue
         above, force, below = (np.polyval([float(part) for part in one], value - 1) for one in law.transfer)
@@ -247,7 +247,7 @@ def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
     problem = avc.load_problem("figure5").changed(environment={"stiffness_n_per_m": 1e5, "damping_ns_per_m": 0.0})
     law = ContactLaw.of(problem, np.inf, np.inf, 98.0)
     middle = {name: (0.5 * (low + high),) * 2 for name, (low, high) in BOX.items()}
-    found = prove_rest(law, "clip-last", problem.device, middle, orbits=False)
+    found = prove_rest(law, "clip-last", problem.device, middle)
     assert found.outcome == "proved"
     result = verify(law, SampledPlantBox(problem.device, BOX), found.multiplier)
     assert not result.holds
@@ -270,15 +270,3 @@ def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
 def test_what_has_no_rest_is_refused_by_name(keys, box, word):
     with pytest.raises(UnsupportedError, match=word):
         SampledPlantBox(device_of(keys), box)
-
-
-def test_the_discretisation_is_right_to_the_error_that_orbits_allow():
-    """Orbits are confirmed with every entry of the map allowed an error of 1e-11 of the largest."""
-    random = np.random.default_rng(1)
-    for _ in range(10):
-        matrix = np.array(
-            [[0, 1, 0], [-random.uniform(0, 0.1), -random.uniform(0, 1), random.uniform(0, 1)], [0, 0, 0]]
-        )
-        with mp.workdps(40):
-            exact = np.array(mp.expm(mp.matrix(matrix)).tolist(), dtype=float)
-        assert np.abs(expm(matrix[None])[0] - exact).max() < 1e-14

@@ -56,7 +56,6 @@ class Soft(Claim):
     rank = 45
     claims = "each row is softer than 1 kN/m"
     leaves = "everything else"
-    provable = "nothing is left to prove"
 
     def judge(self, judged):
         import numpy as np

@@ -8,7 +8,7 @@ import numpy as np
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certificate import Certificate
-from avc_casadi.claims.levels import Rows, proof_level
+from avc_casadi.claims.levels import Rows
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, passive_limit_n_per_m
 from avc_casadi.claims.registry import CLAIMS, Judged
 from avc_casadi.claims.stability.frozen_loop import frozen_parts
@@ -17,37 +17,8 @@ from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.certificate import Level, LevelResult
-    from avc_casadi.claims.prove.rest import Rest
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
-
-
-def on_demand(
-    problem: Problem, gains: GainSchedule | Coupling, *, seed: int = 0, progress: Progress = SILENT
-) -> tuple[dict[Level, LevelResult], list[Rest]]:
-    """Prove, refute or leave open the levels on demand, for the deployed table with its runtime.
-
-    The released device has no equilibrium, and is excluded.
-
-    Args:
-        problem: the problem judged against.
-        gains: a table, or the coupling with it.
-        seed: of drawn hands and of the search for orbits.
-        progress: reported over the rows.
-
-    Returns:
-        The levels, and the proof of rest of each row of the deployed table.
-    """
-    table = gains if isinstance(gains, GainSchedule) else gains.schedule
-    judged = Judged(problem, _rows(problem, table), table, gains, seed=seed, progress=progress)
-    return {name: _demanded(judged, name) for name, claim in CLAIMS.items() if claim.on_demand}, judged.rests
-
-
-def _demanded(judged: Judged, level: Level) -> LevelResult:
-    if judged.coupling is None:
-        return proof_level(level, "open", "no row has gains", np.zeros(judged.gains.rows, dtype=bool), {})
-    return CLAIMS[level].judge(judged)
 
 
 def _rows(problem: Problem, gains: GainSchedule, *, requested: bool = False) -> Rows:
@@ -84,11 +55,9 @@ def certify(
             rigid coupling.
         draws: hands drawn for L5 in addition to the corners of the range.
         seed: seed of the draws.
-        prove: request proofs, seconds a row: L5 over every hand and device of the ranges, beyond the search; and of the
-            deployed table with its runtime, rest (L7), gains that change (L8) and ripple (L9). Each is proved, refuted
-            or open, with the reason. Proofs and witnesses are in the detail of the level as ``proofs`` and can be read
-            again (`avc_casadi.claims.prove`: `HandsProof`, `Rest`, `Changing`). ``avc certify --help`` lists the
-            devices and laws for which each level can be proved.
+        prove: request the proof of rest (L7) of the deployed table with its runtime, seconds a row: proved, refuted or
+            open, with the reason. Proofs and witnesses are in the detail of the level as ``proofs`` and can be read
+            again (`avc_casadi.claims.prove.rest.Rest`). ``avc certify --help`` says for which devices and laws.
         progress: reported over the rows that are judged.
 
     Raises:
@@ -107,10 +76,7 @@ def certify(
     behind = gains.state_feedback is not None and bool(gains.usable.any())
     rows = _rows(problem, gains, requested=requested and not behind)
     judged = Judged(problem, rows, gains, whole, draws, seed, progress)
-    levels = {name: claim.judge(judged) for name, claim in CLAIMS.items() if not claim.on_demand}
-    if prove:
-        levels = {name: CLAIMS[name].prove(judged, found) for name, found in levels.items()}
-        levels |= {name: _demanded(judged, name) for name, claim in CLAIMS.items() if claim.on_demand}
+    levels = {name: claim.judge(judged) for name, claim in CLAIMS.items() if prove or not claim.on_demand}
     device = problem.device
     parts = frozen_parts(problem, rows.b, rows.k) if behind else fractions(SampledLoop.of(problem), rows.b, rows.k)
     return Certificate(
@@ -118,7 +84,7 @@ def certify(
         requested=requested and not behind,
         frequency_hz=gains.frequency_hz,
         rows_without_gains=int(np.count_nonzero(~rows.present)),
-        levels={name: levels[name] for name in CLAIMS if name in levels},
+        levels=levels,
         passive_limit_n_per_m=passive_limit_n_per_m(device),
         dc_stiffness_n_per_m=rows.spread(parts.integral / device.sample_time_s),
         stated=problem,

@@ -200,7 +200,6 @@ def feedback_level(found: FeedbackRadius, rows: Rows) -> LevelResult:
         "spectral_radius": worst.radius,
         "released_spectral_radius": found.free.radius,
         "released_pass": found.free.radius < 1 - RADIUS_TOLERANCE,
-        "common_lyapunov": None,
         "hands": found.hands,
         "worst_hand": held,
         "worst_share": worst.share,

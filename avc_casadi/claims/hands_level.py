@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +12,8 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.levels import Rows, level_result, not_judged
-from avc_casadi.claims.stability.declared_device import rigid, whole_stability
+from avc_casadi.claims.stability.declared_device import whole_stability
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts
-from avc_casadi.claims.stability.switching import switching_proof
 from avc_casadi.claims.stability.worst_hand import worst_hands
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, no_hand
@@ -24,106 +22,9 @@ if TYPE_CHECKING:
     from avc_casadi.claims.certificate import LevelResult
     from avc_casadi.claims.levels import Rows
     from avc_casadi.claims.passivity.sampled_loop import Fractions
-    from avc_casadi.claims.prove.hands import HandsProof, Outcome
-    from avc_casadi.claims.prove.rest import Rest
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
-
-
-def proved_level(rows: Rows, checked: LevelResult, known: list[Rest], progress: Progress = SILENT) -> LevelResult:
-    """Prove L5 or refute it, row by row, over every hand and every device of the ranges.
-
-    Args:
-        rows: the gains.
-        checked: the level by the search.
-        known: existing proofs of rest.
-        progress: reported over the rows.
-
-    Returns:
-        The level: not met where a row is refuted. Open rows keep the verdict of the search, and are named.
-    """
-    from avc_casadi.claims.prove.hands import prove_hands  # noqa: PLC0415 - proofs are loaded on demand
-
-    if checked.refused or not len(rows.b):
-        return replace(checked, outcome="open")
-    gains, inverse = np.unique(np.array([rows.b, rows.k, rows.contact]), axis=1, return_inverse=True)
-    unique = prove_hands(rows.problem, *gains, progress=progress)
-    at_rest = _at_rest(rows, unique, known, progress)
-    index = inverse.ravel()
-    proofs = [unique[row] for row in index]
-    outcomes: list[Outcome] = ["proved" if row in at_rest else unique[row].outcome for row in index]
-    still_open = {row for row, proof in enumerate(unique) if _open(proof)} - set(at_rest)
-    counts = Counter(outcomes)
-    refuted = np.array([outcome == "refuted" for outcome in outcomes])
-    passed = checked.row_passed & ~(rows.spread(refuted.astype(np.float64), 0.0) > 0)
-    missing = len(rows.present) - len(proofs)
-    detail: dict[str, Any] = checked.detail | {
-        "proof": {
-            "proved": counts["proved"],
-            "refuted": counts["refuted"],
-            "open": counts["open"],
-            "row_outcome": outcomes,
-            "cells": sum(len(piece.cells) for proof in unique for piece in proof.pieces),
-            "looked_at": sum(proof.looked_at for proof in unique) + sum(proof.cells for proof in at_rest.values()),
-            "seconds": sum(proof.seconds for proof in unique) + sum(proof.seconds for proof in at_rest.values()),
-            "first_open": next((unique[row].reason for row in index if row in still_open), None),
-        },
-        # One for each distinct row of gains.
-        "proofs": [at_rest.get(row, proof).document() for row, proof in enumerate(unique)],
-    }
-    whole = counts["proved"] == len(proofs) and not missing
-    if whole:
-        how = "by the multipliers of L7" if at_rest else "interval arithmetic over the whole box"
-        claim = (
-            "Proved: each frozen row is linearly stable, with no friction, with every hand and every device of the"
-            f" ranges ({how}); this says nothing of switching"
-        )
-    elif counts["refuted"] or missing:
-        claim = checked.claim if not checked.passed else _told(proofs)
-    else:
-        claim = f"{checked.claim}; proof: {counts['proved']} of {len(proofs)} rows proved, {counts['open']} open"
-    worst = max((proof for proof in proofs if proof.outcome == "refuted"), key=lambda one: one.radius, default=None)
-    if checked.passed and worst is not None and worst.device is not None:
-        detail |= {"worst_hand": worst.hand, "worst_device": linear_values(worst.device)}
-    passed_whole = bool(passed.all()) and checked.passed
-    outcome: Outcome = "refuted" if counts["refuted"] else "proved" if whole else "open"
-    return replace(checked, passed=passed_whole, row_passed=passed, claim=claim, detail=detail, outcome=outcome)
-
-
-def not_proved(checked: LevelResult, why: str) -> LevelResult:
-    """Return a level with the reason why it cannot be proved, beside the verdict without a proof."""
-    return replace(checked, claim=f"{checked.claim}; not proved: {why}", outcome="open")
-
-
-def _at_rest(rows: Rows, unique: list[HandsProof], known: list[Rest], progress: Progress) -> dict[int, Rest]:
-    """Prove open rows by a multiplier that proves rest, clipped last; by index among the distinct rows."""
-    from avc_casadi.claims.prove.held_device import HAND  # noqa: PLC0415 - proofs are loaded on demand
-    from avc_casadi.claims.prove.law import ContactLaw  # noqa: PLC0415
-    from avc_casadi.claims.prove.rest import prove_rest  # noqa: PLC0415
-
-    problem, found = rows.problem, {}
-    box = {name: getattr(problem.hands, name) for name in HAND}
-    for row, proof in enumerate(unique):
-        if not _open(proof):
-            continue
-        gains = proof.gains
-        b, k, contact = gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
-        law = ContactLaw.of(problem, float(b[0]), float(k[0]), float(contact[0]))
-        made = next((one for one in known if one.outcome == "proved" and one.law == law), None)
-        rest = made or prove_rest(law, "clip-last", problem.device, box, orbits=False, progress=progress)
-        if rest.outcome == "proved":
-            found[row] = rest
-    return found
-
-
-def _open(proof: HandsProof) -> bool:
-    return proof.outcome == "open"
-
-
-def _told(proofs: list[HandsProof]) -> str:
-    refuted = [proof for proof in proofs if proof.outcome == "refuted"]
-    return f"Not met by {len(refuted)} of {len(proofs)} rows: {refuted[0].sentence()}"
 
 
 @dataclass(frozen=True)
@@ -224,7 +125,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     parts = frozen_parts(problem, rows.b, rows.k)
     found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=progress)
     radius = found.radius
-    detail = _beside(rows, parts, found.devices, radius, progress) | {
+    detail = _beside(rows, parts, found.devices, radius) | {
         "hands": found.looked_at,
         "hands_seed": seed,
         "row_worst_hand": {name: rows.spread(np.asarray(value)) for name, value in vars(found.hands).items()},
@@ -259,25 +160,15 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     )
 
 
-def _beside(
-    rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray, progress: Progress
-) -> dict[str, Any]:
-    """Return details of the verdict: the device released, and whether gains may switch between neighbouring rows."""
+def _beside(rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray) -> dict[str, Any]:
+    """Return details of the verdict: the device released."""
     released = [whole_stability(device, parts, rows.contact, no_hand()).radius for device in devices]
     limit = radius_limit(rows.problem.device, parts, no_hand())
-    switching = None
-    if rigid(rows.problem.device):  # the proof covers no other device
-        switching = switching_proof(
-            rows.problem, rows.b, rows.k, rows.contact, hand_corners(rows.problem.hands), progress
-        )
     return {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),
         "released_spectral_radius": max(float(np.max(one)) for one in released) if len(radius) else None,
         "released_pass": bool(len(radius) and all((one < limit).all() for one in released)),
-        "common_lyapunov": None
-        if switching is None
-        else asdict(switching) | {"pass": switching.proved == switching.pairs},
     }
 
 

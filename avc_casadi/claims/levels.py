@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from avc_casadi.model.hands import Hand
 
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import Level
-    from avc_casadi.claims.prove.hands import Outcome
     from avc_casadi.claims.registry import Judged, PassivityClaim, Where
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Model, Problem
@@ -329,34 +327,3 @@ def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: Float
         radius = whole_stability(device, parts, contact, hand).radius[:, 0]
         stable &= radius < 1 - RADIUS_TOLERANCE
     return stable
-
-
-def proof_level(
-    level: Level, outcome: Outcome, claim: str, row_passed: BoolArray, detail: dict[str, Any], worst: int = 0
-) -> LevelResult:
-    """Return a level of rows of the deployed table; a proof has no margin.
-
-    Args:
-        level: its name.
-        outcome: proved, refuted or open.
-        claim: one sentence.
-        row_passed: which rows are proved, shape (n,).
-        detail: numbers of the level, with the proofs.
-        worst: index of the row of the claim.
-    """
-    nothing = np.full(len(row_passed), np.nan)
-    return LevelResult(
-        level=level,
-        passed=bool(row_passed.all()),
-        margin_ns_per_m=math.nan,
-        frequency_hz=math.nan,
-        model="sampled-data",
-        claim=claim,
-        tolerance_ns_per_m=0.0,
-        row=worst,
-        row_passed=row_passed,
-        row_margin_ns_per_m=nothing,
-        row_frequency_hz=nothing,
-        detail=detail,
-        outcome=outcome,
-    )

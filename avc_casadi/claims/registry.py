@@ -13,7 +13,6 @@ from avc_casadi._util.registry import Registry
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import LevelResult
     from avc_casadi.claims.levels import Rows
-    from avc_casadi.claims.prove.rest import Rest
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Model, Problem, Scope
     from avc_casadi.model.schedule import GainSchedule
@@ -58,13 +57,6 @@ class Judged:
             return self.whole.on(self.problem)
         return Coupling.of(self.problem, self.gains) if self.gains.usable.any() else None
 
-    @cached_property
-    def rests(self) -> list[Rest]:
-        """Proofs of rest of each row of the deployed table, cached for all levels that need them."""
-        from avc_casadi.claims.proof_levels import rests  # noqa: PLC0415 - loads the proofs
-
-        return [] if self.coupling is None else rests(self.coupling, self.seed, self.progress)
-
 
 class Claim(ABC):
     """One level of a certificate. A subclass that gives its name is in the registry.
@@ -78,7 +70,6 @@ class Claim(ABC):
         hold: hold model of the claim; None is the problem's.
         scope: the scope of a problem file that requires it; None where none does.
         on_demand: whether it is judged only where proofs are requested.
-        provable: loops for which --prove can prove it, in words; empty where none.
     """
 
     name: ClassVar[str]
@@ -89,7 +80,6 @@ class Claim(ABC):
     hold: ClassVar[Model | None] = None
     scope: ClassVar[Scope | None] = None
     on_demand: ClassVar[bool] = False
-    provable: ClassVar[str] = ""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -99,10 +89,6 @@ class Claim(ABC):
     @abstractmethod
     def judge(self, judged: Judged) -> LevelResult:
         """Judge the gains."""
-
-    def prove(self, judged: Judged, checked: LevelResult) -> LevelResult:  # noqa: ARG002 - most are exact already
-        """Prove or refute the checked level; most levels are returned unchanged."""
-        return checked
 
 
 def asked_for(problem: Problem) -> str:

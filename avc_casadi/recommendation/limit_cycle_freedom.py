@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.proof_levels import promises_rest, proved_wall_n_per_m, quick_rest_level, quickly_proved
+from avc_casadi.claims.proof_levels import promises_rest, quick_rest_level
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -26,13 +26,10 @@ class LimitCycleFreedom:
     Attributes:
         word: proved, refuted or open; simulated where no proof was requested.
         sentence: the claim that holds, or why it does not.
-        proved_wall_n_per_m: where it is open, the largest rendered stiffness at which such a coupling is proved (0
-            where none was); the rendered stiffness where it is proved; None where no search was made.
     """
 
     word: Word
     sentence: str
-    proved_wall_n_per_m: float | None = None
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
@@ -40,14 +37,11 @@ class LimitCycleFreedom:
         return found
 
 
-def with_rest(
-    coupling: Coupling, felt_n_per_m: float, progress: Progress = SILENT
-) -> tuple[Coupling, LimitCycleFreedom]:
+def with_rest(coupling: Coupling, progress: Progress = SILENT) -> tuple[Coupling, LimitCycleFreedom]:
     """Return a certified coupling with L7 in its certificate, where that takes a second or two, and the result.
 
     Args:
         coupling: with its certificate, in which L7 may stand already.
-        felt_n_per_m: stiffness of coupling and wall in series.
         progress: reports the proof.
     """
     certificate = dict(coupling.certificate or {})
@@ -63,10 +57,7 @@ def with_rest(
     word, claim = levels["L7"]["outcome"], levels["L7"]["claim"]
     if coupling.problem.detent is not None:
         claim = f"{claim}; of the wall alone, without [detent]"
-    wall = felt_n_per_m if word == "proved" else None
-    if word == "open" and quickly_proved(coupling):
-        wall = proved_wall_n_per_m(coupling, progress)
-    return coupling, LimitCycleFreedom(word, claim, wall)
+    return coupling, LimitCycleFreedom(word, claim)
 
 
 def likely_provable(judged: list[Judged]) -> list[Judged]:

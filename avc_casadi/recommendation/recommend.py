@@ -227,7 +227,7 @@ def judged_as_recommended(
         progress: reports the rows judged and the motions simulated.
     """
     found = certified(Coupling.of(problem, gains, versions=versions), progress)
-    found, rest = with_rest(found, static_stiffness_n_per_m(found), progress)
+    found, rest = with_rest(found, progress)
     tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
@@ -319,7 +319,7 @@ def recommend(
             told_off = crew.begin(partial(off_file, best.coupling, seed))
             told_beyond = crew.begin(partial(margins, best.coupling, limit, seed))
             known = certified(best.coupling, progress, prove=prove)
-            known, rest = with_rest(known, static_stiffness_n_per_m(known), progress)
+            known, rest = with_rest(known, progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             beside, off = _beside(best.coupling, hands, seed, executor), told_off()
             beyond = told_beyond()

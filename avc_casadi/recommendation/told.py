@@ -149,13 +149,7 @@ def _quietly(document: dict[str, Any]) -> str:
 
 def rest_line(rest: dict[str, Any]) -> str:
     """Return the line on limit-cycle freedom with every hand: proved, refuted, open or simulated."""
-    wall = rest["proved_wall_n_per_m"]
-    ends = ""
-    if rest["word"] == "open" and wall is not None:
-        ends = (
-            f"; proof ends at {number(wall)} {N_PER_M} rendered" if wall else "; no softer wall of this kind is proved"
-        )
-    return f"settling with every hand: {rest['word']}: {rest['sentence']}{ends}"
+    return f"settling with every hand: {rest['word']}: {rest['sentence']}"
 
 
 def _unlike_the_proof(rest: dict[str, Any], trial: dict[str, Any]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Random loops, each proved, refuted or open (L7, L5, L8), and whatever speaks against what is said of them.
+"""Random loops, each proved, refuted or open (L7), and whatever speaks against what is said of them.
 
 nice -n 10 python tests/benchmarks/proof_contradictions.py [PEOPLE] [OUT]
 
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 import sys
-import time
 from collections import Counter
 from functools import partial
 from pathlib import Path
@@ -23,16 +22,10 @@ from script_arguments import script_arguments
 from studied import about, computed, made_by, table
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
-from clip_last_simulator import Simulator
 from drawn_loops import DrawnLoop, contradiction, drawn_loop
 
 import avc_casadi as avc
-from avc_casadi.claims.prove.changing import prove_changes
-from avc_casadi.claims.prove.hands import prove_hands
-from avc_casadi.claims.prove.held_device import HAND
-from avc_casadi.claims.prove.switching import SwitchingLoop
-from avc_casadi.claims.stability.declared_device import whole_stability
-from avc_casadi.claims.stability.frozen_loop import frozen_parts
+from avc_casadi.claims.prove.rest import contact_radius
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand
 
@@ -42,9 +35,6 @@ PAGE = HERE / "RESULTS_proof_contradictions.md"
 SEED = 14
 COUNT, A_CELL = 10_000, 25
 SCENE_HANDS, MOST_SAMPLES = 12, 60_000
-# Cells of hands for L8, which is asked of every so manieth loop.
-CELLS_OF_CHANGES, CHANGES_EVERY = 8, 5
-JUMPS = 3000
 
 
 def problem_of(loop: DrawnLoop, motion: dict[str, Any], samples: int) -> avc.Problem:
@@ -85,7 +75,7 @@ def against_scene(loop: DrawnLoop, random: np.random.Generator) -> str | None:
     slowest = 2 * (loop.device.mass_kg + hands[:, 0]) / (loop.device.damping_ns_per_m + hands[:, 1])
     stretched = (loop.device.damping_ns_per_m + hands[:, 1]) / hands[:, 2]
     # Delay takes damping away in contact: there the slowest mode tells.
-    held = SwitchingLoop.of(law, "clip-last", loop.device, Hand(*hands.T), np.zeros(len(hands))).contact_radius()
+    held = contact_radius(law, loop.device, Hand(*hands.T))
     decay = max(slowest.max() / t, stretched.max() / t, float(-1 / np.log(held.max())))
     if 2.0 / t + 10 * decay > MOST_SAMPLES:
         return None
@@ -101,109 +91,24 @@ def against_scene(loop: DrawnLoop, random: np.random.Generator) -> str | None:
     return f"in the scene hand {hands[int(np.argmin(found.stable))].tolist()} does not settle ({kind})"
 
 
-def against_hands(loop: DrawnLoop) -> tuple[str, str]:
-    """L5: outcome, and what speaks against it: a lattice of hands, a witness that does not replay, L7."""
-    law = loop.law
-    problem = problem_of(loop, {"kind": "hold", "end_m": 0.0}, 2000)
-    gains = law.damping_ns_per_m, law.stiffness_n_per_m, law.contact_damping_ns_per_m
-    (proof,) = prove_hands(problem, *(np.array([gain]) for gain in gains))
-    if proof.outcome != "open" and not proof.replays():
-        return proof.outcome, f"L5 {proof.outcome} does not replay"
-    if proof.outcome == "proved":
-        axes = [np.linspace(low, high, 5) for low, high in loop.box.values()]
-        hands = Hand(*np.array(list(itertools.product(*axes))).T)
-        parts = frozen_parts(problem, *(np.array([gain]) for gain in gains[:2]))
-        radius = whole_stability(loop.device, parts, np.array([gains[2]]), hands).radius.max()
-        if radius >= 1:
-            return proof.outcome, f"L5 proved, but a hand of the lattice has a spectral radius of {radius}"
-        if loop.proof.unstable is not None:
-            return proof.outcome, "L5 proved, but L7 knows an unstable hand"
-    if proof.outcome == "refuted" and loop.proof.outcome == "proved":
-        return proof.outcome, "L5 refuted, but L7 proved"
-    return proof.outcome, ""
-
-
-def against_changes(loop: DrawnLoop, random: np.random.Generator) -> tuple[str, str]:
-    """L8 of this row and one beside it: outcome, and what speaks against it: random jumps, patterns that die out."""
-    law = loop.law
-    problem = problem_of(loop, {"kind": "hold", "end_m": 0.0}, 2000)
-    row = [law.damping_ns_per_m, law.stiffness_n_per_m, law.contact_damping_ns_per_m]
-    # Another spring would have another place of rest; the dampers differ.
-    spread = np.exp(random.uniform(-0.3, 0.3, 3)) ** [1, 0, 1]
-    rows = np.array([row, [value * share for value, share in zip(row, spread, strict=True)]]).T
-    proof = prove_changes(problem, rows, most_cells=CELLS_OF_CHANGES)
-    if proof.outcome != "open" and not proof.replays(problem):
-        return proof.outcome, f"L8 {proof.outcome} does not replay"
-    if proof.outcome == "proved" and not _jumps_decay(loop, rows, random):
-        return proof.outcome, "L8 proved, but random jumps do not decay"
-    return proof.outcome, ""
-
-
-def _jumps_decay(loop: DrawnLoop, rows: np.ndarray, random: np.random.Generator) -> bool:
-    """Far in the wall, gains that jump at random leave corners of the hands at rest."""
-    law, ends = loop.law, np.array(list(loop.box.values()))
-    hands = dict(zip(HAND, np.array(list(itertools.product(*ends))).T, strict=True))
-    wall, depth = law.wall_stiffness_n_per_m, 0.05
-    gains = {"b_e": law.wall_damping_ns_per_m, "k_e": wall}
-    stiffness = np.full(8, law.stiffness_at_rest_n_per_m)
-    target = depth * (1 + stiffness / hands["stiffness_n_per_m"])
-    simulator = Simulator(loop.device.model_dump() | {"max_force_n": None}, gains, hands, target)
-    start = np.repeat((stiffness * depth)[:, None], int(loop.device.delay_samples) + 2, axis=1)
-    speed = random.normal(0, 1e-3, 8)
-    simulator.start(np.full(8, depth), speed, tool=stiffness * depth / wall, under_way=start)
-    sizes = []
-    for _ in range(JUMPS):
-        gains["b"], gains["k"], gains["b_p"] = rows[:, int(random.integers(2))]
-        sizes.append(np.abs(simulator.step()[1]))
-    last, first = np.max(sizes[-300:], axis=0), np.max(sizes[:300], axis=0)
-    return bool((last <= first).all())
-
-
 def loops_cell(first: int, count: int) -> dict[str, Any]:
     """Random loops by outcome, and contradictions."""
-    outcomes: dict[str, Counter[str]] = {level: Counter() for level in ("L7", "L5", "L8")}
-    witnesses: Counter[str] = Counter()
+    outcomes: Counter[str] = Counter()
     against: list[str] = []
-    seconds: Counter[str] = Counter()
     slow = 0
     for seed in range(first, first + count):
         random = np.random.default_rng([SEED, 7, seed])
-        began = time.process_time()
         loop = drawn_loop(seed)
-        seconds["L7"] += time.process_time() - began
-        outcomes["L7"][loop.proof.outcome] += 1
-        witnesses["unstable hand"] += loop.proof.unstable is not None
-        witnesses["orbit"] += loop.proof.orbit is not None
+        outcomes[loop.proof.outcome] += 1
         faults = [contradiction(loop, seed)]
-        if loop.proof.outcome == "refuted" and loop.proof.unstable is None and loop.proof.orbit is None:
+        if loop.proof.outcome == "refuted" and loop.proof.unstable is None:
             faults.append("refuted without a witness")
         if loop.proof.outcome == "proved":
-            began = time.process_time()
             scene = against_scene(loop, random)
-            seconds["scene"] += time.process_time() - began
             slow += scene is None
             faults.append(scene or "")
-        rigid = loop.device.resonance is None and loop.device.amplifier_bandwidth_hz is None
-        if rigid:
-            began = time.process_time()
-            outcome, fault = against_hands(loop)
-            seconds["L5"] += time.process_time() - began
-            outcomes["L5"][outcome] += 1
-            faults.append(fault)
-            if seed % CHANGES_EVERY == 0 and loop.device.delay_samples == int(loop.device.delay_samples):
-                began = time.process_time()
-                outcome, fault = against_changes(loop, random)
-                seconds["L8"] += time.process_time() - began
-                outcomes["L8"][outcome] += 1
-                faults.append(fault)
         against += [f"loop {seed}: {fault}" for fault in faults if fault]
-    return {
-        "outcomes": {level: dict(found) for level, found in outcomes.items()},
-        "witnesses": dict(witnesses),
-        "too_slow": slow,
-        "seconds": dict(seconds),
-        "contradictions": against,
-    }
+    return {"outcomes": dict(outcomes), "too_slow": slow, "contradictions": against}
 
 
 TEXT = """# What speaks against proofs
@@ -211,59 +116,42 @@ TEXT = """# What speaks against proofs
 {made_by}
 
 {loops} random loops: rigid, resonant and with an amplifier, delays of 0 to 2 samples whole and not, sample times of
-0.25 to 2 ms, boxes of hands of random size, gains about the edge of what is stable. **L7** (all of them): what is
-proved is run in the project's scene (every corner of the hands and four draws press, or start off their target, until
-ten decay times of the slowest have passed, with and without contact; {slow} that would take more than {most} samples
-are not run there) and in a simulator that shares no code with it (corners and draws, from random states and memories,
-with and without a force limit). Of what is refuted, hands are driven away from rest there, and orbits replayed. **L5**
-(rigid ones): against a lattice of 125 hands and against L7; cells and witnesses replay. **L8** (every fifth, whole
-delay, with a second row whose dampers lie within a third): random jumps decay in that simulator, patterns grow; at most
-{cells} cells.
+0.25 to 2 ms, boxes of hands of random size, gains about the edge of what is stable. What is proved is run in the
+project's scene (every corner of the hands and four draws press, or start off their target, until ten decay times of the
+slowest have passed, with and without contact; {slow} that would take more than {most} samples are not run there) and in
+a simulator that shares no code with it (corners and draws, from random states and memories, with and without a force
+limit). The unstable hands of what is refuted are driven away from rest there.
 
 {counts}
 
-Of the refuted, {witnesses}. **Contradictions: {contradictions}.**
+**Contradictions: {contradictions}.**
 """
 
 
 def write_page(document: dict[str, Any]) -> None:
-    outcomes: dict[str, Counter[str]] = {level: Counter() for level in ("L7", "L5", "L8")}
-    witnesses: Counter[str] = Counter()
-    seconds: Counter[str] = Counter()
+    outcomes: Counter[str] = Counter()
     against: list[str] = []
     slow = 0
     for name, cell in document["cells"].items():
         if "error" in cell:
             against.append(f"{name}: {cell['error']}")
             continue
-        for level, found in cell["outcomes"].items():
-            outcomes[level].update(found)
-        witnesses.update(cell["witnesses"])
-        seconds.update(cell["seconds"])
+        outcomes.update(cell["outcomes"])
         slow += cell["too_slow"]
         against += cell["contradictions"]
+    loops = outcomes.total()
     words = ("proved", "refuted", "open")
     counts = table(
-        ("level", "loops", *words, "s a loop, mean"),
-        (
-            (
-                level,
-                found.total(),
-                *(found[word] for word in words),
-                f"{seconds[level] / max(1, found.total()):.2f}",
-            )
-            for level, found in outcomes.items()
-        ),
+        ("loops", *words),
+        [(loops, *(outcomes[word] for word in words))],
     )
     PAGE.write_text(
         TEXT.format(
             made_by=made_by(document["about"]),
-            loops=outcomes["L7"].total(),
-            cells=CELLS_OF_CHANGES,
+            loops=loops,
             slow=slow,
             most=MOST_SAMPLES,
             counts=counts,
-            witnesses=", ".join(f"{count} by {what}" for what, count in witnesses.items()) or "none",
             contradictions="0" if not against else f"{len(against)}: {'; '.join(against)}",
         ),
         encoding="utf-8",

@@ -22,15 +22,9 @@ class RestWithEveryHand(Claim):
     )
     leaves: ClassVar[str] = "changing gains; friction, encoder; with play it is open"
     on_demand: ClassVar[bool] = True
-    provable: ClassVar[str] = (
-        "rest with every hand, making and breaking contact: delay, amplifier and resonance too, without friction;\n"
-        'gains, each row held, with or without state feedback, contact = "clip-last"; not with its dead zone, with an\n'
-        "observer between encoder steps, or a guard"
-    )
 
     def judge(self, judged: Judged) -> LevelResult:
         """Summarise the proofs of the rows."""
         from avc_casadi.claims.proof_levels import rest_level  # noqa: PLC0415 - loads the proofs
 
-        assert judged.coupling is not None  # noqa: S101 - a level on demand is judged of what runs
-        return rest_level(judged.coupling, judged.rests, judged.progress)
+        return rest_level(judged)

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from avc_casadi._util.json_values import plain
+from avc_casadi.claims.stability.frozen_loop import Rendering
 from avc_casadi.model.runtime import StateFeedback
 
 if TYPE_CHECKING:
@@ -122,10 +123,20 @@ class ContactLaw:
         return _inside(in_z)
 
     @property
-    def stiffness_at_rest_n_per_m(self) -> float:
-        """Force over penetration at rest."""
-        to_position, to_force, poles = (polynomial[-1] for polynomial in self.transfer)
-        return float(to_position / (poles - to_force))
+    def rendering(self) -> Rendering:
+        """The law behind the observer as a `Rendering` of one row, with the stretch of the coupling as its state."""
+        t = self.sample_time_s
+        wall = self.wall_stiffness_n_per_m + self.wall_damping_ns_per_m / t
+        wall_memory = self.wall_damping_ns_per_m / (wall * t) if wall else 0.0
+        series, memory, compliance = wall, 0.0, 0.0
+        if not self.rigid:
+            kappa = self.stiffness_n_per_m + self.damping_ns_per_m / t
+            series = kappa * (wall / (kappa + wall)) if kappa else 0.0
+            memory, compliance = (self.damping_ns_per_m / (kappa * t), 1 / kappa) if kappa else (0.0, 0.0)
+        spring = series * np.array([1.0, -wall_memory, wall_memory - memory])
+        damper = self.contact_damping_ns_per_m / t * np.array([1.0, -1.0, 0.0])
+        stretch = compliance * spring + np.array([0.0, 0.0, memory])
+        return Rendering((spring + damper)[None], stretch[None])
 
     def document(self) -> dict[str, Any]:
         """Return JSON values; an infinite gain is null."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -17,23 +17,23 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, MM, N_PER_M, NEWTON, NS_PER_M, UM
-from avc_casadi.claims.prove.hands import Outcome
+from avc_casadi._util.units import FORCE, KG, METRE, N_PER_M, NEWTON, NS_PER_M, UM
 from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import LAGS, Multiplier, Verified, search, verify
-from avc_casadi.claims.prove.orbits import Orbit, find_orbit
-from avc_casadi.claims.prove.switching import SwitchingLoop
+from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
+from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Contact
 
+Outcome = Literal["proved", "refuted", "open"]
 
 _LEFT_OUT = {
     "coulomb_friction_n": ("dry friction", NEWTON),
@@ -108,7 +108,6 @@ class Rest:
         multiplier: proof, or proof but for the restriction in the sentence; None where none was verified.
         cells: cells of the verification.
         seconds: total time.
-        orbit: a sustained oscillation, or None.
         unstable: a hand with which the loop is unstable in contact, or None.
     """
 
@@ -121,7 +120,6 @@ class Rest:
     multiplier: Multiplier | None = None
     cells: int = 0
     seconds: float = field(default=0.0, compare=False)
-    orbit: Orbit | None = field(default=None, compare=False)
     unstable: Unstable | None = None
 
     def verified(self, progress: Progress = SILENT) -> bool:
@@ -149,14 +147,13 @@ class Rest:
             "multiplier": None if self.multiplier is None else plain(dict(self.multiplier.taps)),
             "cells": self.cells,
             "seconds": plain(self.seconds),
-            "orbit": None if self.orbit is None else self.orbit.document(),
             "unstable": None if self.unstable is None else plain(vars(self.unstable)),
         }
 
     @classmethod
     def from_document(cls, found: Mapping[str, Any]) -> Rest:
         """Read the output of `document`; unverified before `verified`."""
-        taps, orbit, unstable = found["multiplier"], found["orbit"], found["unstable"]
+        taps, unstable = found["multiplier"], found["unstable"]
         return cls(
             outcome=found["outcome"],
             sentence=found["sentence"],
@@ -167,7 +164,6 @@ class Rest:
             multiplier=None if taps is None else Multiplier({int(lag): float(tap) for lag, tap in taps.items()}),
             cells=int(found["cells"]),
             seconds=float(found["seconds"]),
-            orbit=None if orbit is None else Orbit.from_document(orbit),
             unstable=None if unstable is None else Unstable(**unstable),
         )
 
@@ -179,7 +175,6 @@ def prove_rest(
     hand: Mapping[str, tuple[float, float]],
     *,
     most_cells: int | None = None,
-    orbits: bool = True,
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Rest:
@@ -191,8 +186,7 @@ def prove_rest(
         device: as declared, with its ranges.
         hand: the box of hands, [lowest, highest] by name.
         most_cells: limit of the verification; None is `MOST_CELLS` of such hands.
-        orbits: search for a sustained oscillation where there is no proof; not with a hand on a stylus.
-        seed: of the drawn hands and of the initial guesses of orbits.
+        seed: of the drawn hands.
         progress: reported over the work.
     """
     began = time.perf_counter()
@@ -226,17 +220,6 @@ def prove_rest(
             f"contact ({covered(device)}): one multiplier of {len(found.taps)} taps, verified in {cells} cells"
         )
         return told("proved", sentence, multiplier=found, cells=cells)
-    orbit = None
-    if orbits and isinstance(hands, Hand) and dead_zone == 0:
-        for corner in device_corners(device, LINEAR_KEYS):
-            orbit = orbit or find_orbit(law, contact, corner, hands, seed=seed, progress=progress)
-    if orbit is not None:
-        size = float(np.abs(orbit.states[:, 1]).max() / law.sample_time_s)
-        sentence = (
-            f"bounces for ever {_who(orbit.hand)} that rests at {1e3 * orbit.target_m:.4g} {MM}: an orbit of "
-            f"{orbit.period} samples and {size:.3g} {M_PER_S}"
-        )
-        return told("refuted", sentence, orbit=orbit, multiplier=found, cells=cells)
     beside = "; without that it is proved" if found is not None else f"; {why}" if why else ""
     return told("open", ("; ".join(open_for) + beside).removeprefix("; "), multiplier=found, cells=cells)
 
@@ -245,11 +228,19 @@ def unstable_hand(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> 
     """Return the hand and device with the largest spectral radius in contact, where it is above 1."""
     worst: Unstable | None = None
     for corner in device_corners(device, LINEAR_KEYS):
-        radius = SwitchingLoop.of(law, "clip-last", corner, hands, np.zeros(len(hands))).contact_radius()
+        radius = contact_radius(law, corner, hands)
         at = int(np.argmax(radius))
         if radius[at] > max(_UNSTABLE, 0.0 if worst is None else worst.spectral_radius):
             worst = Unstable(hands.values(at), linear_values(corner), float(radius[at]))
     return worst
+
+
+def contact_radius(law: ContactLaw, device: Device, hands: Hand | StylusHand) -> FloatArray:
+    """Return the spectral radius in permanent contact of a device, known exactly, with h hands, shape (h,)."""
+    plants = plants_with_forces(sampled_plant(device, hands))
+    if law.state_feedback is None:
+        return largest_radius(closed_loop(*plants, law.rendering)[0])
+    return largest_radius(state_feedback_loop(plants, law.state_feedback, law.rendering)[0])
 
 
 def promising(law: ContactLaw, held: SampledPlantBox) -> float:

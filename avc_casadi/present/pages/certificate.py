@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +41,6 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
         _verdict(verdict),
         *_claims(verdict, levels["L5"], problem),
         *(_proof(name, level, page) for name, level in levels.items() if level["outcome"]),
-        *_switching(levels["L5"]),
         _per_frequency(levels),
         passive_limit(document["passive_limit_n_per_m"], problem.units),
         *(Row("Note", note, Mark.CAUTION) for note in document["notes"]),
@@ -94,23 +93,12 @@ def _claim(label: str, claim: Mapping[str, Any], hands: Mapping[str, Any], probl
 
 def _proof(name: str, level: Mapping[str, Any], page: Page) -> Row:
     """Describe the result of a proof, in one line."""
-    # What is proved is told by its title, unless less is claimed: "no gains change".
-    words = [level["claim"], level["title"]] if level["outcome"] == "proved" else [level["claim"]]
-    told = f"{level['outcome']}: {min(words, key=len)}"
+    told = f"{level['outcome']}: {level['title'] if level['outcome'] == 'proved' else level['claim']}"
     return Row(
         name,
         textwrap.shorten(told, page.width - 18, placeholder=" ..."),
         _OUTCOMES[level["outcome"]],
     )
-
-
-def _switching(hands: Mapping[str, Any]) -> list[Row]:
-    found = hands.get("common_lyapunov")
-    if found is None or not found["pairs"]:
-        return []
-    every = found["proved"] == found["pairs"]
-    told = f"common Lyapunov function for {found['proved']} of {found['pairs']} pairs of neighbouring rows"
-    return [Row("Switching", told, Mark.PASS if every else Mark.CAUTION)]
 
 
 def _per_frequency(levels: Mapping[str, Any]) -> Row:
@@ -133,7 +121,7 @@ def answered(level: Mapping[str, Any]) -> str:
     """
     if not level["pass"]:
         return "not judged" if level["refused"] else "not met"
-    return "met as far as a search tells, not proved" if level.get("outcome") == "open" else "met"
+    return "met"
 
 
 def certificate_lines(document: dict[str, Any], problem: Problem) -> list[str]:
@@ -151,28 +139,17 @@ def certificate_lines(document: dict[str, Any], problem: Problem) -> list[str]:
         f"{problem.name}: {rows_text(len(document['frequency_hz']))} of {document['gains']}, {document['judged']}",
         table.text(),
         *(f"  {note}" for note in table.notes),
-        *_cells(hands),
         *beside_hands(hands),
     ]
 
 
-def _cells(level: Mapping[str, Any]) -> Sequence[str]:
-    """Return the proofs over the whole ranges, where requested."""
-    proof = level.get("proof")
-    if proof is None:
-        return ()
-    counts = ", ".join(f"{proof[word]} {word}" for word in ("proved", "refuted", "open") if proof[word])
-    beside = "" if proof["first_open"] is None else f"; open: {proof['first_open']}"
-    return (f"L5 over the whole ranges: {counts} ({proof['looked_at']} cells, {proof['seconds']:.2g} s){beside}",)
-
-
 def beside_hands(level: Mapping[str, Any]) -> list[str]:
-    """Return the results related to L5: the device released, and switching between neighbouring rows.
+    """Return the results related to L5: its margin in words, and the device released.
 
     Args:
         level: L5 of a certificate.
     """
-    radius, switching, lines = level.get("released_spectral_radius"), level.get("common_lyapunov"), []
+    radius, lines = level.get("released_spectral_radius"), []
     if level["margin_ns_per_m"] is not None:
         word = "could lose before it becomes unstable" if level["margin_ns_per_m"] >= 0 else "lacks"
         lines.append(
@@ -187,9 +164,4 @@ def beside_hands(level: Mapping[str, Any]) -> list[str]:
         else:
             word = "not stable"
         lines.append(f"device released: {word}; spectral radius {number(radius, 6)} at worst")
-    if switching is not None:
-        lines.append(
-            f"switching: a common Lyapunov function found for {switching['proved']} of {switching['pairs']} pairs of "
-            f"neighbouring rows, with each of {switching['hands']} hands; the others are open or unstable themselves"
-        )
     return lines
