@@ -81,7 +81,6 @@ STUDIES = (
     Study("round_trip.py", None, ("round_trip",)),
     Study("frontier.py 200", None, ("frontier",)),
     Study("reach.py 10000", None, ("reach",)),
-    Study("fuzzed_files.py --write", 5, ("fuzzed_files",)),
     Study("mutation_run.py", None, ("mutation",)),
 )
 

@@ -1,0 +1,224 @@
+"""Whatever a file holds, and whatever stands in its place, it is read or refused with faults that say something."""
+
+import io
+import json
+import os
+import zipfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi.files.coupling_file import read_file
+from avc_casadi.files.other_end_coupling_file import other_end_document, read_tool_coupling
+from avc_casadi.files.problem_file import as_problem
+from avc_casadi.identification.read import read_columns, read_logs
+from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.other_end_coupling import ToolCoupling
+
+MOST_CHARACTERS = 2000
+WALL = "[environment]\ndamping_ns_per_m = 1.0\nstiffness_n_per_m = 1000.0\n"
+DEVICE = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 1.0\n"
+SCRAPS = st.one_of(
+    st.sampled_from([b"[", b"]", b"{", b"}", b"=", b'"', b'"""', b"#", b".", b",", b"\n", b"\r", b"-", b"0", b"\xff"]),
+    st.sampled_from([b"nan", b"inf", b"1e308", b"5e-324", b"1e400", b"true", b"null", b"9" * 400, b"\0", b"\x1b[2J"]),
+    st.sampled_from([b"name = 1\n", b"[[scene.effects]]\n", b"[[device]]\n", b"[" * 3000, b'{"a":' * 2000]),
+    st.binary(max_size=5),
+)
+
+
+def log_columns():
+    time_s = 1e-3 * np.arange(300)
+    return {"time_s": time_s, "position_m": 0.01 * np.sin(40 * time_s), "force_n": np.cos(40 * time_s)}
+
+
+def saved(save, *, named=False):
+    content = io.BytesIO()
+    save(content, log_columns()) if named else save(content, **log_columns())
+    return content.getvalue()
+
+
+def csv_text(columns):
+    rows = zip(*columns.values(), strict=True)
+    return "\n".join([",".join(columns), *(",".join(f"{value:.9g}" for value in row) for row in rows)]).encode()
+
+
+def json_log():
+    return json.dumps({name: values.tolist() for name, values in log_columns().items()}).encode()
+
+
+def tool_document():
+    made = ToolCoupling(avc.load_problem("tool/mujoco-500hz"), ToolGains(500.0, 2.0, 0.5), {"margin": 0.1})
+    return json.dumps(other_end_document(made)).encode()
+
+
+GAINS = {
+    "frequency_hz": 10.0 * np.arange(20) + 1,
+    "damping_ns_per_m": 1.5 + np.arange(20),
+    "stiffness_n_per_m": 100.0 * np.arange(20),
+}
+DEVICE_FILE = Path(__file__).parents[1] / "problems" / "devices" / "phantom-omni.toml"
+GOLDEN = Path(__file__).parent / "goldens" / "couplings" / "wall.json"
+# Ending, valid content, and what reads it.
+KINDS = {
+    "problem": (".toml", lambda: avc.catalogue_path("figure5").read_bytes(), avc.load_problem),
+    "device": (".toml", DEVICE_FILE.read_bytes, avc.load_device),
+    "coupling": (".json", GOLDEN.read_bytes, read_file),
+    "tool": (".json", tool_document, read_tool_coupling),
+    "gains": (".csv", lambda: csv_text(GAINS), read_file),
+    "log, CSV": (".csv", lambda: csv_text(log_columns()), read_columns),
+    "log, JSON": (".json", json_log, read_columns),
+    "log, NPZ": (".npz", lambda: saved(np.savez), read_columns),
+    "log, MAT": (".mat", lambda: saved(scipy.io.savemat, named=True), read_columns),
+}
+
+
+@cache
+def valid(kind):
+    return KINDS[kind][1]()
+
+
+def refused(read, *arguments):
+    with pytest.raises(avc.AvcError) as caught:
+        read(*arguments)
+    assert 0 < len(str(caught.value)) <= MOST_CHARACTERS
+    return caught.value
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_valid_file_is_read(kind, tmp_path):
+    path = tmp_path / f"a{KINDS[kind][0]}"
+    path.write_bytes(valid(kind))
+    assert KINDS[kind][2](path) is not None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_a_spoiled_file_is_read_or_refused(kind, data, tmp_path_factory):
+    content = valid(kind)
+    for _ in range(data.draw(st.integers(1, 4))):
+        begin = data.draw(st.integers(0, len(content)))
+        removed = data.draw(st.sampled_from([0, 0, 1, 3, 20, 200]))
+        content = content[:begin] + data.draw(SCRAPS) + content[begin + removed :]
+    path = tmp_path_factory.getbasetemp() / f"spoiled{KINDS[kind][0]}"
+    path.write_bytes(content)
+    error = None
+    try:
+        KINDS[kind][2](path)
+    except avc.InputError as refusal:
+        error = refusal
+    if error is not None:
+        assert error.faults
+        assert all(fault.message for fault in error.faults)
+        assert len(str(error)) <= MOST_CHARACTERS
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_no_regular_file_is_not_opened(kind, tmp_path):
+    ending, _, read = KINDS[kind]
+    os.mkfifo(tmp_path / f"pipe{ending}")
+    (tmp_path / f"endless{ending}").symlink_to("/dev/zero")
+    (tmp_path / f"loop{ending}").symlink_to(tmp_path / f"loop{ending}")
+    (tmp_path / f"folder{ending}").mkdir()
+    with (tmp_path / f"large{ending}").open("wb") as file:
+        file.truncate(2**33)
+    for name in ("pipe", "endless", "loop", "folder", "large", "missing", "a\0b"):
+        refused(read, tmp_path / f"{name}{ending}")
+
+
+# Without the guards each of these takes minutes, or all memory.
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "text",
+    [
+        "a." * 500_000 + "a = 1",
+        "[" + "a." * 500_000 + "a]",
+        "a = " + "[" * 100_000,
+        "a = " + "1" * 1_000_000,
+        "x = '''" + "'\n" * 300_000 + "'''",
+        "[[scene.effects]]\nkind = 'delya'\n" * 30_000,
+        "".join(f"key{number} = 1\n" for number in range(60_000)),
+        "[frequency]\nvalues_hz = [\n" + "1,\n" * 300_000 + "]",
+    ],
+    ids=lambda text: text[:12],
+)
+def test_problems_made_to_hang_are_refused(text):
+    assert len(refused(avc.parse_problem, text).faults) <= 1001
+
+
+def claiming(shape, data=b""):
+    member = io.BytesIO()
+    np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return member.getvalue() + data
+
+
+@pytest.mark.parametrize("data", [claiming((10**12,)), claiming((2**25,), bytes(2**28)), b""], ids=len)
+def test_archives_are_measured_before_they_are_read(data, tmp_path):
+    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("time_s.npy", data)
+    refused(read_logs, [tmp_path / "a.npz"])
+
+
+@pytest.mark.parametrize("feed", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("mark", [",", ";", "\t", " "])
+def test_texts_are_read_in_pieces_as_in_one(mark, feed, tmp_path):
+    """More than a piece of rows, odd ones among them, against numpy's reader on the plain ones."""
+    rng = np.random.default_rng(3)
+    values = np.c_[1e-3 * np.arange(60_000), 0.1 * rng.normal(size=(60_000, 2))]
+    rows = [mark.join(f"{value:.12g}" for value in row) for row in values]
+    plain = np.loadtxt(rows, delimiter=None if mark == " " else mark)
+    rows[40_000] = mark.join(f'"{cell}"' if mark != " " else cell for cell in rows[40_000].split(mark))
+    rows[50_000] += f"{feed}# a remark{feed}"
+    text = feed.join([mark.join(("time_s", "position_m", "force_n")), *rows])
+    (tmp_path / "a.csv").write_bytes(text.encode())
+    (log,) = read_columns(tmp_path / "a.csv")
+    assert np.array_equal(np.c_[log.time_s, log.position_m, log.force_n], plain)
+    assert (log.at(0), log.at(49_999), log.at(50_001)) == (2, 50_001, 50_005)
+
+
+def test_sizes_are_bounded(tmp_path):
+    frequencies = ", ".join(f"{1 + 1e-4 * row:.4f}" for row in range(25_000))
+    refused(avc.parse_problem, f"{DEVICE}{WALL}[frequency]\nvalues_hz = [{frequencies}]\n")
+    table = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n" + "".join(f"{row},1,1\n" for row in range(1, 30_000))
+    (tmp_path / "a.csv").write_text(table)
+    refused(read_file, tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("value", ["NaN", "Infinity", "1e999", "[[-Infinity]]"])
+@pytest.mark.parametrize("key", ["certificate", "trial", "versions"])
+def test_a_certificate_holds_numbers_of_json(key, value, tmp_path):
+    document = json.loads(GOLDEN.read_text(encoding="ascii"))
+    text = json.dumps({**document, key: {"a": "HERE"}}).replace('"HERE"', value)
+    (tmp_path / "c.json").write_text(text)
+    assert refused(avc.read_coupling, tmp_path / "c.json").faults[0].key.startswith(key)
+
+
+def test_a_problem_may_be_the_tables_of_its_file():
+    tables = {
+        "device": {"mass_kg": 0.1, "damping_ns_per_m": np.float64(2.0)},
+        "environment": {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 1000.0},
+    }
+    text = DEVICE.replace("damping_ns_per_m = 1.0", "damping_ns_per_m = 2.0") + WALL
+    assert as_problem(tables) == avc.parse_problem(text, name="")
+    for nothing in ({}, None, 3, [1]):
+        refused(avc.recommend, nothing)
+
+
+def test_encodings_and_names(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "figure5").mkdir()
+    assert avc.load_problem("figure5").title == "Stiff virtual wall of figure 5"
+    text = avc.catalogue_path("figure5").read_text(encoding="utf-8")
+    (tmp_path / "mark.toml").write_bytes(text.encode("utf-8-sig"))
+    assert avc.load_problem("mark.toml").name == "mark"
+    (tmp_path / "latin.toml").write_bytes("# first\ntitle = 'é'".encode("latin-1"))
+    assert [fault.line for fault in refused(avc.load_problem, "latin.toml").faults] == [2]
+    (tmp_path / "wide.toml").write_bytes(text.encode("utf-16"))
+    refused(avc.load_problem, "wide.toml")
+    assert "figure5" in str(refused(avc.load_problem, "figur5"))
