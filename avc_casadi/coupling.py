@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.text import columns_html
+from avc_casadi._util.printed import columns_html
 from avc_casadi._util.units import N_PER_M, Units, in_its_units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.gains import GainTable

@@ -10,7 +10,7 @@ from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands, draw_population
-from avc_casadi.simulation.population.settled import settling_study
+from avc_casadi.simulation.population.settled import settled_hands
 
 SEED = 4
 
@@ -23,12 +23,12 @@ def coupling():
 
 @pytest.mark.thorough
 def test_counts_are_those_of_a_trial(coupling):
-    found = settling_study(coupling, 40, SEED, chunk=17).run()
+    found = settled_hands(coupling, 40, SEED, block=17)
     trial = try_coupling(coupling, draw_hands(coupling.problem.hands, 40, SEED), SEED)
     assert found.at_rest == trial.stable.sum()
     assert found.by_motion == {name: int(rest.sum()) for name, rest in trial.by_motion.items()}
     assert found.moving == tuple(np.flatnonzero(~trial.stable)[:20])
-    free = settling_study(coupling, 40, SEED, friction=False).run()
+    free = settled_hands(coupling, 40, SEED, friction=False)
     assert free.at_rest == trial.stable_without_friction.sum()
     assert "coulomb-friction" in found.effects
     assert "coulomb-friction" not in free.effects
@@ -45,21 +45,12 @@ def test_anybody_is_drawn_without_those_before(population):
 
 
 @pytest.mark.thorough
-def test_command_in_shares_gives_the_answer_of_one_go(coupling, tmp_path, capsys):
-    file, folder = tmp_path / "c.json", tmp_path / "jobs"
-    avc.write_coupling(coupling, file)
-    command = ["trial", str(file), "--hands", "20", "--seed", "1", "--workers", "1"]
-
-    def answer(*more, code=0):
-        assert main([*command, *more, "--json"]) == code
-        return json.loads(capsys.readouterr().out)
-
-    whole = answer()
-    assert "holds no study" in answer("--merge", "--resume", str(folder), code=2)["errors"][0]["message"]
-    assert answer("--chunk", "1/2", "--resume", str(folder))["done"] == 1
-    assert answer("--merge", "--resume", str(folder)) == whole
+def test_the_command_gives_the_counts_and_their_interval(coupling, tmp_path, capsys):
+    avc.write_coupling(coupling, tmp_path / "c.json")
+    command = ["trial", str(tmp_path / "c.json"), "--hands", "20", "--seed", "1", "--workers", "1"]
+    assert main([*command, "--json"]) == 0
+    whole = json.loads(capsys.readouterr().out)
+    assert whole["at_rest"] == settled_hands(coupling, 20, 1).at_rest
     assert whole["at_rest_interval"][0] <= whole["at_rest"] / 20 <= whole["at_rest_interval"][1]
-    assert "--resume DIR" in answer("--merge", code=2)["errors"][0]["message"]
-    assert "another study" in answer("--resume", str(folder), "--without-friction", code=2)["errors"][0]["message"]
     assert main(command) == 0
     assert f"{whole['at_rest']} of 20 hands in every motion" in capsys.readouterr().out

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from avc_casadi import dump_problem, load_problem
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi.cli import main
 
 VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]

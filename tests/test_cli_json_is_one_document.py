@@ -88,7 +88,7 @@ def test_certify(tmp_path):
     assert solved["deployable"] == document["deployable"]
 
 
-OTHERS = {"list": "list", "check soft": "check", "doctor --ports": "ports", "doctor": "doctor", "study": "studies"}
+OTHERS = {"list": "list", "check soft": "check", "doctor --ports": "ports", "doctor": "doctor"}
 
 
 @pytest.mark.thorough

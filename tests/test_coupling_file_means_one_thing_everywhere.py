@@ -123,7 +123,7 @@ def test_a_problem_in_place_of_a_coupling_is_answered_with_the_command_that_make
         assert error["message"] == f"is a problem; {verb[0]} takes a coupling: avc recommend soft --out c.json"
 
 
-PROBLEM_VERBS = ("run", "recommend", "check", "solve", "compare", "zwidth", "study accuracy")
+PROBLEM_VERBS = ("run", "recommend", "check", "solve", "compare", "zwidth", "accuracy")
 
 
 @pytest.mark.parametrize("verb", PROBLEM_VERBS)

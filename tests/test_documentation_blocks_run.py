@@ -10,7 +10,8 @@ import pytest
 from documentation import PAGES, Block, blocks
 
 import avc_casadi
-from avc_casadi.cli import main, parse
+from avc_casadi.cli import main
+from avc_casadi.cli._main import build_parser
 from avc_casadi.recommendation import recommend as answering
 
 # The README first: what it writes, others read.
@@ -102,7 +103,7 @@ def run(block, names, capsys):
 )
 def test_exempt_commands_exist(block: Block):
     for words in commands(block.text):
-        parse(words)
+        build_parser().parse_args(words)
 
 
 def test_every_mark_is_known_and_shell_blocks_are_commands():

@@ -15,7 +15,7 @@ import pytest
 from background_work import endless, halved
 
 import avc_casadi as avc
-from avc_casadi._util.background import Background
+from avc_casadi.present.explore.background import Background
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.server import ExploreServer
 
@@ -164,9 +164,7 @@ def waited(work, seconds=600.0):
 
 
 def test_work_in_the_background_is_told_of_and_ends_when_it_is_cancelled():
-    counting, half, refused = (
-        Background.of(work, task) for work, task in ((endless, 0), (halved, 3.0), (halved, -1.0))
-    )
+    counting, half, refused = (Background(work, task) for work, task in ((endless, 0), (halved, 3.0), (halved, -1.0)))
     assert waited(half)
     assert (half.result, half.error, half.said) == (1.5, "", (1, 2, "half"))
     assert waited(refused)

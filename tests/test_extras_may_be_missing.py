@@ -23,16 +23,6 @@ for package in (avc, avc_hardware):
 print(json.dumps(count))
 """
 )
-REFERENCE = (
-    HIDDEN
-    + f"""
-import numpy as np
-import avc_casadi as avc
-sys.path.append({str(BENCHMARKS)!r})
-from studies.accuracy.solvers import reference_errors
-print(reference_errors(avc.load_problem("soft"), np.array([1.0, 30.0])).source)
-"""
-)
 
 
 @pytest.mark.thorough
@@ -42,13 +32,7 @@ def test_every_module_is_imported():
     assert json.loads(done.stdout) > 300
 
 
-def test_accuracy_falls_back_to_the_exact_method():
-    done = avc(program=REFERENCE)
-    assert done.returncode == 0, done.stderr.decode()
-    assert done.stdout.decode().strip() == "method exact (mpmath, the extra accuracy, is not installed)"
-
-
-@pytest.mark.parametrize("verb", ["study", "monitor", "push", "run", "trial", "firmware"])
+@pytest.mark.parametrize("verb", ["accuracy", "monitor", "push", "run", "trial", "firmware"])
 def test_every_verb_is_parsed(verb):
     done = avc(verb, "--help", program=HIDDEN + "from avc_casadi.cli import main\nsys.exit(main(sys.argv[1:]))\n")
     assert done.returncode == 0, done.stderr.decode()

@@ -2,7 +2,6 @@
 
 import functools
 import inspect
-import json
 from pathlib import Path
 
 import matplotlib as mpl
@@ -10,22 +9,18 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from studies.accuracy.figure import draw_accuracy
-from studies.accuracy.grids import GridMiss
-from studies.accuracy.solvers import SolverCost
-from studies.accuracy.study import Accuracy
-from studies.accuracy.tables import TableError
 from studies.estimators.figure import draw_estimators
 from studies.estimators.study import EstimatorTraces
-from studies.table1.frontier_figure import draw_frontier
 
 import avc_casadi as avc
 from avc_casadi.claims.zwidth import llewellyn_table
+from avc_casadi.design.comparison.accuracy import SolverCost
 from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Columns, Record
 from avc_casadi.model.gains import Gains
 from avc_casadi.present import figures
+from avc_casadi.present.figures.accuracy import draw_accuracy
 
 RESULTS = Path(__file__).parent / "benchmarks" / "results"
 PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 12})
@@ -43,12 +38,8 @@ def _estimates():
     return EstimatorTraces(time, 3.0 + 0 * time, dict.fromkeys(names, 3.0 + 0 * time))
 
 
-def _frontier():
-    return json.loads((RESULTS / "frontier.json").read_text())
-
-
 def _accuracy():
-    costs = tuple(
+    return tuple(
         SolverCost(method, solver, tolerance, 9, 1.0, seconds, error, error, share, 1.0, default)
         for method, solver, tolerance, seconds, error, share, default in (
             ("exact", None, None, 1e-5, 1e-15, 1.0, False),
@@ -57,13 +48,6 @@ def _accuracy():
             ("direct", "ipopt", 1e-8, 2e-3, 1e-9, 1.0, False),
         )
     )
-    tables = tuple(
-        TableError(rows, kind, precision, 1e-2 / rows, 1e-3 / rows, 0.0)
-        for rows in (10, 100)
-        for kind in ("linear", "pchip", "nearest")
-        for precision in ("float64", "float32")
-    )
-    return Accuracy("p", "a reference", costs, tables, (GridMiss(5, 1.0, 2, 9), GridMiss(50, 0.1, 0, 9)))
 
 
 @functools.cache
@@ -83,7 +67,7 @@ def _diagnosed():
 
 
 CALLS = {
-    "draw_accuracy": (3, lambda axes: draw_accuracy(_accuracy(), axes)),
+    "draw_accuracy": (1, lambda axes: draw_accuracy(_accuracy(), axes)),
     "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
     "draw_comparison": (3, lambda axes: figures.draw_comparison(COMPARISON, axes)),
     "draw_diagnosis": (4, lambda axes: figures.draw_diagnosis(_diagnosed(), axes)),
@@ -92,7 +76,6 @@ CALLS = {
     "draw_identification": (6, lambda axes: figures.draw_identification(_identified(), axes)),
     "draw_loop": (4, lambda axes: figures.draw_loop(COUPLING, axes)),
     "draw_rendered": (2, lambda axes: figures.draw_rendered(COUPLING, axes)),
-    "draw_frontier": (4, lambda axes: draw_frontier(_frontier(), axes)),
     "draw_perceived": (5, lambda axes: figures.draw_perceived(COMPARISON, axes)),
     "draw_perceived, damped": (
         6,
@@ -183,7 +166,7 @@ def test_axes_are_taken_row_by_row_from_an_array():
 
 
 def test_every_drawing_function_takes_axes_and_is_tried_here():
-    of_studies = {draw.__name__: draw for draw in (draw_accuracy, draw_estimators, draw_frontier)}
+    of_studies = {draw.__name__: draw for draw in (draw_accuracy, draw_estimators)}
     drawn = of_studies | {name: getattr(figures, name) for name in dir(figures) if name.startswith("draw_")}
     assert {name.partition(",")[0] for name in CALLS} == set(drawn)
     for draw in drawn.values():

@@ -14,7 +14,7 @@ from avc_casadi._util.interrupt import HeldInterrupt, reraised_interrupts
 from avc_casadi.cli import _main
 
 LONG = {
-    "table1": ("study", "table1", "--hands", "100000", "--workers", "2"),
+    "table1": ("table1", "--hands", "100000", "--workers", "2"),
     "monitor": ("monitor", "--port", "emulator", "--seconds", "100000"),
     "stream": ("stream", "figure5", "--port", "emulator", "--seconds", "100000"),
     "static-tuned": ("solve", "slow.toml", "--method", "static-tuned"),

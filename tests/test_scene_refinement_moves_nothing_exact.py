@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scene_cases import CASES, QUICK
 from scene_reference import scene_problem
-from studies.accuracy.integrators import integrator_accuracy
 
 from avc_casadi import UnsupportedError
 from avc_casadi.design.scene_coupling import simulate
@@ -59,18 +58,3 @@ def test_projection_refuses_late_forces():
     effects = (*FRICTION, 'kind = "jitter"\nrms_s = 1e-4')
     with pytest.raises(UnsupportedError, match="jitter"):
         run(effects, Gains(10.0, 7e3), "projected")
-
-
-def test_accuracy_rows_set_error_against_time():
-    problem = scene_problem(FRICTION, motion=QUICK, scene="duration_s = 0.12\n")
-    rows = integrator_accuracy(
-        problem, Gains(10.0, 7e3), (("exact", 1), ("projected", 1), ("projected", 16), ("rk4", 1))
-    )
-    exact, coarse, fine, explicit = rows
-    assert exact.error < 1e-15
-    assert 1e-9 < fine.error < coarse.error
-    assert explicit.error > 1e-9
-    assert fine.instructions > coarse.instructions
-    assert all(row.seconds > 0 and row.scene == "scene" for row in rows)
-    frictionless = integrator_accuracy(scene_problem(FRICTION[:2], scene="duration_s = 0.12\n"), Gains(10.0, 7e3))
-    assert "projected" not in {row.integrator for row in frictionless}

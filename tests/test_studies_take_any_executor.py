@@ -1,29 +1,36 @@
-"""Every study that takes an executor gives with it what it gives alone, people cut wherever they are."""
+"""One function of many tasks gives the same on one worker, on several and on Dask, whoever is done first."""
 
+import json
+import os
+import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 from studies import reach as _reach
-from studies.accuracy.study import study_accuracy
 from studies.reach import reach
-from studies.table1 import table as _table
-from studies.table1.table import table1, table1_study
 
 import avc_casadi as avc
 from avc_casadi._util.json_values import json_text
+from avc_casadi._util.parallel import Crew, Processes, mapped
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.comparison import table1 as _table1
+from avc_casadi.design.comparison.table1 import table1
 from avc_casadi.model.corners import device_set
 from avc_casadi.model.gains import Gains
 from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import draw_population
+from avc_casadi.simulation.population.settled import settled_hands
 from avc_casadi.simulation.population.trial import Conditions
 
 
 @pytest.fixture
 def executor(monkeypatch):
-    for module in (_reach, _table, _coupling_trial):
-        monkeypatch.setattr(module, "_AT_ONCE", 7)
+    for module, name in ((_reach, "_AT_ONCE"), (_table1, "HANDS_AT_ONCE"), (_coupling_trial, "_AT_ONCE")):
+        monkeypatch.setattr(module, name, 7)
     with ThreadPoolExecutor(2) as found:
         yield found
 
@@ -33,11 +40,86 @@ def problem():
     return avc.load_problem("ve7")
 
 
+@pytest.fixture(scope="module")
+def coupling(problem):
+    return Coupling.of(problem, avc.solve(problem, "static"))
+
+
+def late(number):
+    """The first task is done last."""
+    time.sleep(0.2 if number == 0 else 0.0)
+    return number**2
+
+
+def deadly(_):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def written(folder, name):
+    with (folder / name).open("a") as file:
+        file.write("once ")
+    return name
+
+
+def broken():
+    raise ValueError("this task fails")
+
+
+def test_results_come_in_order(executor):
+    told = []
+
+    class Listener:
+        def advance(self, *of):
+            told.append(of)
+
+    expected = [number**2 for number in range(5)]
+    assert mapped(late, range(5), executor, sizes=[2] * 5, things="things", progress=Listener()) == expected
+    assert told[-1] == (10, 10, "things")
+    assert mapped(late, range(5), workers=2) == mapped(late, range(5)) == expected
+
+
+def test_a_dead_worker_and_a_fault_end_the_work():
+    with pytest.raises(avc.WorkerLostError, match="a worker died"):
+        mapped(deadly, range(2), workers=2)
+    with pytest.raises(ZeroDivisionError):
+        mapped(partial(divmod, 1), [1, 0, 1], workers=2)
+
+
+@pytest.mark.parametrize("workers", [0, -1, 2.5, True, None, "2"])
+def test_what_is_no_number_of_processes_is_refused(workers):
+    with pytest.raises(avc.InputError, match="allowed: a whole number, 1 or more"):
+        avc.recommend("spring", workers=workers)
+
+
 @pytest.mark.thorough
-def test_trials(problem, executor):
-    coupling = Coupling.of(problem, avc.solve(problem, "static"))
+def test_dask_gives_the_counts_of_one_process(coupling, tmp_path, capsys):
+    distributed = pytest.importorskip("distributed", reason="needs dask: pip install 'avc-casadi[cluster]'")
+    avc.write_coupling(coupling, tmp_path / "coupling.json")
+    command = ["trial", str(tmp_path / "coupling.json"), "--hands", "10020", "--without-friction", "--json"]
+
+    def answer(*more):
+        assert main([*command, *more]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    alone = answer("--workers", "1")
+    assert 0 < alone["at_rest"] < 10020
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        assert answer("--scheduler", cluster.scheduler_address) == alone
+
+
+def test_a_scheduler_that_does_not_answer_is_told(coupling, tmp_path, capsys):
+    pytest.importorskip("distributed", reason="needs dask: pip install 'avc-casadi[cluster]'")
+    avc.write_coupling(coupling, tmp_path / "coupling.json")
+    assert main(["trial", str(tmp_path / "coupling.json"), "--scheduler", "nonsense://x"]) == 2
+    assert "--scheduler: no scheduler answers at 'nonsense://x'" in capsys.readouterr().err
+
+
+@pytest.mark.thorough
+def test_trials(problem, coupling, executor):
     people = draw_population("A", 20, 3)
     assert try_coupling(coupling, people, 3, executor=executor) == try_coupling(coupling, people, 3)
+    counts = [settled_hands(coupling, 40, 4, block=17, executor=one) for one in (executor, None)]
+    assert counts[0] == counts[1] == settled_hands(coupling, 40, 4)
     uncertain = problem.changed(device={"range": {"mass_kg": (0.08, 0.12)}})
     devices = device_set(uncertain.device, draws=1, seed=1)
     alone = try_on_devices(coupling, people, devices, 3)
@@ -51,24 +133,41 @@ def test_reach(problem, executor):
 
 
 @pytest.mark.thorough
-def test_table1(executor, tmp_path):
+def test_table1(executor, monkeypatch):
     asked = {"walls": ("VE7",), "couplings": ("none", "closed-form")}
-    whole = json_text(table1(10, 5, **asked, executor=executor))
-    study = table1_study(10, 5, **asked)
-    assert study.sizes == [7, 3, 7, 3]
-    assert json_text(study.run(folder=tmp_path)) == whole
-    assert json_text(study.merged(tmp_path)) == whole
+    whole = table1(10, 5, **asked, executor=executor)
+    monkeypatch.undo()
+    assert table1(10, 5, **asked) == whole
 
 
 @pytest.mark.thorough
-def test_accuracy(executor):
-    problem = avc.load_problem("figure5").changed(frequency={"points": 5})
-    found = study_accuracy(problem, tolerances=(1e-6,), solvers=("ipopt",), executor=executor)
-    assert [(cost.method, cost.solver) for cost in found.solvers] == [
-        ("closed-form", None),
-        ("exact", None),
-        ("direct", found.solvers[2].solver),
-        ("direct", "ipopt"),
-    ]
-    assert [cost.default for cost in found.solvers] == [False, False, True, False]
-    assert found.solvers[1].optimal_share == 1.0
+def test_a_crew_gives_what_one_process_gives(tmp_path):
+    names = [f"task{number}" for number in range(6)]
+    with Crew(2) as crew:
+        begun = [crew.begin(partial(written, tmp_path, f"begun{number}")) for number in range(3)]
+        assert list(crew.each([partial(written, tmp_path, name) for name in names])) == names
+        for one in begun:
+            assert one() == one()
+        with pytest.raises(ValueError, match="this task fails"):
+            list(crew.each([partial(late, 1), broken]))
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"once "}
+
+
+def test_the_end_does_not_wait_for_a_helper():
+    begun = time.monotonic()
+    with Crew(2) as crew:
+        crew.begin(partial(time.sleep, 60))
+    assert time.monotonic() - begun < 30
+    pool = Processes(1)
+    pool.submit(time.sleep, 60)
+    pool.end()
+    assert time.monotonic() - begun < 30
+
+
+@pytest.mark.thorough
+def test_a_recommendation_does_not_depend_on_how_many_work_at_it():
+    """Climbs that are given up, one that goes on from what is held, and what is tried beside."""
+    problem = avc.load_problem("reference-r3").changed(environment={"stiffness_n_per_m": 3e4})
+    alone, shared = (avc.recommend(problem, hands=30, workers=workers).document() for workers in (1, 2))
+    assert alone["coupling"]["runtime"]["state_feedback"]
+    assert alone == shared

@@ -5,11 +5,9 @@ from pathlib import Path
 
 import pytest
 from studies.reach import reach, with_observer
-from studies.table1.adversary import worst_case
 
 import avc_casadi as avc
 from avc_casadi.design.tuning import tuned
-from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions
@@ -53,17 +51,6 @@ def test_series_gains_give_half_of_the_wall():
 @pytest.mark.thorough
 def test_nothing_is_tuned_beyond_reach():
     assert tuned(PROBLEM, scheduled=False, margin_ns_per_m=300.0) is None
-
-
-@pytest.mark.thorough
-def test_the_search_for_the_worst_finds_what_is_there():
-    bad = worst_case(PROBLEM, NO_COUPLING, Conditions(), seed=1)
-    assert not bad.stable
-    assert 0 < bad.broken <= bad.tried
-    good = worst_case(PROBLEM, tuned(PROBLEM, scheduled=False, margin_ns_per_m=6.0), Conditions(), seed=1)
-    assert good.stable
-    assert good.broken == 0
-    assert 0.05 <= good.hand["mass_kg"] <= 0.3
 
 
 def test_the_kept_result_is_what_is_claimed():

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from studies.table1.matching import choose, distance, reference_traces
 
 import avc_casadi as avc
+from avc_casadi.design.comparison.table1 import choose, distance, reference_traces
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_population
@@ -20,14 +20,14 @@ fraction = st.sampled_from([0.07, 0.1, 0.23])
 @given(far, far, fraction)
 def test_choice_is_fair_and_needs_a_noticeable_difference(one, other, weber):
     first, second = np.array([one]), np.array([other])
-    found, turned = choose(first, second, weber), choose(second, first, weber)
-    assert found.first == turned.second
-    assert found.second == turned.first
-    assert found.first + found.second + found.unable == 1
+    nearer, farther = choose(first, second, weber)
+    assert choose(second, first, weber) == (farther, nearer)
+    assert not (nearer and farther)
     if max(one, other) <= weber or one == other or abs(one - other) <= weber:
-        assert found.unable
+        assert not nearer
+        assert not farther
     else:
-        assert found.first if one < other else found.second
+        assert nearer if one < other else farther
 
 
 def test_a_share_more_force_is_that_share_away():
@@ -61,7 +61,7 @@ def continuous_press(problem, hand):
 def test_the_reference_is_the_continuous_wall(wall):
     problem = avc.load_problem(wall)
     people = draw_population("A", 1, 4)
-    (reference,) = reference_traces(problem, people, MOTIONS["press"], 0.0)
+    reference = reference_traces(problem, people, 0.0)
     exact = continuous_press(problem, people.values(0))
     touched = exact > 0
     error = np.sqrt(np.mean((reference.position_m[0, :1000] - exact)[touched] ** 2) / np.mean(exact[touched] ** 2))
@@ -71,7 +71,7 @@ def test_the_reference_is_the_continuous_wall(wall):
 def test_a_wall_that_does_not_come_to_rest_is_noticed():
     problem = avc.load_problem("ve7")
     people = draw_population("A", 5, 4)
-    (reference,) = reference_traces(problem, people, MOTIONS["press"], 0.0)
+    reference = reference_traces(problem, people, 0.0)
     (sampled,) = traces(problem, NO_COUPLING, people, MOTIONS["press"], Conditions())
     assert not sampled.judged().stable.any()
     assert np.all(distance(sampled, reference) > 1)

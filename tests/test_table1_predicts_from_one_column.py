@@ -4,12 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from studies.table1.calibration import expected_share, share_without_coupling, with_wall
-from studies.table1.command import table_text
-from studies.table1.paper import PAPER
-from studies.table1.table import table1
+from calibrate_walls import expected_share, share_without_coupling, with_wall
 
 import avc_casadi as avc
+from avc_casadi.design.comparison.table1 import PAPER, table1
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_population
@@ -33,7 +31,7 @@ ROW_KEYS = {
 
 @pytest.fixture(scope="module")
 def document():
-    return table1(12, 5, walls=("VE7",), couplings=COUPLINGS, workers=1)
+    return table1(12, 5, walls=("VE7",), couplings=COUPLINGS)
 
 
 @pytest.mark.thorough
@@ -74,32 +72,15 @@ def test_prediction_at_the_stiff_wall(document):
 
 
 @pytest.mark.thorough
-def test_wider_weber_fractions_leave_more_people_unable(document):
-    for row in document["rows"]:
-        unable = [found["unable"] for found in row["matched_by_weber"].values()]
-        assert unable == sorted(unable)
-
-
-@pytest.mark.thorough
-def test_another_seed_is_another_draw_and_the_same_seed_the_same(document):
-    found = [table1(12, seed, walls=("VE3",), couplings=("none",), workers=1) for seed in (5, 5, 6)]
+def test_another_seed_is_another_draw_and_the_same_seed_the_same():
+    found = [table1(12, seed, walls=("VE3",), couplings=("none",)) for seed in (5, 5, 6)]
     first, again, other = (one["rows"][0]["apparent_stiffness_n_per_m"] for one in found)
     assert first == again != other
-    assert document["method"] == found[0]["method"]
-
-
-@pytest.mark.thorough
-def test_text_holds_the_same_counts(document):
-    text = table_text(document)
-    for row in document["rows"]:
-        assert row["coupling"] in text
-        assert f"{100 * row['stable_low']:.1f}" in text
-    assert "calibrated: stiffness of VE4 to VE6" in text
 
 
 def test_paper_adds_up():
     assert [row.stable_without_coupling for row in PAPER.values()] == [10, 10, 10, 4, 0, 0]
-    assert all(row.matched_static + row.matched_adaptive + row.unable == 10 for row in PAPER.values())
+    assert all(row.nearer_static + row.nearer_adaptive + row.unable == 10 for row in PAPER.values())
 
 
 @pytest.mark.thorough

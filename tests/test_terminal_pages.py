@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi.present.terminal import Mark, Page, Row
 
 FACTORS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}

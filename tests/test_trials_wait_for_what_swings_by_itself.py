@@ -14,7 +14,7 @@ from avc_casadi.simulation.judge import AT_REST_M_PER_S
 from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.motions import LONGEST_S, MOTIONS, TRIAL_S, course_of
-from avc_casadi.simulation.population.settled import residual_speeds, settling_study
+from avc_casadi.simulation.population.settled import residual_speeds, settled_hands
 
 JUDGED_S = 0.5
 R1 = avc.load_problem("reference-r1")
@@ -84,7 +84,7 @@ def test_a_heavy_device_that_is_only_slow_counts_as_at_rest():
     assert trial.stable.all()
     assert trial.longest_s == trial.document()["longest_s"] == course_of(HEAVY).longest_s
     assert np.isfinite(trial.vibration).all()
-    assert settling_study(coupling, 40, seed=3).run().at_rest == 40
+    assert settled_hands(coupling, 40, seed=3).at_rest == 40
     assert (residual_speeds([coupling], PEOPLE) < 1).all()
 
 

@@ -1,1 +1,1 @@
-"""Utilities: array types, finite JSON, Ctrl-C, progress, checkpoints, processes, tables, units."""
+"""Utilities: array types, finite JSON, Ctrl-C, progress, processes, tables, units."""

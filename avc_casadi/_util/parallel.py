@@ -1,25 +1,29 @@
-"""Parallel work in processes of their own, or in this one alone."""
+"""One function of many tasks: in this process, in processes of their own, or on a cluster."""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from contextlib import ExitStack, contextmanager
 from contextvars import copy_context
-from functools import cache, partial
-from multiprocessing import active_children, current_process, get_context, parent_process
-from multiprocessing.process import BaseProcess
-from queue import SimpleQueue
+from functools import cache
+from importlib import import_module
+from multiprocessing import get_context, parent_process
 from types import TracebackType
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, TypeVar
 
-from avc_casadi._errors import InputError, WorkerLostError
-from avc_casadi._util.interrupt import starting_processes
+from avc_casadi._errors import InputError, MissingExtraError, WorkerLostError
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import speaks, spoken
 
+R = TypeVar("R")
+T = TypeVar("T")
 _AT_MOST: list[int] = []
+_CONNECT_S = 10.0
 
 
 def processors() -> int:
@@ -28,65 +32,28 @@ def processors() -> int:
     return min([there, *_AT_MOST])
 
 
-def use_at_most(count: int) -> None:
-    """Limit the number of processors that this process uses."""
-    _AT_MOST[:] = [count]
+def require_workers(workers: object) -> None:
+    """Refuse an invalid number of processes."""
+    if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
+        raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
 
 
-R = TypeVar("R")
-# A task that kills so many processes would kill the next one too.
-_TRIES = 3
-
-
-class Processes(Executor):
-    """Tasks in processes of their own; each is a fresh interpreter, as CasADi's threads do not survive a fork.
-
-    Left with an error (or Ctrl-C), the context ends its processes at once.
-
-    Args:
-        workers: number of processes.
-        beside: number of other processes: each has its share of the processors.
-    """
+class Processes(ProcessPoolExecutor):
+    """Processes that are fresh interpreters, as CasADi's threads do not survive a fork; an error ends them at once."""
 
     def __init__(self, workers: int, beside: int = 0) -> None:
-        require_workers(workers)
-        if getattr(current_process(), "_inheriting", False):
-            raise WorkerLostError(
-                "a script whose workers start it anew begins workers as it is read; put what it does under "
-                'if __name__ == "__main__":'
-            )
-        self._share = max(1, processors() // (workers + beside))
-        self._threads = ThreadPoolExecutor(workers)
-        self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
-        for _ in range(workers):
-            self._idle.put(None)
-        self._workers: set[_Worker] = set()
-        self._lock = threading.Lock()
-        self._ending = False
+        share = max(1, processors() // (workers + beside))
+        super().__init__(workers, get_context("spawn"), begin_process, (share,))
 
     def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """Submit a task to the next idle process.
-
-        The future raises `WorkerLostError` where three processes died of it.
-        """
-        return self._threads.submit(self._done, partial(speaks, spoken(), fn, *args, **kwargs))
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Accept no more tasks, and end the processes after those begun."""
-        self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
-        with self._lock:
-            self._ending = True
-            workers = list(self._workers)
-        for worker in workers:
-            worker.pool.shutdown(wait=wait)
+        """Submit a task."""
+        with without_interrupts():
+            return super().submit(speaks, spoken(), fn, *args, **kwargs)
 
     def end(self) -> None:
-        """Terminate the processes."""
-        with self._lock:
-            self._ending = True
-            workers = list(self._workers)
-        for worker in workers:
-            worker.end()
+        """Terminate the processes, whatever they do."""
+        for process in list((self._processes or {}).values()):
+            process.terminate()
         self.shutdown(cancel_futures=True)
 
     def __exit__(
@@ -97,69 +64,24 @@ class Processes(Executor):
         else:
             self.end()
 
-    def _done(self, task: Callable[[], R]) -> R:
-        worker = self._idle.get()
-        try:
-            for _ in range(_TRIES):
-                if worker is None:
-                    worker = self._started()
-                try:
-                    return worker.pool.submit(task).result()
-                except BrokenExecutor:
-                    with self._lock:
-                        self._workers.discard(worker)
-                    worker.pool.shutdown()
-                    worker = None
-        finally:
-            self._idle.put(worker)
-        raise WorkerLostError(
-            f"{_TRIES} processes died of the same task, the last one without a word: of too little memory, or as the "
-            'script that begins them has no if __name__ == "__main__": around what it does'
-        )
 
-    def _started(self) -> _Worker:
-        # One at a time, so that a new child is known to be this worker's.
-        with self._lock:
-            if self._ending:
-                raise WorkerLostError("the executor ends; begin no more tasks")
-            others = set(active_children())
-            pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=_begin, initargs=(self._share,))
-            with starting_processes():
-                pool.submit(os.getpid)  # begins the process
-            worker = _Worker(pool, tuple(set(active_children()) - others))
-            self._workers.add(worker)
-            return worker
+@contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Defer Ctrl-C while processes start, which then never see it."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class _Worker:
-    """A pool of one process."""
-
-    def __init__(self, pool: ProcessPoolExecutor, processes: tuple[BaseProcess, ...]) -> None:
-        self.pool = pool
-        self._processes = processes
-
-    def end(self) -> None:
-        for process in self._processes:
-            process.terminate()
-
-
-def require_workers(workers: object) -> None:
-    """Refuse an invalid number of processes.
-
-    Raises:
-        InputError: not a whole number of 1 or more.
-    """
-    if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
-        raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
-
-
-def _begin(share: int) -> None:
-    use_at_most(share)
-    follow_parent()
-
-
-def follow_parent() -> None:
-    """Leave Ctrl-C to the parent, and end with it."""
+def begin_process(share: int | None = None) -> None:
+    """Leave Ctrl-C to the parent, end with it, and use at most a share of the processors."""
+    if share is not None:
+        _AT_MOST[:] = [share]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_after_parent, daemon=True).start()
 
@@ -171,7 +93,135 @@ def _end_after_parent() -> None:
         os._exit(1)
 
 
-T = TypeVar("T")
+@contextmanager
+def cluster(address: str | None) -> Iterator[Executor | None]:
+    """Yield the executor of the Dask cluster behind a scheduler; None without an address.
+
+    Raises:
+        InputError: no scheduler answers.
+        MissingExtraError: distributed is not installed.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        module: Any = import_module("distributed")
+    except ImportError as error:
+        raise MissingExtraError("a cluster needs Dask: pip install 'avc-casadi[cluster]'") from error
+    try:
+        client = module.Client(address, timeout=_CONNECT_S)
+    except (OSError, ValueError) as error:
+        message = f"no scheduler answers at {address!r}; start one with `dask scheduler`, its address is what it prints"
+        raise InputError.of(message, key="--scheduler") from error
+    with client:
+        yield client.get_executor()
+
+
+def mapped(
+    work: Callable[[T], R],
+    tasks: Sequence[T],
+    executor: Executor | None = None,
+    *,
+    workers: int = 1,
+    sizes: Sequence[int] = (),
+    things: str = "",
+    progress: Progress = SILENT,
+) -> list[R]:
+    """Return the result of each task, in order.
+
+    Args:
+        work: a function of a module.
+        tasks: its arguments.
+        executor: of `concurrent.futures` or with its interface, such as Dask's; it is not shut down.
+        workers: processes without an executor; 1 stays in this one. More than one start this program anew, so that a
+            script needs its guard ``if __name__ == "__main__"``.
+        sizes: of the tasks, for the progress.
+        things: what the sizes count.
+        progress: of the tasks.
+
+    Raises:
+        WorkerLostError: a worker died.
+    """
+    require_workers(workers)
+    weights = sizes or [1] * len(tasks)
+    done, found = 0, {}
+    with ExitStack() as stack:
+        if executor is None and workers > 1 and len(tasks) > 1:
+            executor = stack.enter_context(Processes(min(workers, len(tasks))))
+        alone = ((place, work(task)) for place, task in enumerate(tasks))
+        for place, result in alone if executor is None else _as_done(executor, work, tasks):
+            found[place] = result
+            done += weights[place]
+            progress.advance(done, sum(weights), things)
+    return [found[place] for place in range(len(tasks))]
+
+
+def _as_done(executor: Executor, work: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R]]:
+    futures = {executor.submit(speaks, spoken(), work, task): place for place, task in enumerate(tasks)}
+    try:
+        for future in as_completed(futures):
+            yield futures[future], result_of(future)
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def result_of(future: Future[R]) -> R:
+    """Return the result of a task.
+
+    Raises:
+        WorkerLostError: its worker died.
+    """
+    try:
+        return future.result()
+    except BrokenExecutor as error:
+        raise WorkerLostError(
+            "a worker died, of too little memory, or as the script that begins it has no "
+            'if __name__ == "__main__": around what it does'
+        ) from error
+
+
+class Crew(ExitStack):
+    """This process and its helpers, which share tasks; results do not depend on which did them."""
+
+    def __init__(self, workers: int) -> None:
+        require_workers(workers)
+        super().__init__()
+        helpers = min(workers, processors()) - 1
+        self._helpers = Processes(helpers, beside=1) if helpers else None
+        if self._helpers is not None:
+            self.callback(self._helpers.end)
+
+    def begin(self, task: Callable[[], R]) -> Callable[[], R]:
+        """Start a task, a function of a module with its arguments, on a helper; return a function that awaits it."""
+        if self._helpers is None:
+            return cache(task)
+        future = self._helpers.submit(task)
+        return cache(lambda: task() if future.cancel() else result_of(future))
+
+    def each(self, tasks: Sequence[Callable[[], R]]) -> Iterator[R]:
+        """Yield the result of each task in order; this process does the first, and others that no helper has begun."""
+        if self._helpers is None:
+            yield from (task() for task in tasks)
+            return
+        begun = {place: self._helpers.submit(task) for place, task in enumerate(tasks[1:], 1)}
+        own: dict[int, R] = {}
+        try:
+            yield from (task() for task in tasks[:1])
+            for place, future in begun.items():
+                for later in range(place, len(tasks)):
+                    if future.done():
+                        break
+                    if begun[later].cancel():
+                        own[later] = tasks[later]()
+                yield own[place] if place in own else result_of(future)
+        finally:
+            for future in begun.values():
+                future.cancel()
+
+
+ALONE = Crew(1)
+"""Without helpers."""
 
 
 def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R]]:
@@ -189,88 +239,3 @@ def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R
             before = name, coming
         if before is not None:
             yield before[0], before[1].result()
-
-
-class SharedTasks:
-    """Tasks shared by this process and its helpers; results do not depend on which did them.
-
-    The context terminates the helpers.
-
-    Args:
-        workers: maximum number of processes, this one included, and no more than there are processors; each helper is a
-            fresh interpreter, as for `Processes`.
-
-    Raises:
-        InputError: not a whole number of 1 or more.
-    """
-
-    def __init__(self, workers: int) -> None:
-        require_workers(workers)
-        helpers = min(workers, processors()) - 1
-        self._helpers = Processes(helpers, beside=1) if helpers else None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._helpers is not None:
-            self._helpers.end()
-
-    def begin(self, task: Callable[[], R]) -> Callable[[], R]:
-        """Start a task, a function of a module with its arguments, on a helper; return a function that awaits it.
-
-        It runs here where no helper has begun with it by then.
-        """
-        return cache(task) if self._helpers is None else _Begun(task, self._helpers.submit(task)).result
-
-    def each(self, tasks: Sequence[Callable[[], R]]) -> Iterator[R]:
-        """Yield the result of each task in order.
-
-        The first one runs here. While waiting for another, this process runs one that no helper has begun; closed
-        early, it drops those not begun.
-        """
-        if self._helpers is None:
-            yield from (task() for task in tasks)
-            return
-        begun = [_Begun(task, self._helpers.submit(task)) for task in tasks[1:]]
-        try:
-            yield from (task() for task in tasks[:1])
-            for place, one in enumerate(begun):
-                for other in begun[place:]:
-                    if one.done:
-                        break
-                    other.here()
-                yield one.result()
-        finally:
-            for one in begun:
-                one.drop()
-
-
-ALONE = SharedTasks(1)
-"""Without helpers."""
-
-
-class _Begun(Generic[R]):
-    """A task that a helper has begun or will begin, unless it runs here."""
-
-    def __init__(self, task: Callable[[], R], future: Future[R]) -> None:
-        self._task, self._future = task, future
-        self._found: list[R] = []
-
-    @property
-    def done(self) -> bool:
-        return bool(self._found) or self._future.done()
-
-    def here(self) -> None:
-        """Run it here, if no helper has begun."""
-        if not self._found and self._future.cancel():
-            self._found.append(self._task())
-
-    def result(self) -> R:
-        self.here()
-        return self._found[0] if self._found else self._future.result()
-
-    def drop(self) -> None:
-        self._future.cancel()

@@ -1,21 +1,13 @@
-"""A table of values, and its two renderings: aligned text and HTML, with one way to write a number."""
+"""Numbers, quantities and tables as text, and tables as HTML."""
 
 from __future__ import annotations
 
 import math
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib import import_module
-from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from avc_casadi._errors import MissingExtraError
-from avc_casadi._util.arrays import Comparable
 from avc_casadi._util.units import Wording
 
 _OF_PROBLEM = re.compile(r"\b(avc [a-z][a-z0-9-]*) P\b")
@@ -40,6 +32,44 @@ _VERDICTS = {"pass": "pass", "proved": "pass", "fail": "fail", "FAIL": "fail", "
 def number(value: float | None, digits: int = 4) -> str:
     """Return a number to so many significant digits; a dash where it is undefined."""
     return "-" if value is None or math.isnan(value) else f"{value + 0.0:.{digits}g}"  # -0 is 0
+
+
+# Smaller values in SI units are printed without a prefix.
+_LEAST = 1e-12
+_PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+def quantity(value: float | None, unit: str | Wording, digits: int = 3) -> str:
+    """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none.
+
+    Args:
+        value: in the unit, which may have a prefix only as the kilogram.
+        unit: such as ``N/m``; a mass is printed in grams.
+        digits: significant ones.
+    """
+    unit = str(unit)
+    if value is None or math.isnan(value):
+        return "-"
+    if unit.startswith("kg"):
+        value, unit = 1e3 * value, unit[1:]
+    if math.isinf(value):
+        return f"{'-' if value < 0 else ''}unbounded"
+    if value == 0:
+        return f"0 {unit}"
+    if abs(value) < _LEAST:
+        return f"below 0.001 n{unit}"
+    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
+    group = min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
+    decimals = max(0, digits - 1 - (exponent - group))
+    return f"{value / 10.0**group:.{decimals}f} {_PREFIXES[group]}{unit}"
+
+
+def percent(share: float | None) -> str:
+    """Return a share as a percentage to two significant digits, or three above 99 %."""
+    if share is None or math.isnan(share):
+        return "-"
+    value = 100 * share
+    return f"{value:.1f} %" if 99 <= value < 99.95 else f"{value:.2g} %" if value < 99 else f"{value:.0f} %"
 
 
 def counts_text(found: Mapping[str, int]) -> str:
@@ -85,18 +115,17 @@ class Table:
 
     def html(self) -> str:
         """Return the header and rows as an HTML table; every text is escaped, verdicts are classes of their cells."""
-        right = ["" if column in self.left else "n" for column in range(len(self.header))]
-        heads = [_in_a_line(cell) for cell in self.header]
 
-        def row(cells: Iterable[str], tag: str, more: str) -> str:
-            inner = (
-                f"<{tag}{more}{_classes(kind, cell)}>{escape(cell)}</{tag}>"
-                for kind, cell in zip(right, cells, strict=True)
-            )
+        def row(cells: Iterable[str], tag: str, more: str = "") -> str:
+            inner = []
+            for column, cell in enumerate(cells):
+                classes = " ".join(filter(None, ("" if column in self.left else "n", _VERDICTS.get(cell, ""))))
+                shown = f' class="{classes}"' if classes else ""
+                inner.append(f"<{tag}{more}{shown}>{escape(cell)}</{tag}>")
             return f"<tr>{''.join(inner)}</tr>"
 
-        body = "\n".join(row(cells, "td", "") for cells in self._cells())
-        head = row(heads, "th", ' scope="col"')
+        body = "\n".join(row(cells, "td") for cells in self._cells())
+        head = row((", ".join(filter(None, cell.split("\n"))) for cell in self.header), "th", ' scope="col"')
         return f"<table>\n<thead>{head}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
 
     def _cells(self) -> list[list[str]]:
@@ -130,90 +159,3 @@ def _shown(cell: Cell, digits: int) -> str:
     if isinstance(cell, int | str):
         return str(cell)
     return number(cell, digits)
-
-
-def _classes(kind: str, cell: str) -> str:
-    """Return the class of a cell: that of its column, and its verdict."""
-    found = " ".join(filter(None, (kind, _VERDICTS.get(cell, ""))))
-    return f' class="{found}"' if found else ""
-
-
-def _in_a_line(cell: str) -> str:
-    return ", ".join(part for part in cell.split("\n") if part)
-
-
-NOTEBOOK_ROWS = 8
-
-Columns = dict[str, np.ndarray[Any, Any]]
-
-
-def short(values: ArrayLike, unit: str | Wording = "") -> str:
-    """Return the span of an array, as "0.3 to 41 N/m", or its one value; a dash where none is finite."""
-    array = np.asarray(values, dtype=np.float64)
-    known = array[np.isfinite(array)]
-    if not known.size:
-        return "-"
-    low, high = float(known.min()), float(known.max())
-    span = number(low) if low == high else f"{number(low)} to {number(high)}"
-    return f"{span} {unit}".rstrip()
-
-
-def columns_html(title: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> str:
-    """Return some rows of columns as an HTML table under a title, escaped."""
-    rows = len(next(iter(columns.values())))
-    shown = sample_rows(rows, NOTEBOOK_ROWS)
-    body = tuple(tuple(_cell(column[row]) for column in columns.values()) for row in shown)
-    left = tuple(index for index, column in enumerate(columns.values()) if column.dtype.kind not in "fciu")
-    below = f"<p>{len(shown)} of {rows} rows</p>" if len(shown) < rows else ""
-    return f"<p>{escape(title)}</p>\n{Table(tuple(columns), body, left).html()}{below}"
-
-
-def _cell(value: Any) -> Cell:
-    if isinstance(value, complex | np.complexfloating):
-        return f"{number(float(value.real))}{'-' if value.imag < 0 else '+'}{number(abs(float(value.imag)))}j"
-    if isinstance(value, np.generic):
-        value = value.item()
-    return value if isinstance(value, float | int | str) or value is None else str(value)
-
-
-class Tabular(Comparable, ABC):
-    """Base of results that are columns of equal length; dataclasses declare ``eq=False, repr=False`` with it."""
-
-    @abstractmethod
-    def to_dict(self) -> Columns:
-        """Return the columns by name with unit, each of shape (rows,); the first is the index."""
-
-    @abstractmethod
-    def _summary(self) -> str:
-        """Return a one-line summary."""
-
-    def to_pandas(self) -> Any:
-        """Return a pandas.DataFrame of the columns, indexed by the first; ``.to_xarray()`` makes an xarray.Dataset.
-
-        Raises:
-            MissingExtraError: pandas is not installed.
-        """
-        columns = self.to_dict()
-        return data_frame(columns, next(iter(columns)))
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self._summary()})"
-
-    def _repr_html_(self) -> str:
-        return columns_html(repr(self), self.to_dict())
-
-
-def data_frame(columns: Columns, index: str) -> Any:
-    """Return columns as a pandas.DataFrame.
-
-    Raises:
-        MissingExtraError: pandas is not installed.
-    """
-    try:
-        pandas = import_module("pandas")
-    except ImportError as error:
-        raise MissingExtraError(
-            "to_pandas() needs pandas, which is not installed: pip install pandas; to_dict() gives the same columns "
-            "without it"
-        ) from error
-    return pandas.DataFrame(columns).set_index(index)

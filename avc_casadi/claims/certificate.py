@@ -10,8 +10,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.printed import PrintedColumns
-from avc_casadi._util.text import Columns, Table
+from avc_casadi._util.printed import Columns, PrintedColumns
+from avc_casadi._util.text import Table
 from avc_casadi._util.units import NS_PER_M
 from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.claims.stability.declared_device import rigid

@@ -12,9 +12,8 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import Comparable, FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.printed import PrintedColumns
+from avc_casadi._util.printed import Columns, PrintedColumns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.claims.levels import ideal, what_is_declared
 from avc_casadi.claims.passive_walls import passive_walls

@@ -1,6 +1,5 @@
 """The command `avc`: one file a verb, listed in `_verbs`."""
 
+from avc_casadi._util.text import number as number
 from avc_casadi.cli._main import main as main
-from avc_casadi.cli._main import parse as parse
-from avc_casadi.cli._text import number as number
 from avc_casadi.cli._verbs import VERBS as VERBS

@@ -28,6 +28,14 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-v", "--verbose", action="store_true", help="print all that is known of it")
 
 
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Declare --workers and --scheduler."""
+    parser.add_argument("--workers", type=positive_int, metavar="N", help="processes (default: one for each processor)")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="of a Dask cluster that works instead, for example tcp://host:8786"
+    )
+
+
 def positive(text: str) -> float:
     """Read a finite number above 0."""
     try:

@@ -7,13 +7,13 @@ from shlex import quote
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
+from avc_casadi._util.text import rows_text
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._certify_tool import certify_tool
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder
 from avc_casadi.cli._foreign import gains_for
 from avc_casadi.cli._subject import is_coupling, load_problem, read_subject
-from avc_casadi.cli._text import rows_text
 from avc_casadi.cli._to_simulation import couples_to_simulation
 
 if TYPE_CHECKING:

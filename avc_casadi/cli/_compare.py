@@ -6,11 +6,11 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.text import number
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_figure
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison

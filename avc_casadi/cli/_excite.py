@@ -15,12 +15,12 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.text import number
 from avc_casadi.cli._arguments import add_worded, check_worded, positive, positive_int
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 from avc_casadi.cli._subject import load_device, load_problem
-from avc_casadi.cli._text import number
 from avc_casadi.present.terminal import Row
 
 if TYPE_CHECKING:

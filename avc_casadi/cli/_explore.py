@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import avc_casadi as avc
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     document = {"schema": "avc-explore/1", "problem": problem.name, "url": server.url}
     with server:
         try:
-            console.say(titled(problem.name, problem.title))
+            console.say(": ".join(filter(None, (problem.name, problem.title))))
             console.say(f"open {server.url} in a browser on this machine; Ctrl-C ends it")
             if console.as_json:
                 console.complain(server.url)

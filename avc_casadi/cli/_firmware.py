@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.text import number
 from avc_casadi.cli._arguments import positive_int
 from avc_casadi.cli._check_device import is_device
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder
 from avc_casadi.cli._subject import add_problem_of_gains, is_coupling, load_device, load_problem, read_subject
-from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling

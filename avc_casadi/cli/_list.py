@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 import avc_casadi as avc
+from avc_casadi._util.text import text_table
 from avc_casadi.cli._console import Answer, Console
-from avc_casadi.cli._text import table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,8 +35,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     folder = avc.catalogue_path("figure5").parent
     return Answer(
         {"schema": "avc-list/2", "problems": problems, "devices": devices},
-        f"{table(('problem', 'title'), of_problems, left=(0, 1))}\n\n"
-        f"{table(('device', 'title'), of_devices, left=(0, 1))}\n"
+        f"{text_table(('problem', 'title'), of_problems, left=(0, 1))}\n\n"
+        f"{text_table(('device', 'title'), of_devices, left=(0, 1))}\n"
         'in a problem file: device = "NAME"; what is known of one: avc check devices/NAME\n'
         f"files to copy from: {folder}",
     )

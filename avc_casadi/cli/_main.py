@@ -29,7 +29,6 @@ from avc_casadi import (
 )
 from avc_casadi.cli._arguments import named
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
-from avc_casadi.cli._study import command
 from avc_casadi.cli._verbs import QUESTIONS, VERBS
 
 if TYPE_CHECKING:
@@ -89,22 +88,6 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def parse(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the parsed arguments; a study has arguments of its own.
-
-    Raises:
-        InputError: a wrong argument, or no such study.
-        UnsupportedError: this installation has no studies.
-    """
-    args = build_parser().parse_args(arguments)
-    if getattr(args, "study", None) is None:
-        return args
-    module = command(args.study)
-    parser = _Parser(prog=f"avc study {args.study}", **_described(module))
-    _take(parser, module)
-    return parser.parse_args(args.arguments)
-
-
 def _summary(module: ModuleType) -> str:
     return (module.__doc__ or "").strip().partition("\n")[0].rstrip(".")
 
@@ -137,7 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     console: Console | None = None
     try:
         try:
-            args = parse(arguments)
+            args = build_parser().parse_args(arguments)
         except SystemExit as leaving:  # --help and --version
             sys.stdout.flush()
             return int(leaving.code or 0)

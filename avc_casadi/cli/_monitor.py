@@ -7,11 +7,10 @@ from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import number, quantity
 from avc_casadi.cli._arguments import add_motion, add_port, positive, positive_int
 from avc_casadi.cli._console import INTERRUPTED, Answer, Console
 from avc_casadi.cli._files import output_file
-from avc_casadi.cli._text import number
 
 if TYPE_CHECKING:
     from avc_hardware import Device, DeviceStatus, TelemetryLog, TelemetrySample

@@ -21,7 +21,6 @@ from avc_casadi.cli._recommend import recommend_document
 from avc_casadi.cli._run_other_end import run_to_other_end
 from avc_casadi.cli._solve import without_gains
 from avc_casadi.cli._subject import add_unsafe, load_problem
-from avc_casadi.cli._text import titled
 from avc_casadi.cli._versions import package_versions
 from avc_casadi.design.registry import methods_help
 
@@ -115,7 +114,7 @@ def _worked_through(
     document = {"schema": "avc-run/2", "folder": str(shown), "files": written, "deploy": deployment} | summary
     where = f"{shown / 'report.html'} and {len(written) - 1} files beside it"
     text = run_page(document, problem, console.page, args.problem, where)
-    more = "\n".join([titled(problem.name, problem.title), *conclusion, *summary_lines(summary)[1:]])
+    more = "\n".join([": ".join(filter(None, (problem.name, problem.title))), *conclusion, *summary_lines(summary)[1:]])
     scoped = comparison.delivered != comparison.optimum
     by_frequency = without_gains(gain_document(gains)) if scoped else infeasible(compare)
     complaint = "\n".join(filter(None, [by_frequency, _refused(problem.name, deployment, coupling, push)]))

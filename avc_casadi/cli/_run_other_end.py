@@ -79,7 +79,7 @@ def _drawn(problem: avc.Problem, gains: ToolGains | None, console: Console) -> d
     """Return each figure as PNG, and for the page: the rendering, and for a simulation the stable couplings."""
     from dataclasses import replace
 
-    from avc_casadi._util.quantity import quantity
+    from avc_casadi._util.text import quantity
     from avc_casadi._util.units import N_PER_M
     from avc_casadi.design.tool_region import tool_region
     from avc_casadi.present.figures.tool_impedance import draw_rendered_impedance

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.text import number
 from avc_casadi.cli._arguments import add_verbose
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file, write_text
 from avc_casadi.cli._subject import load_problem
-from avc_casadi.cli._text import number
 from avc_casadi.cli._versions import package_versions
 from avc_casadi.design.registry import methods_help
 

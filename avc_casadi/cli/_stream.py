@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Push the table as the fallback, then stream; 1 if the device does not end on this coupling's table."""
     from avc_casadi._util.json_values import plain
-    from avc_casadi._util.quantity import quantity
+    from avc_casadi._util.text import quantity
     from avc_casadi._util.units import FORCE
     from avc_casadi.claims.deployable import require_deployable
     from avc_casadi.present.pages.bench import stream_page

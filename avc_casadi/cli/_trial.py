@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import argparse
 
-from avc_casadi.cli._arguments import positive_int
-from avc_casadi.cli._chunks import add_chunks, done
+from avc_casadi.cli._arguments import add_workers, positive_int
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import read_subject
 
@@ -22,18 +21,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=int, default=0, metavar="S", help="seed of the hands; the same seed, the same hands (default 0)"
     )
     parser.add_argument("--without-friction", action="store_true", help="leave the declared dry friction out")
-    add_chunks(parser)
+    add_workers(parser)
 
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Try all hands and count."""
+    from avc_casadi._util.parallel import cluster, processors
     from avc_casadi.present.pages.trial import trial_page
-    from avc_casadi.simulation.population.settled import settling_study
+    from avc_casadi.simulation.population.settled import settled_hands
 
     coupling = read_subject("trial", args.coupling)
-    study = settling_study(coupling, args.hands, args.seed, friction=not args.without_friction)
-    found = done(study, args, console)
-    if isinstance(found, Answer):
-        return found
+    workers = processors() if args.workers is None else args.workers
+    with cluster(args.scheduler) as executor, console.step(f"{args.hands} hands"):
+        found = settled_hands(
+            coupling,
+            args.hands,
+            args.seed,
+            friction=not args.without_friction,
+            workers=workers,
+            executor=executor,
+            progress=console,
+        )
     document = found.document()
     return Answer(document, trial_page(document, console.page, args.coupling))

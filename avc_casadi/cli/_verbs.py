@@ -11,7 +11,7 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     "measure a device": ("excite", "identify", "diagnose"),
     "deploy": ("export", "push", "stream", "monitor", "device", "firmware"),
     "look": ("list", "check", "explore", "doctor"),
-    "study": ("study",),
+    "study": ("accuracy", "table1"),
 }
 """The commands, by the question that they answer."""
 

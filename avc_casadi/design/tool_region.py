@@ -11,8 +11,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import Comparable, FloatArray
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.printed import short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import short
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.design.virtual_tool import Scale, ToolSearch

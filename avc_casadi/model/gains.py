@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import Float32Array, FloatArray
-from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.printed import short
 from avc_casadi._util.text import Table as ShownTable
-from avc_casadi._util.text import short
 from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, Units, in_its_units
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.findings import checked

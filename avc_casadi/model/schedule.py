@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.printed import PrintedColumns
-from avc_casadi._util.text import Columns, short
+from avc_casadi._util.printed import Columns, PrintedColumns, short
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi._util.units import N_PER_M, NS_PER_M, in_its_units
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower

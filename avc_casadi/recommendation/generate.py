@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.parallel import ALONE, SharedTasks
+from avc_casadi._util.parallel import ALONE, Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.passivity.rendered_impedance import Excitation, Handle, below_quarter_rate, wall_over_position
 from avc_casadi.claims.stability.stiffest_wall import DampingRange, damping_range
@@ -126,9 +126,7 @@ class RobustCandidates:
         start: a wall and a law for it, known beside those of the table; None without.
     """
 
-    def __init__(
-        self, problem: Problem, stiffest: DampingRange, crew: SharedTasks = ALONE, start: Step | None = None
-    ) -> None:
+    def __init__(self, problem: Problem, stiffest: DampingRange, crew: Crew = ALONE, start: Step | None = None) -> None:
         self._problem, self._crew, self._start = problem, crew, start
         self.steps: list[Step] = []
         self._wanted = problem.environment.stiffness_n_per_m

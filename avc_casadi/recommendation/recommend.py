@@ -10,10 +10,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.parallel import SharedTasks
-from avc_casadi._util.printed import Printed
+from avc_casadi._util.parallel import Crew
+from avc_casadi._util.printed import Printed, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import short
 from avc_casadi._util.units import N_PER_M, in_its_units
 from avc_casadi.claims.deployable import certified, deployable
 from avc_casadi.claims.stability.margins import OpenLoop
@@ -287,11 +286,11 @@ def recommend(
         workers: processes, this one among them; more than one start this program anew, so that a script needs its
             guard. The result does not depend on it.
         progress: reports the candidates tuned, judged and tried.
-        executor: runs the trials, as for `Chunked.run`: for many thousands.
+        executor: runs the trials, as for `mapped`: for many thousands.
 
     Raises:
         InputError: workers that are no whole number of 1 or more.
-        WorkerLostError: a worker died three times on the same task.
+        WorkerLostError: a worker died.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)
@@ -302,7 +301,7 @@ def recommend(
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
     why_none, considered = why_infeasible(problem), 0
     judged: list[Judged] = []
-    with SharedTasks(workers) as crew:
+    with Crew(workers) as crew:
         helps = crew.begin(partial(what_would_help, problem, extreme))
         limit = stiffest_wall(problem.device, with_released(extreme))
         if not why_none:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.parallel import ALONE, SharedTasks
+from avc_casadi._util.parallel import ALONE, Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
@@ -54,7 +54,7 @@ def judged_candidates(
     *,
     lean_on_friction: bool,
     executor: Executor | None = None,
-    crew: SharedTasks = ALONE,
+    crew: Crew = ALONE,
     start: Step | None = None,
     climbs: range = CONTINUATIONS,
     stiffest: bool = False,

@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.parallel import Processes, require_workers
+from avc_casadi._util.parallel import Processes, mapped, require_workers
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.deployable import deployable
@@ -72,7 +71,7 @@ def stiffest(
         lean_on_friction: whether settling by the declared dry friction alone suffices.
         workers: processes; more than one start this program anew, so that a script needs its guard.
         progress: reports the searches.
-        executor: runs the searches instead, as for `Chunked.run`.
+        executor: runs the searches instead, as for `mapped`.
 
     Returns:
         The document of `avc recommend P --stiffest`: JSON values. ``stiffest_wall_n_per_m`` is the static stiffness
@@ -145,8 +144,7 @@ _Task = Callable[[], "_Best | None"]
 
 def _done(tasks: list[_Task], executor: Executor | None, progress: Progress) -> list[_Best | None]:
     """Run tasks in any order and return their results."""
-    study: Chunked[_Task, list[_Best | None]] = Chunked({}, _called, tasks, list, things="searches")
-    return study.run(executor, progress=progress)
+    return mapped(_called, tasks, executor, things="searches", progress=progress)
 
 
 def _called(task: _Task) -> _Best | None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi._util.units import NS_PER_M
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.virtual_tool import ToolSearch, ToolSearchOptions

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.simulation.population.operators import people_of

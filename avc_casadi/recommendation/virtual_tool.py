@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi._util.units import FORCE, KG, MASS, N_PER_M, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.tool_certificate import tool_certificate

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
-from avc_casadi._util.text import Columns, Tabular
+from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.units import FORCE, MM_PER_S
 from avc_casadi.simulation.contact import Environment
 

@@ -13,8 +13,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.printed import PrintedColumns
-from avc_casadi._util.text import Columns
+from avc_casadi._util.printed import Columns, PrintedColumns
 from avc_casadi._util.units import LINEAR, Units, speaking
 from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, criterion
 

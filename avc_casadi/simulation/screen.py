@@ -11,8 +11,8 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
+from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import Columns, Tabular
 from avc_casadi._util.units import spoken_key
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.registries import EFFECTS

@@ -236,23 +236,6 @@ def recorded(name: str) -> Callable[[Document], str]:
     return write
 
 
-def many_hands(found: Document) -> str:
-    million, answer = found["million"], found["million"]["answer"]
-    low, high = (f"{100 * end:.5f}" for end in answer["at_rest_interval"])
-    seconds, samples = million["seconds"], million["samples"]
-    left = samples * (1 - million["kept_at_the_kill"] / million["chunks"])
-    each = 1e6 * million["processor_seconds_after_the_kill"] / left
-    return (
-        f"{answer['at_rest']} of {answer['hands']} hands settle at `{found['wall']}`, a wall of 100 kN/m, in "
-        f"press, tap and hold, with its friction and encoder and the coupling that `recommend` gives "
-        f"({answer['coupling']}): exact {100 * answer['confidence']:g} % interval {low} to {high} %. Two processes "
-        f"took {seconds:.0f} s beside whatever else ran, a kill of the whole command after "
-        f"{million['kept_at_the_kill']} of {million['chunks']} chunks and the going on from its folder included; "
-        f"what was left then took {each:.4f} µs "
-        f"of processor time a sample, with drawing, compiling and starting."
-    )
-
-
 def many_workers(found: Document) -> str:
     told = found["workers"]
     head = ("workers", "s", "efficiency", "from")
@@ -315,8 +298,6 @@ def real_drive(found: Document) -> str:
 
 BLOCKS: Mapping[str, ResultBlock] = {
     "real-drive": ResultBlock("real_drive", real_drive),
-    "many-hands": ResultBlock("many_hands", many_hands, quiet=True),
-    "many-workers": ResultBlock("many_hands", many_workers),
     "robust-goals": ResultBlock("robust_goals", robust_goals),
     "reference-walls": ResultBlock("recommended", reference_walls),
     "figure5-recommended": ResultBlock("recommended", figure5_recommended, quiet=True),

@@ -114,8 +114,6 @@ def start_of(command: str) -> Path:
         return ROOT / found[1]
     if found := re.search(r"-m (tests\.benchmarks\.\w+)", command):
         return ROOT / Path(*found[1].split(".")).with_suffix(".py")
-    if found := re.match(r"avc study (\w+)", command):
-        return ROOT / "tests" / "benchmarks" / "studies" / found[1] / "command.py"
     if found := re.match(r"avc (\w+)", command):
         return ROOT / "avc_casadi" / "cli" / f"_{found[1]}.py"
     raise ValueError(f"no file stands behind the command {command!r}")

@@ -26,13 +26,13 @@ from studied import about, computed, made_by, rounded, table
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from clip_last_simulator import Simulator, at_rest
-from studies.designs import design
 
 import avc_casadi as avc
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import promising, prove_rest, sampled_hands, unstable_hand
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.comparison.table1 import design
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import STYLUS_RANGES
 
@@ -152,12 +152,12 @@ def design_cell(wall: str, name: str) -> dict[str, Any]:
     found = design(problem, name)
     if found.gains is None:
         return {"reason": found.reason}
-    if found.schedule is None:
+    if isinstance(found.in_force, Gains):
         gains = found.gains
         if gains.rigid:  # a coupling has finite gains: a spring that is nearly rigid
             gains = Gains(0.0, near_rigid_n_per_m(problem.device), gains.contact_damping_ns_per_m)
         return _known(Coupling.constant(problem, gains, name))
-    return _known(Coupling.of(problem, found.schedule))
+    return _known(Coupling.of(problem, found.in_force))
 
 
 def reference_cell(name: str) -> dict[str, Any]:

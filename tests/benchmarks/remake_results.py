@@ -58,7 +58,6 @@ STUDIES = (
     Study("hardware_figures.py", None, ("hardware",)),
     Study("table1_study.py 200", 1.5, ("table1",)),
     Study("robust_goals.py", 2, ("robust_goals",)),
-    Study("many_hands.py", 4, ("many_hands",)),
     Study("exported_rest.py", 1.6, ("exported_rest",)),
     Study("sensor_faults.py", 1.2, ("sensor_faults",)),
     Study("passivity_baselines.py", 10, ("passivity_baselines",)),
@@ -79,7 +78,6 @@ STUDIES = (
     Study("diagnosis.py", None, ("diagnosis",)),
     Study("recorded_logs.py --count 200 --write", None, ("recorded_logs",)),
     Study("round_trip.py", None, ("round_trip",)),
-    Study("frontier.py 200", None, ("frontier",)),
     Study("reach.py 10000", None, ("reach",)),
     Study("mutation_run.py", None, ("mutation",)),
 )

@@ -10,8 +10,7 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import Comparable, ComplexArray, FloatArray
-from avc_casadi._util.printed import PrintedColumns
-from avc_casadi._util.text import Columns, short
+from avc_casadi._util.printed import Columns, PrintedColumns, short
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check

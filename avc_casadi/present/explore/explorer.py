@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from avc_casadi._util.background import Background
 from avc_casadi._util.progress import Progress
 from avc_casadi._util.text import number
 from avc_casadi._util.units import N_PER_M, Units
@@ -19,6 +18,7 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.rendered import gain_schedule
+from avc_casadi.present.explore.background import Background
 from avc_casadi.present.explore.forms import WALL, Form, form_of
 from avc_casadi.present.explore.requests import RequestError
 from avc_casadi.present.explore.settings import Settings, constant_gains, problem_of_settings
@@ -153,7 +153,7 @@ class Explorer:
                 running = sum(not one.of.over for one in self._tasks.values())
                 if running >= _AT_ONCE:
                     return {"state": "refused", "error": f"{running} runs are under way; cancel one of them first"}
-                task = _Task(Background.of(_worked, (problem, settings.method)), time.monotonic())
+                task = _Task(Background(_worked, (problem, settings.method)), time.monotonic())
                 self._tasks[key] = task
                 self._forget()
             if task is None:

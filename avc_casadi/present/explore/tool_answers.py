@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi._util.units import spoken_key
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_certificate import tool_certificate

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib import colormaps
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled

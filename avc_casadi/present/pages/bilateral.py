@@ -6,7 +6,7 @@ from collections.abc import Callable
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi._util.units import FORCE, METRE, NEWTON
 from avc_casadi.present.pages.virtual_tool import gain_margin_text, inertia_text, not_used_rows, span
 from avc_casadi.present.terminal import Mark, Page, Row

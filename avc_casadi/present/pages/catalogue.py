@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi.present.pages.subject import headline, passive_limit, quantities
 from avc_casadi.present.terminal import Mark, Page, Row
 from avc_casadi.recommendation.preconditions import asked_of_others, not_judged

@@ -8,8 +8,7 @@ from shlex import quote
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import percent, quantity
-from avc_casadi._util.text import number
+from avc_casadi._util.text import number, percent, quantity
 from avc_casadi._util.units import KG, MASS, NS_PER_M
 from avc_casadi.design.comparison.document import comparison_tables
 from avc_casadi.present.pages.subject import counts, headline, passive_limit, quantities

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi.present.terminal import Mark, Row
 from avc_casadi.recommendation.contact_onset import REACHED_M
 from avc_casadi.recommendation.told import begins_elsewhere

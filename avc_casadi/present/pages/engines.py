@@ -10,7 +10,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any, get_args
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi.model.mujoco_constraint import SOFT_IMPEDANCE, MujocoConstraint
 from avc_casadi.model.virtual_tool import ToolIntegrator
 from avc_casadi.present.pages.tool_claims import coupling_text

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from shlex import quote
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.quantity import percent, quantity
-from avc_casadi._util.text import number
+from avc_casadi._util.text import number, percent, quantity
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.told import remedy_text
 from avc_casadi.present.pages.subject import plural, quantities

@@ -6,7 +6,7 @@ import math
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import percent, quantity
+from avc_casadi._util.text import percent, quantity
 from avc_casadi._util.units import FORCE
 from avc_casadi.present.pages.contact import contact_rows
 from avc_casadi.present.pages.subject import gains_text, headline

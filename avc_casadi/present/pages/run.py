@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi.present.pages.recommendation import recommendation_rows
 from avc_casadi.present.pages.subject import headline
 from avc_casadi.present.terminal import Mark, Page, Row

@@ -6,8 +6,7 @@ import math
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import percent, quantity
-from avc_casadi._util.text import number, text_table
+from avc_casadi._util.text import number, percent, quantity, text_table
 from avc_casadi._util.units import FORCE, MASS
 from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.registries import EFFECTS

@@ -5,8 +5,7 @@ from __future__ import annotations
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import percent, quantity
-from avc_casadi._util.text import number, sample_rows, text_table
+from avc_casadi._util.text import number, percent, quantity, sample_rows, text_table
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import levels_table
 from avc_casadi.present.pages.subject import (

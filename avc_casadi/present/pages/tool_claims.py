@@ -6,8 +6,7 @@ import math
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import quantity
-from avc_casadi._util.text import Table, sample_rows
+from avc_casadi._util.text import Table, quantity, sample_rows
 from avc_casadi._util.units import FORCE, MASS, METRE, NEWTON, Wording
 from avc_casadi.claims.stability.periodic import TOLERANCE
 from avc_casadi.present.pages.virtual_tool import gain_margin_text, headline, not_used_rows, span

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import percent, quantity
+from avc_casadi._util.text import percent, quantity
 from avc_casadi.design.virtual_tool import ToolSearchOptions
 from avc_casadi.present.terminal import Mark, Page, Row
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import percent
-from avc_casadi._util.text import number, sample_rows, text_table
+from avc_casadi._util.text import number, percent, sample_rows, text_table
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.present.pages.subject import headline, passive_limit, quantities
 from avc_casadi.present.terminal import Mark, Page, Row

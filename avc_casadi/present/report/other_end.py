@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.quantity import quantity
+from avc_casadi._util.text import quantity
 from avc_casadi.present.pages.bilateral import bilateral_rows
 from avc_casadi.present.pages.tool_claims import passivity_rows, stability_rows
 from avc_casadi.present.pages.virtual_tool import tool_rows

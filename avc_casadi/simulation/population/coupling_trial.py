@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.checkpoint import Chunked
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.parallel import one_ahead
+from avc_casadi._util.parallel import mapped, one_ahead
+from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import Columns, Tabular, short
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.simulation.native import compiler
 from avc_casadi.simulation.population.motions import MOTIONS, QUIET, TRIAL_S, course_of
@@ -165,21 +164,15 @@ def try_coupling(
         subjects: the hands.
         seed: of their draw, to be reported.
         progress: reported over the motions; with an executor, over the hands.
-        executor: runs chunks of hands, as for `Chunked.run`; None stays in this process.
+        executor: runs chunks of hands, as for `mapped`; None stays in this process.
     """
     conditions = Conditions.of(coupling)
     if executor is None:
         return _tried(coupling, conditions, subjects, seed, progress)
     some = [subjects.pick(slice(first, first + _AT_ONCE)) for first in range(0, len(subjects), _AT_ONCE)]
-    study: Chunked[Hand | StylusHand, CouplingTrial] = Chunked(
-        about={},
-        work=partial(_tried, replace(coupling, certificate=None, trial=None), conditions, seed=seed),
-        tasks=some,
-        finish=_joined,
-        sizes=[len(people) for people in some],
-        things="people",
-    )
-    return study.run(executor, progress=progress)
+    work = partial(_tried, replace(coupling, certificate=None, trial=None), conditions, seed=seed)
+    sizes = [len(people) for people in some]
+    return _joined(mapped(work, some, executor, sizes=sizes, things="people", progress=progress))
 
 
 def _joined(parts: list[CouplingTrial]) -> CouplingTrial:
@@ -270,7 +263,7 @@ def try_on_devices(
         subjects: the hands.
         devices: perturbed or nominal devices.
         seed: of the draw of the hands, to be reported.
-        executor: runs some of the devices, as for `Chunked.run`.
+        executor: runs some of the devices, as for `mapped`.
     """
     dealt = [np.arange(place, len(subjects), len(devices)) for place in range(len(devices))]
     met = [
@@ -278,8 +271,7 @@ def try_on_devices(
         for rows, device in zip(dealt, devices, strict=True)
         if len(rows)
     ]
-    study: Chunked[Any, list[CouplingTrial]] = Chunked({}, partial(_tried_on, seed), met, list, things="devices")
-    trials = study.run(executor)
+    trials = mapped(partial(_tried_on, seed), met, executor)
     order = np.argsort(np.concatenate(dealt), kind="stable")
     whole = _joined(trials)
     return replace(

@@ -9,7 +9,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.text import Columns, Tabular, short
+from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.units import N_PER_M
 
 

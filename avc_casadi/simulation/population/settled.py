@@ -1,8 +1,7 @@
-"""How many of any number of hands settle with a coupling: a study in chunks, each drawing its own hands."""
+"""How many of any number of hands settle with a coupling: blocks that each draw their own hands."""
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,14 +12,15 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.checkpoint import Chunked
-from avc_casadi._util.json_values import json_text
-from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi._util.parallel import mapped
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.simulation.population.motions import MOTIONS, course_of
 from avc_casadi.simulation.population.operators import BLOCK, draw_hands
 from avc_casadi.simulation.population.trial import Conditions, Ends, on_device, resting
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.effects import Effect
@@ -54,7 +54,6 @@ def exact_interval(count: int, trials: int, confidence: float = CONFIDENCE) -> t
 SCHEMA = "avc-trial/1"
 # Unsettled hands whose indices are reported.
 _NAMED = 20
-_DEPENDS_ON = ("problem_file", "contact", "table", "runtime", "wall", "max_force_n")
 
 
 @dataclass(frozen=True)
@@ -98,54 +97,53 @@ class SettledHands:
         }
 
 
-def settling_study(
-    coupling: Coupling, hands: int, seed: int = 0, *, friction: bool = True, chunk: int = BLOCK
-) -> Chunked[tuple[int, int], SettledHands]:
-    """Plan press, tap and hold by many hands, drawn uniformly from the problem's set.
+def settled_hands(
+    coupling: Coupling,
+    hands: int,
+    seed: int = 0,
+    *,
+    friction: bool = True,
+    block: int = BLOCK,
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Progress = SILENT,
+) -> SettledHands:
+    """Count press, tap and hold by many hands, drawn uniformly from the problem's set.
 
     Args:
         coupling: the coupling under trial.
         hands: how many.
         seed: of their draw; a larger draw begins with the same hands as a smaller one.
         friction: False leaves the declared dry friction out.
-        chunk: hands tried at a time; the result does not depend on it.
-
-    Returns:
-        The study; its ``run()`` simulates all hands.
+        block: hands tried at a time; the result does not depend on it.
+        workers: as for `mapped`.
+        executor: as for `mapped`.
+        progress: of the hands.
 
     Example:
         >>> coupling = avc.recommend("soft", 20).coupling
-        >>> from avc_casadi.simulation.population.settled import settling_study
-        >>> settling_study(coupling, 50, seed=1).run().at_rest
+        >>> from avc_casadi.simulation.population.settled import settled_hands
+        >>> settled_hands(coupling, 50, seed=1).at_rest
         50
     """
-    if hands < 1 or chunk < 1:
-        raise InputError.of(f"is {min(hands, chunk)}; allowed: 1 or more", key="hands" if hands < 1 else "chunk")
+    if hands < 1 or block < 1:
+        raise InputError.of(f"is {min(hands, block)}; allowed: 1 or more", key="hands" if hands < 1 else "block")
     conditions = Conditions.of(coupling)
     conditions = conditions if friction else conditions.without_friction()
-    tasks = [(first, min(chunk, hands - first)) for first in range(0, hands, chunk)]
-    whole = coupling_document(coupling)
-    told = {
-        "coupling": coupling.method,
-        "hands": hands,
-        "seed": seed,
-        "friction": friction,
-        "effects": [effect.kind for effect in conditions.effects()],
-    }
+    tasks = [(first, min(block, hands - first)) for first in range(0, hands, block)]
     # Certificate and trial do not run and would only slow the transfer to a worker.
-    bare = replace(coupling, certificate=None, trial=None)
-    return Chunked(
-        about={
-            "study": SCHEMA,
-            **told,
-            "chunk": chunk,
-            "sha256": hashlib.sha256(json_text([whole[name] for name in _DEPENDS_ON]).encode()).hexdigest(),
-        },
-        work=partial(_tried, bare, conditions, seed),
-        tasks=tasks,
-        finish=partial(_counted, told),
-        sizes=[count for _, count in tasks],
-        things="hands",
+    work = partial(_tried, replace(coupling, certificate=None, trial=None), conditions, seed)
+    sizes = [count for _, count in tasks]
+    parts = mapped(work, tasks, executor, workers=workers, sizes=sizes, things="hands", progress=progress)
+    return SettledHands(
+        coupling=coupling.method,
+        hands=hands,
+        seed=seed,
+        friction=friction,
+        at_rest=sum(part["at_rest"] for part in parts),
+        by_motion={name: sum(part["by_motion"][name] for part in parts) for name in MOTIONS},
+        moving=tuple(number for part in parts for number in part["moving"])[:_NAMED],
+        effects=tuple(effect.kind for effect in conditions.effects()),
     )
 
 
@@ -240,12 +238,3 @@ def _tried(coupling: Coupling, conditions: Conditions, seed: int, task: tuple[in
         "by_motion": {name: int(found.sum()) for name, found in rest.items()},
         "moving": (first + np.flatnonzero(~whole)[:_NAMED]).tolist(),
     }
-
-
-def _counted(told: dict[str, Any], parts: list[dict[str, Any]]) -> SettledHands:
-    return SettledHands(
-        **{**told, "effects": tuple(told["effects"])},
-        at_rest=sum(part["at_rest"] for part in parts),
-        by_motion={name: sum(part["by_motion"][name] for part in parts) for name in MOTIONS},
-        moving=tuple(number for part in parts for number in part["moving"])[:_NAMED],
-    )

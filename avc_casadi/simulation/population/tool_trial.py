@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.text import Columns
+from avc_casadi._util.printed import Columns
 from avc_casadi.claims.stability.tool_loop import contact_stiffnesses_n_per_m, required_tool
 from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.effects import SimulationEffect

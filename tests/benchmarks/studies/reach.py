@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.checkpoint import Chunked
+from avc_casadi._util.parallel import mapped
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.effects import ObserverEffect
 from avc_casadi.model.gains import Gains, gains_at
@@ -53,7 +53,7 @@ def reach(
         conditions: what of the device is simulated.
         wall: the wall that should be felt; None is the one that is rendered.
         population: the one from which the people come.
-        executor: who lets some at a time try it, as for `Chunked.run`.
+        executor: who lets some at a time try it, as for `mapped`.
         workers: processes, where there is no executor.
         progress: told of the people.
 
@@ -63,8 +63,8 @@ def reach(
     """
     some = [subjects.pick(slice(first, first + _AT_ONCE)) for first in range(0, len(subjects), _AT_ONCE)]
     sizes = [len(people) for people in some]
-    study = Chunked({}, partial(_judged, problem, gains, conditions), some, _joined, sizes, "people")
-    runs = study.run(executor, workers=workers, progress=progress)
+    work = partial(_judged, problem, gains, conditions)
+    runs = _joined(mapped(work, some, executor, workers=workers, sizes=sizes, things="people", progress=progress))
     whole = np.all([run.stable for run in runs.values()], axis=0)
     interval = exact_interval(int(whole.sum()), len(whole))
     ratio = runs["press"].apparent_stiffness_n_per_m / (wall or problem.environment).stiffness_n_per_m

@@ -6,21 +6,17 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any
 
 from avc_casadi._errors import AvcError
-from avc_casadi._util.interrupt import starting_processes
-from avc_casadi._util.parallel import follow_parent
+from avc_casadi._util.parallel import begin_process, without_interrupts
 from avc_casadi._util.progress import Progress
 
 _BETWEEN_S = 0.1
-_ENDED = "it ended without a result; there may be too little memory"
 
 
-@dataclass
 class Background:
     """A function of a module that runs in a process of its own.
 
@@ -28,29 +24,25 @@ class Background:
         said: the last (done, total, what) of its progress.
         result: its return value; None until then.
         error: reason without a result; empty where there is one, or none yet.
-        seconds: elapsed time, or total.
+
+    Args:
+        work: called with the task and a progress.
+        task: its argument.
     """
 
-    said: tuple[int, int, str] = (0, 0, "")
-    result: Any = None
-    error: str = ""
-    _started_s: float = field(default_factory=time.monotonic)
-    _ended_s: float | None = None
-    _process: Any = None
-    _over: threading.Event = field(default_factory=threading.Event)
-
-    @classmethod
-    def of(cls, work: Callable[[Any, Progress], Any], task: Any) -> Background:
-        """Start ``work(task, progress)``."""
+    def __init__(self, work: Callable[[Any, Progress], Any], task: Any) -> None:
+        self.said: tuple[int, int, str] = (0, 0, "")
+        self.result: Any = None
+        self.error = ""
+        self._started_s, self._seconds = time.monotonic(), 0.0
+        self._over = threading.Event()
         context = get_context("spawn")  # CasADi's threads do not survive a fork
         here, there = context.Pipe(duplex=False)
-        found = cls()
-        with starting_processes():
-            found._process = context.Process(target=_worked, args=(work, task, there), daemon=True)
-            found._process.start()
+        with without_interrupts():
+            self._process = context.Process(target=_worked, args=(work, task, there), daemon=True)
+            self._process.start()
         there.close()
-        threading.Thread(target=found._listen, args=(here,), daemon=True).start()
-        return found
+        threading.Thread(target=self._listen, args=(here,), daemon=True).start()
 
     @property
     def over(self) -> bool:
@@ -60,7 +52,7 @@ class Background:
     @property
     def seconds(self) -> float:
         """Elapsed time, or total, s."""
-        return (time.monotonic() if self._ended_s is None else self._ended_s) - self._started_s
+        return self._seconds if self.over else time.monotonic() - self._started_s
 
     def cancel(self) -> None:
         """Terminate it, without a result."""
@@ -69,45 +61,42 @@ class Background:
             self._process.terminate()
 
     def _listen(self, connection: Connection) -> None:
-        kind, content = "error", _ENDED
+        kind, content = "said", None
         try:
-            while True:
+            while kind == "said":
                 kind, content = connection.recv()
-                if kind != "said":
-                    break
-                self.said, content = content, _ENDED
+                if kind == "said":
+                    self.said = content
         except (EOFError, OSError):
-            kind = "error"
+            kind, content = "error", "it ended without a result; there may be too little memory"
         if not self.error:
-            self.result, self.error = (content, "") if kind == "result" else (None, content)
-        connection.close()
+            self.result, self.error = (content, "") if kind == "result" else (None, str(content))
         self._process.join()
-        self._ended_s = time.monotonic()
+        self._seconds = self.seconds
         self._over.set()
 
 
-@dataclass
-class _Told:
+class _Piped:
     """Progress through a pipe, a few times a second."""
 
-    connection: Connection
-    last_s: float = 0.0
+    def __init__(self, connection: Connection) -> None:
+        self._connection, self._last_s = connection, 0.0
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        self.connection.send(("said", (0, 0, what)))
+        self._connection.send(("said", (0, 0, what)))
         yield
 
     def advance(self, done: int, total: int, what: str = "") -> None:
         now = time.monotonic()
-        if now - self.last_s >= _BETWEEN_S:
-            self.last_s = now
-            self.connection.send(("said", (done, total, what)))
+        if now - self._last_s >= _BETWEEN_S:
+            self._last_s = now
+            self._connection.send(("said", (done, total, what)))
 
 
 def _worked(work: Callable[[Any, Progress], Any], task: Any, connection: Connection) -> None:
-    follow_parent()
+    begin_process()
     try:
-        connection.send(("result", work(task, _Told(connection))))
+        connection.send(("result", work(task, _Piped(connection))))
     except AvcError as error:
         connection.send(("error", str(error)))

@@ -1,18 +1,18 @@
-"""Work against precision: what each method and solver costs a frequency, and how near to the optimum it comes."""
+"""What accuracy costs in time: methods and solvers over tolerances against the true optimum of each frequency."""
 
 from __future__ import annotations
 
-import importlib.util
 import statistics
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
+from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE, SOLVERS
 from avc_casadi.paper.closed_form import project
@@ -28,13 +28,14 @@ from avc_casadi.paper.rows import GainArrays, admissible
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
+SCHEMA = "avc-accuracy/1"
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 OPTIMAL = 1e-8
 """Excess error, relative to |Z_h_ds|, below which a row counts as truly optimal."""
 _STEADY_RUNS = 5
 _STEADY_SECONDS = 0.5
-_BACKEND_FREQUENCIES = 25
-"""Frequencies on which CasADi's solvers are timed; `exact` and the closed form run on all."""
+# CasADi's solvers are timed at so many frequencies; `exact` and the closed form run at all.
+_SOLVER_FREQUENCIES = 25
 
 
 @dataclass(frozen=True)
@@ -44,16 +45,16 @@ class SolverCost:
     Attributes:
         method: closed-form, exact or direct.
         solver: of `direct`.
-        tolerance: asked of a CasADi solver.
+        tolerance: of a CasADi solver.
         frequencies: how many frequencies were solved.
         seconds_first: a frequency, first run with all that is built.
         seconds_per_frequency: a frequency, median of the later runs.
-        excess_error: median over the frequencies with admissible gains of the magnitude error beyond the reference's,
+        excess_error: median over the frequencies with admissible gains of the magnitude error beyond the optimum's,
             relative to |Z_h_ds|; None where the method returns no gains at all.
         largest_excess_error: the largest of them.
         optimal_share: share of these frequencies whose gains are admissible and whose excess is below 1e-8.
         solved_share: share that passes the package's own checks and is reported as solved.
-        default: whether it is what the package does when nothing is asked for.
+        default: whether it is the default of the package.
     """
 
     method: str
@@ -69,81 +70,65 @@ class SolverCost:
     default: bool = False
 
 
-@dataclass(frozen=True)
-class Reference:
-    """Smallest magnitude errors, N.s/m, not a number where nothing is admissible; and where they come from."""
-
-    error_ns_per_m: FloatArray
-    source: str
-
-
-def reference_errors(problem: Problem, frequency_hz: FloatArray) -> Reference:
-    """Return the optimum's magnitude errors, shape (n,): to 50 digits where that is possible, else those of `exact`."""
-    if problem.coupling.structure == "series" and importlib.util.find_spec("mpmath"):
-        from reference_optimum import series_error  # noqa: PLC0415 - needs the extra
-
-        found = [series_error(problem, float(frequency)) for frequency in frequency_hz]
-        return Reference(np.array([np.nan if e is None else float(e) for e in found]), "50 digits (mpmath)")
-    loop = loop_at(problem, frequency_hz)
-    error = np.abs(np.abs(loop.perceived(*exact_gains(problem, loop))) - np.abs(loop.target))
-    why = (
-        "mpmath, the extra accuracy, is not installed" if problem.coupling.structure == "series" else "contact damping"
-    )
-    return Reference(error, f"method exact ({why})")
+def fastest(costs: Sequence[SolverCost]) -> list[bool]:
+    """Return, for each cost, whether none other is both faster and nearer to the optimum at its worst frequency."""
+    points = [
+        (cost.seconds_per_frequency, np.inf if cost.largest_excess_error is None else cost.largest_excess_error)
+        for cost in costs
+    ]
+    return [
+        bool(np.isfinite(error))
+        and not any(s <= seconds and e <= error and (s, e) != (seconds, error) for s, e in points)
+        for seconds, error in points
+    ]
 
 
-@dataclass(frozen=True)
-class Entry:
-    """What is timed.
-
-    Attributes:
-        method: the method.
-        solver: what solves it, where there is a choice.
-        tolerance: asked of a CasADi solver; None for the others.
-    """
-
-    method: str
-    solver: str | None = None
-    tolerance: float | None = None
+def accuracy_document(problem: Problem, costs: Sequence[SolverCost]) -> dict[str, Any]:
+    """Return the document of `avc accuracy`: JSON values."""
+    return {
+        "schema": SCHEMA,
+        "problem": problem.name,
+        "reference": "method exact",
+        "solvers": [asdict(cost) | {"pareto": best} for cost, best in zip(costs, fastest(costs), strict=True)],
+    }
 
 
-def entries(tolerances: tuple[float, ...] = TOLERANCES, solvers: tuple[str, ...] = tuple(SOLVERS)) -> tuple[Entry, ...]:
-    """List every method and solver.
-
-    Args:
-        tolerances: asked of each CasADi solver.
-        solvers: CasADi's.
-    """
-    default = Entry("direct", DEFAULT_SOLVER, DEFAULT_TOLERANCE)
-    others = [Entry("direct", name, tolerance) for name in solvers for tolerance in tolerances]
-    return (Entry("closed-form"), Entry("exact"), default, *(entry for entry in others if entry != default))
-
-
-def solver_cost(problem: Problem, reference: Reference, entry: Entry) -> SolverCost:
-    """Time a method or solver.
+def solver_costs(
+    problem: Problem,
+    progress: Progress = SILENT,
+    *,
+    tolerances: Sequence[float] = TOLERANCES,
+    solvers: Sequence[str] = tuple(SOLVERS),
+) -> list[SolverCost]:
+    """Time every method and solver.
 
     Args:
         problem: the problem; its frequencies are the rows.
-        reference: the optimum at these frequencies.
-        entry: which.
+        progress: of the methods and solvers.
+        tolerances: of each CasADi solver.
+        solvers: CasADi's.
     """
     loop = loop_at(problem, problem.frequencies_hz())
-    error = reference.error_ns_per_m
-    if entry.tolerance is not None and entry.solver is not None:
-        some = np.unique(np.linspace(0, len(error) - 1, _BACKEND_FREQUENCIES).round().astype(int))
-        loop, error = loop.rows(some), error[some]
+    reference = _magnitude_error(loop, exact_gains(problem, loop))
+    default = (DEFAULT_SOLVER, DEFAULT_TOLERANCE)
+    others = [(name, tolerance) for name in solvers for tolerance in tolerances]
+    choices = [default, *(one for one in others if one != default)]
+    costs = [
+        SolverCost("closed-form", None, None, **_cost(problem, loop, reference, partial(_closed_form, problem, loop))),
+        SolverCost("exact", None, None, **_cost(problem, loop, reference, partial(exact_gains, problem, loop))),
+    ]
+    some = np.unique(np.linspace(0, len(reference) - 1, _SOLVER_FREQUENCIES).round().astype(int))
+    few, error = loop.rows(some), reference[some]
+    for solver, tolerance in choices:
         nlp_solvers.cache_clear()
-    cost = _cost(problem, loop, error, partial(_solved, problem, loop, entry))
-    default = (entry.solver, entry.tolerance) == (DEFAULT_SOLVER, DEFAULT_TOLERANCE)
-    return SolverCost(**vars(entry), **cost, frequencies=len(error), default=default)
+        cost = _cost(problem, few, error, partial(nlp_gains, problem, few, solver, tolerance))
+        costs.append(SolverCost("direct", solver, tolerance, **cost, default=(solver, tolerance) == default))
+        progress.advance(len(costs), len(choices) + 2, "methods and solvers")
+    return costs
 
 
-def _solved(problem: Problem, loop: Loop, entry: Entry) -> GainArrays:
-    if entry.tolerance is not None and entry.solver is not None:
-        return nlp_gains(problem, loop, entry.solver, entry.tolerance)
-    if entry.method == "closed-form":
-        return _closed_form(problem, loop)
-    return exact_gains(problem, loop)
+def _magnitude_error(loop: Loop, gains: GainArrays) -> FloatArray:
+    return np.asarray(np.abs(np.abs(loop.perceived(*gains)) - np.abs(loop.target)))
 
 
 def _closed_form(problem: Problem, loop: Loop) -> GainArrays:
@@ -168,6 +153,7 @@ def _cost(problem: Problem, loop: Loop, reference: FloatArray, run: Callable[[],
     known = excess[possible & np.isfinite(excess)]
     count = max(int(possible.sum()), 1)
     return {
+        "frequencies": rows,
         "seconds_first": first,
         "seconds_per_frequency": statistics.median(steady) / rows,
         "excess_error": float(np.median(known)) if known.size else None,

@@ -1,1 +1,0 @@
-"""What accuracy costs in time: methods and solvers, gain tables, grids of frequencies."""

@@ -1,1 +1,0 @@
-"""The paper's experiment with simulated people: Table 1."""
