@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-from avc_casadi import dump_problem, load_problem
-from avc_casadi._util.text import quantity
 from avc_casadi.cli import main
 
 VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]
@@ -30,15 +28,6 @@ def rewrite(document):
 
 
 @pytest.mark.thorough
-@pytest.mark.usefixtures("gains")
-@pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
-def test_own_gains_pass_without_a_note(arguments, capsys):
-    code, out = call(capsys, *arguments, "--json")
-    assert code == 0
-    assert json.loads(out.out)["notes"] == []
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
 def test_another_sample_time_is_refused(arguments, gains, capsys):
     rewrite(gains | {"sample_time_s": 5e-4})
@@ -46,44 +35,6 @@ def test_another_sample_time_is_refused(arguments, gains, capsys):
     assert code == 2
     assert "sample_time_s: is 0.0005" in out.err
     assert "0.001" in out.err
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
-def test_another_problem_model_and_structure_are_noted(arguments, gains, capsys):
-    other = "paper" if gains["model"] == "sampled-data" else "sampled-data"
-    bare = {key: value for key, value in gains.items() if key != "problem_file"}
-    rewrite(bare | {"schema": "avc-gains/1", "problem": "hard", "model": other, "structure": "damped"})
-    _, out = call(capsys, *arguments, "--json")
-    notes = json.loads(out.out)["notes"]
-    assert [note.split(" for ")[1].split(" ")[0] for note in notes] == ["problem", "model", "structure"]
-    _, out = call(capsys, *arguments)
-    text = " ".join(out.out.split())
-    for note in notes:
-        assert f"! Note {note}" in text
-
-
-@pytest.mark.thorough
-def test_simulate_says_from_which_row_its_gains_are(gains, capsys):
-    _, out = call(capsys, *VERBS[1])
-    assert f"the table at {quantity(gains['frequency_hz'][0], 'Hz')}" in out.out
-
-
-@pytest.mark.thorough
-def test_simulate_says_at_which_frequency_the_scene_reads_the_gains(gains, capsys):
-    text = dump_problem(load_problem("soft").changed(scene={"interaction_hz": gains["frequency_hz"][7]}))
-    with open("soft7.toml", "w", encoding="utf-8") as file:  # noqa: PTH123
-        file.write(text)
-    _, out = call(capsys, "simulate", "soft7.toml", "--gains", "gains.json")
-    assert f"spring k {quantity(gains['stiffness_n_per_m'][7], 'N/m')}" in out.out
-    assert f"the table at {quantity(gains['frequency_hz'][7], 'Hz')}" in out.out
-
-
-@pytest.mark.thorough
-def test_constant_gains_are_read_at_no_frequency(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    _, out = call(capsys, "simulate", "scenes/stiff-wall-pressed")
-    assert "the table at" not in out.out
 
 
 @pytest.mark.thorough

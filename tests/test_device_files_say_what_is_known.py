@@ -201,29 +201,6 @@ def test_list_shows_devices_apart_from_problems(capsys):
     assert "phantom-omni         Phantom Omni" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["devices/phantom-omni", "phantom-omni", None])
-def test_check_shows_what_is_known_of_a_device(capsys, name):
-    asked = str(device_names()["phantom-omni"]) if name is None else name
-    assert main(["check", asked, "-v"]) == 0
-    text = capsys.readouterr().out
-    assert "max_force_n           3.30 N, example" in text
-    assert "max_force_n: example, CHAI3D" in text
-    assert "mass_kg               100 g (40.0 g to 250 g), assumed" in text
-    assert "Not known             position_noise_rms_m, amplifier_bandwidth_hz" in text
-    assert 'device = "phantom-omni"' in text
-    assert main(["check", asked, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["values"]["encoder_resolution_m"] == 5.5e-5
-    assert document["sdk_example"]["max_stiffness_n_per_m"] == 700.0
-    assert document["range"]["mass_kg"] == [0.04, 0.25]
-
-
-def test_a_device_where_a_problem_is_wanted_is_told_how_to_use_it():
-    for name in ("phantom-omni", "devices/phantom-omni"):
-        with pytest.raises(avc.InputError, match='write device = "phantom-omni" in a problem file'):
-            avc.load_problem(name)
-
-
 def test_devices_of_the_catalogue_keep_what_was_found():
     files = {file.name: file for file in device_catalogue()}
     assert files["omega-3"].sdk_example.max_stiffness_n_per_m == 5000.0

@@ -186,14 +186,6 @@ def test_faults_stand_beside_their_fields_in_their_units(key, value, message):
     assert message in fault["message"]
 
 
-def test_gains_that_are_none_are_told_with_their_fields():
-    found = told("now", gains={"stiffness_n_per_m": -1, "local_damping_ns_per_m": "much"})
-    assert {fault["key"] for fault in found["errors"]} == {"gains.stiffness_n_per_m", "gains.local_damping_ns_per_m"}
-    (fault,) = told("judge", gains={})["errors"]
-    assert fault["key"] == "gains.stiffness_n_per_m"
-    assert "for damper B or damper of the device's loop" in fault["message"]
-
-
 def test_neither_page_knows_the_fields_of_the_other():
     wall = Explorer(avc.load_problem("figure5"), "figure5")
     of_tool = {"settings": FRESH | {"gains": {}, "values": {"simulation.step_s.0": 0.002}}}
@@ -202,14 +194,6 @@ def test_neither_page_knows_the_fields_of_the_other():
     for odd in ({"values": {"environment.stiffness_n_per_m": 1e3}}, {"method": "direct"}):
         with pytest.raises(RequestError):
             told("now", **odd)
-
-
-def test_what_a_pair_that_is_not_stable_is_told_with():
-    found = told("now", gains={"stiffness_n_per_m": 1e5, "damping_ns_per_m": 1.0})
-    assert found["stable"] is False
-    marks = {row["label"]: row["mark"] for row in found["rows"]}
-    assert marks["Stability"] == marks["Tool free"] == "fail"
-    assert rows_of(found)["Stability"] == "not all of 18 loops are stable"
 
 
 def test_the_region_knows_the_damper_of_the_pair():
@@ -288,12 +272,3 @@ def test_the_slider_of_every_value_of_the_catalogue_reaches_it(name):
         value = begun["values"][field["key"]]
         if isinstance(value, float) and value > 0:
             assert field["low"] <= value / field["factor"] <= field["high"], field["key"]
-
-
-def test_a_follower_is_refused_with_the_verbs_that_know_it(tmp_path, capsys):
-    file = tmp_path / "f.toml"
-    file.write_text(
-        "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\n"
-    )
-    assert main(["explore", str(file)]) == 2
-    assert "has a [follower]" in capsys.readouterr().err

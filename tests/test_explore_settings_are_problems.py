@@ -17,7 +17,6 @@ from avc_casadi.present.explore.forms import WALL as FORM
 from avc_casadi.present.explore.settings import problem_of_settings, settings_of, values_of
 
 BASE = avc.load_problem("figure5").changed(frequency={"points": 30})
-WALL = {"environment.stiffness_n_per_m": 5e3}
 FRESH = {"device": None, "values": {}, "method": "direct", "gains": {}, "motion": "press"}
 
 
@@ -87,26 +86,6 @@ def test_the_touch_that_is_shown_is_no_part_of_a_run():
     assert press.run != settings_of(FRESH | {"method": "robust"}).run
 
 
-def test_constant_gains_are_typed_before_they_are_judged():
-    for gains in ({}, {"stiffness_n_per_m": 0.0}):
-        (fault,) = told("judge", method="constant", gains=gains)["errors"]
-        assert fault["key"] == "gains.stiffness_n_per_m"
-        assert "no force is rendered" in fault["message"]
-    assert "errors" not in told("judge", method="constant", gains={"damping_ns_per_m": 2.0})
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["problem", "coupling", "command"])
-def test_the_files_of_two_columns_have_two_names(kind):
-    one, other = (
-        answer(Explorer(BASE, "figure5"), PARTS["file"], asked(values=WALL) | {"kind": kind, "column": column})
-        for column in ("a", "b")
-    )
-    first, second = (one["name"] or one["text"], other["name"] or other["text"])
-    assert "figure5-explored" in first
-    assert second == first.replace("figure5-explored.", "figure5-explored-b.").replace("explored-c", "explored-b-c")
-
-
 @pytest.mark.parametrize("method", [method for method in FORM.live if method != "constant"])
 def test_the_picture_shows_what_solve_gives(method):
     found = told("now", method=method)["gains"]
@@ -123,13 +102,6 @@ def test_the_verdict_is_that_of_certify_and_deployable():
     assert found["deployable"]["pass"] == avc.deployable(coupling).passed
     levels = avc.certify(problem, coupling.schedule).levels
     assert {one["level"]: one["pass"] for one in found["levels"]} == {name: one.passed for name, one in levels.items()}
-
-
-def test_advice_is_what_to_choose_on_the_page():
-    claims = told("judge", method="constant", gains={"stiffness_n_per_m": 1e6})["deployable"]["claims"]
-    advice = [one["advice"] for one in claims if not one["pass"]]
-    assert "take recommend, under Method, which gives the stiffest coupling" in advice[0]
-    assert "avc " not in "".join(advice)
 
 
 def test_a_saved_coupling_is_one():

@@ -5,11 +5,8 @@ import json
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.identification.identify import identify
 from avc_casadi.identification.read import read_columns, read_logs
 from avc_casadi.identification.units import Layout
 
@@ -77,27 +74,6 @@ def test_json_of_arrays_of_objects_and_of_rows(tmp_path):
     same(read_logs([tmp_path / "a.npy"], layout)[0])
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"[" * 100_000, "is not read as .json (it is nested too deeply)"),
-        (
-            b'{"time_s": "\xe9"}',
-            "is not read as .json (it is no UTF-8 text; save it as such, or iconv -f FROM -t UTF-8)",
-        ),
-        (
-            b"[" + b"[]," * 2**22,
-            "is larger than 4194304 bytes, which JSON may have as it is read whole; write it as CSV",
-        ),
-        (b"9" * 10_000, "holds rows float64 (); allowed: vectors of time, position and force"),
-    ],
-)
-def test_json_without_a_log_is_refused_in_plain_words(tmp_path, content, said):
-    path = tmp_path / "a.json"
-    path.write_bytes(content)
-    assert faults(path)[0].message.startswith(said)
-
-
 def test_npz_and_mat(tmp_path):
     arrays = {"time_s": TIME, "position_mm": 1e3 * POSITION, "force_n": FORCE}
     np.savez(tmp_path / "a.npz", **arrays)
@@ -134,16 +110,6 @@ def test_time_that_goes_back_and_values_that_are_not_finite(tmp_path):
     found = faults(path)
     assert [(fault.line, fault.key) for fault in found] == [(51, "position")]
     assert found[0].message == "is nan, with 9 more such rows, to line 60; allowed: a finite number"
-
-
-@pytest.mark.parametrize(("cell", "is_so"), [("x", "is 'x'"), ("nan", "is nan")])
-def test_a_column_that_is_wrong_throughout_is_one_fault(tmp_path, cell, is_so):
-    path = csv(tmp_path / "a.csv")
-    head, *lines = path.read_text().splitlines()
-    path.write_text("\n".join([head, *(",".join([line.split(",")[0], cell, cell]) for line in lines)]))
-    found = faults(path)
-    assert [(fault.line, fault.key) for fault in found] == [(2, "position"), (2, "force")]
-    assert all(fault.message.startswith(f"{is_so}, with {len(lines) - 1} more such rows") for fault in found)
 
 
 @pytest.mark.parametrize("row", ["0.249,nan,1.0", "0.249,,", None])
@@ -190,67 +156,6 @@ def test_missing_ticks_cut_a_log_into_records(tmp_path):
     records, told = read_logs([path])
     assert [record.position_m.size for record in records] == [210, SIZE]
     assert "gaps" in told[0]
-
-
-@pytest.mark.parametrize("name", ["a.csv", "a.npz", "a.mat", "a.xls"])
-def test_what_is_no_log_is_refused(tmp_path, name):
-    path = tmp_path / name
-    path.write_bytes(b"\x00\x01 no log\n")
-    (fault,) = faults(path)[:1]
-    assert fault.file == str(path)
-    assert faults(tmp_path / "absent.csv")[0].message.startswith("does not exist")
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.binary(max_size=200))
-def test_any_bytes_end_in_a_fault(tmp_path_factory, data):
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    path.write_bytes(data)
-    assert faults(path)
-
-
-def test_logs_that_tell_nothing_are_refused_with_what_would():
-    from avc_casadi.identification.record import Record  # noqa: PLC0415 - beside its use
-
-    random = np.random.default_rng(0)
-    still = Record("still", 1e-3, 1e-5 * random.integers(0, 4, 3000), random.standard_normal(3000))
-    with pytest.raises(avc.InputError, match=r"steps of the encoder only; allowed: more force"):
-        identify([still])
-    mass = np.cumsum(np.cumsum(random.standard_normal(3000))) * 1e-7
-    with pytest.raises(avc.InputError, match="--flip-force"):
-        identify([Record("flipped", 1e-3, mass, -np.gradient(np.gradient(mass)) * 1e6)])
-
-
-def test_a_device_that_stuck_is_told_which_log_would_move_it(tmp_path):
-    (one,) = faults(csv(tmp_path / "stuck.csv", scale=(1, 0, 1)))
-    assert one.key == "position"
-    assert "never changes" in one.message
-    assert "several times the force" in one.message
-
-
-def test_a_file_without_lines_is_told_in_one(tmp_path):
-    path = tmp_path / "zeros.csv"
-    path.write_bytes(bytes(100_000))
-    with pytest.raises(avc.InputError) as caught:
-        identify([path])
-    assert str(caught.value) == f"{path}:1: has 100000 characters; allowed: rows of numbers, 50000 characters at most"
-
-
-def test_decimal_commas_are_told_as_such(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("time_s;position_m;force_cmd_N\n" + "".join(f"{i};0,5;{i}\n" for i in range(300)))
-    (fault,) = faults(path)
-    assert fault.message.endswith("allowed: a number, with a decimal point")
-
-
-@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
-def test_a_log_in_another_encoding_is_told_how_to_save_it(tmp_path, encoding):
-    path = tmp_path / "a.csv"
-    path.write_text(
-        "time_s,position_\u00b5m,force_n\n" + "".join(f"{i},0.5,{i}\n" for i in range(300)), encoding=encoding
-    )
-    (fault,) = faults(path)
-    assert "allowed: UTF-8: save it as such" in fault.message
 
 
 def test_a_sample_time_that_its_own_times_belie_is_refused(tmp_path):
@@ -307,13 +212,6 @@ def test_a_log_that_is_given_twice_is_refused(tmp_path):
     assert len(read_logs([path, other])[0]) == 2
 
 
-def test_a_clock_with_too_few_digits_is_told_of_the_sample_time(tmp_path):
-    path = tmp_path / "a.csv"
-    clock = np.round(TIME / 8, 4)
-    np.savetxt(path, np.column_stack([clock, POSITION, FORCE]), delimiter=",", header="t_s,x_m,f_n", comments="")
-    assert any("--sample-time" in fault.message for fault in faults(path))
-
-
 @pytest.mark.parametrize("stamp_s", [4e-3, 2.5e-3])
 def test_stamps_too_coarse_for_their_rows_are_told_the_sample_time(tmp_path, stamp_s):
     path = tmp_path / "a.csv"
@@ -322,13 +220,6 @@ def test_stamps_too_coarse_for_their_rows_are_told_the_sample_time(tmp_path, sta
     (fault,) = faults(path)
     assert "--sample-time 0.001, where no row is missing" in fault.message
     same(read_logs([path], Layout(sample_time_s=1e-3))[0])
-
-
-def test_rows_written_twice_are_no_coarse_clock(tmp_path):
-    path = tmp_path / "a.csv"
-    rows = np.repeat(np.column_stack([TIME, POSITION, FORCE]), 2, axis=0)
-    np.savetxt(path, rows, delimiter=",", header="t_s,x_m,f_n", comments="")
-    assert "of a row that is written twice, leave one out" in faults(path)[0].message
 
 
 @pytest.mark.parametrize(("times", "before"), [(2, 0), (3, 1)])

@@ -14,10 +14,7 @@ from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.other_end_coupling_file import write_other_end
 from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
-from avc_casadi.present.pages.virtual_tool import felt_rows, gain_margin_text, inertia_text, tool_rows
-from avc_casadi.present.terminal import Mark
 from avc_casadi.recommendation.tool_impedance import rendered_band
-from avc_casadi.recommendation.virtual_tool import why_not_wanted
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
 
@@ -146,15 +143,6 @@ def test_limit_over_dampers_of_an_implicit_tool_is_the_global_one():
         assert safe == sorted(safe)
 
 
-def test_region_has_page_and_picture(tmp_path, capsys):
-    picture = tmp_path / "z.svg"
-    assert main(["zwidth", "tool/wheel-game-62hz", "--plot", str(picture)]) == 0
-    page = capsys.readouterr().out
-    assert "62.5 Hz" in page
-    assert "N.m/rad" in page
-    assert "62.5 Hz (declared)" in picture.read_text(encoding="utf-8") or picture.stat().st_size > 10000
-
-
 def test_scene_with_the_gains_of_a_file_is_that_of_a_plain_simulation(tmp_path, capsys):
     """Where the hand ends, pressed on the rigid wall, against sample by sample in plain Python."""
     gains = ToolGains(5000.0, 20.0)
@@ -174,38 +162,6 @@ def test_scene_with_the_gains_of_a_file_is_that_of_a_plain_simulation(tmp_path, 
     simulator = EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (0.2, 0.0), 0.002, contact="wall")
     device, _ = simulator.run(5000.0, 20.0, len(traces["position_m"]), target=traces["target_m"], start=-0.01)
     assert traces["position_m"][-1] == pytest.approx(device[-1], rel=0.02)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_check_shows_tool_engine_and_exchange(name, capsys):
-    code, found = answer(capsys, "check", name)
-    assert code == 0
-    assert found["simulation"]["exchange"] in {"on-time", "held-force"}
-    assert main(["check", name]) == 0
-    page = capsys.readouterr().out
-    assert "Engine" in page
-    assert found["simulation"]["integrator"] in page
-
-
-def test_check_warns_of_what_costs_most(tmp_path, capsys):
-    text = avc.catalogue_path("tool/mujoco-500hz").read_text().replace('"on-time"', '"ahead"')
-    stiff = "contact_stiffness_n_per_m = [0.0, 1e6]\ncontact_damping_ns_per_m = 0.0\n"
-    file = tmp_path / "p.toml"
-    file.write_text(text + stiff)
-    _, found = answer(capsys, "check", str(file))
-    keys = [one["key"] for one in found["warnings"]]
-    assert "simulation.exchange" in keys
-    assert "simulation.contact_stiffness_n_per_m" in keys
-
-
-def test_verbs_of_walls_say_which_verbs_answer(tmp_path, capsys):
-    file = coupling_file(tmp_path, "tool/mujoco-500hz", ToolGains(5000.0, 20.0))
-    for words in (["trial", file], ["push", file, "--port", "emulator"]):
-        assert main(words) == 2
-        assert "avc recommend, certify" in capsys.readouterr().err
-    for words in (["solve", "tool/mujoco-500hz"], ["compare", "tool/mujoco-500hz"]):
-        assert main(words) == 2
-        assert "[simulation]" in capsys.readouterr().err
 
 
 @pytest.mark.thorough
@@ -275,64 +231,3 @@ def test_a_scene_without_gains_has_the_recommended_ones(tmp_path, capsys):
     assert staged["stiffness_n_per_m"] < 0.5 * found["simulation"]["stiffest_n_per_m"] / 1.5
     assert "not settle" in found["simulation"]["set_by"]
     assert found["simulation"]["set_by"] in found["reason"]
-
-
-def test_a_negative_mass_in_free_motion_is_told_as_the_spring_that_it_is():
-    """Z = drag + 1j omega m: of m = -k/omega^2 the reactance of a spring k."""
-    stated = avc.load_problem("tool/mujoco-500hz")
-    felt = {"frequency_hz": 2.0, "mass_kg": 0.3, "drag_ns_per_m": 5.0}
-    assert inertia_text(felt, stated) == "300 g with a drag of 5.00 N.s/m at 2 Hz"
-    spring = felt | {"mass_kg": -100.0 / (4 * np.pi) ** 2}
-    assert inertia_text(spring, stated) == "a spring of 100 N/m with a drag of 5.00 N.s/m at 2 Hz"
-
-
-@pytest.mark.parametrize(
-    ("wanted", "told"),
-    [
-        (0.0, "0 N/m is wanted, which couples nothing"),
-        (500.0, "500 N/m is wanted, and no damper makes that stable, though a stiffer coupling, 1.00 kN/m, is stable"),
-        (2000.0, "2.00 kN/m is wanted, and the stiffest coupling that is stable is 1.00 kN/m"),
-    ],
-)
-def test_why_a_wanted_stiffness_is_not_to_be_had_contradicts_nothing(wanted, told):
-    assert why_not_wanted(wanted, 1000.0).startswith(told)
-
-
-@pytest.mark.parametrize(("at_1_hz", "at_10_hz", "marked"), [(0.2, 0.9, False), (0.2, 3.5, True), (2.1, 0.6, True)])
-def test_a_tool_that_is_altered_in_free_motion_is_marked_at_any_frequency_of_hands(at_1_hz, at_10_hz, marked):
-    one = {"mass_kg": 0.3, "drag_ns_per_m": 1.0, "stiffness_n_per_m": 1e3}
-    felt = [one | {"frequency_hz": hz, "free_error": error} for hz, error in ((1.0, at_1_hz), (10.0, at_10_hz))]
-    row = felt_rows(felt, None, avc.load_problem("tool/mujoco-500hz"))[1]
-    assert f"{100 * at_10_hz:.0f} % at 10 Hz" in row.text
-    assert row.mark is (Mark.CAUTION if marked else Mark.NONE)
-
-
-def test_ends_of_searches_are_no_limits_and_margins_are_rounded_down():
-    """A lighter tool and a longer step than those that were tried may hold K too, and so may a larger margin."""
-    stated = avc.load_problem("tool/mujoco-500hz")
-    found = {
-        "least_tool_mass_kg": 0.0342,
-        "slowest_step_s": 0.003,
-        "exchanges": {"on-time": True, "late": False, "ahead": False, "held-force": True},
-        "searched_to": {"least_tool_mass_kg": 0.002, "slowest_step_s": 0.128, "gain_margin": 4.0},
-        "local_damping_ns_per_m": None,
-        "local_dampers_ns_per_m": None,
-        "stiffest_n_per_m": 1e3,
-    }
-
-    def told(**ended):
-        document = {"simulation": found | ended, "coupling": None, "reason": "", "what_would_help": [], "not_used": []}
-        return {row.label: row.text for row in tool_rows(document, stated)}["The same K holds"]
-
-    assert told() == (
-        "with its own B: a tool of 34.2 g or more, a step up to 3 samples (3.00 ms), exchange on-time, held-force (and "
-        "a damper in the device's loop)"
-    )
-    ended = told(least_tool_mass_kg=0.002, slowest_step_s=0.128)
-    assert "a tool of 2.00 g or less, a step up to at least 128 samples (128 ms)" in ended
-    assert [gain_margin_text(one) for one in (1.6994, 1.5, 3.999, 4.0)] == [
-        "gain margin 1.69",
-        "gain margin 1.5",
-        "gain margin 3.99",
-        "gain margin 4 or more",
-    ]
