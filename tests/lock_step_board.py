@@ -38,7 +38,6 @@ class Machine:
     program: str = "qemu-system-arm"
 
 
-MACHINES = {"bench-m4f": Machine("mps2-an386", 6, 25e6), "bench-m3": Machine("lm3s6965evb", 5, 12.5e6)}
 _RECORD = struct.Struct("<fII")
 _LINE_MAX = 64
 
@@ -54,20 +53,19 @@ class LockStepBoard:
     """
 
     def __init__(
-        self, image: Path, target: str | Machine, *, position: Callable[[int], int], options: tuple[str, ...] = ()
+        self, image: Path, machine: Machine, *, position: Callable[[int], int], options: tuple[str, ...] = ()
     ) -> None:
         """Start QEMU.
 
         Args:
-            image: made by `build_image` for a bench target.
-            target: its name, or what runs it.
+            image: of a board in lock step.
+            machine: what runs it.
             position: encoder counts at a tick; it may look at ``force_n`` of the tick before.
             options: further ones of QEMU.
 
         Raises:
             MissingExtraError: QEMU is not installed.
         """
-        machine = MACHINES[target] if isinstance(target, str) else target
         program = shutil.which(machine.program)
         if program is None:
             raise MissingExtraError(f"{machine.program} is not installed; on Debian or Ubuntu: {QEMU_INSTALL}")

@@ -10,24 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 from excited import Bench, device, planned
-from hardware_bench import coupling, host_library, push, require, scratch, with_gains
+from hardware_bench import coupling, host_library, push, require, with_gains
 from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from lock_step_board import LockStepBoard
 
 from avc_casadi import load_problem
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, TableImage, clear_faults
-from avc_hardware.codegen.build import build_image
+from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, clear_faults
 from avc_hardware.emulator.machine import BY_BROWN_OUT, BY_POWER_ON, CLOCK_HZ
 from avc_hardware.link import messages as m
 from avc_hardware.link.excite import ENDS
 from avc_hardware.link.faults import Reason
 from avc_hardware.link.messages import Kind
-from avc_hardware.link.monitor import pause
 from avc_hardware.link.session import RefusedError
 
 WALL = with_gains(load_problem("damped"), 50.0, 2e4, 20.0)
@@ -323,27 +320,6 @@ def test_on_the_emulated_board_a_supply_that_sank_is_told_from_switching_on(why:
     bench.machine.reset(why)
     bench.run(0.01)
     assert bench.status().faults == fault
-
-
-@pytest.mark.thorough
-def test_in_qemu_a_glitch_and_a_runaway() -> None:
-    require("qemu-system-arm", "arm-none-eabi-gcc")
-    image = build_image("bench-m4f", scratch())
-    for made, last, fault in ((WALL, 1300, DeviceFault.JUMP), (RUNAWAY, 300, DeviceFault.NOT_FINITE)):
-        place, forces = [OUT], []
-        with LockStepBoard(image, "bench-m4f", position=lambda _, place=place: place[0]) as link:
-            link.on_force = forces.append
-            connection = Connection(link, session=1)
-            connection.run(connection.session.push(TableImage.of(made), connection.device))
-            for place[0] in (-50, 0, 100, 200, 300):
-                connection.run(pause(0.02))
-            pressed = len(forces)
-            place[0] = last
-            connection.run(pause(0.1))
-            status = connection.run(connection.session.ask(Kind.STATUS, b"", DeviceStatus))
-        assert (status.mode, status.faults) == ("fault", fault)
-        assert forces[-1] == 0
-        assert max(forces[pressed:]) <= forces[pressed - 1]
 
 
 def test_monitor_and_clear_tell_the_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,22 +4,14 @@ import functools
 import math
 import statistics
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, dense_believer, require, scratch
-from host_device import BEFORE_WALL
-from lock_step_board import LockStepBoard
+from hardware_bench import coupling, dense_believer, require
 from tick_profile import TickCount, tick_instructions
 
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import Connection
-from avc_hardware.codegen.build import build_image
-from avc_hardware.codegen.image import read_elf
-from avc_hardware.link.monitor import pause
-from avc_hardware.link.push import push_over
 
 MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 TICKS = 40
@@ -39,50 +31,6 @@ def motion(tick: int) -> int:
 @functools.cache
 def in_unicorn() -> list[TickCount]:
     return list(tick_instructions(MADE, counts=motion, ticks=TICKS))
-
-
-def in_qemu(folder: Path) -> list[int]:
-    """Count by the log of a QEMU that executes one instruction at a time."""
-    image = build_image("bench-m4f", scratch())
-    symbols = read_elf(image).symbols
-    entry = symbols["avc_device_tick"][0]
-    handler = range(symbols["avc_on_tick"][0], sum(symbols["avc_on_tick"]))
-    log = folder / "trace.log"
-    start = -1
-
-    def position(tick: int) -> int:
-        return motion(tick - start) if start >= 0 else BEFORE_WALL
-
-    options = ("-singlestep", "-d", "exec,nochain", "-D", str(log))
-    with LockStepBoard(image, "bench-m4f", position=position, options=options) as board:
-        with Connection(board, session=1) as connection:
-            push_over(connection, MADE)
-            connection.run(pause(0.22))
-        start = board.ticks
-        for _ in range(TICKS + 1):
-            board.tick()
-    totals: list[int] = []
-    counting = False
-    with log.open(encoding="ascii", errors="replace") as lines:
-        for line in lines:
-            place = line.find("/")  # Trace 0: 0x7f... [flags/address/...
-            if not line.startswith("Trace") or place < 0:
-                continue
-            address = int(line[place + 1 : place + 9], 16)
-            if address == entry:
-                counting = True
-                totals.append(0)
-            elif address in handler:
-                counting = False
-            if counting:
-                totals[-1] += 1
-    return totals[start : start + TICKS]
-
-
-@pytest.mark.thorough
-def test_both_emulators_count_the_same(tmp_path: Path) -> None:
-    require("unicorn", "qemu-system-arm", "arm-none-eabi-gcc")
-    assert in_qemu(tmp_path) == [tick.total for tick in in_unicorn()]
 
 
 @pytest.mark.thorough

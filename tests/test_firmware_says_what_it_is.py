@@ -63,7 +63,7 @@ def test_flags_of_a_board_do_not_undo_exact_floats(tmp_path: Path) -> None:
     ("old", "new", "told"),
     [
         ('"arm-none-eabi-gcc"', '"arm-none-eabi-gccc"', r"compiler: is 'arm-none-eabi-gccc', which is no program"),
-        ("estimator =", "estimater =", r"estimater: is unknown; allowed: processor, title, .*estimator"),
+        ("estimator =", "estimater =", r"estimater: is unknown; allowed: title, .*estimator"),
         ("origin = 0x00000000", "origin = 0x10", r"flash\.origin: .*multiple of 256"),
         ("origin = 0x20000000", "origin = 0x20000002", r"memory\.origin: .*multiple of 8"),
         ("bytes = 0x4000\n", "bytes = 0x4001\n", r"memory\.bytes: .*multiple of 4"),

@@ -23,13 +23,11 @@ from lock_step_board import LockStepBoard
 from numpy.typing import NDArray
 from reference_device import ReferenceDevice
 
-from avc_casadi import LinkError, UnsupportedError
+from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
-from avc_hardware.codegen.boards import TARGETS
-from avc_hardware.codegen.build import build_host, build_image
-from avc_hardware.codegen.tick_c import MADE_FOR, made_for
+from avc_hardware.codegen.build import build_host
 from avc_hardware.codegen.tick_program import SAMPLE_TIMES_S, constants, templates
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.frames import Decoder, Frame
@@ -248,32 +246,6 @@ def test_packaged_image_gives_the_same_bits(board: str, motion: int) -> None:
     got = np.array([(state.force_n, state.frequency_hz) for state in states], dtype=np.float32)
     assert got[:, 0].tobytes() == force[ticks].tobytes()
     assert got[:, 1].tobytes() == frequency[ticks].tobytes()
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("target", ["bench-m4f", "bench-m3"])
-def test_qemu_gives_the_same_bits(target: str) -> None:
-    require("qemu-system-arm", "arm-none-eabi-gcc", "gcc")
-    generated = {MADE_FOR: made_for(limits("1 ms"))}
-    image = build_image(target, scratch() / "unwatched", generated=generated)
-    built = build_host(scratch() / target, estimator=TARGETS[target].estimator)
-    for way in motions()[[0, 2, 4]]:
-        forces: list[float] = []
-        with LockStepBoard(image, target, position=lambda tick, way=way: int(way[tick % TICKS])) as board:
-            board.on_force = forces.append
-            swaps = send_all(board)
-            while board.ticks < TICKS:
-                board.tick()
-        got = np.array(forces, dtype=np.float32)
-        counts = np.resize(way, len(forces))
-        assert on_host(HostCore(built, limits("1 ms")), counts, "1 ms", swaps)[0].tobytes() == got.tobytes()
-        assert got.max() > 0
-
-
-def test_a_board_that_does_not_start_is_reported() -> None:
-    require("qemu-system-arm")
-    with pytest.raises(LinkError, match="QEMU ended"):
-        LockStepBoard(scratch() / "absent.elf", "bench-m4f", position=lambda _: 0)
 
 
 @pytest.mark.thorough

@@ -47,16 +47,3 @@ def boards(found: Document) -> str:
         (name, f"{one['flash'] / 1e3:.1f} KB", f"{one['memory'] / 1e3:.1f} KB") for name, one in found["boards"].items()
     ]
     return table(("board", "flash", "memory"), rows)
-
-
-def functions(found: Document) -> str:
-    """The larger functions."""
-    counted = found["functions"]
-
-    def cost(name: str) -> str:
-        return f"{counted[name]['typical']:.0f} ({counted[name]['most']:.0f})" if name in counted else ""
-
-    rows = [(f"`{name}`", str(size), cost(name)) for name, size in found["function_bytes"].items()]
-    return table(
-        ("function of netduinoplus2", "bytes", "instructions with 200 rows and guard, typical (at most)"), rows
-    )

@@ -312,8 +312,7 @@ BLOCKS: Mapping[str, ResultBlock] = {
     "device-wire": ResultBlock("hardware", hardware.wire, quiet=True),
     "device-ticks": ResultBlock("hardware", hardware.ticks, quiet=True),
     "device-observers": ResultBlock("hardware", hardware.observers, quiet=True),
-    "device-boards": ResultBlock("hardware", hardware.boards, quiet=True),
-    "device-functions": ResultBlock("hardware", hardware.functions),
+    "device-boards": ResultBlock("hardware", hardware.boards),
     **{
         name: ResultBlock("recorded", recorded(name), quiet=True)
         for name in json.loads((RESULTS / "recorded.json").read_text(encoding="utf-8"))["findings"]

@@ -47,8 +47,6 @@ SPACED = {
     "the same, spaced evenly in Hz": np.linspace(1.0, 450.0, 200),
     "the same, crowded at 1 Hz": 450.0 ** np.linspace(0.0, 1.0, 200) ** 3,
 }
-# Functions of the image that are told of one by one.
-FUNCTION_BYTES = 160
 
 
 def out_of_wall(_: float) -> float:
@@ -112,7 +110,7 @@ def ticks() -> dict[str, Any]:
         other = tick_instructions(replace(made, table=spaced), counts=motion, ticks=800)
         found[title] = told(without_estimator(other))
     found["estimator fused, beside that"] = told([tick.functions[ESTIMATOR] for tick in counted])
-    return {"ticks": found, "functions": functions(counted)}
+    return {"ticks": found}
 
 
 def without_estimator(counted: Sequence[TickCount]) -> list[int]:
@@ -123,12 +121,6 @@ def without_estimator(counted: Sequence[TickCount]) -> list[int]:
 def told(totals: Sequence[int]) -> dict[str, float]:
     """Typical once the motion goes on, and at most."""
     return {"typical": statistics.median(totals[len(totals) // 3 :]), "most": max(totals)}
-
-
-def functions(counted: Sequence[TickCount]) -> dict[str, dict[str, float]]:
-    """Instructions of each function of a tick."""
-    names = sorted({name for tick in counted for name in tick.functions})
-    return {name: told([tick.functions.get(name, 0) for tick in counted]) for name in names}
 
 
 def observers() -> dict[str, Any]:
@@ -143,21 +135,14 @@ def observers() -> dict[str, Any]:
 
 
 def sizes(folder: Path) -> dict[str, Any]:
-    """Flash and memory of every board that is no bench, and flash of the packaged one's larger functions."""
+    """Flash and memory of every board."""
     boards = {}
-    for target, board in TARGETS.items():
-        if board.commands:
-            image = IMAGE if target == IMAGE.stem else build_image(target, folder)
-            report = run("arm-none-eabi-size", str(image)).decode()
-            text, data, bss = (int(part) for part in report.splitlines()[1].split()[:3])
-            boards[target] = {"flash": text + data, "memory": data + bss}
-    large = {}
-    report = run("arm-none-eabi-nm", "--size-sort", "-S", str(IMAGE)).decode()
-    for line in reversed(report.splitlines()):
-        _, size, kind, name = line.split()
-        if kind in "tT" and int(size, 16) >= FUNCTION_BYTES:
-            large[name] = int(size, 16)
-    return {"boards": boards, "function_bytes": large}
+    for target in TARGETS:
+        image = IMAGE if target == IMAGE.stem else build_image(target, folder)
+        report = run("arm-none-eabi-size", str(image)).decode()
+        text, data, bss = (int(part) for part in report.splitlines()[1].split()[:3])
+        boards[target] = {"flash": text + data, "memory": data + bss}
+    return {"boards": boards}
 
 
 def main() -> None:

@@ -1,11 +1,13 @@
 """Boards of the firmware: processor, memory, sources, and flashing.
 
-A custom board is a folder anywhere with its sources and a ``board.toml`` that describes their build.
+A custom board is a folder anywhere with its sources and a ``board.toml`` that describes their build; its processor is a
+Cortex-M.
 """
 
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,7 +21,6 @@ from avc_hardware.codegen.firmware import ARM_INSTALL
 MANIFEST = "board.toml"
 
 _M4F = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")
-_M3 = ("-mcpu=cortex-m3", "-mthumb", "-mfloat-abi=soft")
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,9 @@ class Target:
         extra: further sources, relative to firmware/boards.
         defines: compiler definitions.
         estimator: method; the fused one is too slow for floats in software.
-        commands: to flash or to run an image, with {name} for the file without its ending; empty for a board of tests
-            alone.
+        commands: to flash or to run an image, with {name} for the file without its ending.
         root: the folder of a board that is not in the package; None for firmware/boards/FOLDER.
         sources: in the folder.
-        cortex_m: takes start, tick and linker script of the package.
-        linker_script: in the folder; empty for that of the package.
         compiler: the cross compiler, a gcc.
         install: how to install it.
     """
@@ -56,8 +54,6 @@ class Target:
     commands: tuple[str, ...] = ()
     root: Path | None = None
     sources: tuple[str, ...] = ("board.c",)
-    cortex_m: bool = True
-    linker_script: str = ""
     compiler: str = "arm-none-eabi-gcc"
     install: str = ARM_INSTALL
 
@@ -84,34 +80,6 @@ TARGETS = {
         *_STM32F405,
         ("stm32f405/clock.c",),
         commands=_FLASHING,
-    ),
-    "mps2-an386": Target(
-        "Arm MPS2 AN386 in QEMU, Cortex-M4F",
-        "mps2-an386",
-        _M4F,
-        (0x00000000, 0x400000),
-        (0x20000000, 0x20000),
-        commands=("qemu-system-arm -M mps2-an386 -kernel {name}.elf -display none -serial pty",),
-    ),
-    "lm3s6965evb": Target(
-        "TI LM3S6965 in QEMU, Cortex-M3 with floats in software",
-        "lm3s6965evb",
-        _M3,
-        (0x00000000, 0x40000),
-        (0x20000000, 0x10000),
-        estimator="zero-crossing",
-        commands=("qemu-system-arm -M lm3s6965evb -kernel {name}.elf -display none -serial pty",),
-    ),
-    # for tests in lock step with a plant outside, on the machines mps2-an386 and lm3s6965evb
-    "bench-m4f": Target("bench in QEMU, Cortex-M4F", "bench", _M4F, (0x00000000, 0x400000), (0x20000000, 0x20000)),
-    "bench-m3": Target(
-        "bench in QEMU, Cortex-M3",
-        "bench",
-        _M3,
-        (0x00000000, 0x40000),
-        (0x20000000, 0x10000),
-        defines=("-DBOARD_CLOCK_HZ=12500000u",),
-        estimator="zero-crossing",
     ),
 }
 
@@ -190,22 +158,9 @@ def _region(reader: _Reader, key: str, align: int) -> tuple[int, int] | None:
     return origin, size
 
 
-def _check_commands(reader: _Reader, commands: list[str]) -> None:
-    """Report every unknown placeholder; {{ and }} are braces."""
-    for command in commands:
-        for whole, inside in re.findall(r"\{\{|\}\}|(\{([^{}]*)\}|[{}])", command):
-            if whole and inside != "name":
-                reader.fault(
-                    "commands",
-                    f"{whole} in {command!r} stands for nothing; allowed: {{name}}, the folder's name, as in "
-                    "{name}.elf, {name}.bin or {name}.hex; braces are written {{ and }}",
-                )
-
-
 def flashing(command: str, name: str) -> str:
     """Return a command of a manifest with the name of the files put in."""
-    filled = {"{{": "{", "}}": "}", "{name}": name}
-    return re.sub(r"\{\{|\}\}|\{name\}", lambda found: filled[found[0]], command)
+    return command.replace("{name}", name)
 
 
 def read_board(folder: Path) -> Target:
@@ -223,20 +178,16 @@ def read_board(folder: Path) -> Target:
     except InputError as error:
         raise InputError([replace(fault, key="board") for fault in error.faults]) from error
     reader = _Reader(str(path), keys)
-    processors = ("cortex-m", "other")
-    processor = reader.take("processor", None, " or ".join(processors), processors.__contains__)
     title = reader.take("title", folder.name, "a line of text", _text)
     compiler = reader.take("compiler", None, "a program, as arm-none-eabi-gcc", _text)
     install = reader.take("install", "see its maker's page", "how to install the compiler, a line of text", _text)
     flags = reader.take("flags", [], "a list of the compiler's flags", _texts)
     sources = reader.take("sources", None, "a list of files of the folder", _texts)
-    script = reader.take("linker_script", "", "a file of the folder", _text)
     estimators = ", ".join(ESTIMATOR_NUMBERS)
     estimator = reader.take("estimator", "zero-crossing", estimators, ESTIMATOR_NUMBERS.__contains__)
     commands = reader.take("commands", [], "a list of commands that flash {name}.elf, {name}.bin or {name}.hex", _texts)
-    _check_commands(reader, commands)
     # The vectors of a Cortex-M stand at a multiple of their size, its stack at one of 8.
-    flash = _region(reader, "flash", _VECTORS if processor == "cortex-m" else 4)
+    flash = _region(reader, "flash", _VECTORS)
     memory = _region(reader, "memory", 8)
     capacity = reader.table("capacity")
     rows = capacity.take("rows", 256, "{} to {} rows of a table".format(*ROWS), _whole(*ROWS))
@@ -248,18 +199,18 @@ def read_board(folder: Path) -> Target:
     )
     capacity.end()
     reader.end()
-    if processor == "other" and not script:
-        reader.fault("linker_script", "is missing; the packaged one is for cortex-m: give a file of the folder")
+    if compiler and shutil.which(compiler) is None:
+        message = f"is {compiler!r}, which is no program on the path; correct the name, or install it: {install}"
+        reader.fault("compiler", message)
     if sources == []:
         reader.fault("sources", "names no file; allowed: at least the one with the board's functions (hal.h)")
     (rom, rom_bytes), (ram, ram_bytes) = flash or (0, 0), memory or (0, 0)
     if max(rom, ram) < min(rom + rom_bytes, ram + ram_bytes):
         message = f"0x{ram:x} to 0x{ram + ram_bytes:x} lies over flash, 0x{rom:x} to 0x{rom + rom_bytes:x}"
         reader.fault("memory", f"{message}; allowed: apart from each other")
-    for key, names in (("sources", sources or []), ("linker_script", [script] if script else [])):
-        for name in names:
-            if not (folder / name).is_file():
-                reader.fault(key, f"{name} is no file of {folder}; write it, or correct the name")
+    for name in sources or []:
+        if not (folder / name).is_file():
+            reader.fault("sources", f"{name} is no file of {folder}; write it, or correct the name")
     if reader.faults:
         raise InputError(reader.faults)
     return Target(
@@ -274,8 +225,6 @@ def read_board(folder: Path) -> Target:
         commands=tuple(commands),
         root=folder.resolve(),
         sources=tuple(sources),
-        cortex_m=processor == "cortex-m",
-        linker_script=script,
         compiler=compiler,
         install=install,
     )

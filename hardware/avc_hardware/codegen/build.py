@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import functools
 import hashlib
-import os
 import shutil
 import subprocess
 import sys
@@ -19,9 +18,8 @@ import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from avc_casadi import InputError, MissingExtraError, UnsupportedError
-from avc_hardware.codegen.boards import MANIFEST, TARGETS, Target
-from avc_hardware.codegen.build_faults import build_faults
+from avc_casadi import MissingExtraError, UnsupportedError
+from avc_hardware.codegen.boards import TARGETS, Target
 from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, RuntimeFigures
 from avc_hardware.codegen.firmware import FIRMWARE, IMAGE
 from avc_hardware.codegen.tick_c import MADE_FOR, constants_sources, made_for, sources_for
@@ -71,31 +69,11 @@ def compiler(name: str, install: str) -> str:
     return path
 
 
-def _compiler_of(board: Target) -> str:
-    """Return the path of a board's compiler; that of a custom board is a value of its manifest.
-
-    Raises:
-        InputError: the manifest names a program that is not there.
-        MissingExtraError: the compiler of a packaged board is not installed.
-    """
-    if board.root is not None and shutil.which(board.compiler) is None:
-        raise InputError.of(
-            f"is {board.compiler!r}, which is no program on the path; correct the name, or install it: {board.install}",
-            file=str(board.root / MANIFEST),
-            key="compiler",
-        )
-    return compiler(board.compiler, board.install)
-
-
-def _run(command: list[str], board: Target | None = None) -> None:
-    """Run a compiler; faults of a custom board are reported by the keys of its manifest."""
-    spoken = {**os.environ, "LC_ALL": "C"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=spoken)  # noqa: S603 - our own arguments
-    if done.returncode == 0:
-        return
-    if board is not None and board.root is not None and (faults := build_faults(done.stderr, board)):
-        raise InputError(faults)
-    raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
+def _run(command: list[str]) -> None:
+    """Run a compiler; what it says is the message."""
+    done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603 - our own arguments
+    if done.returncode != 0:
+        raise UnsupportedError(f"{command[0]} failed:\n{done.stderr.strip()}")
 
 
 @functools.cache
@@ -169,7 +147,6 @@ def build_image(
 
     Raises:
         UnsupportedError: unknown target, or the compiler refused the sources.
-        InputError: it refused sources of a custom board: the key of its manifest, or the line of its sources.
         MissingExtraError: no cross compiler.
     """
     if isinstance(target, str) and target not in TARGETS:
@@ -178,9 +155,8 @@ def build_image(
     name = target if isinstance(target, str) else board.folder
     boards = FIRMWARE / "boards"
     root = board.root or boards / board.folder
-    common = ["memory.c", "main.c", "limits.c", "defaults.c", *(["start.c", "systick.c"] if board.cortex_m else [])]
+    common = ("memory.c", "main.c", "limits.c", "defaults.c", "start.c", "systick.c")
     sources = [*(boards / source for source in common), *(root / source for source in board.sources)]
-    script = root / board.linker_script if board.linker_script else boards / "link.ld"
     image = out / f"{name}.elf"
     out.mkdir(parents=True, exist_ok=True)
     places = {
@@ -195,7 +171,7 @@ def build_image(
         sources += [boards / file for file in board.extra] + _core_sources(made)
         _run(
             [
-                _compiler_of(board),
+                compiler(board.compiler, board.install),
                 *_common(made, build_name(board)),
                 *board.cpu,
                 *EXACT_FLOAT,  # whatever the flags of a custom board
@@ -213,13 +189,12 @@ def build_image(
                 "-nostdlib",
                 "-Wl,--gc-sections,--build-id=none,--no-warn-rwx-segments",
                 *(f"-Wl,--defsym={place}={value:#x}" for place, value in places.items()),
-                f"-T{script}",
+                f"-T{boards / 'link.ld'}",
                 *map(str, sources),
                 "-lgcc",
                 "-o",
                 str(image),
-            ],
-            board,
+            ]
         )
     return image
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.figures import BoardLimits
 
 
-BOARDS = {name: target.title for name, target in TARGETS.items() if target.commands}
+BOARDS = {name: target.title for name, target in TARGETS.items()}
 """Boards of the firmware, with descriptions."""
 
 
@@ -98,12 +98,6 @@ def build_firmware(
     generated = sources_for(limits, figures)
     elf = build_image(board if target.root is None else target, out, baud=baud, generated=generated)
     image = read_elf(elf)
-    if not image.segments:
-        raise InputError.of(
-            "leaves nothing in the image; allowed: a script with ENTRY(...) of the start, and KEEP(...) round it",
-            file=str((target.root or out) / MANIFEST),
-            key="linker_script",
-        )
     address, data = as_binary(image)
     binary, text = elf.with_suffix(".bin"), elf.with_suffix(".hex")
     write_file(binary, data)

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-_PROCESSORS = ("EM_ARM", "EM_RISCV")
-_ALLOWED = "allowed: a 32-bit little-endian image of an ARM or RISC-V processor"
+_ALLOWED = "allowed: a 32-bit little-endian image of an ARM processor"
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Image:
 
 
 def read_elf(path: Path) -> Image:
-    """Read a 32-bit little-endian image of an ARM or RISC-V processor.
+    """Read a 32-bit little-endian image of an ARM processor.
 
     Raises:
         UnsupportedError: it is something else.
@@ -77,7 +76,7 @@ def read_elf(path: Path) -> Image:
             elf = elffile.ELFFile(stream)
         except exceptions.ELFError as error:
             raise UnsupportedError(f"{path.name} is no ELF image ({error}); {_ALLOWED}") from error
-        if elf.elfclass != 32 or not elf.little_endian or elf["e_machine"] not in _PROCESSORS:
+        if elf.elfclass != 32 or not elf.little_endian or elf["e_machine"] != "EM_ARM":
             what = f"{elf.elfclass}-bit, {'little' if elf.little_endian else 'big'}-endian, {elf['e_machine']}"
             raise UnsupportedError(f"{path.name} is {what}; {_ALLOWED}")
         segments = tuple(

@@ -1,6 +1,6 @@
-/* A Cortex-M0 in lock step with a program outside, as the packaged benches are. */
+/* A Cortex-M0 in lock step with a program outside. */
 #include "board.h"
 
-#include "bench/semihosting.h"
+#include "semihosting.h"
 
-#include "bench/lock_step.h"
+#include "lock_step.h"

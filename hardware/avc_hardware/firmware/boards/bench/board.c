@@ -1,6 +1,0 @@
-/* A Cortex-M in lock step with a program outside. */
-#include "board.h"
-
-#include "semihosting.h"
-
-#include "lock_step.h"
