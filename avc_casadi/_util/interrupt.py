@@ -64,19 +64,6 @@ def uninterrupted() -> Iterator[None]:
 
 
 @contextmanager
-def starting_processes() -> Iterator[None]:
-    """Defer Ctrl-C while processes start, which then never see it, not even while they import."""
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-@contextmanager
 def reraised_interrupts() -> Iterator[None]:
     """Raise Ctrl-C out of a block as itself, whatever foreign code in it has converted it to, nothing included."""
     with _Insistent() as interrupt:

@@ -68,7 +68,6 @@ STUDIES = (
     Study("proofs_of_rest.py", 18, ("proofs_of_rest_walls", "proofs_of_rest_designs", "proofs_of_rest_references")),
     Study("random_devices.py --count 200", 37, ("random_devices",)),
     Study("engine_boundaries.py", 9, ("engine_boundaries",)),
-    Study("trade_off.py", 8, ("trade_off",)),
     Study("before_after.py --before CHECKOUT --count 200", None, ("before_after",)),
     Study("identification.py", None, ("identification",)),
     Study("identification.py --amplifier --count 40 --write", None, ("identification_amplifier",)),

@@ -140,13 +140,6 @@ def _deciding(own: FloatArray, held: int) -> IndexArray:
     return np.union1d(top, order[:held])
 
 
-def fitted_quadratic(value: Evaluate, d: int, m: int) -> Evaluate:
-    """Return the quadratic through values at some points of each of m windows in d dimensions."""
-    stencil = _stencil(d)[:, None]
-    model = value(np.repeat(stencil, m, axis=1)) @ np.linalg.pinv(_quadratics(stencil)[0]).T
-    return lambda at: (_quadratics(at) @ model[:, :, None])[:, :, 0]
-
-
 def _stencil(d: int) -> FloatArray:
     """Return the points of a window through which a quadratic is fitted, (d, s)."""
     axes = [sign * row for row in np.eye(d) for sign in (-1.0, 1.0)]

@@ -22,7 +22,6 @@ Units = NDArray[np.int64]
 
 FULL = 32767
 """Units of the largest force."""
-MOST_TONES = 64
 KNOTS = 33
 WHOLE = 1 << 15
 """An envelope of 1."""

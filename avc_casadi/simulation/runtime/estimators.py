@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.simulation.runtime.signal import EstimatorSettings, band_passed, envelope
@@ -254,8 +253,6 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     builder.output("valid", valid)
     return builder.done("adaptive_notch")
 
-
-EstimatorMethod = Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"]
 
 ESTIMATORS: Mapping[str, Callable[[float, EstimatorSettings], Step]] = {
     "zero-crossing": zero_crossing_step,
