@@ -19,7 +19,7 @@ from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.model.schedule import Status
-from avc_casadi.model.thinning import Deviation, thinned_rows
+from avc_casadi.model.thinning import fewest_rows
 from avc_casadi.paper.rendered import gain_schedule
 
 if TYPE_CHECKING:
@@ -217,13 +217,12 @@ class Coupling:
 
 
 def thinned(table: GainTable) -> GainTable:
-    """Return a table without redundant rows: one for constant gains, otherwise the fewest within `THINNING`."""
+    """Return one row for constant gains, otherwise the fewest within `THINNING`, or within more if too many."""
     if table.constant:
         return GainTable(table.rows[:1])
-    deviation = Deviation(table.rows)
-    kept = thinned_rows(deviation, tolerance=THINNING)
-    if len(kept) > CAPACITY_ROWS:
-        kept = thinned_rows(deviation, rows=CAPACITY_ROWS)
+    tolerance = THINNING
+    while len(kept := fewest_rows(table.rows, tolerance)) > CAPACITY_ROWS:
+        tolerance *= 1.25
     return GainTable(table.rows[kept])
 
 

@@ -257,8 +257,8 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
         )
     if len(table.rows) > device.capacity_rows:
         faults.append(
-            f"the coupling has {len(table.rows)} rows, the device holds {device.capacity_rows}; make a coupling for "
-            "this capacity (avc_casadi.coupling.reduce_rows) and certify that one: what runs is what was certified"
+            f"the coupling has {len(table.rows)} rows, the device holds {device.capacity_rows}; make a coupling of "
+            f"fewer rows (frequency.points = {device.capacity_rows}): what runs is what was certified"
         )
     limits = (
         ("damping b", NS_PER_M, device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),
