@@ -1,6 +1,7 @@
-"""Mutants are code, repeat from a seed, and a rate is judged as the numbers allow."""
+"""Mutants are code, repeat from a seed, and a rate is judged as the numbers allow; the fence names what there is."""
 
 import ast
+import re
 import sys
 from pathlib import Path
 
@@ -22,3 +23,8 @@ def test_a_rate_is_judged_as_the_numbers_allow():
     assert list(faults({"a": [10, 12]}, {"a": [11, 12]}, whole=True)) == []
     assert len(list(faults({"a": [400, 500]}, {"a": [450, 500]}, whole=False))) == 2  # the room, and all rooms
     assert any("fewer than 80%" in told for told in faults({"a": [350, 500]}, {}, whole=True))
+
+
+def test_what_the_fence_names_is_there():
+    named = re.findall(r"tests/[\w/]+\.\w+", (ROOT / ".ci" / "fence").read_text(encoding="utf-8"))
+    assert [name for name in named if not (ROOT / name).exists()] == [] != named
