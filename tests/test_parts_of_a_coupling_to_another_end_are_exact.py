@@ -119,13 +119,9 @@ def test_loops_are_those_of_all_hands_tools_contacts_steps_and_of_the_released_d
         for place, loop in enumerate(loops.patterns):
             each = np.abs(np.linalg.eigvals(loop.monodromy(gains, loops.tools))).max(axis=-1)
             radii |= {(place, at): each[at] for at in np.ndindex(each.shape)}
-        # The one that grows fastest in time, told by one step of its engine.
         place, at = max(radii, key=lambda one: math.log(radii[one]) / loops.patterns[one[0]].period_s)
-        tool, _, hand = at
-        worst, case = loops.radius(gains)
         assert (len(loops.patterns[place].clock.samples) > 1) == several
-        assert worst == pytest.approx(radii[place, at] ** (1 / len(loops.patterns[place].clock.samples)), rel=1e-6)
-        assert (case.tool, case.hand) == (loops.tools[tool], loops.hands.values(hand))
+        assert loops.worst(gains)[2] == pytest.approx(radii[place, at], rel=1e-6)
 
 
 def test_an_engine_whose_stiffest_contact_leaves_its_place_is_unstable_by_itself():
@@ -170,7 +166,7 @@ def test_the_region_reckons_with_the_lightest_device_and_its_own_damping(monkeyp
 def tried(lean, free, first, wanted=None):
     """Choose where hands settle with friction up to one stiffness, and without up to another."""
     stated = problem("tool_mass_kg = 0.2\nstep_s = 0.004" + (f"\nstiffness_n_per_m = {wanted}" if wanted else ""))
-    search = SimpleNamespace(damped=lambda k, **_: [ToolGains(k, 1.0)])
+    search = SimpleNamespace(damped=lambda k, **_: [ToolGains(k, 1.0)], refuted=lambda *_: False)
 
     def trial(_, gains, *__):
         k = gains.stiffness_n_per_m
@@ -235,18 +231,6 @@ def test_the_motion_that_is_hardest_for_hands_is_told():
     assert "hardest for them: touch, 1 settle" in told
 
 
-def test_what_helps_most_comes_first_and_what_helps_nothing_is_left_out(monkeypatch):
-    def stiffest(stated, _):
-        tool = stated.simulation
-        k = 1500.0 if tool.step_s[0] < 0.004 else 3000.0 if tool.integrator == "implicit" else 1000.0
-        return SimpleNamespace(stiffest=lambda: ToolGains(k, 1.0))
-
-    monkeypatch.setattr(_sensitivity, "ToolSearch", stiffest)
-    stated = problem("tool_mass_kg = 0.2\nstep_s = 0.004")
-    found = _sensitivity.what_would_help(stated, 1000.0, local=True)
-    assert [one.stiffest_n_per_m for one in found] == [3000.0, 1500.0]
-
-
 def test_limits_of_mass_and_step_are_where_a_stiffness_holds_no_more(monkeypatch):
     def search(_, tool_mass_kg=1.0, step_s=T, exchange="on-time"):
         holds = tool_mass_kg >= 0.033 and step_s < 13.5 * T
@@ -296,16 +280,6 @@ def test_a_loop_whose_map_overflows_is_unstable():
         assert loops.radius(gains)[0] > 1
     longer = ToolLoops(stated.changed(simulation={"step_s": 10.0}))
     assert not longer.stable(ToolGains(1e5, 500.0))
-
-
-def test_other_devices_are_a_tenth_off_and_a_quarter_of_a_sample_late(monkeypatch):
-    seen = []
-    monkeypatch.setattr(_sensitivity, "ToolLoops", lambda one: seen.append(one) or SimpleNamespace(stable=bool))
-    _sensitivity.stable_on_other_devices(problem("tool_mass_kg = 0.2\nstep_s = 0.004"), ToolGains(1e3, 1.0))
-    known = seen[0].device.range
-    assert known.mass_kg == pytest.approx((0.9 * 0.12, 1.1 * 0.12))
-    assert known.damping_ns_per_m == pytest.approx((0.9 * 0.8, 1.1 * 0.8))
-    assert known.delay_samples == pytest.approx((1.0, 1.25))
 
 
 @pytest.mark.parametrize("late", [0, 4])

@@ -146,7 +146,9 @@ def test_the_stiffest_coupling_is_the_top_of_the_highest_hump_over_its_dampers(n
         return max(5e3 * math.exp(-abs(math.log(b / 3))), top * 9e3 * 0.5**apart)
 
     def search(top):
-        loops = SimpleNamespace(stable=lambda one: one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top))
+        loops = SimpleNamespace(
+            stable=lambda one: one.stiffness_n_per_m <= limit(one.damping_ns_per_m, top), refuted=lambda _: False
+        )
         return CouplingSearch(loops, Scale(0.12, 0.8, 1e-3, 1e-2))
 
     found = search(1.0).stiffest()

@@ -1,9 +1,9 @@
 """Deployable: whether a coupling may be deployed on a device, and which claim fails otherwise.
 
-One definition, for every verb: linearly stable with every hand of [hands] and with the device released, over every
-corner of [device.range], on the loop of the device as declared: its sample time and delay, amplifier and resonance; at
-the table's rows and between them. A nonlinear observer between encoder steps is excluded. State feedback is included,
-with any sector gain of its dead zone.
+One definition, for every verb: linearly stable with every hand of [hands] and with the device released, over all of
+[device.range] (corners, then a search for the worst point inside), on the loop of the device as declared: its sample
+time and delay, amplifier and resonance; at the table's rows and between them. A nonlinear observer between encoder
+steps is excluded. State feedback is included, with any sector gain of its dead zone.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.feedback import Worst, feedback_radius
-from avc_casadi.claims.hands_level import every_hand, looked_at
-from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.claims.hands_level import every_hand, looked_at, released_radius
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, frozen_parts
 from avc_casadi.coupling import require_coupling
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
+from avc_casadi.model.corners import linear_values
 from avc_casadi.model.hands import no_hand
 
 if TYPE_CHECKING:
@@ -205,13 +204,10 @@ def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, pro
 def _released_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, progress: Progress) -> DeployClaim:
     b, k, contact = gains
     parts = frozen_parts(problem, b, k)
-    corners = device_corners(problem.device, LINEAR_KEYS)
-    radius = np.array(
-        [whole_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in corners]
-    )
-    stable = np.asarray((radius < radius_limit(problem.device, parts, no_hand())[:, 0]).all(axis=0))
-    corner, row = (int(index) for index in np.unravel_index(np.argmax(radius), radius.shape))
-    at = _Worst(float(radius[corner, row]), frequency[row], corners[corner], corners)
+    radius, corner, devices = released_radius(problem, parts, contact, progress)
+    stable = np.asarray(radius < radius_limit(problem.device, parts, no_hand())[:, 0])
+    row = int(np.argmax(radius))
+    at = _Worst(float(radius[row]), frequency[row], devices[corner[row]], devices)
     return at.claim("let-go", stable, "when released", "when released")
 
 

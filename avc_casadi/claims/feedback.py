@@ -14,20 +14,25 @@ from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.levels import Rows, level_result
 from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.eigenvalues import leading_radii
+from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue, leading_radii
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_rendering
 from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
-from avc_casadi.model.corners import LINEAR_KEYS, device_set
+from avc_casadi.claims.stability.worst_point import hand_boxes, worst_held
+from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, device_set
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
-    from avc_casadi._util.arrays import FloatArray
+    from collections.abc import Mapping
+
+    from avc_casadi._util.arrays import ComplexArray, FloatArray
     from avc_casadi.claims.stability.frozen_loop import Rendering
+    from avc_casadi.claims.stability.worst_point import Ranges
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Hands
     from avc_casadi.model.runtime import StateFeedback
+    from avc_casadi.model.sampled_plant import SampledPlant
 
 
 Plants = tuple["FloatArray", "FloatArray", "FloatArray"]
@@ -77,7 +82,7 @@ class FeedbackRadius:
 
 
 def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> FeedbackRadius:
-    """Return the worst spectral radii of a coupling with state feedback, at every corner of its device and some within.
+    """Return the worst spectral radii of a coupling with state feedback, over the ranges of hands and device.
 
     A pattern search starts at the worst of the initial hands and sector gains, as maxima lie between them. A search,
     not a proof.
@@ -104,14 +109,21 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
     free = largest_radius(state_feedback_loop(looked_at.free, law, rendering))[0]
     alone = int(free.argmax())
     whole = loop.worst(devices, hands, held[:1], (1.0,))
-    return FeedbackRadius(
-        devices,
-        len(hands),
-        whole,
-        # A sector gain of 1 is among these too, and their search may end in another maximum.
-        max(whole, loop.worst(devices, hands, held, _SHARES), key=lambda worst: worst.radius),
-        Worst(float(free[alone]), 1.0, devices[alone], no_hand().values(0)),
-    )
+    # A sector gain of 1 is among these too, and their search may end in another maximum.
+    any_share = max(whole, loop.worst(devices, hands, held, _SHARES), key=_radius_of)
+    released = Worst(float(free[alone]), 1.0, devices[alone], no_hand().values(0))
+    known = max(whole, any_share, released, key=_radius_of)
+    if device_ranges(problem.device, LINEAR_KEYS) and known.radius < 1 - RADIUS_TOLERANCE:
+        boxes = hand_boxes(problem)
+        whole = max(whole, loop.worst_inside(problem.device, boxes[0], (1.0, 1.0)), key=_radius_of)
+        inside = loop.worst_inside(problem.device, boxes[0], (min(_SHARES), 1.0))
+        any_share = max(any_share, whole, inside, key=_radius_of)
+        released = max(released, loop.worst_inside(problem.device, boxes[-1], (1.0, 1.0)), key=_radius_of)
+    return FeedbackRadius(devices, len(hands), whole, any_share, released)
+
+
+def _radius_of(worst: Worst) -> float:
+    return worst.radius
 
 
 @dataclass(frozen=True)
@@ -159,6 +171,17 @@ class _Loop:
             values = tuple(hands.values(int(hand)).values())
             found.append(self._climb(devices[int(device)], np.array(values), shares[int(share)], min(shares)))
         return max(found, key=lambda one: one.radius)
+
+    def worst_inside(self, device: Device, hand: Ranges, share: tuple[float, float]) -> Worst:
+        """Search the ranges of a hand, the device and the sector gain."""
+
+        def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
+            # The loop is affine in the sector gain.
+            none, all_ = state_feedback_loop(plants_with_forces(plant), self.law, self.rendering, (0.0, 1.0))
+            return largest_eigenvalue(none + values["share"][:, None, None] * (all_ - none))
+
+        value, held, found, values = worst_held(device, hand, leading, share=share)
+        return Worst(abs(value), float(values["share"][0]), found, held)
 
     def _climb(self, device: Device, values: FloatArray, share: float, least: float) -> Worst:
         """Run the pattern search from a hand and a sector gain."""

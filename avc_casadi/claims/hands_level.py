@@ -7,24 +7,36 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.levels import Rows, level_result, not_judged
-from avc_casadi.claims.stability.declared_device import whole_stability
-from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_parts
+from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, whole_stability
+from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue
+from avc_casadi.claims.stability.frozen_loop import (
+    MAX_DELAY_SAMPLES,
+    RADIUS_TOLERANCE,
+    fraction_rendering,
+    frozen_parts,
+)
 from avc_casadi.claims.stability.worst_hand import worst_hands
-from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
+from avc_casadi.claims.stability.worst_point import hand_boxes, worst_held
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, no_hand
 
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import LevelResult
     from avc_casadi.claims.levels import Rows
     from avc_casadi.claims.passivity.sampled_loop import Fractions
+    from avc_casadi.claims.stability.worst_point import Ranges
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.sampled_plant import SampledPlant
+
+# Rows of gains whose devices are searched inside their ranges.
+_ROWS_INSIDE = 4
 
 
 @dataclass(frozen=True)
@@ -90,13 +102,67 @@ def every_hand(
         )
         radius[row], frequency[row] = last.radius, last.frequency_hz
         places[:, row] = np.array(list(vars(last.hands).values()))
+    for row in _hardest(problem.device, radius):
+        value, hand, device = worst_rendering(problem.device, parts, contact, int(row), hand_boxes(problem)[0])
+        if abs(value) > radius[row]:
+            radius[row], frequency[row] = abs(value), _frequency_hz(value, device)
+            places[:, row], corner[row] = list(hand.values()), len(devices)
+            devices = [*devices, device]
+            stable[row] &= radius[row] < _own_limit(device, parts.pick(slice(row, row + 1)), Hand(**hand))[0]
     return EveryHand(stable, radius, frequency, Hand(*places), corner, devices, len(first))
+
+
+def released_radius(
+    problem: Problem, parts: Fractions, contact: FloatArray, progress: Progress = SILENT
+) -> tuple[FloatArray, IndexArray, list[Device]]:
+    """Return the largest spectral radius of each row with the device released, shape (n,), its device, and all devices.
+
+    Args:
+        problem: device with its ranges.
+        parts: partial fractions of n renderings.
+        contact: b_p, shape (n,).
+        progress: reported over the rows.
+    """
+    devices = device_corners(problem.device, LINEAR_KEYS)
+    radii = [whole_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in devices]
+    corner, radius = np.argmax(radii, axis=0), np.max(radii, axis=0)
+    for row in _hardest(problem.device, radius):
+        value, _, device = worst_rendering(problem.device, parts, contact, int(row), hand_boxes(problem)[-1])
+        if abs(value) > radius[row]:
+            radius[row], corner[row] = abs(value), len(devices)
+            devices = [*devices, device]
+    return radius, corner, devices
+
+
+def _hardest(device: Device, radius: FloatArray) -> IndexArray:
+    """Return the rows whose devices are searched inside the ranges: of those not refuted at corners the worst."""
+    if not device_ranges(device, LINEAR_KEYS):
+        return np.zeros(0, dtype=np.intp)
+    order = np.argsort(-radius, kind="stable")
+    return np.asarray(order[radius[order] < 1.0][:_ROWS_INSIDE])
+
+
+def worst_rendering(
+    device: Device, parts: Fractions, contact: FloatArray, row: int, hand: Ranges
+) -> tuple[complex, dict[str, float], Device]:
+    """Return the largest eigenvalue of one row over the ranges of a hand and the device, that hand and that device."""
+    only = slice(row, row + 1)
+    rendering = fraction_rendering(parts.pick(only), contact[only], device.sample_time_s)
+
+    def leading(plant: SampledPlant, _: object) -> ComplexArray:
+        return largest_eigenvalue(paired_loop(*plants_with_forces(plant), rendering))
+
+    return worst_held(device, hand, leading)[:3]
+
+
+def _frequency_hz(value: complex, device: Device) -> float:
+    return float(abs(np.angle(value)) / (2 * np.pi * device.sample_time_s))
 
 
 def looked_at(problem: Problem, draws: int, seed: int) -> str:
     """Return the hands behind a verdict, in words."""
     corners = len(hand_corners(problem.hands))
-    return f"{corners} corners, {draws} draws (seed {seed}) and a search of the ranges of the hands"
+    return f"{corners} corners, {draws} draws (seed {seed}) and a search of the ranges"
 
 
 def _own_limit(device: Device, parts: Fractions, hands: Hand) -> FloatArray:
@@ -125,7 +191,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     parts = frozen_parts(problem, rows.b, rows.k)
     found = every_hand(problem, parts, rows.contact, draws=draws, seed=seed, progress=progress)
     radius = found.radius
-    detail = _beside(rows, parts, found.devices, radius) | {
+    detail = _beside(rows, parts, radius) | {
         "hands": found.looked_at,
         "hands_seed": seed,
         "row_worst_hand": {name: rows.spread(np.asarray(value)) for name, value in vars(found.hands).items()},
@@ -160,15 +226,15 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
     )
 
 
-def _beside(rows: Rows, parts: Fractions, devices: list[Device], radius: FloatArray) -> dict[str, Any]:
+def _beside(rows: Rows, parts: Fractions, radius: FloatArray) -> dict[str, Any]:
     """Return details of the verdict: the device released."""
-    released = [whole_stability(device, parts, rows.contact, no_hand()).radius for device in devices]
-    limit = radius_limit(rows.problem.device, parts, no_hand())
+    released, _, _ = released_radius(rows.problem, parts, rows.contact)
+    limit = radius_limit(rows.problem.device, parts, no_hand())[:, 0]
     return {
         "spectral_radius": float(np.max(radius)) if len(radius) else None,
         "row_spectral_radius": rows.spread(radius),
-        "released_spectral_radius": max(float(np.max(one)) for one in released) if len(radius) else None,
-        "released_pass": bool(len(radius) and all((one < limit).all() for one in released)),
+        "released_spectral_radius": float(np.max(released)) if len(radius) else None,
+        "released_pass": bool(len(radius) and (released < limit).all()),
     }
 
 

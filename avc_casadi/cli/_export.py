@@ -124,7 +124,7 @@ def _to_simulation(args: argparse.Namespace, console: Console) -> Answer:
         return Answer(found, engines.parameters_page(found, coupling, console.page, args.gains))
     with faults_of(args.gains, args), console.step("C"):
         files = export_tool_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
-    written, stable = _written(args.c, files), loops.stable(coupling.gains)
+    written, stable = _written(args.c, files), loops.stable_over_ranges(coupling.gains)
     document = {
         "schema": "avc-export-tool/1",
         "coupling": coupling.id,
@@ -154,7 +154,7 @@ def _to_follower(args: argparse.Namespace, console: Console) -> Answer:
     speak(coupling.problem.units)
     with faults_of(args.gains, args), console.step("C"):
         files = export_teleoperator_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
-    written, stable = _written(args.c, files), BilateralLoops(coupling.problem).stable(coupling.gains)
+    written, stable = _written(args.c, files), BilateralLoops(coupling.problem).stable_over_ranges(coupling.gains)
     document = {
         "schema": "avc-export-teleoperator/1",
         "coupling": coupling.id,

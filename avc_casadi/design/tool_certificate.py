@@ -17,14 +17,15 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
 STABILITY = (
-    "linear stability of the lifted loop: every hand of [hands] and the device released, corners of device and tool, "
-    "free motion, rigid contact and the contact springs of the range, every phase of the clocks"
+    "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and contacts of "
+    "their ranges (corners, then a search for the worst point inside), every phase of the clocks"
 )
 PASSIVITY = Wording.of(
     lambda: (
-        "the port at which the engine meets the coupling is passive, with every hand of [hands] and released: stable "
-        "with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the tool "
-        f"together with the coupling's {FORCE} (implicit); one that moves {A_MASS} explicitly is none, however heavy"
+        "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
+        "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
+        f"tool together with the coupling's {FORCE} (implicit); one that moves {A_MASS} explicitly is none, however "
+        "heavy"
     )
 )
 
@@ -38,14 +39,14 @@ def tool_certificate(problem: Problem, gains: ToolGains, search: ToolSearch | No
         search: of the problem, if available.
     """
     search = ToolSearch(problem) if search is None else search
-    stable, (radius, case) = search.loops.stable(gains), search.loops.radius(gains)
+    stable, (radius, case) = search.loops.stable_over_ranges(gains), search.loops.radius(gains)
     found: dict[str, Any] = plain(
         {
             "stable": stable,
             "spectral_radius": radius,
             "worst": asdict(case),
             "loops": len(search.loops),
-            "gain_margin": search.gain_margin(gains),
+            "gain_margin": search.gain_margin_over_ranges(gains),
             "least_damped": asdict(search.loops.slowest(gains)) if stable else None,
             "claim": STABILITY,
             "passivity": _passivity(problem, gains),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from avc_casadi.model.lifted_loop import ToolGains
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
     from avc_casadi.claims.stability.periodic import Loops
+    from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
 
 
@@ -65,6 +66,8 @@ _BELOW = (1 / 64, 1 / 16, 1 / 4, 1.0)
 _FINE_DAMPER, _MOST_FINE = 2e-3, 16
 # Ratio of the stiffnesses at which stability is checked below a limit, and the lowest share.
 _CHECKED, _CHECKED_TO = 1.25, 0.02
+# A search over ranges adds a loop or some each time; few are needed.
+_MOST_REFUTED = 20
 
 
 @dataclass(frozen=True)
@@ -162,22 +165,46 @@ class CouplingSearch:
             local: whether the device's local loop may damp too.
         """
         judge, below = WithMargin(self._judge, gain_margin), limit.times(1 / gain_margin)
-        if below.stiffness_n_per_m > 0 and judge.stable(below):
+        if below.stiffness_n_per_m > 0 and judge.stable(below) and not judge.refuted(below):
             return below.stiffness_n_per_m
         # A trial begins at a share of it: every other damper suffices.
         search = CouplingSearch(judge, self.scale, replace(self.options, dampers=self.options.dampers // 2 + 1))
         return (search.stiffest_beside_local_damper() if local else search.stiffest()).stiffness_n_per_m
 
     def _summit(self, gains: Callable[[float, float], ToolGains]) -> ToolGains:
-        """Return the gains with the stiffest stable K over the dampers: every hump of the limit is refined.
+        """Return the gains with the stiffest stable K over the dampers, once no search of the ranges refutes them.
 
         Args:
             gains: of a stiffness and a damper.
         """
-        dampers = self.dampers_ns_per_m.tolist()
         limits: list[float] = []
-        for damping in dampers:
+        for _ in range(_MOST_REFUTED):
+            limits = self._lowered(gains, limits) if limits else self._limits(gains)
+            found = self._top(gains, limits)
+            if not found.stiffness_n_per_m or not self._judge.refuted(found.times(1 / (1 + self.options.precision))):
+                return found
+        return gains(0.0, 0.0)
+
+    def _limits(self, gains: Callable[[float, float], ToolGains]) -> list[float]:
+        """Return roughly the stiffest stable K of each damper."""
+        limits: list[float] = []
+        for damping in self.dampers_ns_per_m.tolist():
             limits.append(self._followed(partial(_with, gains, damping), limits[-1] if limits else 0.0))
+        return limits
+
+    def _lowered(self, gains: Callable[[float, float], ToolGains], before: list[float]) -> list[float]:
+        """Return the limits where loops were added; those that stay below a hump are left as they were."""
+        limits, top, low = before.copy(), 0.0, self._softest_n_per_m
+        for place in sorted(range(len(before)), key=lambda at: -before[at]):
+            if before[place] <= max(low, self.options.hump * top):
+                break
+            limits[place] = self._below(partial(_with, gains, float(self.dampers_ns_per_m[place])), before[place])
+            top = max(top, limits[place])
+        return limits
+
+    def _top(self, gains: Callable[[float, float], ToolGains], limits: list[float]) -> ToolGains:
+        """Return the gains with the stiffest stable K: every hump of the limit is refined."""
+        dampers = self.dampers_ns_per_m.tolist()
         least, ends = self.options.hump * max(limits), [0.0, *limits, 0.0]
         humps = [
             place
@@ -248,7 +275,17 @@ class CouplingSearch:
         tried = self._tried(stiffness_n_per_m, local=local)
         middle = len(tried) / 2
         order = sorted(range(len(tried)), key=lambda place: abs(place - middle))
-        return any(self._judge.stable(tried[place]) for place in order)
+        return any(self._judge.stable(tried[place]) and not self._judge.refuted(tried[place]) for place in order)
+
+    def refuted(self, gains: ToolGains, gain_margin: float) -> bool:
+        """Return whether a search of the ranges refutes gains with their margin; without it where they have none.
+
+        Args:
+            gains: stable ones.
+            gain_margin: required.
+        """
+        judge = WithMargin(self._judge, gain_margin)
+        return (judge if judge.stable(gains) else self._judge).refuted(gains)
 
     def _tried(self, stiffness_n_per_m: float, *, local: bool) -> list[ToolGains]:
         """Return the couplings of one stiffness to try."""
@@ -260,10 +297,18 @@ class CouplingSearch:
         ]
 
     def gain_margin(self, gains: ToolGains) -> float:
-        """Return the common gain margin of K and B, 0 where they are unstable."""
+        """Return the common gain margin of K and B with all known loops, 0 where they are unstable."""
         if not self._judge.stable(gains):
             return 0.0
-        return _edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, 1.02)
+        fine = 1 + self.options.precision
+        return _edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, fine)
+
+    def gain_margin_over_ranges(self, gains: ToolGains) -> float:
+        """Return the common gain margin of K and B once no search of the ranges refutes it."""
+        found = self.gain_margin(gains)
+        while found and self._judge.refuted(gains.times(found / (1 + self.options.precision))):
+            found = self.gain_margin(gains)
+        return found
 
     def local_dampers_ns_per_m(self, gains: ToolGains) -> tuple[float, float]:
         """Return the range of the damper in the device's local loop with which K and B stay stable.
@@ -301,6 +346,15 @@ class CouplingSearch:
                 low = high
         return _edge(stable, low, self.stiffest_n_per_m, _COARSE)
 
+    def _below(self, gains: Callable[[float], ToolGains], most_n_per_m: float) -> float:
+        """Return roughly the largest K up to a limit up to which softer ones are stable."""
+        low = self._softest_n_per_m
+        if self._judge.stable(gains(most_n_per_m)):
+            return most_n_per_m
+        if not self._judge.stable(gains(low)):
+            return 0.0
+        return _edge(lambda k: self._judge.stable(gains(k)), low, most_n_per_m, _COARSE)
+
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
         """Return the largest stable K near an initial guess, 0 where there is none."""
         low = near
@@ -330,13 +384,16 @@ class ToolSearch(CouplingSearch):
     Args:
         problem: with [simulation].
         options: numbers of the search.
+        beside: hands that are looked at beside the corners.
 
     Attributes:
         loops: of the problem.
     """
 
-    def __init__(self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS) -> None:
-        self.loops = ToolLoops(problem)
+    def __init__(
+        self, problem: Problem, options: ToolSearchOptions = DEFAULT_OPTIONS, beside: Sequence[Hand] = ()
+    ) -> None:
+        self.loops = ToolLoops(problem, beside)
         super().__init__(self.loops, Scale.of(problem, max(self.loops.tool.step_s)), options)
 
     @cached_property
@@ -396,4 +453,4 @@ def designed(search: ToolSearch, share_of_safe: float = 0.9, gain_margin: float 
     if wanted is None:
         wanted = share_of_safe * search.stiffest_with_margin(stiffest, gain_margin, local=local)
     found = search.damped(wanted, local=local, gain_margin=gain_margin) if wanted > 0 else []
-    return found[0] if found else None
+    return next((one for one in found if not search.refuted(one, gain_margin)), None)

@@ -6,6 +6,7 @@ that has arrived, and holds a force. The product of the maps over one period of 
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from fractions import Fraction
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 # Largest number of samples of the slower clock until the pattern recurs.
 _LONGEST_PERIOD = 8
+# Delays are read to this part of a sample.
+_FINEST = 10**6
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class LinkClock:
 
 
 def link_clocks(leader_s: float, follower_s: float, there_s: float, back_s: float) -> list[LinkClock]:
-    """Return the distinct patterns of two clocks at four phases, a quarter of a sample apart.
+    """Return the distinct patterns of two clocks, of every phase.
 
     Args:
         leader_s: sample time of the leader.
@@ -52,8 +55,12 @@ def link_clocks(leader_s: float, follower_s: float, there_s: float, back_s: floa
     ratio = Fraction(follower_s / leader_s).limit_denominator(_LONGEST_PERIOD)
     if ratio == 0:
         ratio = Fraction(1, _LONGEST_PERIOD)
-    steps = [Fraction(quarter, 4 * ratio.denominator) for quarter in range(4)]
-    return list(dict.fromkeys(_clock(ratio, phase, there_s / leader_s, back_s / leader_s) for phase in steps))
+    there, back = there_s / leader_s, back_s / leader_s
+    # Phases recur after one over the denominator; the pattern changes where a message arrives at a sample.
+    recurs = Fraction(1, ratio.denominator)
+    turns = sorted({Fraction(0), *(Fraction(late).limit_denominator(_FINEST) % recurs for late in (there, -back))})
+    between = [(one + other) / 2 for one, other in itertools.pairwise([*turns, recurs])]
+    return list(dict.fromkeys(_clock(ratio, phase, there, back) for phase in sorted({*turns, *between})))
 
 
 def _clock(ratio: Fraction, phase: Fraction, there: float, back: float) -> LinkClock:
@@ -81,13 +88,15 @@ class BilateralLoop:
     forces that the follower has sent.
 
     Args:
-        leader: the leader with its hands, one device.
-        follower: the follower with its environment, one device, in the leader's units.
+        leader: the leader with its hands: one device, or one for each hand.
+        follower: the follower with its environments, in the leader's units: one device, or one for each.
         stiffness_n_per_m: of the environments; infinite where the follower is fixed.
         damping_ns_per_m: of the environments.
         clock: of both.
         architecture: position-position or position-force.
         force: force that the follower sends with the latter.
+        paired: whether each hand goes with its own environment, all rigid or none, and is the only loop with it; the
+            loops have the axes (hands, 1).
 
     Attributes:
         size: number of states.
@@ -104,10 +113,18 @@ class BilateralLoop:
         clock: LinkClock,
         architecture: Architecture,
         force: ForceSent,
+        *,
+        paired: bool = False,
     ) -> None:
         self.clock, self._forces, self._measured_force = clock, architecture == "position-force", force == "measured"
         self._plants = (leader, follower)
-        self._maps = [plant.with_forces_under_way() for plant in self._plants]
+        maps = [plant.with_forces_under_way() for plant in self._plants]
+        # One device with many hands, or as many devices as hands, each in its own.
+        self._maps = [
+            (matrix.reshape(1, -1, *matrix.shape[-2:]), push.reshape(1, -1, push.shape[-1])) for matrix, push in maps
+        ]
+        self._paired = paired
+        self._rigid = (np.isinf(stiffness_n_per_m),) if paired else (slice(None), np.isinf(stiffness_n_per_m))
         self._fixed = np.isinf(stiffness_n_per_m)
         self._touch = np.zeros((len(stiffness_n_per_m), len(follower.names)))
         body = "handle" if "handle_position_m" in follower.names else "device"
@@ -135,8 +152,7 @@ class BilateralLoop:
         Args:
             gains: K, B and the damper that each loop adds to its own device, at the leader.
         """
-        hands, environments = self._maps[0][0].shape[1], self._maps[1][0].shape[1]
-        whole = np.broadcast_to(np.eye(self.size), (hands, environments, self.size, self.size))
+        whole = np.broadcast_to(np.eye(self.size), (*self._shape, self.size, self.size))
         seen = [0, 0]
         for event in self.clock.events:
             step = self._samples(event)
@@ -173,6 +189,11 @@ class BilateralLoop:
         state = np.linalg.solve(turn**count * np.eye(self.size) - whole, offset)
         return complex((rows @ state + past) / count)
 
+    @property
+    def _shape(self) -> tuple[int, int]:
+        hands, environments = self._maps[0][0].shape[1], self._maps[1][0].shape[1]
+        return (hands, 1) if self._paired else (hands, environments)
+
     def _ages(self, seen: list[int]) -> list[int]:
         """Return the age of the data received on each side, after a number of samples of each."""
         both = self.clock.leader_sees, self.clock.follower_sees
@@ -193,21 +214,20 @@ class BilateralLoop:
 
     def _forward(self, gains: ToolGains, event: tuple[bool, bool], ages: list[int]) -> FloatArray:
         """Return the map of each sampling device to its next sample, shape (hands, environments, size, size)."""
-        hands, environments = self._maps[0][0].shape[1], self._maps[1][0].shape[1]
-        step = np.zeros((hands, environments, self.size, self.size))
+        step = np.zeros((*self._shape, self.size, self.size))
         step[...] = np.eye(self.size)
         asked = self._asked(gains, ages)
         for side, here in enumerate(event):
             if not here:
                 continue
             matrix, push = (part[0] for part in self._maps[side])
-            many = (slice(None), None) if side == 0 else (None, slice(None))
+            many = (slice(None), None) if side == 0 or self._paired else (None, slice(None))
             start, n = self._starts[side], matrix.shape[-1]
             step[..., start : start + n, :] = 0.0
             step[..., start : start + n, start : start + n] = matrix[many]
             step[..., start : start + n, :] += push[many][..., None] * (asked[side] + asked[2 + side])
             if side == 1:
-                step[:, self._fixed, start : start + n] = 0.0
+                step[*self._rigid, start : start + n] = 0.0
                 self._send_force(step, asked[1])
         return step
 
@@ -237,6 +257,7 @@ class BilateralLoop:
         step[..., first, :] = asked
         if self._measured_force:
             start, plant = self._starts[1], self._plants[1]
-            touch = np.zeros((step.shape[1], self.size))
+            touch = np.zeros((len(self._touch), self.size))
             touch[:, start : start + len(plant.names)] = self._touch
-            step[..., first, :] = np.where(self._fixed[None, :, None], asked, -touch)
+            many = (slice(None), None) if self._paired else (None, slice(None))
+            step[..., first, :] = np.where(self._fixed[many][..., None], asked, -touch[many])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import Device
 from avc_casadi.model.quantity import LEAST_DELAY_SAMPLES
 
@@ -37,7 +38,7 @@ def device_corners(device: Device, keys: Collection[str] | None = None) -> list[
         keys: ranges that apply, such as `LINEAR_KEYS`, the others staying at their nominal value; None takes every
             range. There are two corners to each range.
     """
-    ends = {key: tuple(sorted(set(interval))) for key, interval in _intervals(device, keys).items()}
+    ends = {key: tuple(sorted(set(interval))) for key, interval in device_ranges(device, keys).items()}
     whole = device.model_dump(exclude={"range"})
     return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
 
@@ -54,17 +55,14 @@ def device_set(device: Device, keys: Collection[str] | None = None, *, draws: in
     corners = device_corners(device, keys)
     if len(corners) == 1:
         return corners
-    intervals = _intervals(device, keys)
+    intervals = device_ranges(device, keys)
     low, high = np.array(list(intervals.values())).T
     drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
-    # A range from 0 passes delays that no device may have.
-    none = np.array([key == "delay_samples" for key in intervals]) & (drawn < LEAST_DELAY_SAMPLES)
-    drawn[none] = 0.0
-    return [*corners, *(device_with(device, dict(zip(intervals, row, strict=True))) for row in drawn.tolist())]
+    return [*corners, *devices_with(device, dict(zip(intervals, drawn.T, strict=True)))]
 
 
-def _intervals(device: Device, keys: Collection[str] | None) -> dict[str, tuple[float, float]]:
-    """Return the declared ranges by key."""
+def device_ranges(device: Device, keys: Collection[str] | None = None) -> dict[str, tuple[float, float]]:
+    """Return the declared ranges by key, such as ``resonance.frequency_hz``; of some keys, or of all."""
     found: dict[str, tuple[float, float]] = {}
     for table, ranges in (("", device.range), ("resonance.", device.range.resonance)):
         for key in type(ranges).model_fields:
@@ -78,6 +76,19 @@ def _intervals(device: Device, keys: Collection[str] | None) -> dict[str, tuple[
 def device_with(device: Device, values: Mapping[str, float]) -> Device:
     """Return a device without ranges, with other values of some keys, such as ``resonance.frequency_hz``."""
     return _changed(device.model_dump(exclude={"range"}), values)
+
+
+def devices_with(device: Device, values: Mapping[str, FloatArray]) -> list[Device]:
+    """Return m devices without ranges with values of some keys, each of shape (m,); a delay that none may have is 0."""
+    whole = device.model_dump(exclude={"range"})
+    rows = np.array(list(values.values())).T.tolist()
+    devices = []
+    for row in rows:
+        one = dict(zip(values, row, strict=True))
+        if one.get("delay_samples", 1.0) < LEAST_DELAY_SAMPLES:
+            one["delay_samples"] = 0.0
+        devices.append(_changed(whole, one))
+    return devices
 
 
 def linear_values(device: Device) -> dict[str, float]:

@@ -194,6 +194,20 @@ class LiftedLoop:
             found.append(whole)
         return np.stack([one for one in found if one is not None])
 
+    def paired(self, gains: ToolGains, tools: Sequence[ToolState]) -> FloatArray:
+        """Return the product of all maps over one period with each plant's own tool, shape (plants, size, size).
+
+        Args:
+            gains: of the coupling.
+            tools: one for each plant, all fixed or none.
+        """
+        sample = self._sample(gains, fixed=tools[0].fixed).reshape(-1, self.size, self.size)
+        whole = np.eye(self.size)
+        for samples, aged in zip(self.clock.samples, self.clock.aged, strict=True):
+            steps = np.stack([self._step(gains, tool, aged=aged) for tool in tools])
+            whole = np.linalg.matrix_power(sample, samples) @ steps @ whole
+        return np.asarray(whole)
+
     def _seen(self, *, aged: bool) -> tuple[FloatArray, FloatArray]:
         """Return rows of position and velocity of the device at the newest sample."""
         now, before = (self._last, self._older) if aged else (self._measured, self._last)

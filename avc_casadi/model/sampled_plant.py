@@ -117,7 +117,7 @@ class SampledPlant:
 
 def sampled_plant(
     devices: Device | Sequence[Device],
-    hand: Mechanics | None = None,
+    hand: Mechanics | Sequence[Mechanics] | None = None,
     damping_shift_ns_per_m: float = 0.0,
     mode: Mode | None = None,
 ) -> SampledPlant:
@@ -125,13 +125,15 @@ def sampled_plant(
 
     Args:
         devices: one device, or corners of one (`device_corners`), all with the same sample time and structure.
-        hand: what holds each of them, whose numbers may be arrays of shape (hands,); None leaves them alone.
+        hand: what holds each of them, whose numbers may be arrays of shape (hands,), or one for each device; None
+            leaves them alone.
         damping_shift_ns_per_m: added to the damping of each device; the sum may be negative.
         mode: in place of the resonance of each device; None leaves that.
     """
     some = devices if isinstance(devices, Sequence) else (devices,)
     first = some[0]
-    plants = [device_plant(device, hand, damping_shift_ns_per_m, mode) for device in some]
+    hands = hand if isinstance(hand, Sequence) else [hand] * len(some)
+    plants = [device_plant(device, one, damping_shift_ns_per_m, mode) for device, one in zip(some, hands, strict=True)]
     grip = plants[0].grip
     linear, steps_s = [plant.linear() for plant in plants], [_steps_s(device) for device in some]
     names = linear[0].names

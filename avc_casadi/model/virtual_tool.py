@@ -168,20 +168,39 @@ def tool_states(tool: VirtualTool, contact_stiffness_n_per_m: float) -> list[Too
     """Return the corners of a tool in a contact of the scene, in the device's units, light ones first."""
     if tool.tool_mass_kg is None:
         return [ToolState(math.inf, 0.0, math.inf, 0.0)]
-    rigid = contact_stiffness_n_per_m >= RIGID_N_PER_M
-    contact = math.inf if rigid else contact_stiffness_n_per_m
-    return [
-        ToolState(tool.scale * mass, tool.scale * damping, tool.scale * contact, tool.scale * contact_damping)
+    dampers: list[float | None] = [None]
+    if tool.contact_damping_ns_per_m is not None:
+        dampers = [*sorted(set(tool.contact_damping_ns_per_m))]
+    every = (
+        tool_at(tool, mass, damping, contact_stiffness_n_per_m, damper)
         for mass in sorted(set(tool.tool_mass_kg))
         for damping in sorted(set(tool.tool_damping_ns_per_m))
-        for contact_damping in _dampers_ns_per_m(tool, mass, contact)
-    ]
+        for damper in dampers
+    )
+    return list(dict.fromkeys(every))
 
 
-def _dampers_ns_per_m(tool: VirtualTool, mass_kg: float, stiffness_n_per_m: float) -> list[float]:
-    """Return the dampers of a contact, in the scene; none for a free tool or a rigid contact."""
-    if stiffness_n_per_m == 0 or math.isinf(stiffness_n_per_m):
-        return [0.0]
-    if tool.contact_damping_ns_per_m is None:
-        return [2 * math.sqrt(stiffness_n_per_m * mass_kg)]
-    return sorted(set(tool.contact_damping_ns_per_m))
+def tool_at(
+    tool: VirtualTool,
+    mass_kg: float,
+    damping_ns_per_m: float,
+    contact_stiffness_n_per_m: float,
+    contact_damping_ns_per_m: float | None = None,
+) -> ToolState:
+    """Return a tool in contact, in the device's units; all numbers are the scene's.
+
+    Args:
+        tool: with its scales.
+        mass_kg: of the tool.
+        damping_ns_per_m: of the tool.
+        contact_stiffness_n_per_m: `RIGID_N_PER_M` or more is rigid.
+        contact_damping_ns_per_m: of a contact that is neither free nor rigid; None: critical.
+    """
+    stiffness, damper = contact_stiffness_n_per_m, contact_damping_ns_per_m
+    if stiffness >= RIGID_N_PER_M:
+        stiffness = math.inf
+    if stiffness == 0 or math.isinf(stiffness):
+        damper = 0.0
+    elif damper is None:
+        damper = 2 * math.sqrt(stiffness * mass_kg)
+    return ToolState(*(tool.scale * one for one in (mass_kg, damping_ns_per_m, stiffness, damper)))

@@ -177,7 +177,7 @@ def recommend_bilateral(
         people = people_of(problem.hands, hands, seed)
         gains, trial = _tried(problem, search, first, people, seed, progress, options, local=local)
     margin, needed = _passivity(problem, gains or stiffest)
-    gain_margin = None if gains is None else search.gain_margin(gains)
+    gain_margin = None if gains is None else search.gain_margin_over_ranges(gains)
     coupling = None
     if gains is not None and trial is not None:
         certificate = {"loops": len(loops), "gain_margin": gain_margin, "passivity_margin_ns_per_m": margin}
@@ -220,7 +220,7 @@ def _tried(
         progress.advance(number, count, f"K of {quantity(stiffness, problem.units.unit('N/m'))}")
         for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
             trial = try_bilateral(problem, gains, people, seed)
-            if trial.settled:
+            if trial.settled and not search.refuted(gains, options.gain_margin):
                 return gains, trial
         stiffness *= options.softer
     return None, trial

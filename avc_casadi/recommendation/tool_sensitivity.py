@@ -68,7 +68,7 @@ def stable_on_other_devices(problem: Problem, gains: ToolGains, options: Sensiti
         for key in ("mass_kg", "damping_ns_per_m")
     }
     about["delay_samples"] = known.delay_samples or (device.delay_samples, device.delay_samples + options.later_samples)
-    return ToolLoops(problem.changed(device={"range": about})).stable(gains)
+    return ToolLoops(problem.changed(device={"range": about})).stable_over_ranges(gains)
 
 
 def search_ends(problem: Problem, options: SensitivityOptions = _OPTIONS) -> dict[str, float]:
@@ -172,16 +172,16 @@ def exchanges_that_hold(problem: Problem, stiffness_n_per_m: float, *, local: bo
     }
 
 
-def what_would_help(problem: Problem, limit_n_per_m: float, *, local: bool) -> tuple[ToolHelp, ...]:
+def what_would_help(problem: Problem, search: ToolSearch, *, local: bool) -> tuple[ToolHelp, ...]:
     """Return the sensitivities of the stiffness limit, largest first.
 
     Args:
         problem: with [simulation].
-        limit_n_per_m: the stiffest K of the unchanged problem.
+        search: of the unchanged problem, with its limit.
         local: whether the device's local loop damps already; if not, that is one of the changes.
     """
     tool, t = required_tool(problem), problem.device.sample_time_s
-    step_s = max(tool.step_s)
+    step_s, hands = max(tool.step_s), search.loops.worst_hands
     changes: dict[str, dict[str, Any]] = {}
     if step_s >= 2 * t:
         changes["an engine twice as fast"] = {"step_s": step_s / 2}
@@ -194,14 +194,14 @@ def what_would_help(problem: Problem, limit_n_per_m: float, *, local: bool) -> t
     if tool.integrator != "implicit" and tool.tool_mass_kg is not None:
         changes["an implicit integrator"] = {"integrator": "implicit"}
     found = [
-        ToolHelp(change, ToolSearch(problem.changed(simulation=keys), _ROUGHLY).stiffest().stiffness_n_per_m)
+        ToolHelp(change, ToolSearch(problem.changed(simulation=keys), _ROUGHLY, hands).stiffest().stiffness_n_per_m)
         for change, keys in changes.items()
     ]
     if not local:
-        beside = ToolSearch(problem, _ROUGHLY).stiffest_beside_local_damper()
+        beside = ToolSearch(problem, _ROUGHLY, hands).stiffest_beside_local_damper()
         damper = quantity(beside.local_damping_ns_per_m, NS_PER_M)
         found.append(ToolHelp(f"a damper of {damper} in the device's own loop", beside.stiffness_n_per_m))
-    better = [one for one in found if one.stiffest_n_per_m > 1.02 * limit_n_per_m]
+    better = [one for one in found if one.stiffest_n_per_m > 1.02 * search.limit[0].stiffness_n_per_m]
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))
 
 

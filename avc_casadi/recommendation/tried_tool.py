@@ -105,6 +105,8 @@ def _tried(
         tries: list[ToolTrial] = []
         for gains in search.damped(stiffness, local=local, gain_margin=options.gain_margin):
             trial = try_tool(problem, gains, first, seed, _HARDEST)
+            if trial.settled_with_friction and search.refuted(gains, options.gain_margin):
+                continue
             if trial.settled_with_friction:
                 trial = try_tool(problem, gains, people, seed)
             if trial.settled:

@@ -183,7 +183,7 @@ def recommend_tool(
     coupling, deployable = None, gains is not None
     margin = mode = None
     if gains is not None and trial is not None:
-        margin, mode = search.gain_margin(gains), search.loops.slowest(gains)
+        margin, mode = search.gain_margin_over_ranges(gains), search.loops.slowest(gains)
         certificate = tool_certificate(problem, gains, search)
         coupling = ToolCoupling(problem, gains, certificate, trial.document(), versions or {})
     same = gains.stiffness_n_per_m if gains is not None else wanted
@@ -206,7 +206,7 @@ def recommend_tool(
         else least_tool_mass_kg(problem, same, local=local),
         slowest_step_s=None if same is None else slowest_step_s(problem, same, local=local),
         exchanges={} if same is None else exchanges_that_hold(problem, same, local=local),
-        helps=what_would_help(problem, limit, local=local),
+        helps=what_would_help(problem, search, local=local),
         assumed=(*assumed(problem), *_assumed(tool)),
         not_used=not_used(problem),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
+from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue
 from avc_casadi.claims.stability.frozen_loop import (
     MAX_DELAY_SAMPLES,
     LinearStability,
@@ -137,9 +138,7 @@ def sampled_stability(
         return LinearStability(radius, frequency)
     rows_at_once = max(1, _NUMBERS_AT_ONCE // (len(moved) * (len(measured) + 2) ** 2))
     for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
-        values = np.linalg.eigvals(closed_loop(matrix, push, measured, rendering.pick(some)))
-        largest = np.argmax(np.abs(values), axis=-1)[..., None]
-        value = np.take_along_axis(values, largest, axis=-1)[..., 0]
+        value = largest_eigenvalue(closed_loop(matrix, push, measured, rendering.pick(some)))
         radius[some, moved] = np.abs(value)
         frequency[some, moved] = np.abs(np.angle(value)) / (2 * np.pi * device.sample_time_s)
     return LinearStability(radius, frequency)

@@ -28,6 +28,13 @@ def eigenvalues(matrices: FloatArray) -> ComplexArray:
     return np.asarray(both.reshape(matrices.shape[:-1]), dtype=np.complex128)
 
 
+def largest_eigenvalue(matrices: FloatArray) -> ComplexArray:
+    """Return the eigenvalue of largest modulus of each matrix, shape (...) of (..., s, s)."""
+    values = eigenvalues(matrices)
+    largest = np.argmax(np.abs(values), axis=-1)[..., None]
+    return np.asarray(np.take_along_axis(values, largest, axis=-1)[..., 0])
+
+
 @cache
 def _helper() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.claims.stability.eigenvalues import eigenvalues, leading_radii
+from avc_casadi.claims.stability.eigenvalues import eigenvalues, largest_eigenvalue, leading_radii
 
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
@@ -22,6 +22,8 @@ TOLERANCE = 1e-9
 _OVERFLOWING = 1e60
 # Eigenvalues this small are deadbeat; oscillations slower than this are drift.
 _DEAD, _DRIFT_HZ = 1e-6, 0.1
+# Growth of loops with different patterns is compared over this time.
+UNIT_S = 1e-3
 
 
 class Periodic(Protocol):
@@ -55,7 +57,10 @@ class Loops(Protocol):
     """All loops that a coupling must stabilise."""
 
     def stable(self, gains: ToolGains) -> bool:
-        """Return whether every loop is stable."""
+        """Return whether every known loop is stable."""
+
+    def refuted(self, gains: ToolGains) -> bool:
+        """Return whether a search of the ranges finds an unstable loop; from then on it is known."""
 
     def slowest(self, gains: ToolGains) -> Mode:
         """Return the least damped oscillation of all loops."""
@@ -78,33 +83,62 @@ class WithMargin:
         factors = {self.gain_margin, 1.0, math.sqrt(self.gain_margin)}
         return all(self.loops.stable(gains.times(factor)) for factor in sorted(factors, reverse=True))
 
+    def refuted(self, gains: ToolGains) -> bool:
+        """Return whether a search of the ranges finds an unstable loop, with the margin or without."""
+        return any(self.loops.refuted(gains.times(factor)) for factor in (self.gain_margin, 1.0))
+
     def slowest(self, gains: ToolGains) -> Mode:
         """Return the least damped oscillation of all loops."""
         return self.loops.slowest(gains)
 
 
 class PeriodicLoops(ABC):
-    """Loops, of one or several patterns, that a coupling must stabilise."""
+    """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside.
+
+    A point inside joins them where a search of the ranges with some gains finds a loop worse than all known ones.
+    """
 
     patterns: Sequence[Periodic]
 
     def __init__(self) -> None:
-        self._few: list[list[int]] = [[] for _ in self.patterns]
+        self._few: dict[int, list[int]] = {}
         # Consecutive calls have the same gains: first for some loops, then for all.
         self._last: dict[int, tuple[ToolGains, FloatArray]] = {}
+        self._searched: set[ToolGains] = set()
 
     @abstractmethod
     def matrices(self, place: int, gains: ToolGains) -> FloatArray:
         """Return the monodromy matrices of the loops of a pattern, shape (loops, size, size)."""
 
+    @abstractmethod
+    def add_worst(self, gains: ToolGains, known: float) -> int:
+        """Search the ranges with these gains; add and count the points that grow faster in a millisecond than known."""
+
+    def search(self, gains: ToolGains) -> int:
+        """Search the ranges with these gains, once; return how many loops worse than all known ones joined them."""
+        if gains in self._searched:
+            return 0
+        self._searched.add(gains)
+        place, _, radius = self.worst(gains)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.add_worst(gains, radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE))
+
+    def refuted(self, gains: ToolGains) -> bool:
+        """Return whether a search of the ranges finds an unstable loop that was not known."""
+        return self.search(gains) > 0 and not self.stable(gains)
+
+    def stable_over_ranges(self, gains: ToolGains) -> bool:
+        """Return whether every loop is stable, the worst that a search of the ranges finds included."""
+        return self.stable(gains) and not self.refuted(gains)
+
     def stable(self, gains: ToolGains) -> bool:
-        """Return whether every loop is stable; loops that failed before are checked first."""
+        """Return whether every known loop is stable; loops that failed before are checked first."""
         if not self._settle(gains, self._few):
             return False
         failed = self._first_unstable(gains)
         if failed is None:
             return True
-        self._few[failed[0]].append(failed[1])
+        self._few.setdefault(failed[0], []).append(failed[1])
         return False
 
     def worst(self, gains: ToolGains) -> tuple[int, int, float]:
@@ -133,8 +167,8 @@ class PeriodicLoops(ABC):
                 found = Mode(float(ratio[row]), float(abs(pole.imag) / (2 * np.pi)), float(-1 / pole.real))
         return found
 
-    def _settle(self, gains: ToolGains, rows: Sequence[Sequence[int]]) -> bool:
-        return all(_contracts(self.eigenvalues(place, gains, some)).all() for place, some in enumerate(rows) if some)
+    def _settle(self, gains: ToolGains, rows: Mapping[int, Sequence[int]]) -> bool:
+        return all(_contracts(self.eigenvalues(place, gains, some)).all() for place, some in rows.items())
 
     def _first_unstable(self, gains: ToolGains) -> tuple[int, int] | None:
         for place in range(len(self.patterns)):
@@ -159,6 +193,15 @@ class PeriodicLoops(ABC):
 
 def _contracts(values: ComplexArray) -> BoolArray:
     return np.asarray(np.abs(values).max(axis=-1) < 1 - TOLERANCE)
+
+
+def leading(matrices: FloatArray, pattern: Periodic) -> ComplexArray:
+    """Return the largest eigenvalue of loops of a pattern (m, size, size), without a free translation.
+
+    Its modulus is that over a millisecond, comparable between patterns.
+    """
+    largest = largest_eigenvalue(_held(matrices, pattern.shift))
+    return np.asarray(largest * np.abs(largest) ** (UNIT_S / pattern.period_s - 1))
 
 
 def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, rigid, whole_stability
+from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue
 from avc_casadi.claims.stability.frozen_loop import LinearStability, Rendering, fraction_rendering, paired_transition
+from avc_casadi.claims.stability.worst_point import ascend
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set
 from avc_casadi.model.sampled_plant import sampled_plant
 
@@ -24,11 +26,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Hands
 
 _STARTS, _APART = 4, 0.6
-_ROUNDS, _SWEEPS = 12, 15
-# An ascent ends below this gain or step, the step as a share of the box.
-_GAINED, _STILL = 1e-10, 1e-4
-_REACH, _SHRINK = 0.2, 0.45
-_PAIRS = ((0, 1), (0, 2), (1, 2))
 _NUMBERS_AT_ONCE = 2_000_000
 
 
@@ -147,9 +144,10 @@ class _Search:
     ranges: FloatArray
     shift: float
 
-    def radius(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return spectral radius and frequency of rows (m,), each with its own hand (3, m)."""
-        hands = Hand(*places)
+    def leading(self, rows: IndexArray, shares: FloatArray) -> ComplexArray:
+        """Return the largest eigenvalue of rows (m,), each with its own hand, (3, m) in shares of the ranges."""
+        low, width = self.ranges[:, :1], np.ptp(self.ranges, axis=1)[:, None]
+        hands = Hand(*(low + width * shares))
         rendering = Rendering(self.rendering.force[rows], self.rendering.state[rows])
         if rigid(self.device):
             matrices = paired_transition(self.device, rendering, hands, self.shift)
@@ -158,93 +156,18 @@ class _Search:
             shifted = self.device.model_copy(update={"damping_ns_per_m": damping})
             matrix, push, measured = plants_with_forces(sampled_plant(shifted, hands))
             matrices = paired_loop(matrix, push, measured, rendering)
-        values = np.linalg.eigvals(matrices)
-        largest = np.argmax(np.abs(values), axis=-1)[:, None]
-        value = np.take_along_axis(values, largest, axis=-1)[:, 0]
-        return np.abs(value), np.abs(np.angle(value)) / (2 * math.pi * self.device.sample_time_s)
+        return largest_eigenvalue(matrices)
 
     def climb(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Ascend from initial guesses (3, m) in the box; return the final iterates, radii and frequencies."""
+        low, width = self.ranges[:, :1], np.ptp(self.ranges, axis=1)[:, None]
+        shares = np.clip((places - low) / np.where(width > 0, width, 1.0), 0.0, 1.0)
         size = 4 + math.ceil(self.device.delay_samples)
         at_once = max(1, _NUMBERS_AT_ONCE // (9 * size * size))
         parts = [
-            self._climbed(rows[begin : begin + at_once], places[:, begin : begin + at_once])
+            ascend(self.leading, rows[begin : begin + at_once], shares[:, begin : begin + at_once])
             for begin in range(0, len(rows), at_once)
         ]
-        return (
-            np.concatenate([part[0] for part in parts], axis=1),
-            np.concatenate([part[1] for part in parts]),
-            np.concatenate([part[2] for part in parts]),
-        )
-
-    def _climbed(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        low, width = self.ranges[:, :1], np.ptp(self.ranges, axis=1)[:, None]
-        at = np.clip((places - low) / np.where(width > 0, width, 1.0), 0.0, 1.0)
-        top, where = self.radius(rows, low + width * at)
-        reach = np.where(width > 0, _REACH, 0.0) * np.ones(len(rows))
-        going = np.arange(len(rows))
-        for _ in range(_ROUNDS):
-            here, near, best = at[:, going], reach[:, going], top[going]
-            probes = np.clip(here + _moves(here, near), 0.0, 1.0)
-            values, frequencies = self._at(rows[going], low + width * probes)
-            ends = -np.minimum(here, 2 * near), np.minimum(1 - here, 2 * near)
-            guess = here + _model_top(probes - here, values - best, *ends)
-            value, frequency = self._at(rows[going], low + width * guess[None])
-            probes = np.concatenate([here[None], probes, guess[None]])
-            values = np.concatenate([best[None], values, value])
-            frequencies = np.concatenate([where[going][None], frequencies, frequency])
-            chosen, pick = values.argmax(axis=0), np.arange(len(going))
-            at[:, going], top[going] = probes[chosen, :, pick].T, values[chosen, pick]
-            where[going] = frequencies[chosen, pick]
-            moved = np.abs(at[:, going] - here).max(axis=0)
-            reach[:, going] = np.where(moved < near.max(axis=0), near * _SHRINK, near)
-            going = going[(top[going] > best + _GAINED) & (moved > _STILL)]
-            if not going.size:
-                break
-        return low + width * at, top, where
-
-    def _at(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return radius and frequency at several places for each row, (p, 3, m), as (p, m) each."""
-        flat = places.transpose(1, 0, 2).reshape(3, -1)
-        radius, frequency = self.radius(np.tile(rows, len(places)), flat)
-        return radius.reshape(-1, len(rows)), frequency.reshape(-1, len(rows))
-
-
-def _moves(at: FloatArray, reach: FloatArray) -> FloatArray:
-    """Return probes both ways along each side of the box, then inwards along two sides at once, (9, 3, m)."""
-    inner = np.where(at <= 0.5, reach, -reach)
-    moves = [move for i in range(3) for move in (_only(inner, i), _only(-inner, i))]
-    return np.array([*moves, *(_only(inner, i) + _only(inner, j) for i, j in _PAIRS)])
-
-
-def _only(move: FloatArray, side: int) -> FloatArray:
-    one = np.zeros_like(move)
-    one[side] = move[side]
-    return one
-
-
-def _model_top(moves: FloatArray, gains: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the step (3, m) to the maximum of the quadratic through the probes, between two bounds (3, m)."""
-    m = moves.shape[2]
-    slope, bend = np.zeros((3, m)), np.zeros((3, 3, m))
-    for i in range(3):
-        d, e = moves[2 * i, i], moves[2 * i + 1, i]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one, other = gains[2 * i] / d, gains[2 * i + 1] / e
-            both = (d != 0) & (e != 0)
-            bend[i, i] = np.where(both, 2 * (one - other) / (d - e), 0.0)
-            slope[i] = np.where(both, one - 0.5 * bend[i, i] * d, np.where(d != 0, one, 0.0))
-    for number, (i, j) in enumerate(_PAIRS):
-        d, e = moves[2 * i, i], moves[2 * j, j]
-        cross = gains[6 + number] - gains[2 * i] - gains[2 * j]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bend[i, j] = bend[j, i] = np.where((d != 0) & (e != 0), cross / (d * e), 0.0)
-    slope, bend = (np.where(np.isfinite(values), values, 0.0) for values in (slope, bend))
-    step = np.zeros((3, m))
-    for _ in range(_SWEEPS):
-        for i in range(3):
-            rise = slope[i] + (bend[i] * step).sum(axis=0) - bend[i, i] * step[i]
-            curved = bend[i, i] < 0
-            top = np.where(curved, -rise / np.where(curved, bend[i, i], 1.0), np.where(rise > 0, np.inf, -np.inf))
-            step[i] = np.clip(np.where(~curved & (rise == 0), 0.0, top), low[i], high[i])
-    return step
+        top = np.concatenate([part[1] for part in parts])
+        frequency = np.abs(np.angle(top)) / (2 * math.pi * self.device.sample_time_s)
+        return low + width * np.concatenate([part[0] for part in parts], axis=1), np.abs(top), frequency

@@ -66,8 +66,8 @@ class Loops(Protocol):
     def __len__(self) -> int:
         """Number of loops."""
 
-    def stable(self, gains: ToolGains) -> bool:
-        """Whether every loop is stable."""
+    def stable_over_ranges(self, gains: ToolGains) -> bool:
+        """Whether every loop is stable, the worst that a search of the ranges finds included."""
 
     def radius(self, gains: ToolGains) -> tuple[float, Any]:
         """Return the largest spectral radius and its loop."""
@@ -86,7 +86,7 @@ def verdict(problem: Problem, loops: Loops, gains: ToolGains, *, unsafe: bool, a
     Raises:
         NotDeployableError: a loop is not stable.
     """
-    if loops.stable(gains):
+    if loops.stable_over_ranges(gains):
         return f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released{also}"
     radius, case = loops.radius(gains)
     who = "with a hand" if any(case.hand.values()) else "released"

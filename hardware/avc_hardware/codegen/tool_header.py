@@ -245,7 +245,7 @@ def _otherwise(coupling: ToolCoupling) -> str:
     """Describe the other exchanges for which these gains hold."""
     used = coupling.tool.exchange
     held = {
-        one: ToolLoops(coupling.problem.changed(simulation={"exchange": one})).stable(coupling.gains)
+        one: ToolLoops(coupling.problem.changed(simulation={"exchange": one})).stable_over_ranges(coupling.gains)
         for one in _EXCHANGES
         if one != used
     }
