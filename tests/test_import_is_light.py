@@ -46,7 +46,7 @@ def test_before_ctrl_c_is_handled_next_to_nothing_is_loaded():
     program = f"import sys; before = set(sys.modules); sys.path.insert(0, {root!r}); import avc_casadi._entry; "
     program += "print(*set(sys.modules) - before)"
     done = subprocess.run([sys.executable, "-S", "-c", program], capture_output=True, text=True, check=True)  # noqa: S603
-    ours = {"avc_casadi", "avc_casadi._entry", "avc_casadi._interrupted"}
+    ours = {"avc_casadi", "avc_casadi._entry", "avc_casadi._util", "avc_casadi._util.interrupt"}
     assert ours <= set(done.stdout.split())
     assert not {"typing", "dataclasses", "inspect", "pathlib", "avc_casadi._errors"} & set(done.stdout.split())
 

@@ -10,7 +10,6 @@ ROOT = Path(__file__).parent.parent
 # From the ground up; a room may import those before it and itself. The order is that of the data: plain numbers,
 # the paper's equations, files, claims, simulation, and what stands on all of them.
 ROOMS = (
-    "_interrupted",
     "_errors",
     "_resources",
     "_util",

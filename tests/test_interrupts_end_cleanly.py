@@ -1,26 +1,41 @@
-"""Ctrl-C ends every command that runs for long, wherever it is, and nothing of it goes on."""
+"""Ctrl-C ends every command, wherever it is: with 130, its word, no worker that goes on and no half of a file."""
 
-import contextlib
+import json
 import os
 import signal
 import subprocess
+import sys
 import time
 
-import casadi
 import pytest
-from avc_process import AVC, ENVIRONMENT, strict_json, wait_until_begun
+from avc_process import ENVIRONMENT, strict_json, wait_until_begun
+from hardware_bench import host_core
+from host_device import HostLink
 
-from avc_casadi._util.interrupt import HeldInterrupt, reraised_interrupts
-from avc_casadi.cli import _main
+import avc_hardware
+from avc_casadi import InputError, fault_document
+from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi.cli import main
+from avc_casadi.cli._files import output_folder
 
+# A caller that has Ctrl-C ignored, as nohup has, hands that on: here it is not.
+PROGRAM = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+BEFORE
+from avc_casadi._entry import run
+sys.exit(run())
+"""
 LONG = {
+    "recommend": ("recommend", "reference-r1", "--out", "c.json"),
+    "run": ("run", "figure5", "--out", "results"),
     "table1": ("table1", "--hands", "100000", "--workers", "2"),
     "monitor": ("monitor", "--port", "emulator", "--seconds", "100000"),
     "stream": ("stream", "figure5", "--port", "emulator", "--seconds", "100000"),
-    "static-tuned": ("solve", "slow.toml", "--method", "static-tuned"),
+    "solve": ("solve", "slow.toml", "--method", "static-tuned"),
 }
-# What each loads when it has read its arguments; Ctrl-C before that ends it without a document.
-NEEDED = {"table1": "_casadi", "monitor": "libunicorn", "stream": "libunicorn", "static-tuned": "_casadi"}
+# What each loads when it has read its arguments.
+NEEDED = {"monitor": "libunicorn", "stream": "libunicorn"}
 SLOW = """\
 [device]
 mass_kg = 0.1
@@ -37,23 +52,15 @@ points = 20000
 """
 
 
-def started(verb, cwd, after_s, *options, workers=0):
-    process = subprocess.Popen(  # noqa: S603
-        [*AVC, *LONG[verb], *options],
+def begun(arguments, cwd, before=""):
+    return subprocess.Popen(  # noqa: S603
+        [sys.executable, "-W", "error", "-c", PROGRAM.replace("BEFORE", before), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         cwd=cwd,
         env=ENVIRONMENT,
         start_new_session=True,
     )
-    try:
-        wait_until_begun(process, NEEDED[verb], workers=workers)
-        time.sleep(after_s)
-        assert process.poll() is None
-    except BaseException:
-        _ended(process)
-        raise
-    return process
 
 
 def output(process):
@@ -61,41 +68,81 @@ def output(process):
     try:
         return process.communicate(timeout=600)
     finally:
-        _ended(process)
-
-
-def _ended(process):
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
 
 # Wherever in the command these times fall: the end must be the same.
 @pytest.mark.thorough
-@pytest.mark.parametrize(("verb", "after_s"), [*zip(LONG, (0.3, 1.5, 0.3, 1.5), strict=True)])
-def test_interrupt_ends_the_command(verb, after_s, tmp_path):
+@pytest.mark.parametrize(("verb", "after_s"), [*zip(LONG, (2.0, 3.0, 0.3, 1.5, 1.5, 0.3), strict=True)])
+def test_interrupt_ends_the_command_and_leaves_no_half_written_file(verb, after_s, tmp_path):
     (tmp_path / "slow.toml").write_text(SLOW)
-    process = started(verb, tmp_path, after_s, "--json")
+    process = begun([*LONG[verb], "--json"], tmp_path)
+    wait_until_begun(process, NEEDED.get(verb, "_casadi"))
+    time.sleep(after_s)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     out, err = output(process)
     assert process.returncode == 130, err.decode()
     assert strict_json(out)["errors"][0]["message"] == "interrupted"
     assert err == b""
+    assert [path.name for path in tmp_path.iterdir()] == ["slow.toml"]
 
 
 @pytest.mark.thorough
-def test_interrupt_of_the_command_alone_ends_its_workers_too(tmp_path):
-    process = started("table1", tmp_path, 0.5, workers=2)
-    process.send_signal(signal.SIGINT)
-    assert output(process) == (b"", b"avc: interrupted\n")
+@pytest.mark.parametrize(("stop", "said"), [(signal.SIGINT, b"avc: interrupted\n"), (signal.SIGKILL, b"")])
+def test_workers_end_with_the_command(stop, said, tmp_path):
+    process = begun(LONG["table1"], tmp_path)
+    wait_until_begun(process, "_casadi", workers=2)
+    process.send_signal(stop)
+    assert output(process) == (b"", said)
+
+
+# CasADi converts an exception in the reading of an argument, or drops it; the last hears nothing at all.
+FOREIGN = {
+    "converted": "raise SystemError('returned a result with an exception set') from KeyboardInterrupt()",
+    "dropped": "time.sleep(60)",
+    "deaf": "while True:\n        try:\n            time.sleep(9)\n        except KeyboardInterrupt:\n            pass",
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_an_interrupt_that_foreign_code_drops_ends_the_command(kind, tmp_path):
+    before = f"""
+import time
+from avc_casadi.cli import _list
+def stuck(_args, _console):
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        pass
+    {FOREIGN[kind]}
+_list.run = stuck
+"""
+    process = begun(["list"], tmp_path, before)
+    out, err = output(process)
+    assert (process.returncode, out, err) == (130, b"", b"avc: interrupted\n")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("module", ["avc_casadi.cli", "avc_casadi.cli._list", "avc_casadi.files", "numpy.exceptions"])
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_an_interrupt_of_the_imports_is_answered_like_any_other(module, options, tmp_path):
+    before = f"""
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "{module}":
+            signal.raise_signal(signal.SIGINT)
+sys.meta_path.insert(0, Interrupt())
+"""
+    process = begun(["list", *options], tmp_path, before)
+    out, err = output(process)
     assert process.returncode == 130
-
-
-@pytest.mark.thorough
-def test_workers_end_when_the_command_is_killed(tmp_path):
-    process = started("table1", tmp_path, 0.5, workers=2)
-    process.kill()
-    assert output(process) == (b"", b"")
+    if options:
+        assert (json.loads(out), err) == (fault_document(InputError.of("interrupted")), b"")
+    else:
+        assert (out, err) == (b"", b"avc: interrupted\n")
 
 
 def interrupted_block(seen):
@@ -107,88 +154,45 @@ def interrupted_block(seen):
 
 def test_interrupt_is_held_until_the_end_of_the_block():
     seen = []
-    with pytest.raises(KeyboardInterrupt):
-        interrupted_block(seen)
-    assert seen == [False, True]
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-class Interrupted:
-    """An argument that Ctrl-C comes in while CasADi reads it."""
-
-    def __init__(self, read=None):
-        self.read = read
-
-    def __DM__(self):  # noqa: N802 - CasADi's name
-        signal.raise_signal(signal.SIGINT)
-        return self.read
-
-
-def doubled(read):
-    """Return what CasADi makes of it; it tries to read the argument as another kind where it could not."""
-    x = casadi.SX.sym("x")
-    return casadi.Function("double", [x], [2 * x])(Interrupted(read))
-
-
-def test_an_interrupt_that_casadi_makes_an_error_of_is_one():
-    with pytest.raises(NotImplementedError):
-        doubled(None)
-    with pytest.raises(KeyboardInterrupt), reraised_interrupts():
-        doubled(None)
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-
-
-def lost(tidied):
-    with contextlib.suppress(NotImplementedError):
-        doubled(None)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        time.sleep(60.0)
+        with pytest.raises(KeyboardInterrupt):
+            interrupted_block(seen)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
-        time.sleep(0.3)
-        tidied.append(True)
+        signal.signal(signal.SIGINT, before)
+    assert seen == [False, True]
 
 
-def test_an_interrupt_that_casadi_loses_is_raised_again_and_left_alone_while_it_is_handled():
-    tidied = []
-    begun = time.monotonic()
-    with pytest.raises(KeyboardInterrupt), reraised_interrupts(), reraised_interrupts():
-        lost(tidied)
-    assert time.monotonic() < begun + 30.0
-    assert tidied == [True]
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+def test_a_folder_that_was_made_goes_again_where_nothing_comes_of_it(tmp_path):
+    there = tmp_path / "there"
+    there.mkdir()
 
+    def interrupted(asked):
+        with output_folder(str(tmp_path / asked), "--out") as folder:
+            (folder / "half.json").write_text("{")
+            raise KeyboardInterrupt
 
-@pytest.mark.parametrize(
-    ("words", "cause"),
-    [("in CasADi: KeyboardInterrupt", None), ("returned a result with an exception set", KeyboardInterrupt())],
-)
-def test_interrupt_is_seen_in_an_error_that_it_caused(words, cause, monkeypatch, capsys):
-    def run(_args, _console):
-        raise SystemError(words) from cause
-
-    parser = _main.build_parser()
-    args = parser.parse_args(["list"])
-    args.run = run
-    monkeypatch.setattr(parser, "parse_args", lambda _: args)
-    monkeypatch.setattr(_main, "build_parser", lambda: parser)
-    assert _main.main(["list"]) == 130
-    assert capsys.readouterr() == ("", "avc: interrupted\n")
+    for asked in ("new/inner", "there/new"):
+        with pytest.raises(KeyboardInterrupt):
+            interrupted(asked)
+    assert list(tmp_path.iterdir()) == [there]
+    assert list(there.iterdir()) == []
+    with output_folder(str(tmp_path / "new" / "inner"), "--out") as folder:
+        (folder / "whole.json").write_text("{}")
+    assert [path.name for path in (tmp_path / "new" / "inner").iterdir()] == ["whole.json"]
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("options", [(), ("--json",)])
-def test_an_interrupted_stream_says_what_the_device_does_without_it(options, tmp_path):
-    process = started("stream", tmp_path, 0.0, *options)
-    first = b"" if options else process.stdout.readline()
-    if options:
-        time.sleep(5.0)
-    process.send_signal(signal.SIGINT)
-    out, err = output(process)
-    assert process.returncode == 130, err.decode()
-    if options:
-        document = strict_json(out)
-        assert document["errors"][0]["message"] == "interrupted"
-        assert document["sent"] > 0
-    else:
-        assert b"force" in first
-        assert b"the emulated board ends with this command" in out
+def test_monitor_keeps_what_it_saw(monkeypatch, capsys):
+    seen = list(avc_hardware.monitor(HostLink(host_core()), seconds=0.1, rate_hz=20))
+
+    def stopped(*_arguments, **_options):
+        yield from seen
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(avc_hardware, "monitor", stopped)
+    assert main(["monitor", "--port", "x", "--json"]) == 130
+    document = json.loads(capsys.readouterr().out)
+    assert document["errors"][0]["message"] == "interrupted"
+    assert [sample["ticks"] for sample in document["samples"]] == [status.ticks for status in seen]

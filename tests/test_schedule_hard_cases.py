@@ -124,8 +124,10 @@ def test_interrupt_is_passed_on():
     problem = figure5(points=5000, stability={"scope": "band"})
     main = threading.main_thread().ident
     timer = threading.Timer(0.5, lambda: signal.pthread_kill(main, signal.SIGINT))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
             solve_again_and_again(problem, timer)
     finally:
         timer.cancel()
+        signal.signal(signal.SIGINT, before)

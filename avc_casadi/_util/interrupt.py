@@ -1,30 +1,62 @@
-"""Ctrl-C: deferred where an exception would be lost, ignored while a result is written, recognised in any form.
-
-CasADi drops an exception raised by Ctrl-C while it reads an argument or builds an expression, or converts it to
-another; numpy converts it too.
-"""
-
-from __future__ import annotations
+"""Ctrl-C: held in blocks that must be whole, and in the process `avc` raised again where foreign code drops it."""
 
 import _thread
+import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
-from typing import Any, Self
+import time
 
-# IPOPT's status where Ctrl-C, or another exception, came while CasADi ran it.
-_THROWN = "NonIpopt_Exception_Thrown"
-# Time for an interrupt inside CasADi to come out of it.
-_RAISED_AGAIN_S = 0.05
+TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
+if TYPE_CHECKING:
+    from typing import Any, Self
+
+EXIT_CODE = 130
+_AGAIN_S, _TIMES = 0.5, 3
+_came, _taken = threading.Event(), threading.Event()
+
+
+def handle_interrupts() -> None:
+    """Let Ctrl-C end the process within two seconds; not where its caller had it ignored."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _interrupted)
+
+
+def interrupted() -> bool:
+    """Return whether Ctrl-C came, which CasADi or numpy may have converted to an error of another kind."""
+    return _came.is_set()
+
+
+def take_interrupt() -> None:
+    """Let the command end by itself after Ctrl-C: what it says from here on is said to its end."""
+    _taken.set()
+
+
+def _interrupted(*_: object) -> None:
+    if not _came.is_set():
+        _came.set()
+        threading.Thread(target=_insist, daemon=True).start()
+    if not (_taken.is_set() or isinstance(sys.exception(), KeyboardInterrupt)):
+        raise KeyboardInterrupt
+
+
+def _insist() -> None:
+    for _ in range(_TIMES):
+        time.sleep(_AGAIN_S)
+        if _taken.is_set():
+            return
+        if sys.platform == "win32":
+            _thread.interrupt_main()
+        else:
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+    time.sleep(_AGAIN_S / 2)
+    if not _taken.is_set():
+        os.write(2, b"avc: interrupted\n")
+        os._exit(EXIT_CODE)
 
 
 class HeldInterrupt:
-    """Defer Ctrl-C in a block of short calls to foreign code to the block's end.
-
-    An exception raised inside C code or in a callback from it may be lost, and the interrupt too.
+    """Defer Ctrl-C to the end of a block of short calls to foreign code, which would drop it, or of a short write.
 
     Attributes:
         came: whether Ctrl-C came; the block should then end soon.
@@ -34,9 +66,10 @@ class HeldInterrupt:
         self.came = False
         self._previous: Any = None
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Self":
         # Only the main thread may set handlers and is ever interrupted.
-        if _in_main_thread() and callable(signal.getsignal(signal.SIGINT)):
+        in_main_thread = threading.current_thread() is threading.main_thread()
+        if in_main_thread and callable(signal.getsignal(signal.SIGINT)):
             self._previous = signal.signal(signal.SIGINT, self._remember)
         return self
 
@@ -46,115 +79,5 @@ class HeldInterrupt:
             if self.came:
                 self._previous(signal.SIGINT, None)
 
-    def _remember(self, _number: int, _frame: FrameType | None) -> None:
+    def _remember(self, *_: object) -> None:
         self.came = True
-
-
-@contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Ignore Ctrl-C during a short operation that must not be left half done."""
-    if not _in_main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before if before is not None else signal.SIG_DFL)
-
-
-@contextmanager
-def reraised_interrupts() -> Iterator[None]:
-    """Raise Ctrl-C out of a block as itself, whatever foreign code in it has converted it to, nothing included."""
-    with _Insistent() as interrupt:
-        try:
-            yield
-        except Exception as error:
-            reraise_interrupt(error)
-            if interrupt.fell_into:
-                raise KeyboardInterrupt from error
-            raise
-
-
-class _Insistent:
-    """Raises an interrupt inside CasADi again until the block ends, unless it is being handled.
-
-    Attributes:
-        fell_into: the interrupted foreign code, or empty.
-    """
-
-    def __init__(self) -> None:
-        self.fell_into = ""
-        self._previous: Any = None
-        self._over = threading.Event()
-
-    def __enter__(self) -> Self:
-        handler = signal.getsignal(signal.SIGINT)
-        outermost = not isinstance(getattr(handler, "__self__", None), _Insistent)
-        if outermost and callable(handler) and _in_main_thread():
-            self._previous = signal.signal(signal.SIGINT, self._interrupted)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._over.set()
-        if self._previous is not None:
-            signal.signal(signal.SIGINT, self._previous)
-
-    def _interrupted(self, number: int, frame: FrameType | None) -> None:
-        if self.fell_into == "casadi":
-            if _interrupt_is_handled():
-                return
-        else:
-            self.fell_into = _foreign(frame)
-            if self.fell_into == "casadi":
-                threading.Thread(target=self._insist, daemon=True).start()
-        self._previous(number, frame)
-
-    def _insist(self) -> None:
-        while not self._over.wait(_RAISED_AGAIN_S):
-            if sys.platform == "win32":
-                _thread.interrupt_main()
-            else:
-                signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-
-
-def _interrupt_is_handled() -> bool:
-    error = sys.exception()
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return True
-        error = error.__context__
-    return False
-
-
-def _foreign(frame: FrameType | None) -> str:
-    while frame is not None:
-        package = str(frame.f_globals.get("__name__", "")).partition(".")[0]
-        if package in {"casadi", "numpy", "scipy"}:
-            return package
-        frame = frame.f_back
-    return ""
-
-
-def reraise_interrupt(outcome: BaseException | str) -> None:
-    """Raise Ctrl-C again where CasADi has converted it.
-
-    Args:
-        outcome: an error, which names it or is caused by it; or the return status of a solver.
-
-    Raises:
-        KeyboardInterrupt: it was Ctrl-C.
-    """
-    if isinstance(outcome, str):
-        if outcome == _THROWN:
-            raise KeyboardInterrupt
-        return
-    error: BaseException | None = outcome
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt) or "KeyboardInterrupt" in str(error):
-            raise KeyboardInterrupt from outcome
-        error = error.__cause__ or error.__context__
-
-
-def _in_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
-from collections.abc import Mapping
 from enum import Enum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from avc_casadi._util.units import spoken
 
@@ -37,19 +34,3 @@ def json_text(document: Any) -> str:
     if isinstance(document, dict):
         document = spoken().document(document)
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
-
-
-def packed(array: NDArray[Any]) -> dict[str, Any]:
-    """Return an array as JSON values that keep every bit of it, NaN and infinity included."""
-    array = np.ascontiguousarray(array)
-    return {
-        "dtype": array.dtype.newbyteorder("<").str,
-        "shape": list(array.shape),
-        "base64": base64.b64encode(array.astype(array.dtype.newbyteorder("<")).tobytes()).decode("ascii"),
-    }
-
-
-def unpacked(value: Mapping[str, Any]) -> NDArray[Any]:
-    """Return the array of JSON values by `packed`."""
-    read = np.frombuffer(base64.b64decode(value["base64"]), np.dtype(value["dtype"])).reshape(value["shape"])
-    return read.astype(read.dtype.newbyteorder("="))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
@@ -10,16 +11,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, TextIO
 
-from avc_casadi._interrupted import DOCUMENT, EXIT_CODE, TEXT
+from avc_casadi import InputError, fault_document
+from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi.present.terminal import Page
 
 # A line of progress is written at most five times a second.
 _BETWEEN_S = 0.2
 # A rate is shown after so long.
 _RATE_AFTER_S = 1.0
-
-INTERRUPTED = EXIT_CODE
-"""Exit code after Ctrl-C."""
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,13 @@ class Console:
         self._step: str | None = None
         self._shown = 0.0
         self._piece = _Piece()
-        if sys.stdout is not None and _is_descriptor(sys.stdout, 1):
+        if _is_descriptor(sys.stdout, 1):
             sys.stdout.flush()
             self._descriptor = os.dup(1)
-            _lead_to_standard_error(1)
+            try:
+                os.dup2(2, 1)
+            except OSError:
+                silence(1)
 
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
         """Print the answer, with its details if verbose; Ctrl-C does not cut it short.
@@ -100,10 +102,9 @@ class Console:
         Raises:
             OSError: standard output cannot be written to.
         """
-        from avc_casadi._util.interrupt import uninterrupted
         from avc_casadi._util.json_values import json_text
 
-        with uninterrupted():
+        with HeldInterrupt():
             self._answered = True
             if self.as_json:
                 self._write(json_text(answer.document))
@@ -119,10 +120,9 @@ class Console:
 
     def refuse(self, document: dict[str, Any], text: str) -> None:
         """Print why there is no answer: as a document with ``--json``, on standard error otherwise."""
-        from avc_casadi._util.interrupt import uninterrupted
         from avc_casadi._util.json_values import json_text
 
-        with uninterrupted():
+        with HeldInterrupt():
             self._answered = True
             if self.as_json:
                 self._write(json_text(document))
@@ -134,10 +134,11 @@ class Console:
         if self._answered:
             return
         self._answered = True
+        # Ctrl-C may have left numpy half loaded: this needs none.
         if self.as_json:
-            self._write(DOCUMENT)
+            self._write(json.dumps(fault_document(InputError.of("interrupted")), indent=1) + "\n")
         else:
-            self.complain(TEXT)
+            self.complain("avc: interrupted")
 
     def complain(self, text: str) -> None:
         """Print to standard error; control characters of files, which a terminal would obey, are spelled out."""
@@ -192,8 +193,6 @@ class Console:
 
     def _write(self, text: str) -> None:
         if self._descriptor is None:
-            if sys.stdout is None:
-                raise OSError("it is closed")
             sys.stdout.write(text)
             sys.stdout.flush()
             return
@@ -209,10 +208,8 @@ def _is_descriptor(stream: TextIO, number: int) -> bool:
         return False
 
 
-def _lead_to_standard_error(descriptor: int) -> None:
-    try:
-        os.dup2(2, descriptor)
-    except OSError:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, descriptor)
-        os.close(nowhere)
+def silence(descriptor: int) -> None:
+    """Lead a descriptor to nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, descriptor)
+    os.close(nowhere)

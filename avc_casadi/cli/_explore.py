@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import avc_casadi as avc
+from avc_casadi._util.interrupt import take_interrupt
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import load_problem
 from avc_casadi.cli._versions import package_versions
@@ -53,6 +54,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
                 webbrowser.open(server.url)
             server.serve_forever()
         except KeyboardInterrupt:
+            take_interrupt()
             explorer.close()
     return Answer(document, "")
 

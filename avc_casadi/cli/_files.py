@@ -47,8 +47,6 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
     Raises:
         InputError: wrong ending, a folder, no such folder, no permission, or an input file of the command.
     """
-    from avc_casadi._util.files import clear_unfinished
-
     path, own = Path(text), f"--{key.removeprefix('--').lower()}"
     if path.suffix.lower() not in endings:
         raise InputError.of(f"{text!r} ends in {path.suffix!r}; allowed: {', '.join(endings)}", key=key)
@@ -60,7 +58,6 @@ def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
         raise InputError.of(f"{text!r} may not be written by this user; choose another place", key=key)
     if path.exists() and any(_same(path, word) for option, word in _given.get() if option != own):
         raise InputError.of(f"{text!r} is a file that this command was given; choose another name", key=key)
-    clear_unfinished(path.parent)
     return path
 
 
@@ -89,10 +86,10 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
     path = Path(text)
     if path.suffix.lower() in _FILE_ENDINGS and not path.is_dir():
         raise InputError.of(f"{text!r} is the name of a file; choose another folder", key=key)
-    from avc_casadi._util.files import atomic_folder
+    from avc_casadi._util.files import gathered_folder
 
     try:
-        with atomic_folder(path) as gathered:
+        with gathered_folder(path) as gathered:
             yield gathered
     except OSError as error:
         if isinstance(error, AvcError | BrokenPipeError):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import contextvars
-import os
 import re
 import sys
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from importlib import import_module
@@ -27,14 +27,15 @@ from avc_casadi import (
     __version__,
     fault_document,
 )
+from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
 from avc_casadi.cli._arguments import named
-from avc_casadi.cli._console import INTERRUPTED, Answer, Console
+from avc_casadi.cli._console import Answer, Console, silence
 from avc_casadi.cli._verbs import QUESTIONS, VERBS
 
 if TYPE_CHECKING:
-    from _typeshed import SupportsWrite
+    pass
 
-DONE, NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 0, 1, 2, 70, 141
+NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
 
 _VERB = "VERB"
 _EPILOG = """\
@@ -57,11 +58,6 @@ class _Parser(argparse.ArgumentParser):
         if key.startswith("-") and what == "expected one argument":
             what += f"; a value that begins with - is written {key}=VALUE"
         raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
-
-    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
-        if sys.stdout is None:
-            raise OSError("it is closed")
-        (file or sys.stdout).write(message)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -118,6 +114,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else list(argv)
     as_json = "--json" in arguments
     console: Console | None = None
+    if sys.stdout is None:
+        with suppress(OSError, AttributeError):
+            sys.stderr.write("avc: standard output is closed\n")
+        return BAD_INPUT
     try:
         try:
             args = build_parser().parse_args(arguments)
@@ -131,15 +131,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The units of a device apply to this call alone.
         return contextvars.copy_context().run(_answered, args, console)
     except KeyboardInterrupt:
+        take_interrupt()
         (console or Console(as_json=as_json)).interrupted()
-        return INTERRUPTED
-    except BrokenPipeError:
-        _drop_standard_output()
-        return BROKEN_PIPE
-    except OSError as error:
-        _drop_standard_output()
-        sys.stderr.write(f"avc: standard output cannot be written ({error.strerror or error})\n")
-        return BAD_INPUT
+        return EXIT_CODE
+    except OSError as error:  # of standard output: what else happened has been answered
+        silence(1)
+        if not isinstance(error, BrokenPipeError):
+            sys.stderr.write(f"avc: standard output cannot be written ({error.strerror or error})\n")
+        return BROKEN_PIPE if isinstance(error, BrokenPipeError) else BAD_INPUT
 
 
 def _answered(args: argparse.Namespace, console: Console) -> int:
@@ -162,12 +161,15 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 def _run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the command; CasADi converts Ctrl-C to errors of its own."""
-    from avc_casadi._util.interrupt import reraised_interrupts
     from avc_casadi.cli._files import remember_given
 
     remember_given(vars(args))
-    with reraised_interrupts():
+    try:
         answer: Answer = args.run(args, console)
+    except Exception as error:
+        if interrupted():
+            raise KeyboardInterrupt from error
+        raise
     return answer
 
 
@@ -208,10 +210,3 @@ def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> In
 
 def _document(message: str, key: str = "") -> dict[str, Any]:
     return fault_document(InputError([Fault(file="", line=None, key=key, message=message)]))
-
-
-def _drop_standard_output() -> None:
-    """Redirect descriptor 1 to null, or Python reports an error when it flushes at exit."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.close(nowhere)

@@ -7,9 +7,10 @@ from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.interrupt import EXIT_CODE, HeldInterrupt, take_interrupt
 from avc_casadi._util.text import number, quantity
 from avc_casadi.cli._arguments import add_motion, add_port, positive, positive_int
-from avc_casadi.cli._console import INTERRUPTED, Answer, Console
+from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_file
 
 if TYPE_CHECKING:
@@ -63,7 +64,6 @@ def _sample_document(sample: TelemetrySample, words: str) -> Any:
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device; Ctrl-C ends it with all samples so far."""
-    from avc_casadi._util.interrupt import HeldInterrupt
     from avc_casadi._util.units import FORCE, MM, N_PER_M, NEWTON, NS_PER_M, speak, units_for
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
 
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     samples: list[dict[str, Any]] = []
     document: dict[str, Any] = {"schema": "avc-monitor/2", "port": args.port, "note": None, "samples": samples}
     document |= {"records": 0, "lost": 0, "ended": None, "out": None if out is None else str(out)}
-    shown = -1.0
+    code, shown = 0, -1.0
     log: TelemetryLog | None = None
     if args.port == EMULATOR:
         document["note"] = EMULATOR_IS_FRESH
@@ -89,7 +89,6 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     def ended(status: DeviceStatus) -> None:
         document["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
 
-    code = 0
     with ExitStack() as stack:
         watched = monitor(
             args.port,
@@ -123,7 +122,8 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
         except KeyboardInterrupt:
             if not document["records"]:
                 raise
-            code = INTERRUPTED
+            take_interrupt()
+            code = EXIT_CODE
     if code:
         document = avc.fault_document(avc.InputError.of("interrupted")) | document
     return Answer(document, _end(document, args), code=code)

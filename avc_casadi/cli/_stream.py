@@ -6,8 +6,9 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
+from avc_casadi._util.interrupt import EXIT_CODE, take_interrupt
 from avc_casadi.cli._arguments import add_port, positive, positive_int
-from avc_casadi.cli._console import INTERRUPTED, Answer, Console
+from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._subject import (
     add_problem_of_gains,
     add_unsafe,
@@ -78,6 +79,7 @@ def run(args: argparse.Namespace, console: Console) -> Answer:
     except KeyboardInterrupt:
         if not sent:
             raise
+        take_interrupt()
         return _interrupted(coupling, args, sent)
     document: dict[str, Any] = plain(
         {"schema": "avc-stream/2", "problem": coupling.problem.name, "coupling": coupling.id}
@@ -103,7 +105,7 @@ def _interrupted(coupling: Coupling, args: argparse.Namespace, sent: int) -> Ans
     }
     stays = f"{args.port} goes back to its table, coupling {coupling.id}, within {HOLD_PERIODS / args.rate_hz:.2g} s"
     left = "the emulated board ends with this command" if args.port == "emulator" else stays
-    return Answer(document, f"interrupted after {sent} messages; {left}", code=INTERRUPTED)
+    return Answer(document, f"interrupted after {sent} messages; {left}", code=EXIT_CODE)
 
 
 def _coupling(args: argparse.Namespace, console: Console) -> Coupling:

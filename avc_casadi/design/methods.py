@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.interrupt import reraised_interrupts
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import MASS, NS_PER_M, spoken_key
 from avc_casadi.design.registry import METHODS, Method, MethodName
@@ -69,8 +68,7 @@ def solve(
         raise InputError.of(f"is {tolerance:g}; allowed: 1e-14 to 1", key="tolerance")
     stated = with_wall(problem)
     told = {"progress": progress} if chosen.reports else {}
-    with reraised_interrupts():
-        return _noted(stated, chosen, chosen.solver(stated, **options, **told))
+    return _noted(stated, chosen, chosen.solver(stated, **options, **told))
 
 
 def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedule:

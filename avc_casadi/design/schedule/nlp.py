@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.interrupt import reraise_interrupt
 from avc_casadi.design.schedule.scope import LOOP_ROWS, REALISM_ROWS
 from avc_casadi.design.schedule.stage import COST_ROWS, stage_functions
 
@@ -322,7 +321,8 @@ def solve_program(
     with contextlib.redirect_stderr(io.StringIO()):
         result = solver(**arguments)
     stats = solver.stats()
-    reraise_interrupt(stats["return_status"])
+    if stats["return_status"] == "NonIpopt_Exception_Thrown":  # which Ctrl-C is to IPOPT
+        raise KeyboardInterrupt
     states = result["x"].full().reshape((d, free), order="F")
     return Solution(
         states=np.repeat(states, n, axis=1) if data.constant else states,

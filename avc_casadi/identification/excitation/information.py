@@ -18,7 +18,6 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.interrupt import reraised_interrupts
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.model.device import Device
 
@@ -171,8 +170,7 @@ def _programme(about: Sequence[_Linearised], frequency_hz: FloatArray, power: Fl
     solver = _solver(tones, tuple(one.beside.shape[0] for one in about), rows.shape[0])
     given = np.concatenate([*numbers, kept.ravel(order="F"), alone / alone.sum()])
     most = np.concatenate([np.ones(rows.shape[0]), np.zeros(tones)])
-    with reraised_interrupts():
-        found = solver(x0=np.maximum(power / alone, least), p=given, lbx=least, ubx=1.0, lbg=-np.inf, ubg=most)
+    found = solver(x0=np.maximum(power / alone, least), p=given, lbx=least, ubx=1.0, lbg=-np.inf, ubg=most)
     best = np.asarray(found["x"], dtype=np.float64).ravel()
     excess = float((kept @ best).max())
     if not np.all(np.isfinite(best)) or excess > 1 + 1e-4:

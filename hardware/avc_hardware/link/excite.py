@@ -15,7 +15,7 @@ import numpy as np
 from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import write_file
-from avc_casadi._util.interrupt import uninterrupted
+from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M, Units, in_its_units
 from avc_casadi.identification.excitation.plan import Plan
@@ -202,7 +202,7 @@ def excite_over(
         connection.run(ask(Kind.EXCITE, plan_bytes(plan, number), m.Excited))
         return _read(connection, records, number, progress)
     except BaseException as error:
-        with uninterrupted():
+        with HeldInterrupt():
             with suppress(LinkError):
                 connection.run(connection.session.ask(Kind.STOP, m.stop(number), m.Excited))
             if cut is not None and isinstance(error, KeyboardInterrupt) and records.index:

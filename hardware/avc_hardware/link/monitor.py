@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, Self
 
 from avc_casadi import InputError, LinkError, UnsupportedError
-from avc_casadi._util.interrupt import uninterrupted
+from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.units import FORCE, MM, N_PER_M, NEWTON, Wording
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link import messages as m
@@ -96,7 +96,7 @@ def monitor(
                 except LinkError:
                     raise
                 except BaseException:
-                    with uninterrupted():
+                    with HeldInterrupt():
                         _end(connection, heartbeat_s, on_end)
                     raise
                 _end(connection, heartbeat_s, on_end)
