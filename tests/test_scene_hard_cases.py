@@ -154,7 +154,7 @@ def test_thousands_of_times_stiffer_hand_and_heavier_device():
 def test_hands_of_a_batch_are_those_of_single_runs():
     problem = scene_problem((HAND, WALL, FRICTION))
     mass, damping, stiffness = np.array([[0.05, 3.0, 200.0], [0.3, 20.0, 800.0], [0.0, 10.0, 500.0]]).T
-    many = simulate_batch(problem, Hand(mass, damping, stiffness), Gains(200.0, 1e5), engine="casadi")
+    many = simulate_batch(problem, Hand(mass, damping, stiffness), Gains(200.0, 1e5))
     for row in range(3):
         one = simulate(problem, Gains(200.0, 1e5), hand=Hand(mass[row], damping[row], stiffness[row]))
         for name, values in vars(many).items():

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from avc_casadi.design.registry import MethodName
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.schedule import GainSchedule
-    from avc_casadi.simulation.execute import Engine
     from avc_casadi.simulation.run import Run
     from avc_casadi.simulation.scene import AnyGains
     from avc_casadi.simulation.screen import Screening
@@ -77,9 +76,7 @@ def simulate(
     gains: AnyGains | None = None,
     *,
     hand: Hand | None = None,
-    interaction_hz: float | None = None,
     seed: int = 0,
-    engine: Engine = "auto",
 ) -> Run:
     """Simulate the scene of a problem: hand, device and coupling against the wall over time.
 
@@ -88,9 +85,7 @@ def simulate(
         gains: a coupling with its table and runtime; gains or a gain table; None takes the one that the scene
             names.
         hand: a hand in place of the scene's.
-        interaction_hz: frequency at which a gain table is read, Hz; None is the scene's, or the table's lowest.
         seed: added to the seeds of all noises, 0 or more.
-        engine: that executes the samples; all give the same bits.
 
     Raises:
         InputError: an impossible scene, or gains that are missing or of another sample time.
@@ -103,8 +98,8 @@ def simulate(
     """
     stated = as_problem(problem)
     chosen = scene_coupling(stated) if gains is None else gains
-    asked: dict[str, Any] = {"gains": chosen, "hand": hand, "interaction_hz": interaction_hz, "seed": seed}
-    run = simulate_with(stated, engine=engine, **asked)
+    asked: dict[str, Any] = {"gains": chosen, "hand": hand, "seed": seed}
+    run = simulate_with(stated, **asked)
     notes = scene_notes(stated) if gains is None and stated.scene.coupling != "none" else []
     return replace(run, stated=stated, asked=asked, notes=tuple(notes))
 
@@ -153,8 +148,8 @@ def _read_at(run: Run, problem: Problem) -> float | None:
     )
     if table.constant:
         return None
-    named = (run.asked["interaction_hz"], problem.scene.interaction_hz, table.rest_hz)
-    return next(hz for hz in named if hz is not None)
+    named = problem.scene.interaction_hz
+    return table.rest_hz if named is None else named
 
 
 @of_problem
@@ -162,8 +157,6 @@ def screen(
     problem: AnyProblem,
     gains: AnyGains | None = None,
     *,
-    interaction_hz: float | None = None,
-    seed: int = 0,
     tolerance: float = 0.01,
 ) -> Screening:
     """Leave out each effect of a scene in turn and return which ones it needs.
@@ -171,8 +164,6 @@ def screen(
     Args:
         problem: the problem; or a problem file, or a name of the catalogue.
         gains: as in `simulate`.
-        interaction_hz: as in `simulate`.
-        seed: as in `simulate`.
         tolerance: largest relative change of position, force and stiffness that does not count, from 0 to below 1.
 
     Raises:
@@ -184,4 +175,4 @@ def screen(
     """
     stated = as_problem(problem)
     chosen = scene_coupling(stated) if gains is None else gains
-    return screen_with(stated, chosen, interaction_hz=interaction_hz, seed=seed, tolerance=tolerance)
+    return screen_with(stated, chosen, tolerance=tolerance)

@@ -438,19 +438,21 @@ def _edge(stable: Callable[[float], bool], low: float, high: float, precision: f
     return low
 
 
-def designed(search: ToolSearch, share_of_safe: float = 0.9, gain_margin: float = 1.5) -> ToolGains | None:
+# Of the stiffest with its gain margin, where no stiffness is wanted; and that margin, where a damper reaches it.
+_SHARE_OF_SAFE, _GAIN_MARGIN = 0.9, 1.5
+
+
+def designed(search: ToolSearch) -> ToolGains | None:
     """Return a coupling that is linearly stable: the wanted stiffness, or a share of the stiffest safe one; else None.
 
     It is not tried with simulated hands, unlike `recommend_tool`'s.
 
     Args:
         search: of the problem.
-        share_of_safe: of the stiffest with its gain margin, where no stiffness is wanted.
-        gain_margin: required, where a damper reaches it.
     """
     stiffest, local = search.limit
     wanted = search.loops.tool.stiffness_n_per_m
     if wanted is None:
-        wanted = share_of_safe * search.stiffest_with_margin(stiffest, gain_margin, local=local)
-    found = search.damped(wanted, local=local, gain_margin=gain_margin) if wanted > 0 else []
-    return next((one for one in found if not search.refuted(one, gain_margin)), None)
+        wanted = _SHARE_OF_SAFE * search.stiffest_with_margin(stiffest, _GAIN_MARGIN, local=local)
+    found = search.damped(wanted, local=local, gain_margin=_GAIN_MARGIN) if wanted > 0 else []
+    return next((one for one in found if not search.refuted(one, _GAIN_MARGIN)), None)

@@ -111,15 +111,12 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
     return f"nothing of the wall is rendered: {what}; {advice}"
 
 
-def assumed(
-    problem: Problem, coupling: Coupling | None = None, *, tried: bool = True, devices: int = 1
-) -> tuple[str, ...]:
+def assumed(problem: Problem, coupling: Coupling | None = None, *, devices: int = 1) -> tuple[str, ...]:
     """Return the assumptions.
 
     Args:
         problem: device, wall and hands.
         coupling: the recommended one.
-        tried: whether it is tried with simulated hands, or judged by linear stability alone.
         devices: number of devices of the declared ranges on which it was confirmed.
     """
     gaps = ["hands are linear, on one axis, and constant while they hold on"]
@@ -130,15 +127,12 @@ def assumed(
         gaps += [f"{who}{gap}" for gap in _ideal(device)]
     if problem.detent is not None:
         gaps.append("the trial has no detents: their slopes are judged in the claims, and avc simulate has them")
-    if tried:
-        for who, device in of.items():
-            gaps += [f"{who}{gap}" for gap in _of_trials(device, friction=problem.follower is None)]
-    else:
-        gaps.append(f"linear stability alone: dry friction, encoder, noise and {FORCE} limit play no part")
+    for who, device in of.items():
+        gaps += [f"{who}{gap}" for gap in _of_trials(device, friction=problem.follower is None)]
     linear, rest = _ranges(problem)
     at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
-    gaps += [f"{spoken_key(key)}: linear stability at its corners{f', {at}' if tried else ''}" for key in linear]
-    gaps += [f"{spoken_key(key)}: {f'{at}; ' if tried else ''}no part of linear stability" for key in rest]
+    gaps += [f"{spoken_key(key)}: linear stability at its corners, {at}" for key in linear]
+    gaps += [f"{spoken_key(key)}: {at}; no part of linear stability" for key in rest]
     if coupling is not None:
         gaps += _outside(coupling)
     gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]

@@ -210,7 +210,6 @@ def judged_as_recommended(
     problem: Problem,
     gains: GainSchedule,
     hands: int = 100,
-    seed: int = 0,
     *,
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
@@ -221,25 +220,24 @@ def judged_as_recommended(
         problem: problem of the gains.
         gains: by any method.
         hands: number of simulated hands.
-        seed: of their draw.
         versions: of the software that made it, by package.
         progress: reports the rows judged and the motions simulated.
     """
     found = certified(Coupling.of(problem, gains, versions=versions), progress)
     found, rest = with_rest(found, progress)
-    tried = try_coupling(found, people_of(problem.hands, hands, seed), seed, progress)
+    tried = try_coupling(found, people_of(problem.hands, hands), 0, progress)
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_released(extreme))
-    beyond = margins(found, limit, seed)
+    beyond = margins(found, limit)
     lacks = nothing_rendered(problem, static_stiffness_n_per_m(found), tried) or missed(beyond, by_friction=False)
     return Recommendation(
         problem=problem,
         coupling=found.with_trial(tried.document()),
         trial=tried,
         confirmed=None,
-        beside=_beside(found, hands, seed),
-        off_file=off_file(found, seed),
+        beside=_beside(found, hands, 0),
+        off_file=off_file(found, 0),
         beyond_file=beyond,
         deployable=verdict.passed and not lacks,
         rest=rest,

@@ -15,7 +15,6 @@ from avc_casadi.simulation.population.trial import Conditions, traces
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.effects import Effect
 
 SPEEDS_M_PER_S = (0.02, 0.05)
 """Slow hand motions: at higher speed the encoder steps are more frequent and less detectable."""
@@ -63,13 +62,12 @@ def ripple(coupling: Coupling, seed: int = 0) -> Ripple:
     return Ripple(found, len(people), int((np.concatenate(felt) < QUIET).sum()))
 
 
-def ripple_n(coupling: Coupling, speed_per_s: float, effects: tuple[Effect, ...] = ()) -> float:
+def ripple_n(coupling: Coupling, speed_per_s: float) -> float:
     """Return the rms force ripple of the encoder on a handle in prescribed motion in the wall.
 
     Args:
         coupling: gains and runtime.
         speed_per_s: of the device, varied slightly: at a constant speed encoder steps may coincide with samples.
-        effects: simulated beside it.
     """
     device = coupling.problem.device
     if device.encoder_resolution_m == 0:
@@ -78,6 +76,6 @@ def ripple_n(coupling: Coupling, speed_per_s: float, effects: tuple[Effect, ...]
     time = period * np.arange(round(_LED_S / period) + 1)
     goes = speed_per_s * time * (1 + _FASTER * (time / (2 * _LED_S) - 0.5))
     last = slice(-max(8, round(_COUNTS_S / period)), None)
-    added = led(coupling, goes, effects)[1][last] - led(coupling, goes, effects, exact=True)[1][last]
+    added = led(coupling, goes)[1][last] - led(coupling, goes, exact=True)[1][last]
     line = np.polynomial.Polynomial.fit(time[:-1][last], added, 1)
     return float(np.std(added - line(time[:-1][last])))

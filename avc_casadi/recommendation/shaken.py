@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from avc_casadi._util.arrays import ComplexArray, FloatArray
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.effects import Effect
     from avc_casadi.model.problem import Problem
 
 TOLD_HZ = (1.0, 10.0, 50.0)
@@ -76,7 +75,6 @@ def shaken(
     felt_n_per_m: float,
     frequency_hz: Sequence[float] | FloatArray = TOLD_HZ,
     *,
-    effects: tuple[Effect, ...] = (),
     wanted: Problem | None = None,
 ) -> Shaken:
     """Return the impedance rendered to the sinusoidally excited handle in the wall.
@@ -88,26 +86,22 @@ def shaken(
         coupling: gains, or a table, which then follows the motion; and runtime.
         felt_n_per_m: static rendered stiffness.
         frequency_hz: below a quarter of the sample rate; others are left out, and if none remain that is taken.
-        effects: simulated beside it.
         wanted: problem of the reference wall; None is that of the coupling.
     """
     device = coupling.problem.device
     heard, excitation = below_quarter_rate(device, np.array(frequency_hz)), Excitation.of(device, felt_n_per_m)
-    force = force_over_position(coupling, excitation, heard, effects)
+    force = force_over_position(coupling, excitation, heard)
     found = Handle.of(wanted or coupling.problem, heard).rendered(force, excitation)
     return Shaken(**vars(excitation), frequency_hz=heard, **vars(found))
 
 
-def force_over_position(
-    coupling: Coupling, excitation: Excitation, frequency_hz: FloatArray, effects: tuple[Effect, ...] = ()
-) -> ComplexArray:
+def force_over_position(coupling: Coupling, excitation: Excitation, frequency_hz: FloatArray) -> ComplexArray:
     """Return commanded force over measured position for imposed sines, N/m, shape (n,).
 
     Args:
         coupling: as for `shaken`.
         excitation: depth and amplitude of the sines.
         frequency_hz: of the sines, shape (n,).
-        effects: as for `shaken`.
     """
     period = coupling.problem.device.sample_time_s
     time = period * np.arange(round(_END_S / period) + 1)
@@ -116,7 +110,7 @@ def force_over_position(
     found = []
     for hz in frequency_hz:
         goes = ramp + excitation.amplitude_m * np.sin(2 * np.pi * hz * np.maximum(time - _RAMP_S, 0.0))
-        position, force = (part[last] for part in led(coupling, goes, effects, float(np.max(frequency_hz))))
+        position, force = (part[last] for part in led(coupling, goes, float(np.max(frequency_hz))))
         wave = np.exp(-2j * np.pi * hz * time[:-1][last]) * np.hanning(len(position))
         found.append(((force - force.mean()) @ wave) / ((position - position.mean()) @ wave))
     return np.array(found)
@@ -125,7 +119,6 @@ def force_over_position(
 def led(
     coupling: Coupling,
     position_m: FloatArray,
-    effects: tuple[Effect, ...] = (),
     fastest_hz: float = 0.0,
     *,
     exact: bool = False,
@@ -135,7 +128,6 @@ def led(
     Args:
         coupling: as for `shaken`.
         position_m: imposed, at each sample and at the end, shape (samples + 1,).
-        effects: as for `shaken`.
         fastest_hz: highest frequency of the motion.
         exact: whether the position is read without quantisation.
 
@@ -144,7 +136,7 @@ def led(
     """
     device = coupling.problem.device
     read = {"encoder_resolution_m": 0.0} if exact else {}
-    met, conditions = on_device(coupling, device.model_copy(update=_IDEAL | read), effects)
+    met, conditions = on_device(coupling, device.model_copy(update=_IDEAL | read))
     conditions = replace(conditions, guarded=False, steps_anywhere=False)
     fast = 2 * math.pi * max(_FASTER * fastest_hz, _LEAST_HZ)
     mass = _HEAVY * (device.mass_kg + coupling.problem.hands.mass_kg[1])

@@ -19,24 +19,10 @@ if TYPE_CHECKING:
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
 
 
-@dataclass(frozen=True)
-class SensitivityOptions:
-    """Numbers of the sensitivities.
-
-    Attributes:
-        mismatch: relative perturbation of mass and damping of the device.
-        later_samples: additional delay.
-        heaviest: largest factor on the tool's mass, up and down.
-        slowest: largest factor on the engine's step.
-    """
-
-    mismatch: float = 0.1
-    later_samples: float = 0.25
-    heaviest: float = 100.0
-    slowest: float = 64.0
-
-
-_OPTIONS = SensitivityOptions()
+# Relative change of the device's mass and damping, and additional delay, samples, with which gains must stay stable.
+_MISMATCH, _LATER_SAMPLES = 0.1, 0.25
+# Largest factor on the tool's mass, up and down, and on the engine's step.
+_HEAVIEST, _SLOWEST = 100.0, 64.0
 # Sensitivities are printed beside a limit: one part in a hundred suffices.
 _ROUGHLY = ToolSearchOptions(precision=0.01)
 
@@ -54,68 +40,63 @@ class ToolHelp:
     stiffest_n_per_m: float
 
 
-def stable_on_other_devices(problem: Problem, gains: ToolGains, options: SensitivityOptions = _OPTIONS) -> bool:
+def stable_on_other_devices(problem: Problem, gains: ToolGains) -> bool:
     """Return whether the gains are stable on perturbed devices, or throughout the declared ranges.
 
     Args:
         problem: with [simulation].
         gains: of the coupling.
-        options: perturbations of the device.
     """
-    device, known, off = problem.device, problem.device.range, options.mismatch
+    device, known, off = problem.device, problem.device.range, _MISMATCH
     about = {
         key: getattr(known, key) or (getattr(device, key) * (1 - off), getattr(device, key) * (1 + off))
         for key in ("mass_kg", "damping_ns_per_m")
     }
-    about["delay_samples"] = known.delay_samples or (device.delay_samples, device.delay_samples + options.later_samples)
+    about["delay_samples"] = known.delay_samples or (device.delay_samples, device.delay_samples + _LATER_SAMPLES)
     return ToolLoops(problem.changed(device={"range": about})).stable_over_ranges(gains)
 
 
-def search_ends(problem: Problem, options: SensitivityOptions = _OPTIONS) -> dict[str, float]:
+def search_ends(problem: Problem) -> dict[str, float]:
     """Return where the searches of mass, step and gain margin end: what is found there is no limit.
 
     Args:
         problem: with [simulation].
-        options: factors searched.
     """
     tool, t = required_tool(problem), problem.device.sample_time_s
-    lightest, _ = _masses_kg(tool, options)
+    lightest, _ = _masses_kg(tool)
     return {
         "least_tool_mass_kg": lightest,
-        "slowest_step_s": _most_samples(tool, t, options) * t,
+        "slowest_step_s": _most_samples(tool, t) * t,
         "gain_margin": _ROUGHLY.widest_margin,
     }
 
 
-def _masses_kg(tool: VirtualTool, options: SensitivityOptions) -> tuple[float, float]:
+def _masses_kg(tool: VirtualTool) -> tuple[float, float]:
     """Return the lightest and the heaviest tool that are searched."""
     declared = min(tool.tool_mass_kg or (1.0,))
     return (
-        max(declared / options.heaviest, LIGHTEST_TOOL_KG),
-        min(declared * options.heaviest, HEAVIEST_TOOL_KG),
+        max(declared / _HEAVIEST, LIGHTEST_TOOL_KG),
+        min(declared * _HEAVIEST, HEAVIEST_TOOL_KG),
     )
 
 
-def _most_samples(tool: VirtualTool, sample_time_s: float, options: SensitivityOptions) -> int:
+def _most_samples(tool: VirtualTool, sample_time_s: float) -> int:
     """Return the longest step that is searched, in samples."""
-    longest_s = min(options.slowest * max(tool.step_s), LONGEST_STEP_S)
+    longest_s = min(_SLOWEST * max(tool.step_s), LONGEST_STEP_S)
     return math.floor(longest_s / sample_time_s * (1 + 1e-9))
 
 
-def least_tool_mass_kg(
-    problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS, *, local: bool
-) -> float | None:
+def least_tool_mass_kg(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
     """Return the lightest tool with which a stiffness is stable, searched from the declared mass down, or up.
 
     Args:
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
-        options: heaviest tool searched.
         local: whether the device's local loop may damp too.
     """
     tool = required_tool(problem)
     declared = min(tool.tool_mass_kg or (1.0,))
-    lightest, heaviest = _masses_kg(tool, options)
+    lightest, heaviest = _masses_kg(tool)
 
     def holds(mass_kg: float) -> bool:
         return _search(problem, tool_mass_kg=mass_kg).holds(stiffness_n_per_m, local=local)
@@ -130,15 +111,12 @@ def least_tool_mass_kg(
     return None
 
 
-def slowest_step_s(
-    problem: Problem, stiffness_n_per_m: float, options: SensitivityOptions = _OPTIONS, *, local: bool
-) -> float | None:
+def slowest_step_s(problem: Problem, stiffness_n_per_m: float, *, local: bool) -> float | None:
     """Return the longest step, a multiple of T, up to which a stiffness is stable; None where not even T is.
 
     Args:
         problem: with [simulation].
         stiffness_n_per_m: K, at the device.
-        options: longest step searched.
         local: whether the device's local loop may damp too.
     """
     tool, t = required_tool(problem), problem.device.sample_time_s
@@ -147,7 +125,7 @@ def slowest_step_s(
         search = _search(problem, step_s=samples * t)
         return search.holds(stiffness_n_per_m, local=local)
 
-    most = _most_samples(tool, t, options)
+    most = _most_samples(tool, t)
     good, bad = 0, 1
     while good < most and holds(bad):
         good, bad = bad, min(2 * bad, most)

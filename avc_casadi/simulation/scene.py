@@ -22,7 +22,7 @@ from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.mechanics import CoulombFriction
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.effects.wall import Detents
-from avc_casadi.simulation.execute import Engine, execute
+from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import Judgement, energy_ledger, judge
 from avc_casadi.simulation.run import Claim, Run
 
@@ -39,9 +39,7 @@ def simulate(
     gains: AnyGains,
     *,
     hand: Hand | StylusHand | None = None,
-    interaction_hz: float | None = None,
     seed: int = 0,
-    engine: Engine = "auto",
 ) -> Run:
     """Simulate the scene of a problem.
 
@@ -49,9 +47,7 @@ def simulate(
         problem: a validated problem.
         gains: a coupling, whose runtime replaces that of the scene; gains, or a gain table.
         hand: a hand in place of the scene's.
-        interaction_hz: frequency at which a gain table is read; None is the scene's, or the table's lowest.
         seed: added to the seeds of all noises, for other draws of one scene.
-        engine: what runs the samples; all give the same bits.
 
     Returns:
         The run, with its claim: a stable run with dry friction is repeated without it.
@@ -63,7 +59,7 @@ def simulate(
     problem = staged(problem, gains)
     effects = build_effects(problem)
     effects = effects if hand is None else held_by(problem, effects, hand)
-    return simulate_effects(problem, *settled(problem, effects, gains, interaction_hz), seed=seed, engine=engine)
+    return simulate_effects(problem, *settled(problem, effects, gains), seed=seed)
 
 
 def simulate_effects(
@@ -73,18 +69,17 @@ def simulate_effects(
     coupling: str,
     *,
     seed: int = 0,
-    engine: Engine = "auto",
 ) -> Run:
     """Simulate resolved effects and gains, of `settled`, in place of those of the problem file."""
     scene = compile_for(problem, effects, chosen)
     started = time.perf_counter()
-    traces = _traces(scene, chosen, seed, engine)
+    traces = _traces(scene, chosen, seed)
     seconds = time.perf_counter() - started
     found = _judged(problem, scene, traces)
     claim: Claim = "asymptotic" if found.stable else "unstable"
     if found.stable and any(effect.friction_n > 0 for effect in effects):
         frictionless = compile_for(problem, without(effects, CoulombFriction.kind), chosen)
-        free = _traces(frictionless, chosen, seed, engine)
+        free = _traces(frictionless, chosen, seed)
         again = _judged(problem, scene, free)
         claim = "asymptotic" if again.stable else "held-by-friction"
     whole = np.ones(scene.samples)
@@ -131,9 +126,6 @@ def simulate_batch(
     gains: AnyGains,
     *,
     friction: bool = True,
-    interaction_hz: float | None = None,
-    seed: int = 0,
-    engine: Engine = "auto",
 ) -> Judgement:
     """Simulate a scene for many hands at once and judge every run; all share the motion and the noises.
 
@@ -142,9 +134,6 @@ def simulate_batch(
         hands: at the device, in place of the scene's hand.
         gains: as in `simulate`.
         friction: False leaves dry friction out, to tell asymptotic stability from being held by friction.
-        interaction_hz: as in `simulate`.
-        seed: as in `simulate`.
-        engine: as in `simulate`.
 
     Returns:
         The judgement, with arrays of shape (n,).
@@ -160,12 +149,12 @@ def simulate_batch(
     effects = held_by(problem, build_effects(problem), hands)
     if not friction:
         effects = without(effects, CoulombFriction.kind)
-    effects, chosen, _ = settled(problem, effects, gains, interaction_hz)
+    effects, chosen, _ = settled(problem, effects, gains)
     scene = compile_for(problem, effects, chosen)
-    parameters, inputs = scene.parameter_values(chosen), scene.input_values(seed)
+    parameters, inputs = scene.parameter_values(chosen), scene.input_values()
     parts = []
     for first in range(0, len(parameters), _CHUNK):
-        traces = _completed(scene, execute(scene, parameters[first : first + _CHUNK], inputs, engine=engine))
+        traces = _completed(scene, execute(scene, parameters[first : first + _CHUNK], inputs))
         parts.append(_judged(problem, scene, traces))
     return Judgement(**{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])})
 
@@ -203,19 +192,18 @@ def staged(problem: Problem, gains: AnyGains) -> Problem:
 
 
 def settled(
-    problem: Problem, effects: tuple[SceneEffect, ...], gains: AnyGains, interaction_hz: float | None = None
+    problem: Problem, effects: tuple[SceneEffect, ...], gains: AnyGains
 ) -> tuple[tuple[SceneEffect, ...], Gains, str]:
     """Return the effects with their gain table, or else the gains, and the method of these."""
+    frequency = problem.scene.interaction_hz
     if isinstance(gains, Gains):
         return effects, gains, "none" if gains == NO_COUPLING else "given"
     if isinstance(gains, GainTable):
-        frequency = problem.scene.interaction_hz if interaction_hz is None else interaction_hz
         at = gains.at_rest if frequency is None else Gains(*gains(frequency).tolist())
         return bind(effects, gains), at, "given"
     if isinstance(gains, Coupling):
-        found, at, _ = settled(problem, effects, gains.table, interaction_hz)
+        found, at, _ = settled(problem, effects, gains.table)
         return found, at, gains.method
-    frequency = problem.scene.interaction_hz if interaction_hz is None else interaction_hz
     return bind(effects, gains), gains_at(gains, frequency), gains.method
 
 
@@ -258,8 +246,8 @@ def _estimate(traces: dict[str, FloatArray]) -> FloatArray | None:
     return None if found is None else np.where(found > 0, found, np.nan)
 
 
-def _traces(scene: CompiledScene, gains: Gains, seed: int, engine: Engine) -> dict[str, FloatArray]:
-    results = execute(scene, scene.parameter_values(gains), scene.input_values(seed), engine=engine)
+def _traces(scene: CompiledScene, gains: Gains, seed: int) -> dict[str, FloatArray]:
+    results = execute(scene, scene.parameter_values(gains), scene.input_values(seed))
     return {name: values[0] for name, values in _completed(scene, results).items()}
 
 

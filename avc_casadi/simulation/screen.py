@@ -87,16 +87,15 @@ class Explanation:
         }
 
 
-def explain(problem: Problem, gains: AnyGains, *, interaction_hz: float | None = None) -> Explanation:
+def explain(problem: Problem, gains: AnyGains) -> Explanation:
     """Return the cost of each effect of a scene.
 
     Args:
         problem: a validated problem.
         gains: as in `simulate`.
-        interaction_hz: as in `simulate`.
     """
     problem = staged(problem, gains)
-    effects, chosen, _ = settled(problem, build_effects(problem), gains, interaction_hz)
+    effects, chosen, _ = settled(problem, build_effects(problem), gains)
     return explain_effects(problem, effects, chosen)
 
 
@@ -267,8 +266,6 @@ def screen(
     problem: Problem,
     gains: AnyGains,
     *,
-    interaction_hz: float | None = None,
-    seed: int = 0,
     tolerance: float = DEFAULT_TOLERANCE,
     progress: Progress = SILENT,
 ) -> Screening:
@@ -277,8 +274,6 @@ def screen(
     Args:
         problem: a validated problem.
         gains: as in `simulate`.
-        interaction_hz: as in `simulate`.
-        seed: as in `simulate`.
         tolerance: largest negligible relative change of position, force and apparent stiffness, 0 to below 1.
         progress: reported over the effects.
 
@@ -288,14 +283,14 @@ def screen(
     if not 0 <= tolerance < 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
     problem = staged(problem, gains)
-    effects, chosen, coupling = settled(problem, build_effects(problem), gains, interaction_hz)
-    whole = simulate_effects(problem, effects, chosen, coupling, seed=seed)
+    effects, chosen, coupling = settled(problem, build_effects(problem), gains)
+    whole = simulate_effects(problem, effects, chosen, coupling)
     explained = explain_effects(problem, effects, chosen)
     costs = {cost.kind: cost for cost in explained.effects}
 
     def dropped(kinds: tuple[str, ...]) -> Screened:
         rest = tuple(effect for effect in effects if effect.kind not in kinds)
-        return _compare(whole, simulate_effects(problem, rest, chosen, coupling, seed=seed), kinds, tolerance)
+        return _compare(whole, simulate_effects(problem, rest, chosen, coupling), kinds, tolerance)
 
     found, essential = [], []
     for done, kind in enumerate(costs):

@@ -35,7 +35,6 @@ def refined(
     residual_speed_at: ResidualSpeedAt | None = None,
     *,
     wanted_n_per_m: float = 0.0,
-    seed: int = 0,
 ) -> Step:
     """Return a step with laws of smaller distance from the wall, where an evolution strategy finds any.
 
@@ -48,9 +47,8 @@ def refined(
         step: a wall and laws that stabilise it.
         residual_speed_at: as for `continuation`.
         wanted_n_per_m: static stiffness below which that of the step may be changed.
-        seed: of the draw of laws.
     """
-    draw = np.random.default_rng(seed)
+    draw = np.random.default_rng(0)
     free = step.stiffness_n_per_m < (1 - _AS_STIFF) * wanted_n_per_m
     search = _Refinement(problem, step, residual_speed_at)
     spread, done = _NEAR, 0

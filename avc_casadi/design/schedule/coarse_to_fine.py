@@ -226,7 +226,7 @@ def as_guessed(task: Task, missing: Missing, found: Found, states: FloatArray, g
     steep = np.abs(np.diff(states, axis=1)) > data.slope_limit * (1 + _SLOPE_ROUNDING) * data.step
     if steep.any() or not (met | missing.rows).all():
         return None
-    solution = Solution(states, task.cost_of(data, states), True, guess, 0, (0.0, 0.0))
+    solution = Solution(states, task.cost_of(data, states), True, guess, (0.0, 0.0))
     return Outcome(solution, found.slots, gains, missing, found.costs, guess)
 
 

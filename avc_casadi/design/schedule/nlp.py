@@ -263,7 +263,6 @@ class Solution:
         cost: value of the objective.
         success: whether the solver claims a local optimum.
         message: the solver's own.
-        iterations: their number.
         multipliers: of states and constraints, for the next start.
     """
 
@@ -271,7 +270,6 @@ class Solution:
     cost: float
     success: bool
     message: str
-    iterations: int
     multipliers: tuple[Any, Any]
 
 
@@ -329,6 +327,5 @@ def solve_program(
         cost=float(result["f"]),
         success=bool(stats["success"]),
         message=str(stats["return_status"]),
-        iterations=int(stats["iter_count"]),
         multipliers=(result["lam_x"], result["lam_g"]),
     )

@@ -121,10 +121,9 @@ class Slots:
         return np.concatenate([loop_parameters(loop) for loop in self.loops(problem)])
 
 
-def loop_parameters(loop: Loop, damping_credit_ns_per_m: float = 0.0) -> FloatArray:
-    """Return the parameters of a numeric loop, shape (9, ...); the credit is added to the damping of the device."""
-    device = loop.device + damping_credit_ns_per_m
-    columns = (loop.angle.sample_time_s, loop.angle.sin, loop.angle.cos, device.real, device.imag)
+def loop_parameters(loop: Loop) -> FloatArray:
+    """Return the parameters of a numeric loop, shape (9, ...)."""
+    columns = (loop.angle.sample_time_s, loop.angle.sin, loop.angle.cos, loop.device.real, loop.device.imag)
     rest = (loop.hold.real, loop.hold.imag, loop.environment.real, loop.environment.imag)
     return np.array(np.broadcast_arrays(*columns, *rest), dtype=np.float64)
 
