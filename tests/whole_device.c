@@ -4,8 +4,6 @@
  *   handle   (m2 + m) x2'' = -s + K (xt - x2) + B (xt' - x2') + W
  *   force    F' = a (u - F): the amplifier; u is the command of a sample, held, a delay late
  *
- *   part     m3 x3'' = -r,   r = q (x3 - x1) + e (x3' - x1') on the motor: one more resonance, of a part that nobody holds
- *
  * The hand is a mass m on the handle, with a spring K and a damper B to a target xt; W is a weight on the handle. The
  * encoder sees the motor. Velocities before positions (symplectic Euler) in steps that are short to everything here;
  * dry friction takes up to fc h of momentum in a step h and never turns the motion, so it sticks as it slides. Without a
@@ -17,7 +15,7 @@ enum { STEPS = 64, LINE = 8 };
 
 struct device {
     double mass, damping, time, delay, friction, encoder, bandwidth, limit, resonance, ratio, share;
-    double part, part_ratio, part_share, dropped; /* of a part that swings beside the motor; of samples that are missed */
+    double dropped; /* share of samples that are missed */
 };
 struct deed {
     double mass, damping, stiffness, weight; /* the hand */
@@ -46,13 +44,10 @@ static void aim(const struct deed *p, double t, double *xt, double *vt)
 void whole_device(const struct device *d, const struct deed *p, int samples, int tail, struct found *found)
 {
     const double h = d->time / STEPS, w = 2 * acos(-1.0) * d->resonance;
-    const double w3 = 2 * acos(-1.0) * d->part, m3 = d->part > 0 ? d->part_share * d->mass : 0, left = d->mass - m3;
-    const double q = m3 * left / d->mass * w3 * w3, e = w3 > 0 ? 2 * d->part_ratio * q / w3 : 0;
-    const double m2 = d->share * left, m1 = left - m2, k = m1 * m2 / left * w * w;
-    const double c = w > 0 ? 2 * d->ratio * k / w : 0, m = left + p->mass, lag = 1 - exp(-2 * acos(-1.0) * d->bandwidth * h);
+    const double m2 = d->share * d->mass, m1 = d->mass - m2, k = m1 * m2 / d->mass * w * w;
+    const double c = w > 0 ? 2 * d->ratio * k / w : 0, m = d->mass + p->mass, lag = 1 - exp(-2 * acos(-1.0) * d->bandwidth * h);
     const int late = (int)lround(d->delay * STEPS);
     double x1 = p->start, x2 = p->start, v1 = p->velocity, v2 = p->velocity, force = 0, line[LINE] = {0};
-    double x3 = p->start, v3 = p->velocity;
     unsigned draw = 1;
     avc_coupling_t coupling;
     *found = (struct found){0};
@@ -69,24 +64,21 @@ void whole_device(const struct device *d, const struct deed *p, int samples, int
         for (int i = 0; i < STEPS; i++) {
             double xt, vt;
             aim(p, (n + (double)i / STEPS) * d->time, &xt, &vt);
-            const double beside = q * (x3 - x1) + e * (v3 - v1);
             const double spring = k * (x2 - x1) + c * (v2 - v1), loss = h * d->friction / m1;
             const double hand = p->stiffness * (xt - x2) + p->damping * (vt - v2) + p->weight;
             /* The command of the sample that was `late` steps ago. */
             force += lag * (line[i >= late ? 0 : (late - i + STEPS - 1) / STEPS] - force);
-            v3 -= m3 > 0 ? h / m3 * beside : 0;
             if (d->resonance > 0) {
-                v1 += h / m1 * (spring + beside - d->damping * v1 - force);
+                v1 += h / m1 * (spring - d->damping * v1 - force);
                 v1 = fabs(v1) > loss ? v1 - copysign(loss, v1) : 0;
                 v2 += h / (m2 + p->mass) * (hand - spring);
             } else {
-                v1 += h / m * (hand + beside - d->damping * v1 - force);
+                v1 += h / m * (hand - d->damping * v1 - force);
                 v1 = fabs(v1) > h * d->friction / m ? v1 - copysign(h * d->friction / m, v1) : 0;
                 v2 = v1;
             }
             x1 += h * v1;
             x2 += h * v2;
-            x3 += h * v3;
             found->most = fmax(found->most, fabs(force));
             if (n >= samples - tail) {
                 found->motor_speed = fmax(found->motor_speed, fabs(v1));

@@ -26,9 +26,6 @@ _DEVICE = (
     "resonance",
     "ratio",
     "share",
-    "part",
-    "part_ratio",
-    "part_share",
     "dropped",
 )
 _DEED = (

@@ -215,7 +215,6 @@ LoopDampingRatio = Annotated[float, BeforeValidator(Quantity("", 0.05, 10, zero=
 MassRatio = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e3, zero=False))]
 MassShare = Annotated[float, BeforeValidator(Quantity("", 1e-6, 0.999999, zero=False))]
 DelaySamples = Annotated[int | float, BeforeValidator(_delay)]
-Samples = Annotated[int, BeforeValidator(Whole(0, 1000))]
 Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, MOST_FREQUENCIES))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]

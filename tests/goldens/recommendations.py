@@ -64,7 +64,7 @@ def _doubles(names: str) -> type[ctypes.Structure]:
 
 
 # The structs of whole_device.c, in its order.
-_Device = _doubles("mass damping time delay friction encoder bandwidth limit resonance ratio share")
+_Device = _doubles("mass damping time delay friction encoder bandwidth limit resonance ratio share dropped")
 _Deed = _doubles("mass damping stiffness weight start velocity speed end centre swing frequency until")
 _Found = _doubles("motor_speed handle_speed force motor handle most")
 
