@@ -197,17 +197,6 @@ def test_softer_couplings_are_tried_until_hands_settle_and_some_for_rest_without
     assert tried(900.0, 900.0, 1000.0, wanted=1000.0) is None
 
 
-def test_what_sets_k_is_told_by_the_motion_that_is_hardest_then_by_missed_steps():
-    def told(press, dropped, free):
-        motions = {"free": np.ones(4, dtype=bool), "press": np.arange(4) < press}
-        more = {"stable_with_dropped_steps": np.arange(4) < dropped, "stable_without_friction": np.arange(4) < free}
-        return _hands.unsettled(2330.0, SimpleNamespace(hands=4, by_motion=motions, **more))
-
-    assert told(1, 4, 4) == "with K 2.33 kN/m 3 of 4 hands do not settle, in press"
-    assert told(4, 3, 2) == "with K 2.33 kN/m 1 of 4 hands does not settle, where the engine misses steps"
-    assert told(4, 4, 2) == "with K 2.33 kN/m 2 of 4 hands do not settle, without dry friction"
-
-
 def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
     first, gains = [], ToolGains(5000.0, 8.0)
     loops = SimpleNamespace(radius=lambda _: (0.9, None))
@@ -222,13 +211,6 @@ def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
     for more in ("", "\nstiffness_n_per_m = 3000.0"):
         _tool.recommend_tool(problem(f"tool_mass_kg = 0.2\nstep_s = 0.004{more}"))
     assert first == pytest.approx([0.9 * 0.9 * 5000.0 / 1.5, 3000.0])
-
-
-def test_the_motion_that_is_hardest_for_hands_is_told():
-    rests = {"free": [True, True, True], "touch": [False, False, True], "press": [False, True, True]}
-    trial = SimpleNamespace(hands=3, stable=np.zeros(3), by_motion={name: np.array(one) for name, one in rests.items()})
-    told = _tool._why_none(problem("tool_mass_kg = 0.2\nstep_s = 0.004"), None, 1e3, trial)
-    assert "hardest for them: touch, 1 settle" in told
 
 
 def test_limits_of_mass_and_step_are_where_a_stiffness_holds_no_more(monkeypatch):
