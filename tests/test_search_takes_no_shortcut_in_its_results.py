@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi._util.parallel import one_ahead
 from avc_casadi.claims.stability.eigenvalues import eigenvalues, leading_radii, worst_radius
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import Laws, stiffness_at_rest
@@ -105,15 +104,6 @@ def test_stiffest_wall_lies_between_dampings_that_hold_and_none():
     for share, holds in ((1.0, True), (1.001, False)):
         stiffness = np.full(len(damping), share * found.stiffness_n_per_m)
         assert (loop_radius(problem.device, people, stiffness, damping) < 1).all(axis=1).any() == holds
-
-
-def test_one_ahead_keeps_the_order_and_the_error():
-    assert list(one_ahead((n, lambda n=n: n * n) for n in range(5))) == [(n, n * n) for n in range(5)]
-    assert list(one_ahead([])) == []
-    seen = []
-    with pytest.raises(ZeroDivisionError):
-        seen.extend(name for name, _ in one_ahead((n, lambda n=n: 1 / (2 - n)) for n in range(5)))
-    assert seen == [0, 1] or not seen
 
 
 @pytest.mark.parametrize("error", [ValueError("reordering failed"), np.linalg.LinAlgError("no solution")])

@@ -18,16 +18,7 @@ from avc_casadi._util.interrupt import HeldInterrupt
 
 @contextmanager
 def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[BinaryIO]:
-    """Open a regular file given by a user, of bounded size; a pipe or a device is not opened.
-
-    Args:
-        path: as given by the user.
-        most_bytes: maximum size.
-        next_step: advice where it cannot be read.
-
-    Raises:
-        InputError: it is something else, or cannot be read.
-    """
+    """Open a regular file given by a user, of bounded size; a pipe or a device is not opened."""
     told, then = _printable(path), next_step and f"; {next_step}"
     try:
         try:
@@ -48,11 +39,7 @@ def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[B
 
 
 def read_bytes(path: str | Path, most_bytes: int, next_step: str = "") -> bytes:
-    """Return the bytes of a file.
-
-    Raises:
-        InputError: as `opened`; a file may also turn out larger than its stated size.
-    """
+    """Return the bytes of a file."""
     with opened(path, most_bytes, next_step) as file:
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
@@ -61,11 +48,7 @@ def read_bytes(path: str | Path, most_bytes: int, next_step: str = "") -> bytes:
 
 
 def read_text(path: str | Path, most_bytes: int, next_step: str = "") -> str:
-    """Return the text of a file in UTF-8, without a byte order mark.
-
-    Raises:
-        InputError: as `read_bytes`, or it is not text.
-    """
+    """Return the text of a file in UTF-8, without a byte order mark."""
     content = read_bytes(path, most_bytes, next_step)
     try:
         return content.decode("utf-8-sig")
@@ -91,15 +74,7 @@ def _at_once(path: str, flags: int) -> int:
 
 
 def write_file(path: str | Path, content: str | bytes) -> None:
-    """Write a file atomically: to a temporary name beside it, synchronised, renamed.
-
-    Args:
-        path: the file; the target of a link.
-        content: text is written as UTF-8.
-
-    Raises:
-        OSError: it cannot be written; the old content is kept.
-    """
+    """Write a file atomically: to a temporary name beside it, synchronised, renamed."""
     place = Path(os.path.realpath(path))
     data = content.encode() if isinstance(content, str) else content
     if place.exists() and not place.is_file():  # a pipe or a device, or a folder, which is refused
@@ -123,14 +98,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
 
 @contextmanager
 def gathered_folder(path: Path) -> Iterator[Path]:
-    """Collect results in a temporary folder that is yielded; at the end its files move into the requested one.
-
-    Args:
-        path: the requested folder; without a result it is removed again where it was made.
-
-    Raises:
-        OSError: it cannot be made or written to, which is found at once.
-    """
+    """Collect results in a temporary folder that is yielded; at the end its files move into the requested one."""
     place = Path(os.path.realpath(path))
     missing = [folder for folder in (place, *place.parents) if not folder.exists()]
     place.mkdir(parents=True, exist_ok=True)

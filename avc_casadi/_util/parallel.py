@@ -6,10 +6,9 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import ExitStack, contextmanager
-from contextvars import copy_context
 from functools import cache
 from importlib import import_module
 from multiprocessing import get_context, parent_process
@@ -95,12 +94,7 @@ def _end_after_parent() -> None:
 
 @contextmanager
 def cluster(address: str | None) -> Iterator[Executor | None]:
-    """Yield the executor of the Dask cluster behind a scheduler; None without an address.
-
-    Raises:
-        InputError: no scheduler answers.
-        MissingExtraError: distributed is not installed.
-    """
+    """Yield the executor of the Dask cluster behind a scheduler; None without an address."""
     if address is None:
         yield None
         return
@@ -167,11 +161,7 @@ def _as_done(executor: Executor, work: Callable[[T], R], tasks: Sequence[T]) -> 
 
 
 def result_of(future: Future[R]) -> R:
-    """Return the result of a task.
-
-    Raises:
-        WorkerLostError: its worker died.
-    """
+    """Return the result of a task."""
     try:
         return future.result()
     except BrokenExecutor as error:
@@ -222,20 +212,3 @@ class Crew(ExitStack):
 
 ALONE = Crew(1)
 """Without helpers."""
-
-
-def one_ahead(tasks: Iterable[tuple[T, Callable[[], R]]]) -> Iterator[tuple[T, R]]:
-    """Yield the result of each task in order; a thread computes the next while the last one's is used.
-
-    Args:
-        tasks: names with work that mostly releases the GIL, and is short: Ctrl-C waits for it.
-    """
-    with ThreadPoolExecutor(1) as pool:
-        before: tuple[T, Future[R]] | None = None
-        for name, task in tasks:
-            coming = pool.submit(copy_context().run, task)
-            if before is not None:
-                yield before[0], before[1].result()
-            before = name, coming
-        if before is not None:
-            yield before[0], before[1].result()

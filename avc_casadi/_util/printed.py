@@ -62,11 +62,7 @@ class Tabular(Comparable, ABC):
         """Return a one-line summary."""
 
     def to_pandas(self) -> Any:
-        """Return a pandas.DataFrame of the columns, indexed by the first; ``.to_xarray()`` makes an xarray.Dataset.
-
-        Raises:
-            MissingExtraError: pandas is not installed.
-        """
+        """Return a pandas.DataFrame of the columns, indexed by the first; ``.to_xarray()`` makes an xarray.Dataset."""
         try:
             pandas = import_module("pandas")
         except ImportError as error:

@@ -15,15 +15,7 @@ Thing = TypeVar("Thing")
 
 
 class Registry(Mapping[str, Thing], Generic[Thing]):
-    """Objects of one kind by name, in the order of their ranks.
-
-    At the first look-up every module of the folder is imported; each adds what it declares. A folder that is put on the
-    package's ``__path__`` before that is scanned too.
-
-    Args:
-        what: the kind, for messages, for example ``method``.
-        folder: the package whose modules declare them.
-    """
+    """Objects of one kind by name, in the order of their ranks."""
 
     def __init__(self, what: str, folder: str) -> None:
         self.what = what
@@ -33,27 +25,14 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self._lock = RLock()
 
     def add(self, name: str, thing: Thing, rank: float) -> None:
-        """Declare one object.
-
-        Args:
-            name: as users choose it.
-            thing: the object.
-            rank: its place in every list.
-
-        Raises:
-            ValueError: the name or the rank is taken.
-        """
+        """Declare one object."""
         for other, (taken, _) in self._things.items():
             if other == name or taken == rank:
                 raise ValueError(f"{self.what} {name} of rank {rank:g}: taken by {other} of rank {taken:g}")
         self._things[name] = rank, thing
 
     def named(self, name: str, key: str | None = None) -> Thing:
-        """Return the object of a name.
-
-        Raises:
-            InputError: no such name; lists the nearest and all. Its key is ``key``, or the kind.
-        """
+        """Return the object of a name."""
         if name in self:
             return self[name]
         near = difflib.get_close_matches(name, self, n=1)

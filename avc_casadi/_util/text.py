@@ -14,12 +14,7 @@ _OF_PROBLEM = re.compile(r"\b(avc [a-z][a-z0-9-]*) P\b")
 
 
 def with_problem(text: str, problem: str) -> str:
-    """Return a text whose commands name the problem in place of ``P``.
-
-    Args:
-        text: plain or HTML.
-        problem: file, or name of the catalogue.
-    """
+    """Return a text whose commands name the problem in place of ``P``."""
     return _OF_PROBLEM.sub(lambda found: f"{found[1]} {problem}", text)
 
 
@@ -40,13 +35,7 @@ _PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
 def quantity(value: float | None, unit: str | Wording, digits: int = 3) -> str:
-    """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none.
-
-    Args:
-        value: in the unit, which may have a prefix only as the kilogram.
-        unit: such as ``N/m``; a mass is printed in grams.
-        digits: significant ones.
-    """
+    """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none."""
     unit = str(unit)
     if value is None or math.isnan(value):
         return "-"
@@ -133,13 +122,7 @@ class Table:
 
 
 def text_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:
-    """Align cells in columns; a header cell may hold several lines.
-
-    Args:
-        header: one cell a column.
-        rows: cells.
-        left: columns aligned to the left; all others to the right.
-    """
+    """Align cells in columns; a header cell may hold several lines."""
     heads = [cell.split("\n") for cell in header]
     height = max(len(lines) for lines in heads)
     head_rows = [[lines[i] if i < len(lines) else "" for lines in heads] for i in range(height)]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from itertools import starmap
 from typing import Any
 
-from avc_casadi._util.text import number, percent, quantity
+from avc_casadi._util.text import number, percent
 from avc_casadi._util.units import FORCE, KG, M_PER_S, MASS, METRE, MM, N_PER_M, NEWTON, NS_PER_M, UM
 from avc_casadi.recommendation.contact_onset import NOTICED_N, REACHED_M
 from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
@@ -265,7 +265,6 @@ def beyond_file_text(one: dict[str, Any]) -> str:
     return {
         "mass_share": f"{percent(value)} less {MASS}",
         "dropped_share": f"{percent(value)} of samples lost",
-        "mode_hz": f"a {quantity(value, 'Hz')} mode",
     }[one["key"]]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -12,11 +12,10 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.parallel import mapped, one_ahead
+from avc_casadi._util.parallel import mapped
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import N_PER_M
-from avc_casadi.simulation.native import compiler
 from avc_casadi.simulation.population.motions import MOTIONS, QUIET, TRIAL_S, course_of
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, Traces, on_device, simulations
@@ -191,12 +190,11 @@ def _tried(
 ) -> CouplingTrial:
     found: dict[tuple[str, bool], list[_Figures]] = {}
     simulated = _simulations(coupling, subjects, conditions)
-    # Without a compiler a simulation takes seconds: one at a time, so that Ctrl-C stops it.
-    parts = ((key, one()) for key, one in simulated) if compiler() is None else one_ahead(simulated)
-    for key, part in parts:
-        found.setdefault(key, []).append(part)
-        if key[1]:
-            progress.advance(len(found), len(MOTIONS), f"motions, {key[0]} the last")
+    with ThreadPoolExecutor(1) as pool:  # a scene is built while another is simulated
+        for key, part in [(key, pool.submit(one)) for key, one in simulated]:
+            found.setdefault(key, []).append(part.result())
+            if key[1]:
+                progress.advance(len(found), len(MOTIONS), f"motions, {key[0]} the last")
 
     def whole(name: str, figure: str, *, as_declared: bool = True) -> Any:
         return np.concatenate([part[figure] for part in found[name, as_declared]])
