@@ -70,9 +70,8 @@ def test_every_board_builds_without_warnings(target: str, tmp_path: Path) -> Non
     image = read_elf(build.build_image(target, tmp_path))
     board = TARGETS[target]
     code = sum(len(segment.data) for segment in image.segments)
-    # 1.8 KB for faults, 5 for observers without loops, 0.7 telemetry, 1.4 commissioning, 1.8 what is kept, 1.3 for a
-    # first tick of its own
-    assert 0 < code < 35_000
+    # 1.8 KB for faults, 5 for observers without loops, 0.7 telemetry, 1.3 for a first tick of its own
+    assert 0 < code < 33_000
     assert image.segments[0].address == board.flash[0]
     memory = max(address + size for name, (address, size) in image.symbols.items() if name == "device")
     assert memory - board.ram[0] < 48_000

@@ -78,13 +78,6 @@ class EmulatedBoard:
         )
         self.machine.run_until(round(_BOOT_S * CLOCK_HZ))
 
-    def restart(self) -> None:
-        """Power-cycle it: it starts anew."""
-        self.machine.reset()
-        self.machine.received.clear()
-        self.machine.sent.clear()
-        self.machine.run_until(self.machine.cycle + round(_BOOT_S * CLOCK_HZ))
-
     @property
     def name(self) -> str:
         """Its name as a port."""
