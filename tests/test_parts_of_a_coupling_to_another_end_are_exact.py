@@ -228,30 +228,6 @@ def test_limits_of_mass_and_step_are_where_a_stiffness_holds_no_more(monkeypatch
     assert found == {"on-time": True, "late": False, "ahead": False, "held-force": True}
 
 
-def test_searches_of_mass_and_step_end_within_what_a_file_may_hold(monkeypatch):
-    """No mass or step outside the allowed ones is asked for, and an answer at the end of a search says so."""
-    asked = []
-
-    def search(_, tool_mass_kg=None, step_s=None):
-        asked.append((tool_mass_kg, step_s))
-        return SimpleNamespace(holds=lambda *_, **__: wanted)
-
-    monkeypatch.setattr(_sensitivity, "_search", search)
-    for mass, step in ((1e6, 0.004), (1e-9, 10.0), (0.2, 0.3), (0.2, 10.0)):
-        stated = problem(f"tool_mass_kg = {mass!r}\nstep_s = {step!r}")
-        ends = _sensitivity.search_ends(stated)
-        wanted = True
-        assert _sensitivity.least_tool_mass_kg(stated, 1e3, local=False) == ends["least_tool_mass_kg"]
-        assert _sensitivity.slowest_step_s(stated, 1e3, local=False) == ends["slowest_step_s"]
-        assert ends["least_tool_mass_kg"] == max(mass / 100, 1e-9)
-        assert ends["slowest_step_s"] == pytest.approx(min(64 * step, 10.0))
-        wanted = False
-        assert _sensitivity.least_tool_mass_kg(stated, 1e3, local=False) is None
-        assert _sensitivity.slowest_step_s(stated, 1e3, local=False) is None
-    assert all(mass is None or 1e-9 <= mass <= 1e6 for mass, _ in asked)
-    assert all(step is None or step <= 10.0 for _, step in asked)
-
-
 def test_a_loop_whose_map_overflows_is_unstable():
     """A held force too strong for the device grows e-fold many times a step; 300 ms are beyond the largest number."""
     stated = problem("step_s = 0.3", device=DEVICE.replace("delay_samples = 1\n", ""))
