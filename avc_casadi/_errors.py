@@ -169,12 +169,12 @@ class NotDeployableError(AvcError):
 
 
 class WorkerLostError(AvcError, RuntimeError):
-    """A worker of a study in chunks died, and its task could not be reassigned (exit code 2).
+    """A worker died, and its task with it (exit code 2).
 
     Example:
         >>> try:
-        ...     raise avc.WorkerLostError("chunk 7 of 100: its worker died")
+        ...     raise avc.WorkerLostError("a worker died")
         ... except avc.AvcError as error:
         ...     print(error)
-        chunk 7 of 100: its worker died
+        a worker died
     """

@@ -95,7 +95,7 @@ OTHERS = {"list": "list", "check soft": "check", "doctor --ports": "ports", "doc
 @pytest.mark.parametrize(("verb", "schema"), OTHERS.items(), ids=OTHERS)
 def test_other_verbs(verb, schema):
     done = avc(*verb.split(), "--json")
-    assert strict_json(done.stdout)["schema"] == f"avc-{schema}/1"
+    assert strict_json(done.stdout)["schema"].startswith(f"avc-{schema}/")
     assert done.returncode == 0
     assert done.stderr == b""
 
