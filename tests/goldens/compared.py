@@ -19,6 +19,8 @@ SUM_RTOL, SUM_ATOL = 1e-5, 1e-7
 MARGIN_RTOL, MARGIN_ATOL = 1e-5, 1e-7
 # A minimum over frequency is flat: its place is known to the root of the accuracy of its value.
 PLACE_RTOL = 1e-2
+# Below this frequency, Hz, it is the limit of zero frequency.
+PLACE_ATOL = 1e-3
 # Single precision has 6e-8 a step; sums of another order over a hundred samples stay below this share of the peak.
 FORCE_SHARE = 1e-5
 # The median stiffness of a hundred hands: one that settles an encoder step elsewhere moves it by one or two percent.
@@ -67,7 +69,7 @@ _RULES = {
         (r"\.(b|k|b_p)\[\d+\]$", lambda old, new: _close(old, new, GAIN_RTOL, GAIN_ATOL)),
         (r"_error_sum$", lambda old, new: _close(old, new, SUM_RTOL, SUM_ATOL)),
         (r"\.margin$", lambda old, new: _close(old, new, MARGIN_RTOL, MARGIN_ATOL)),
-        (r"\.frequency_hz$", lambda old, new: _close(old, new, PLACE_RTOL, 0.0)),
+        (r"\.frequency_hz$", lambda old, new: _close(old, new, PLACE_RTOL, PLACE_ATOL)),
     ],
     "recommendations": [
         (r"\.(structure|runtime|gains|what_runs)\b", None),  # another coupling that feels and settles alike is as good

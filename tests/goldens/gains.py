@@ -1,4 +1,4 @@
-"""Gains of every problem of the catalogue by every method, and the levels that they meet."""
+"""Gains of every problem of the catalogue, of single frequencies and of a schedule, and the levels that they meet."""
 
 from __future__ import annotations
 
@@ -8,23 +8,17 @@ import numpy as np
 
 import avc_casadi as avc
 
-METHODS = ("closed-form", "direct", "exact", "schedule", "static", "static-tuned", "robust")
+METHODS = ("closed-form", "direct", "exact", "schedule")
 ROWS = 12
 # Designs for every hand take half a minute and more over 200 frequencies: these problems are solved at fewer.
 _FEW = dict.fromkeys(("reference-r1", "reference-r2", "reference-r3", "scenes/adaptive-press-series"), 12)
 _FEW["scenes/stiff-wall-tuned"] = 12
-# Tuning for every hand takes 10 s to 2 min on these, whatever the number of frequencies: longer than all else together.
-_LONG = ("damped", "knob", "reference-r1", "reference-r2", "reference-r3", "hard/long-delay")
-_LONG += tuple(f"scenes/{name}" for name in ("adaptive-press-series", "excalibur-block", "stiff-wall-tuned"))
-_LONG += ("scenes/teaching-plant", "scenes/texture-stroke")
-LEFT_OUT = tuple(f"{name} static-tuned" for name in _LONG)
 
 
 def gain_cases() -> tuple[str, ...]:
-    """Return "problem method" of all problems of the catalogue that have a wall by all methods."""
+    """Return "problem method" of all problems of the catalogue that have a wall."""
     walled = [one.name for one in avc.catalogue() if avc.load_problem(one.name).simulation is None]
-    every = (f"{name} {method}" for method in METHODS for name in walled)
-    return tuple(case for case in every if case not in LEFT_OUT)
+    return tuple(f"{name} {method}" for method in METHODS for name in walled)
 
 
 def gains(case: str) -> dict[str, Any]:
