@@ -85,33 +85,12 @@ def drawn_gains(
     return tuple(drawn)
 
 
-def least_error_with_hands(
-    problem: Problem, frequency_hz: float, gains: tuple[np.ndarray, ...], below: float, most: int = 3000
-) -> float:
-    """Return the least magnitude error, of |Z_h_ds|, of drawn gains that hold every hand; ``below`` if none is less.
-
-    The gains of least error are judged first, up to ``most``: those that follow could not be the best.
-    """
-    loop = loop_at(problem, np.array([frequency_hz]))
-    error = np.abs(np.abs(loop.perceived(*gains)) / abs(loop.target[0]) - 1)
-    order = np.argsort(error)
-    order = order[error[order] < below][:most]
-    for some in np.array_split(order, max(1, len(order) // 200)):
-        met = np.ones(len(some), dtype=bool)
-        for device in device_corners(problem.device, ("mass_kg", "damping_ns_per_m")):
-            corner = problem.changed(device=device)
-            met &= scope_slack(corner, frequency_hz, *(gain[some] for gain in gains)).met
-        if met.any():
-            return float(error[some[met]][0])
-    return below
-
-
 def least_error_of_constants(
     problem: Problem, condition: str, gains: tuple[np.ndarray, ...], below: float, most: int = 3000
 ) -> float:
     """Return the least root mean squared error of drawn constant gains that meet a condition of `static`, or ``below``.
 
-    Judged as in `least_error_with_hands`.
+    The gains of least error are judged first, up to ``most``: those that follow could not be the best.
     """
     loop = loop_at(problem, problem.frequencies_hz())
     goal, chosen = problem.realism, (gain[:, None] for gain in gains)
@@ -188,14 +167,6 @@ def _moved(value: np.ndarray, axis: np.ndarray, dimension: int, penalty: float) 
     for at, line in zip(axis, lines, strict=True):
         np.minimum(best, line[None] + (penalty * (axis - at) ** 2).reshape(-1, *trailing), out=best)
     return np.moveaxis(best, 0, dimension)
-
-
-def row_excess(problem: Problem, gains: GainSchedule, row: int, rng: np.random.Generator, count: int) -> float:
-    """By how much a row's error exceeds the least of drawn gains that hold every hand, of |Z_h_ds|."""
-    near = gain_rows(gains)[:, row] if gains.usable[row] else None
-    own = gains.magnitude_error[row] / abs(gains.target[row]) if gains.usable[row] else np.inf
-    drawn = drawn_gains(rng, problem, count, near)
-    return float(own - least_error_with_hands(problem, float(gains.frequency_hz[row]), drawn, own)) if own else 0.0
 
 
 def drawn_schedule_problem(rng: np.random.Generator, structure: str, number: int) -> Problem:

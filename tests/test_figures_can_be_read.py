@@ -45,7 +45,11 @@ def comparison(request):
     make = PROBLEMS[request.param]
     problem = make() if make else avc.load_problem(request.param)
     found = avc.compare(problem, mine=(7000.0, 10.0))
-    return found if problem.stability.scope == "pointwise" else with_delivered(found, problem, avc.solve(problem))
+    return (
+        found
+        if problem.stability.scope == "pointwise"
+        else with_delivered(found, problem, avc.solve(problem, "schedule"))
+    )
 
 
 @pytest.fixture(scope="module", params=DRAWERS, ids=lambda draw: draw.__name__)
@@ -110,7 +114,7 @@ def test_axes_have_labels_with_units(figure):
 @pytest.mark.thorough
 def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
     gains = comparison.methods[comparison.delivered]
-    label = "direct" if comparison.scope == "pointwise" else f"direct, scope {comparison.scope}"
+    label = "direct" if comparison.scope == "pointwise" else f"schedule, scope {comparison.scope}"
     curves = (np.abs(gains.impedance), gains.damping_ns_per_m, 1e-3 * gains.stiffness_n_per_m, gains.real_part)
     order = np.argsort(gains.frequency_hz)
     panels = {axes.get_title(loc="left")[:3]: axes for axes in draw_perceived(comparison).axes}

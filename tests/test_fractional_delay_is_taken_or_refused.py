@@ -123,7 +123,7 @@ def test_what_knows_whole_samples_only_says_so_by_name():
         lambda: llewellyn_margin(SampledLoop.of(case), 1.0, 1e3),
         lambda: llewellyn_table(case),
         lambda: avc.solve(case, "static"),
-        lambda: avc.solve(case.changed(stability={"scope": "all"}), "direct"),
+        lambda: avc.solve(case.changed(stability={"scope": "all"}), "schedule"),
     )
     for call in calls:
         with pytest.raises(UnsupportedError, match=r"device.delay_samples is 1.5: .* whole samples only") as refused:

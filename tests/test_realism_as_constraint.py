@@ -20,6 +20,9 @@ from avc_casadi.paper.loop import Loop, loop_at
 from avc_casadi.paper.realism import bound_magnitudes, judge_realism
 
 ROUNDING = 1e-9
+SEPARATE = {"slope_penalty": 0.0, "contact_damping_penalty": 0.0}
+TOLERANCE = 4e-4
+"""What the NLP's tolerance of 1e-8 in the mean of ten squared errors leaves to one of them."""
 DAMPED = {"coupling": {"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)}}
 CASES: list[tuple[str, str, dict[str, dict[str, Any]]]] = [
     ("jnd", "pointwise", {}),
@@ -33,7 +36,11 @@ CASES: list[tuple[str, str, dict[str, dict[str, Any]]]] = [
 
 
 def problem_with(require: str, scope: str, changes: dict[str, dict[str, Any]], points: int = 10) -> Problem:
-    tables = {"stability": {"scope": scope}, "realism": {"require": require, "jnd": 0.3}} | changes
+    tables = {
+        "stability": {"scope": scope},
+        "realism": {"require": require, "jnd": 0.3},
+        "schedule": SEPARATE,
+    } | changes
     return figure5(points=points, **tables)
 
 
@@ -76,64 +83,55 @@ def test_rows_are_real_and_no_lattice_point_betters_them(
     require: str, scope: str, changes: dict[str, dict[str, Any]]
 ) -> None:
     problem = problem_with(require, scope, changes)
-    direct, schedule = solve(problem), solve(problem, "schedule")
-    loop = loop_at(problem, direct.frequency_hz)
-    for found in (direct, schedule):
-        assert {str(status) for status in found.status} <= {"solved", "active-bound", "infeasible"}, found.reason
-        rows = found.usable
-        assert rows.any()
-        assert real(problem, loop, found.impedance, ROUNDING)[rows].all()
-        b, k, p = (gain[rows] for gain in gains_of(found))
-        assert scope_slack(problem, found.frequency_hz[rows], b, k, p).met.all()
-        assert all(bool(text) is not bool(has) for text, has in zip(found.reason, rows, strict=True))
-    assert (direct.usable == schedule.usable).all()
+    found = solve(problem, "schedule")
+    loop = loop_at(problem, found.frequency_hz)
+    assert {str(status) for status in found.status} <= {"solved", "active-bound", "infeasible"}, found.reason
+    rows = found.usable
+    assert rows.any()
+    assert real(problem, loop, found.impedance, ROUNDING)[rows].all()
+    b, k, p = (gain[rows] for gain in gains_of(found))
+    assert scope_slack(problem, found.frequency_hz[rows], b, k, p).met.all()
+    assert all(bool(text) is not bool(has) for text, has in zip(found.reason, rows, strict=True))
 
     b, k, p = lattice(problem)
-    for row in range(0, direct.rows, 2):
-        own_loop = loop_at(problem, direct.frequency_hz[row : row + 1])
+    for row in range(0, found.rows, 2):
+        own_loop = loop_at(problem, found.frequency_hz[row : row + 1])
         z, radius = own_loop.perceived(b[:, None], k[:, None], p[:, None]), abs(own_loop.target[0])
-        own = direct.magnitude_error[row] / radius if direct.usable[row] else np.inf
+        own = found.magnitude_error[row] / radius if found.usable[row] else np.inf
         error = np.abs(np.abs(z[:, 0]) / radius - 1)
-        better = np.flatnonzero(real(problem, own_loop, z, 0.0)[:, 0] & (error < own - 1e-6))
+        better = np.flatnonzero(real(problem, own_loop, z, 0.0)[:, 0] & (error < own - TOLERANCE))
         better = better[np.argsort(error[better])][:600]
         if better.size:
-            slack = scope_slack(problem, direct.frequency_hz[row], b[better], k[better], p[better])
+            slack = scope_slack(problem, found.frequency_hz[row], b[better], k[better], p[better])
             assert not slack.met.any(), f"row {row}: {error[better][slack.met].min()} < {own}"
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("method", ["direct", "schedule"])
-def test_reason_states_the_smallest_relaxation(method: str) -> None:
+def test_reason_states_the_smallest_relaxation() -> None:
     problem = problem_with("jnd", "pointwise", {})
-    found = solve(problem, method)
+    found = solve(problem, "schedule")
     row = found.status.index("infeasible")
-    assert "realism.jnd" in found.reason[row]
-    assert "scope pointwise" in found.reason[row]
     error = float(found.reason[row].split("at best ")[1].split(" ")[0])
     for share, usable in ((1.0001, True), (0.9999, False)):
         relaxed = problem.changed(realism={"jnd": error * share})
-        assert bool(solve(relaxed, method).usable[row]) is usable
+        assert bool(solve(relaxed, "schedule").usable[row]) is usable
 
 
 def test_bounds_that_cannot_be_met_are_named_with_the_miss() -> None:
     problem = problem_with("bounds", "pointwise", {"device": {"delay_samples": 1}})
-    found = solve(problem)
+    found = solve(problem, "schedule")
     row = found.status.index("infeasible")
-    low, high = bound_magnitudes(problem, loop_at(problem, found.frequency_hz))
-    assert f"|Z_h| between {low[row]:.6g} and {high[row]:.6g} N.s/m" in found.reason[row]
-    assert float(found.reason[row].split("missed by ")[1].split(" ")[0]) > 0
+    low, high = (end[row] for end in bound_magnitudes(problem, loop_at(problem, found.frequency_hz)))
+    assert f"not {low:.6g} to {high:.6g}" in found.reason[row]
+    assert not low <= float(found.reason[row].split("at best ")[1].split(" ")[0]) <= high
 
 
-@pytest.mark.parametrize("method", ["direct", "schedule"])
-def test_requirement_met_anyway_changes_nothing(method: str) -> None:
+def test_requirement_met_anyway_changes_nothing() -> None:
     goal = {"jnd": 0.999, "objective": "complex"}
     free, kept = (figure5(points=12, realism=goal | {"require": require}) for require in ("none", "jnd"))
-    one, two = solve(free, method), solve(kept, method)
+    one, two = solve(free, "schedule"), solve(kept, "schedule")
     assert judge_realism(free, one.impedance, one.usable).inside_jnd.all()
-    if method == "direct":
-        assert np.array_equal(one.impedance, two.impedance)
-    else:
-        assert np.abs(one.impedance / two.impedance - 1).max() <= 1e-4
+    assert np.abs(one.impedance / two.impedance - 1).max() <= 1e-4
 
 
 @pytest.mark.thorough
@@ -145,9 +143,10 @@ def test_methods_without_realism_say_so(method: str) -> None:
     assert np.array_equal(free.stiffness_n_per_m, asked.stiffness_n_per_m, equal_nan=True)
 
 
-def test_solver_that_keeps_no_realism_is_refused_by_name() -> None:
-    with pytest.raises(UnsupportedError, match=r'ipopt.*realism jnd.*require = "none"'):
-        solve(problem_with("jnd", "pointwise", {}), solver="ipopt")
+@pytest.mark.parametrize(("require", "scope"), [("jnd", "pointwise"), ("none", "band"), ("none", "hands")])
+def test_direct_is_pointwise_alone(require: str, scope: str) -> None:
+    with pytest.raises(UnsupportedError, match="use --method schedule"):
+        solve(problem_with(require, scope, {}))
 
 
 def test_equal_bounds_cannot_be_required() -> None:
@@ -171,7 +170,7 @@ def test_comparison_stays_pointwise_and_says_what_is_demanded() -> None:
 def test_command_answers_with_the_reasons(tmp_path: Any, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "real.toml"
     path.write_text(dump_problem(problem_with("jnd", "pointwise", {})), encoding="utf-8")
-    assert main(["solve", str(path), "--json"]) == 1
+    assert main(["solve", str(path), "--method", "schedule", "--json"]) == 1
     document = json.loads(capsys.readouterr().out)
     inside = [
         real_ for real_, b in zip(document["realism"]["inside_jnd"], document["damping_ns_per_m"], strict=True) if b

@@ -110,7 +110,7 @@ def test_the_gains_of_the_problems_own_scope_are_those_drawn_and_told(scope, tmp
     changed = problem.changed(stability=stability, frequency={"points": 12}, environment=HELD_PLAINLY)
     (tmp_path / "wide.toml").write_text(dump_problem(changed))
     assert avc("run", "wide.toml", cwd=tmp_path).returncode == 0
-    name = f"direct, scope {scope}"
+    name = f"schedule, scope {scope}"
     folder = tmp_path / "avc-wide"
     compare = json.loads((folder / "compare.json").read_text())
     delivered = json.loads((folder / "gains.json").read_text())

@@ -1,4 +1,4 @@
-"""Hard cases of the schedule: corners, resonance, one stage and five thousand, restarts, Ctrl-C."""
+"""Hard cases of the schedule: corners, resonance, one stage and five thousand, Ctrl-C."""
 
 import signal
 import threading
@@ -8,7 +8,6 @@ import pytest
 from schedule_problems import changed, figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.design.schedule.solver import ScheduleSolver
 from avc_casadi.files.problem_file import load_problem, parse_problem
 from avc_casadi.model.schedule import Status
 
@@ -60,43 +59,6 @@ def test_frequencies_out_of_order_are_refused_by_the_problem():
     text = "[device]\nmass_kg=0.1\ndamping_ns_per_m=2\n[environment]\ndamping_ns_per_m=1\nstiffness_n_per_m=1e3\n"
     with pytest.raises(InputError, match="allowed: increasing values"):
         parse_problem(text + "[frequency]\nvalues_hz=[1.0, 3.0, 2.0]\n")
-
-
-@pytest.mark.thorough
-@pytest.mark.one_of(3)
-@pytest.mark.parametrize("scope", ["pointwise", "band", "all", "hands"])
-@pytest.mark.parametrize("model", ["paper", "sampled-data"])
-def test_restart_after_the_environment_changed(scope, model):
-    problem = figure5(stability={"model": model, "scope": scope})
-    solver = ScheduleSolver()
-    solver.solve(problem)
-    for share in (1.03, 0.9):
-        wall = {"stiffness_n_per_m": share * problem.environment.stiffness_n_per_m}
-        moved = changed(problem, environment=wall)
-        warm, cold = solver.solve(moved), solve(moved, "schedule")
-        assert warm.usable.all()
-        assert any("previous schedule" in note for note in warm.notes)
-        # A restart may end in another valley than a cold start, on either side; it must not be a bad one.
-        assert cost(warm) <= cost(cold) * 1.05 + 1e-6
-
-
-@pytest.mark.thorough
-def test_restart_with_another_size_or_goal_starts_anew():
-    solver = ScheduleSolver()
-    solver.solve(figure5())
-    for problem in (figure5(points=30), figure5(points=30, realism={"objective": "complex"})):
-        gains = solver.solve(problem)
-        assert any("best of" in note for note in gains.notes)
-        assert cost(gains) == pytest.approx(cost(solve(problem, "schedule")), rel=1e-9)
-
-
-@pytest.mark.thorough
-def test_restart_after_an_infeasible_problem():
-    solver = ScheduleSolver()
-    problem = figure5(stability={"model": "sampled-data", "scope": "band"})
-    solver.solve(problem)
-    assert not solver.solve(changed(problem, coupling={"stiffness_n_per_m": (1e6, 1e7)})).usable.all()
-    assert solver.solve(problem).usable.all()
 
 
 @pytest.mark.thorough

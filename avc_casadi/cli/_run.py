@@ -79,8 +79,8 @@ def _worked_through(
 
     comparison = compared(problem, None, console)
     if comparison.scope != "pointwise":
-        with console.step(f"direct, scope {comparison.scope}"):
-            comparison = with_delivered(comparison, problem, avc.solve(problem, progress=console))
+        with console.step(f"schedule, scope {comparison.scope}"):
+            comparison = with_delivered(comparison, problem, avc.solve(problem, "schedule", progress=console))
     gains = comparison.methods[comparison.delivered]
     with Processes(1) as helper:
         drawn = helper.submit(_drawn, comparison)

@@ -116,7 +116,7 @@ class Realism(Table):
     Attributes:
         objective: magnitude, (11); complex, phase too; perceptual, the excess over the just-noticeable difference.
         jnd: just-noticeable difference as a share of |Z|.
-        require: kept by direct and schedule at every row: within jnd of the desired impedance, or |Z| within
+        require: kept by schedule at every row: within jnd of the desired impedance, or |Z| within
             the boundaries.
     """
 

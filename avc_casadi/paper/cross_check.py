@@ -58,7 +58,6 @@ def checked_gains(
     name: str = DEFAULT_SOLVER,
     tolerance: float = DEFAULT_TOLERANCE,
     *,
-    margin_ns_per_m: float | None = None,
     progress: Progress = SILENT,
 ) -> CheckedGains:
     """Solve the NLP, and again from more starts where `exact` refutes the result.
@@ -70,11 +69,10 @@ def checked_gains(
         loop: its loop at n frequencies.
         name: of the solver.
         tolerance: relative tolerance requested.
-        margin_ns_per_m: as in `nlp_gains`.
         progress: reports the frequencies.
     """
-    gains = nlp_gains(problem, loop, name, tolerance, margin_ns_per_m=margin_ns_per_m, progress=progress)
-    optimum = exact_gains(problem, loop, margin_ns_per_m=margin_ns_per_m)
+    gains = nlp_gains(problem, loop, name, tolerance, progress=progress)
+    optimum = exact_gains(problem, loop)
     local = _short(loop, gains, optimum, _AGAIN, distance=True)
     short = local
     for other in (name, *_OTHERS.get(name, ())):
@@ -82,9 +80,9 @@ def checked_gains(
         if not again.size:
             break
         part = loop.rows(again)
-        new = nlp_gains(problem, part, other, tolerance, lattice=FINE, margin_ns_per_m=margin_ns_per_m)
+        new = nlp_gains(problem, part, other, tolerance, lattice=FINE)
         b, k, p = (np.stack((own[again], found)) for own, found in zip(gains, new, strict=True))
-        for gain, better in zip(gains, best_candidate(problem, part, b, k, p, margin_ns_per_m), strict=True):
+        for gain, better in zip(gains, best_candidate(problem, part, b, k, p), strict=True):
             gain[again] = better
         short = _short(loop, gains, optimum, _AGAIN, distance=True)
     failed = _short(loop, gains, optimum, EXCESS_TOLERANCE, distance=False)

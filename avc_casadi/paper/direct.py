@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import NS_PER_M
 from avc_casadi.model.schedule import GainSchedule, Status
@@ -39,9 +40,15 @@ def solve_direct(
 
     Raises:
         InputError: unknown solver.
-        UnsupportedError: a solver that refuses these problems.
+        UnsupportedError: a wider scope or required realism, or a solver that refuses these problems.
         KeyboardInterrupt: Ctrl-C, also from within a solver.
     """
+    scope, require = problem.stability.scope, problem.realism.require
+    if scope != "pointwise" or require != "none":
+        real = "" if require == "none" else f' or realism.require = "{require}"'
+        raise UnsupportedError(
+            f"direct solves (11)-(12) at each frequency alone and knows no scope {scope}{real}: use --method schedule"
+        )
     started = time.perf_counter()
     name, accuracy = solver or DEFAULT_SOLVER, tolerance or DEFAULT_TOLERANCE
     loop = loop_at(problem, problem.frequencies_hz())

@@ -104,18 +104,15 @@ def _segment_candidates(
     return [gain.reshape(-1, p.shape[-1]) for gain in np.broadcast_arrays(b, k, p)]
 
 
-def exact_gains(
-    problem: Problem, loop: Loop, *, margin_ns_per_m: float | None = None, progress: Progress = SILENT
-) -> GainArrays:
+def exact_gains(problem: Problem, loop: Loop, *, progress: Progress = SILENT) -> GainArrays:
     """Return the optimal (b, k, b_p), each (n,); not a number where no gains of the box meet the constraint.
 
     Args:
         problem: the problem.
         loop: its loop at n frequencies.
-        margin_ns_per_m: least Re Z_h; None is the problem's, kept by every device of its range; -inf admits all gains.
         progress: reports the frequencies.
     """
-    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
+    margin = margin_over_range(problem)
     rows = np.arange(len(loop.target))
     found = [
         _by_arcs(problem, loop.rows(rows[some]), margin)

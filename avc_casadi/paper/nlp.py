@@ -73,13 +73,12 @@ def coupling_nlp() -> CouplingNlp:
     )
 
 
-def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0, margin_ns_per_m: float | None = None) -> FloatArray:
+def nlp_parameters(problem: Problem, loop: Loop, size: float = 1.0) -> FloatArray:
     """Return the parameters of `coupling_nlp` for each frequency, shape (15, n), impedances over a size.
 
-    The last three are natural scales of b, k and b_p: the gains at which coupling and environment weigh the same. A
-    margin of None is the problem's, kept by every device of its range.
+    The last three are natural scales of b, k and b_p: the gains at which coupling and environment weigh the same.
     """
-    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
+    margin = margin_over_range(problem)
     weight = np.abs(loop.environment) / size
     weight = np.where(weight > 0, weight, 1.0)
     values = dict.fromkeys(_NAMES, np.zeros(weight.shape)) | {

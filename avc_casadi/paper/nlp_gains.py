@@ -41,7 +41,6 @@ def nlp_gains(
     tolerance: float = DEFAULT_TOLERANCE,
     *,
     lattice: Lattice = COARSE,
-    margin_ns_per_m: float | None = None,
     progress: Progress = SILENT,
 ) -> GainArrays:
     """Return the best (b, k, b_p) that the solver found, each (n,); not a number where none is feasible.
@@ -52,7 +51,6 @@ def nlp_gains(
         name: of the solver.
         tolerance: relative tolerance requested.
         lattice: of its starts.
-        margin_ns_per_m: least Re Z_h; None is the problem's, kept by every device of its range; -inf admits all gains.
         progress: reports the frequencies.
 
     Raises:
@@ -60,7 +58,7 @@ def nlp_gains(
         UnsupportedError: a solver that refuses these problems.
         KeyboardInterrupt: Ctrl-C, also while the solver runs.
     """
-    margin = margin_over_range(problem) if margin_ns_per_m is None else margin_ns_per_m
+    margin = margin_over_range(problem)
     solvers = solvers_for(problem, name, tolerance)
     rows = np.arange(len(loop.target))
     found = [

@@ -110,7 +110,7 @@ class NlpRows:
     Attributes:
         loop: the loop, in the problem's own units.
         size: its units over those of all other values here.
-        margin: least Re Z_h; -inf admits everything.
+        margin: least Re Z_h.
         low: lower ends of the box of (b, k, b_p), (3, 1).
         high: upper ends, (3, 1).
         natural: gains that weigh as much as the environment, and b_p as much as the goal, (3, n).
@@ -124,11 +124,10 @@ class NlpRows:
         bounds = np.array([box.damping_ns_per_m, box.stiffness_n_per_m, box.contact_damping_ns_per_m]) / self.size
         self.low, self.high = bounds[:, :1], bounds[:, 1:]
         self._solvers = solvers
-        finite = margin_ns_per_m if np.isfinite(margin_ns_per_m) else 0.0
-        self._parameters = nlp_parameters(problem, loop, self.size, finite)
+        self._parameters = nlp_parameters(problem, loop, self.size)
         target = np.abs(loop.target) / self.size
         self.radius = np.where(target > 0, target, 1.0)
-        contact = np.maximum(self.radius, finite / self.size) / np.abs(loop.hold)
+        contact = np.maximum(self.radius, self.margin) / np.abs(loop.hold)
         self.natural = np.array([*self._parameters[-3:-1], contact])
 
     def perceived(self, gains: FloatArray, rows: IndexArray | slice = slice(None)) -> ComplexArray:
@@ -166,8 +165,6 @@ class NlpRows:
         solver = getattr(self._solvers, stage)
         varied, found = solver.size1_in("x0"), u.copy()
         lowest = np.zeros(len(_UPPER[stage]))
-        if stage != "contact" and not np.isfinite(self.margin):
-            lowest[0] = -np.inf
         for first in range(0, u.shape[1], _AT_ONCE):
             some = slice(first, first + _AT_ONCE)
             # Where a foreign handler intercepts Ctrl-C without ending anything, the next calls follow.

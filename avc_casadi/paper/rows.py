@@ -111,7 +111,7 @@ def pointwise_notes(problem: Problem) -> tuple[str, ...]:
     scope = problem.stability.scope
     if scope == "pointwise":
         return ()
-    return (f"pointwise gains, each frequency on its own: they need not meet scope {scope}, as direct and schedule do",)
+    return (f"pointwise gains, each frequency on its own: they need not meet scope {scope}, as schedule does",)
 
 
 def row_status(problem: Problem, b: FloatArray, k: FloatArray, p: FloatArray) -> tuple[Status, ...]:

@@ -15,7 +15,6 @@ from avc_casadi.claims.stability.worst_hand import worst_hands
 
 if TYPE_CHECKING:
     from avc_casadi.claims.passivity.sampled_loop import Values
-    from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
 
 
@@ -26,12 +25,10 @@ class ScopeSlack:
     Attributes:
         slack: smallest Re Z_h less the required margin, N.s/m; for scope hands 1 less the largest spectral radius.
         frequency_hz: of the smallest slack; 0 is the limit of zero frequency.
-        hands: for scope hands the worst hand of each row; else None.
     """
 
     slack: FloatArray
     frequency_hz: FloatArray
-    hands: Hand | None = None
 
     @property
     def met(self) -> BoolArray:
@@ -94,7 +91,7 @@ def scope_slack(
     if problem.stability.scope == "hands":
         parts, most = frozen_parts(problem, b, k), 1 - RADIUS_TOLERANCE
         worst = worst_hands(problem.device, parts, contact, problem.hands, -margin, enough=most)
-        return ScopeSlack(most - worst.radius, worst.frequency_hz, worst.hands)
+        return ScopeSlack(most - worst.radius, worst.frequency_hz)
     worst_case = worst_margin(SampledLoop.of(problem), b, k, contact, *scope_band_hz(problem, own))
     sound = worst_case.poles_stable & (worst_case.dc_stiffness_n_per_m >= 0)
     slack = np.where(sound, worst_case.margin_ns_per_m - margin, -np.inf)

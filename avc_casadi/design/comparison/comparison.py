@@ -59,7 +59,7 @@ class Comparison(PrintedColumns):
         upper: perceived impedance of the realistic bound U.
         lower: perceived impedance of the realistic bound L.
         optimum: the method that the verdicts compare with the closed form.
-        delivered: the method whose gains are deployed: `optimum`, or "direct, scope ..." after `with_delivered`.
+        delivered: the method whose gains are deployed: `optimum`, or "schedule, scope ..." after `with_delivered`.
         verdict: one for each frequency.
         reason: one sentence for each frequency.
         injection: the closed form as damping injection.

@@ -18,7 +18,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.design.schedule.scope import worst_slack
-from avc_casadi.design.schedule.solver import ScheduleSolver
+from avc_casadi.design.schedule.solver import solve_schedule
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.gains import Gains, gains_at
 from avc_casadi.model.hands import hand_set
@@ -172,13 +172,13 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
     _check_hand(problem)
     budget = budget or Budget()
     hands = hand_set(problem.hands, draws=budget.draws, seed=budget.seed)
-    solver, reserve = ScheduleSolver(constant=True), problem.stability.margin_ns_per_m or tuned_margin(problem)
+    reserve = problem.stability.margin_ns_per_m or tuned_margin(problem)
     rested = raised = 0
     for raised in range(1 + budget.raises):
         progress.advance(raised, 1 + budget.raises, f"{reserve:.4g} {NS_PER_M} in reserve")
         # Realism applies to tables: the best constant gains may be unrealistic at some row.
         stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
-        table = solver.solve(stated)
+        table = solve_schedule(stated, constant=True)
         gains = gains_at(table) if table.usable.all() else gains_on_grid(stated)
         if gains is None:
             why = table.reason[0] if not raised else f"{_unsettled(rested, len(hands))}, and with more none are found"

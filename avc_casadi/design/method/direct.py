@@ -7,10 +7,9 @@ from avc_casadi.design.registry import METHODS, Candidate, Method
 METHODS.add(
     "direct",
     Method(
-        "avc_casadi.design.schedule.scoped:solve_direct_in_scope",
+        "avc_casadi.paper.direct:solve_direct",
         "the paper's NLP (11)-(12), solved directly at every frequency",
         options=("solver", "tolerance"),
-        keeps_realism=True,
         reports=True,
         answers_paper=True,
         pointwise=True,

@@ -13,169 +13,174 @@ from dataclasses import replace
 
 import numpy as np
 
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M, NS_PER_M
-from avc_casadi.design.schedule.coarse_to_fine import (
-    Outcome,
-    as_guessed,
-    constant_gains,
-    refined,
-    solved_from_guesses,
-    with_finer_tables,
-)
-from avc_casadi.design.schedule.infeasible import missing_rows, steep_reason
-from avc_casadi.design.schedule.scope import Slots
-from avc_casadi.design.schedule.task import Task
+from avc_casadi.design.schedule.dynamic_programme import cheapest_path
+from avc_casadi.design.schedule.hands import HandsTable
+from avc_casadi.design.schedule.infeasible import Missing, missing_rows
+from avc_casadi.design.schedule.programme import BACKOFF, Programme, Solution
+from avc_casadi.design.schedule.scope import Slots, deciding_corners, realism_slack, worst_slack
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.paper.exact import exact_gains
+from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.paper.rows import row_status
 
-
-class ScheduleSolver:
-    """Solver of schedules, with a warm start from the previous call after a change of environment, device or goal.
-
-    The NLP is built once for each size and objective and shared by all solvers of the process.
-
-    Args:
-        constant: find the best gains that do not vary with frequency.
-    """
-
-    def __init__(self, *, constant: bool = False) -> None:
-        self._constant = constant
-        self._memory: tuple[tuple[object, ...], Outcome] | None = None
-
-    def solve(self, problem: Problem, progress: Progress = SILENT) -> GainSchedule:
-        """Solve for all frequencies of the problem, which increase.
-
-        Args:
-            problem: the problem.
-            progress: reports the starts.
-
-        Returns:
-            The schedule; its notes state what is known of its optimality. A row whose scope no gains of the box can
-            meet is infeasible and states by how much; where no schedule meets the slope limit, all rows have failed
-            and state which limit would suffice.
-
-        Raises:
-            KeyboardInterrupt: Ctrl-C.
-        """
-        started = time.perf_counter()
-        task = Task.of(problem, constant=self._constant)
-        built = time.perf_counter()
-        kind = _kind(problem, task)
-        outcome = None
-        if self._memory is not None and self._memory[0] == kind:
-            outcome = _from_before(task, self._memory[1])
-        if outcome is None:
-            outcome = _from_scratch(task, progress)
-        outcome = with_finer_tables(task, outcome)
-        self._memory = (kind, outcome) if _may_be_warm(outcome) else None
-        solved = time.perf_counter()
-        return replace(_schedule(task, outcome), build_seconds=built - started, solve_seconds=solved - built)
+_STAGES = 40
+"""Stages of the dynamic programme."""
+_POINTS = {2: (64, 64), 3: (22, 22, 10)}
+_MISS, _SCOPE_FIRST = 1e3, 1e3
+"""Cost in the lattice of missing a constraint by its scale, far above any error; weight of a scope beside realism."""
+_ROUNDS = 20
+_NEARLY = 1e-4
+"""Violations below this share of the scale are removed by tightening; larger ones need their frequency added first."""
+_BEYOND = 0.05
+"""Margin about the path of the finer table of the hands, as a share of the box."""
+_FINER = {2: (32, 32), 3: (16, 16, 14)}
+_ROUNDING = 1 + 1e-9
 
 
 def solve_schedule(problem: Problem, *, constant: bool = False, progress: Progress = SILENT) -> GainSchedule:
-    """Solve the joint schedule of a problem once; see `ScheduleSolver` for repeated solves.
+    """Solve the joint schedule of a problem for all its frequencies, which increase.
 
     Args:
         problem: the problem.
         constant: find the best gains that do not vary with frequency: same goal, scope and box.
-        progress: reports the starts.
+        progress: reports the steps.
+
+    Returns:
+        The schedule; its notes state what is known of its optimality. A row whose scope no gains of the box can meet is
+        infeasible and states by how much; where no schedule meets the slope limit, all rows have failed.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C.
     """
-    return ScheduleSolver(constant=constant).solve(problem, progress)
+    started = time.perf_counter()
+    programme = Programme.of(problem, constant=constant)
+    built = time.perf_counter()
+    starts = _from_lattice(programme)
+    missing = missing_rows(programme, starts[0])
+    progress.advance(1, 2, "start on a lattice")
+    found = None if missing.rows.all() else _solved(programme, missing, starts)
+    solved, table = time.perf_counter(), _schedule(programme, missing, found)
+    return replace(table, build_seconds=built - started, solve_seconds=solved - built)
 
 
-def _may_be_warm(outcome: Outcome) -> bool:
-    """Return whether an outcome has multipliers for a warm start."""
-    return outcome.solution.success and not outcome.missing.rows.any() and not outcome.guess
+def _from_lattice(programme: Programme) -> list[FloatArray]:
+    """Return states (d, n) to start from: the cheapest path of a lattice first."""
+    n, problem, x = len(programme.frequency_hz), programme.problem, programme.log_frequency
+    chosen = np.unique(np.linspace(0, n - 1, min(n, _STAGES)).round().astype(int))
+    table = programme.hands
+    # With hands on the nodes of the table, where it is exact.
+    axes, nodes = programme.states.lattice(_POINTS) if table is None else (table.axes, table.nodes)
+    gains, few = programme.states.gains(nodes), replace(programme, frequency_hz=programme.frequency_hz[chosen])
+    slots = Slots.of(problem, few.frequency_hz, spread=True).frequency_hz
+    costs = np.empty((len(chosen), nodes.shape[1]))
+    spare = np.zeros(nodes.shape[1]) if table is None else table.values - programme.tolerance
+    corner, margin = deciding_corners(problem)[0], problem.stability.margin_ns_per_m
+    for stage in range(len(chosen)):
+        one = few.at(np.array([stage]))
+        if table is None and (stage == 0 or (slots[:, stage] != slots[:, stage - 1]).any()):
+            spare = loop_at(corner, slots[:, stage, None]).perceived(*gains).real.min(axis=0) - margin
+        scale = 1.0 if table is not None else one.scale_ns_per_m
+        missed = _SCOPE_FIRST * np.maximum(0.0, -spare / scale)
+        missed += np.maximum(0.0, -realism_slack(problem, one.loop, gains))
+        costs[stage] = few.weight[stage] * (one.errors(gains) + _MISS * missed)
+    constant = np.repeat(nodes[:, [costs.sum(axis=0).argmin()]], n, axis=1)
+    if programme.constant:
+        return [constant]
+    path = cheapest_path(costs, axes, x[chosen], problem.schedule.slope_penalty, programme.slope_limit)
+    starts = [np.array([np.interp(x, x[chosen], row) for row in path])]
+    if table is not None and len(axes) == 3:  # Its nodes are far apart, and constant gains need none between.
+        starts.append(constant)
+    if n == 1 or (problem.schedule.slope_penalty == 0 and problem.schedule.slope_limit is None):
+        b, k, contact = (np.nan_to_num(gain) for gain in exact_gains(problem, programme.loop))
+        starts.append(programme.states.states((b, k, contact)))
+    return starts
 
 
-def _kind(problem: Problem, task: Task) -> tuple[object, ...]:
-    """Return the properties that two problems share if the solution of one can start the other."""
-    limited = problem.schedule.slope_limit is not None
-    slots = Slots.of(problem, task.frequency_hz)
-    sizes = len(task.states.floors), *slots.frequency_hz.shape
-    stability, require = problem.stability, problem.realism.require
-    return stability.scope, stability.model, task.objective, require, limited, sizes
+def _solved(programme: Programme, missing: Missing, starts: list[FloatArray]) -> Solution:
+    """Return the cheapest solution from all starts, the lattice's path itself, or the gains of tight stages at all."""
+    tried = [_refined(programme, missing, start) for start in starts]
+    found = [*tried, _checked(programme, missing, starts[0])]
+    if all(one.failure for one in found):
+        tight = missing.states[:, missing.tight].T[:, :, None]
+        found += [_checked(programme, missing, np.repeat(state, len(missing.rows), axis=1)) for state in tight]
+    best = min(found, key=lambda one: one.cost)
+    if best.failure or programme.hands is None:
+        return tried[0] if best.failure else best
+    near = _about(programme, best, missing)
+    # Where the solver fails few gains hold every hand: the first lattice was too coarse for them.
+    also = _from_lattice(near) if tried[0].failure else []
+    return min([best, *(_refined(near, missing, start) for start in (best.states, *also))], key=lambda one: one.cost)
 
 
-def _from_before(task: Task, before: Outcome) -> Outcome | None:
-    """Refine an earlier solution; None where that fails."""
-    states = task.states.states(before.gains)
-    return refined(task, replace(before.solution, states=states), before.slots.moved(task.problem, task.frequency_hz))
+def _checked(programme: Programme, missing: Missing, states: FloatArray) -> Solution:
+    """Return states (d, n) as a solution, if all rows meet scope and realism and the slopes their limit."""
+    spare, real = programme.spare(states)
+    steep = np.abs(np.diff(states, axis=1)) > programme.slope_limit * _ROUNDING * np.diff(programme.log_frequency)
+    kept = not steep.any() and (((spare >= 0) & (real >= 0)) | missing.rows).all()
+    return Solution(states, programme.cost_of(states)) if kept else Solution(states, np.inf, "violated scopes")
 
 
-def _from_scratch(task: Task, progress: Progress) -> Outcome:
-    """Solve from several guesses and refine the cheapest solution, or else the next.
+def _refined(programme: Programme, missing: Missing, states: FloatArray) -> Solution:
+    """Solve from states (d, n), adding the worst frequencies, until every row meets its scope and realism exactly."""
+    problem, slots = programme.problem, Slots.of(programme.problem, programme.frequency_hz)
+    inside = np.where(missing.tight, 0.0, programme.tolerance), np.full(len(missing.rows), BACKOFF)
+    backoff = np.where(missing.rows, -np.inf, inside)
+    gains = programme.states.gains(states)
+    slots.add(problem, gains, worst_slack(problem, programme.frequency_hz, gains), ~missing.rows)
+    for _ in range(_ROUNDS):
+        solution = programme.solve(slots, backoff, states)
+        if solution.failure:
+            return solution
+        states, gains = solution.states, programme.states.gains(solution.states)
+        worst = worst_slack(problem, programme.frequency_hz, gains)
+        real = realism_slack(problem, programme.loop, gains)
+        missed, unreal = ~worst.met & ~missing.rows, (real < 0) & ~missing.rows
+        if not (missed | unreal).any():
+            return solution
+        slots.add(problem, gains, worst, missed)
+        if programme.hands is None:
+            short = -worst.slack / programme.scale_ns_per_m
+            closer = backoff[0] + np.where(short < _NEARLY, 2 * short, 0.0) + programme.tolerance
+        else:
+            # The table misses hands between the corners, and what lies between its nodes.
+            table = programme.hands.spline(states).full()[0]
+            closer = np.maximum(table, backoff[0]) - 1.1 * worst.slack + programme.tolerance
+        backoff[0] = np.where(missed, closer, backoff[0])
+        backoff[1] = np.where(unreal, backoff[1] - 2 * real + BACKOFF, backoff[1])
+    return Solution(states, np.inf, "rows that keep violating their scope")
 
-    The lattice's path replaces a solution of higher cost; constant gains are the fallback without one.
-    """
-    missing = missing_rows(task)
-    found = solved_from_guesses(task, missing, progress)
-    data, outcome = task.data(found.slots, task.backoff(missing.rows, missing.tight)), None
-    for solution in found.solutions:
-        outcome = outcome or refined(task, solution, found.slots, missing, found.costs, solved=solution.success)
-    if outcome is None or outcome.solution.cost > task.cost_of(data, found.path):
-        outcome = as_guessed(task, missing, found, found.path, "the best path of a lattice") or outcome
-    if outcome is None and not missing.rows.all():
-        outcome = constant_gains(task, missing, found)
-    if outcome is not None:
-        return outcome
-    best = found.solutions[0]
-    message = "rows that keep violating their scope" if best.success else best.message
-    failed = replace(best, success=False, message=message)
-    return Outcome(failed, found.slots, task.states.gains(failed.states), missing, found.costs)
+
+def _about(programme: Programme, found: Solution, missing: Missing) -> Programme:
+    """Return the programme with a finer table of the hands, within a box about a path."""
+    states = found.states[:, ~missing.rows]
+    reach = _BEYOND * (programme.states.high - programme.states.low)
+    near = programme.states.within(states.min(axis=1) - reach, states.max(axis=1) + reach)
+    return replace(programme, states=near, hands=HandsTable.of(programme.problem, near, _FINER))
 
 
-def _schedule(task: Task, outcome: Outcome) -> GainSchedule:
-    missing, problem = outcome.missing, task.problem
-    b, k, contact = (np.where(missing.rows, np.nan, gain) for gain in outcome.gains)
+def _schedule(programme: Programme, missing: Missing, found: Solution | None) -> GainSchedule:
+    states, problem = missing.states if found is None else found.states, programme.problem
+    b, k, contact = (np.where(missing.rows, np.nan, gain) for gain in programme.states.gains(states))
     status, reasons = row_status(problem, b, k, contact), missing.reasons
-    if not outcome.solution.success:
-        why = steep_reason(task, missing, outcome.solution.message)
-        reasons = tuple(reason or why for reason in reasons)
-        status = tuple(Status.FAILED if item.has_gains else item for item in status)
-    return gain_schedule(
-        problem,
-        "schedule",
-        (b, k, contact),
-        status,
-        solver="ipopt",
-        reason=reasons,
-        notes=_quality_notes(task, outcome),
-    )
-
-
-def _quality_notes(task: Task, outcome: Outcome) -> tuple[str, ...]:
-    """Return notes on optimality, slopes and floors."""
-    solution, costs = outcome.solution, outcome.costs
-    if not solution.success:
-        return (f"ipopt stopped with {solution.message}: no schedule",)
-    if outcome.missing.rows.all():
-        return ("no row can meet its scope: no schedule",)
-    notes = [f"cost {solution.cost:.6g}: mean squared {task.objective} error and slope penalty"]
-    starts = "best cells of a lattice" if task.constant else "lattice programme, constant gains, separate optima"
-    if outcome.guess:
-        notes.append(f"{outcome.guess}: ipopt found nothing cheaper that meets the scope at every row")
-    elif costs:
-        notes.append(
-            f"best of {len(costs)} starts that converged ({starts});"
-            f" their costs spread by {max(costs) - min(costs):.3g}; not proved to be the global optimum"
+    notes = ["no row can meet its scope: no schedule"]
+    if found is not None and found.failure:
+        next_step = (
+            "raise schedule.slope_limit, move schedule.slope_penalty towards 1e-3, or widen the box of [coupling]"
         )
-    else:
-        notes.append("refined from the previous schedule; not proved to be the global optimum")
-    tight = int(outcome.missing.tight.sum())
-    if tight:
-        notes.append(f"no interior: at {tight} rows nothing is left to spare of the scope by any gains of the box")
-    names = ("b", "k", "b_p")[: len(task.states.floors)]
-    if len(task.frequency_hz) > 1 and not outcome.missing.rows.any():
-        steepest = np.abs(np.diff(solution.states, axis=1) / np.diff(task.log_frequency)).max(axis=1)
-        found = ", ".join(f"{name} {slope:.3g}" for name, slope in zip(names, steepest, strict=True))
-        notes.append(f"steepest slopes d ln(gain + floor)/d ln(omega): {found}")
-    require = task.problem.realism.require
-    if require != "none":
-        notes.append(f'realism.require = "{require}" met at every row with gains')
-    floors = zip(names, task.states.floors, (NS_PER_M, N_PER_M, NS_PER_M), strict=False)
-    notes.append("floors, well below which a gain counts as 0: " + ", ".join(f"{n} {f:.3g} {u}" for n, f, u in floors))
-    return tuple(notes)
+        reasons = tuple(reason or f"ipopt stopped with {found.failure}; {next_step}" for reason in reasons)
+        status = tuple(Status.FAILED if item.has_gains else item for item in status)
+        notes = [f"ipopt stopped with {found.failure}: no schedule"]
+    elif found is not None:
+        notes = [f"cost {found.cost:.6g}: mean squared {problem.realism.objective} error and slope penalty"]
+        notes.append("from the dynamic programme on a lattice; not proved to be the global optimum")
+        if len(programme.frequency_hz) > 1 and not missing.rows.any():
+            steepest = np.abs(np.diff(states, axis=1) / np.diff(programme.log_frequency)).max(axis=1)
+            slopes = ", ".join(f"{name} {slope:.3g}" for name, slope in zip(("b", "k", "b_p"), steepest, strict=False))
+            notes.append(f"steepest slopes d ln(gain + floor)/d ln(omega): {slopes}")
+    return gain_schedule(
+        problem, "schedule", (b, k, contact), status, solver="ipopt", reason=reasons, notes=tuple(notes)
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,15 +21,7 @@ _AT_END = 1e-5
 
 @dataclass(frozen=True)
 class States:
-    """The map between gains and states, sigma = ln(gain + floor), and the box of both.
-
-    d = 3 states where the box admits contact damping, otherwise 2.
-
-    Attributes:
-        floors: b (N.s/m), k (N/m) and b_p (N.s/m) below which a gain counts as 0; shape (d,).
-        least: lower ends of the gains, (d,).
-        most: upper ends of the gains, (d,).
-    """
+    """The map between gains and states, sigma = ln(gain + floor), and the box of both."""
 
     floors: FloatArray
     least: FloatArray
@@ -65,21 +58,21 @@ class States:
         most = np.where(high < self.high, np.exp(high) - self.floors, self.most)
         return replace(self, least=np.clip(least, self.least, self.most), most=np.clip(most, self.least, self.most))
 
+    def lattice(self, points: Mapping[int, tuple[int, ...]]) -> tuple[list[FloatArray], FloatArray]:
+        """Return the axes of a lattice over the box and its nodes, (d, m): so many along each state."""
+        ends = zip(self.low, self.high, points[len(self.floors)], strict=True)
+        axes = [np.linspace(low, high, count if high > low else 1) for low, high, count in ends]
+        return axes, np.array([grid.ravel() for grid in np.meshgrid(*axes, indexing="ij")])
+
     def gains(self, states: FloatArray) -> GainArrays:
         """Return (b, k, b_p) of states of shape (d, ...), inside the box to the last bit."""
-
-        def spread(values: FloatArray) -> FloatArray:
-            return values.reshape(-1, *([1] * (states.ndim - 1)))
-
-        low, high, least, most = (spread(values) for values in (self.low, self.high, self.least, self.most))
-        gains = np.clip(np.exp(states) - spread(self.floors), least, most)
-        gains = np.where(states <= low + _AT_END, least, np.where(states >= high - _AT_END, most, gains))
-        contact = gains[2] if len(gains) == 3 else np.zeros_like(gains[0])
-        return gains[0], gains[1], contact
+        last = states.T
+        inside = np.clip(np.exp(last) - self.floors, self.least, self.most)
+        low, high = last <= self.low + _AT_END, last >= self.high - _AT_END
+        gains = np.where(low, self.least, np.where(high, self.most, inside)).T
+        return gains[0], gains[1], gains[2] if len(gains) == 3 else np.zeros_like(gains[0])
 
     def states(self, gains: GainArrays) -> FloatArray:
         """Return the states of (b, k, b_p), shape (d, ...), clipped to the box."""
-        kept = np.array(gains[: len(self.floors)])
-        shape = (-1, *([1] * (kept.ndim - 1)))
-        states = np.log(kept + self.floors.reshape(shape))
-        return np.clip(states, self.low.reshape(shape), self.high.reshape(shape))
+        kept = np.array(gains[: len(self.floors)]).T
+        return np.asarray(np.clip(np.log(kept + self.floors), self.low, self.high).T)

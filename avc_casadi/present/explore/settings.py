@@ -167,7 +167,8 @@ def _follow_on_page(tables: dict[str, Any], settings: Settings) -> None:
     """Set what the page has of its own: a scene, and each frequency alone where gains follow at once."""
     motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
     tables["scene"] = {"duration_s": 1.5, "motion": motion}
-    tables["stability"]["scope"] = "pointwise" if settings.method in WALL.live else tables["stability"]["scope"]
+    if settings.method in WALL.live:
+        tables["stability"]["scope"], tables["realism"]["require"] = "pointwise", "none"
 
 
 def constant_gains(settings: Settings, form: Form) -> dict[str, float]:

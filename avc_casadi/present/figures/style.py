@@ -153,7 +153,6 @@ METHODS: dict[str, Line] = {
     )
 }
 """The lines of the compared methods."""
-# The pointwise gains, where the device gets those of another scope.
 POINTWISE = Line("direct, pointwise, for reference", "#6f94c4", (0, (2, 1.2)), "x", 1.1, 5, 0.5)
 MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
 
