@@ -17,7 +17,7 @@ from avc_casadi.files.problem_document import dump_problem
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.loop import Loop, loop_at
-from avc_casadi.paper.realism import bound_magnitudes, judge_realism
+from avc_casadi.paper.realism import bound_magnitudes
 
 ROUNDING = 1e-9
 SEPARATE = {"slope_penalty": 0.0, "contact_damping_penalty": 0.0}
@@ -77,21 +77,20 @@ def gains_of(schedule: GainSchedule) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 @pytest.mark.thorough
-@pytest.mark.one_of(2)
 @pytest.mark.parametrize(("require", "scope", "changes"), CASES)
 def test_rows_are_real_and_no_lattice_point_betters_them(
     require: str, scope: str, changes: dict[str, dict[str, Any]]
 ) -> None:
     problem = problem_with(require, scope, changes)
-    found = solve(problem, "schedule")
-    loop = loop_at(problem, found.frequency_hz)
-    assert {str(status) for status in found.status} <= {"solved", "active-bound", "infeasible"}, found.reason
-    rows = found.usable
-    assert rows.any()
-    assert real(problem, loop, found.impedance, ROUNDING)[rows].all()
-    b, k, p = (gain[rows] for gain in gains_of(found))
-    assert scope_slack(problem, found.frequency_hz[rows], b, k, p).met.all()
-    assert all(bool(text) is not bool(has) for text, has in zip(found.reason, rows, strict=True))
+    loop, smooth = loop_at(problem, problem.frequencies_hz()), problem.changed(schedule={"slope_penalty": 1e-3})
+    for found in (solve(smooth, "schedule"), solve(problem, "schedule")):
+        assert {str(status) for status in found.status} <= {"solved", "active-bound", "infeasible"}, found.reason
+        rows = found.usable
+        assert rows.any()
+        assert real(problem, loop, found.impedance, ROUNDING)[rows].all()
+        b, k, p = (gain[rows] for gain in gains_of(found))
+        assert scope_slack(problem, found.frequency_hz[rows], b, k, p).met.all()
+        assert all(bool(text) is not bool(has) for text, has in zip(found.reason, rows, strict=True))
 
     b, k, p = lattice(problem)
     for row in range(0, found.rows, 2):
@@ -124,14 +123,6 @@ def test_bounds_that_cannot_be_met_are_named_with_the_miss() -> None:
     low, high = (end[row] for end in bound_magnitudes(problem, loop_at(problem, found.frequency_hz)))
     assert f"not {low:.6g} to {high:.6g}" in found.reason[row]
     assert not low <= float(found.reason[row].split("at best ")[1].split(" ")[0]) <= high
-
-
-def test_requirement_met_anyway_changes_nothing() -> None:
-    goal = {"jnd": 0.999, "objective": "complex"}
-    free, kept = (figure5(points=12, realism=goal | {"require": require}) for require in ("none", "jnd"))
-    one, two = solve(free, "schedule"), solve(kept, "schedule")
-    assert judge_realism(free, one.impedance, one.usable).inside_jnd.all()
-    assert np.abs(one.impedance / two.impedance - 1).max() <= 1e-4
 
 
 @pytest.mark.thorough

@@ -6,6 +6,8 @@ from plain_schedule import perceived
 from schedule_problems import figure5
 
 from avc_casadi import solve
+from avc_casadi.design.schedule.programme import Programme
+from avc_casadi.design.schedule.scope import Slots
 
 ERRORS = {
     "magnitude": lambda ratio, _: np.abs(ratio) - 1,
@@ -60,6 +62,11 @@ def test_errors_weigh_a_tenth_outside_interaction_and_contact_damping_costs_its_
     cost = float(gains.notes[0].split()[1].rstrip(":"))
     error, penalty = stated_goal(problem, gains)
     assert cost == pytest.approx(error + penalty, rel=1e-5)
+    # What the solver minimises is that too, also where the lattice's path is returned.
+    programme, free = Programme.of(problem), np.full((2, gains.rows), -np.inf)
+    start = np.repeat((programme.states.low + programme.states.high)[:, None] / 2, gains.rows, axis=1)
+    solved = programme.solve(Slots.of(problem, gains.frequency_hz), free, start)
+    assert solved.cost == pytest.approx(programme.cost_of(solved.states), rel=1e-4)
     # Both parts count: ten times the penalty, or another weight outside, would be another goal.
     assert penalty > 1e-3 * cost
     plain, _ = stated_goal(problem.changed(schedule={"interaction_hz": (0.1, 1e4)}), gains)
