@@ -12,9 +12,9 @@ the three. Six calls answer most questions:
     avc.simulate("scenes/stiff-wall-pressed")      # position and force at the hand over time
     avc.zwidth("figure5")                          # which walls the device can render at all
 
-``print`` shows each of these answers in the rows of the command; ``repr`` is a line, and a notebook shows a table.
-Those with columns return them with ``to_dict()`` and ``to_pandas()``; ``avc.figures`` draws them. Errors derive from
-`AvcError` and state the fault, its place, and the next step.
+``print`` shows each of these answers in the rows of the command; ``repr`` is a line. Those with columns
+return them with ``to_dict()``; ``avc.figures`` draws them. Errors derive from `AvcError` and state the fault, its
+place, and the next step.
 """
 
 from __future__ import annotations

@@ -126,9 +126,10 @@ class MissingExtraError(AvcError, ImportError):
 
     Example:
         >>> try:
-        ...     table = avc.solve("soft").to_pandas()
-        ... except avc.MissingExtraError as error:
-        ...     table = avc.solve("soft").to_dict()
+        ...     raise avc.MissingExtraError("numbers of 50 digits need mpmath: pip install mpmath")
+        ... except avc.AvcError as error:
+        ...     print(error)
+        numbers of 50 digits need mpmath: pip install mpmath
     """
 
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.printed import columns_html
 from avc_casadi._util.units import N_PER_M, Units, in_its_units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.gains import GainTable
@@ -141,9 +140,6 @@ class Coupling:
             f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} "
             f"{N_PER_M}, T {1e3 * self.sample_time_s:g} ms)"
         )
-
-    def _repr_html_(self) -> str:
-        return columns_html(repr(self), self.table.to_dict())
 
     def __eq__(self, other: object) -> bool:
         """Return whether both are the same coupling for the same problem, regardless of certificate and trial."""

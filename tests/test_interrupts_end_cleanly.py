@@ -93,7 +93,7 @@ def test_interrupt_ends_the_command_and_leaves_no_half_written_file(verb, after_
 @pytest.mark.parametrize(("stop", "said"), [(signal.SIGINT, b"avc: interrupted\n"), (signal.SIGKILL, b"")])
 def test_workers_end_with_the_command(stop, said, tmp_path):
     process = begun(LONG["table1"], tmp_path)
-    wait_until_begun(process, "_casadi", workers=2)
+    wait_until_begun(process, "_casadi", workers=1)
     process.send_signal(stop)
     assert output(process) == (b"", said)
 

@@ -69,7 +69,7 @@ def test_what_is_no_coupling_is_an_input_error(call):
 
 def test_a_coupling_is_certified_as_its_gains_are():
     made = Coupling.constant(avc.load_problem("soft"), Gains(5.0, 1e3), "mine")
-    assert avc.certify("soft", made) == avc.certify("soft", made.schedule)
+    assert avc.certify("soft", made).document() == avc.certify("soft", made.schedule).document()
 
 
 @pytest.mark.thorough

@@ -6,14 +6,16 @@ import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from multiprocessing import parent_process
 
+import numpy as np
 import pytest
 from studies import reach as _reach
 from studies.reach import reach
 
 import avc_casadi as avc
 from avc_casadi._util.json_values import json_text
-from avc_casadi._util.parallel import Crew, Processes, mapped
+from avc_casadi._util.parallel import Crew, mapped
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison import table1 as _table1
@@ -52,7 +54,8 @@ def late(number):
 
 
 def deadly(_):
-    os.kill(os.getpid(), signal.SIGKILL)
+    if parent_process() is not None:
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def written(folder, name):
@@ -117,14 +120,15 @@ def test_a_scheduler_that_does_not_answer_is_told(coupling, tmp_path, capsys):
 @pytest.mark.thorough
 def test_trials(problem, coupling, executor):
     people = draw_population("A", 20, 3)
-    assert try_coupling(coupling, people, 3, executor=executor) == try_coupling(coupling, people, 3)
+    one, other = (try_coupling(coupling, people, 3, executor=some).to_dict() for some in (executor, None))
+    np.testing.assert_equal(one, other)
     counts = [settled_hands(coupling, 40, 4, block=17, executor=one) for one in (executor, None)]
     assert counts[0] == counts[1] == settled_hands(coupling, 40, 4)
     uncertain = problem.changed(device={"range": {"mass_kg": (0.08, 0.12)}})
     devices = device_set(uncertain.device, draws=1, seed=1)
     alone = try_on_devices(coupling, people, devices, 3)
     assert alone.devices == len(devices) > 1
-    assert try_on_devices(coupling, people, devices, 3, executor) == alone
+    np.testing.assert_equal(try_on_devices(coupling, people, devices, 3, executor).to_dict(), alone.to_dict())
 
 
 def test_reach(problem, executor):
@@ -157,10 +161,6 @@ def test_the_end_does_not_wait_for_a_helper():
     begun = time.monotonic()
     with Crew(2) as crew:
         crew.begin(partial(time.sleep, 60))
-    assert time.monotonic() - begun < 30
-    pool = Processes(1)
-    pool.submit(time.sleep, 60)
-    pool.end()
     assert time.monotonic() - begun < 30
 
 

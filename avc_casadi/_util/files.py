@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,62 +18,35 @@ from avc_casadi._util.interrupt import HeldInterrupt
 @contextmanager
 def opened(path: str | Path, most_bytes: int, next_step: str = "") -> Iterator[BinaryIO]:
     """Open a regular file given by a user, of bounded size; a pipe or a device is not opened."""
-    told, then = _printable(path), next_step and f"; {next_step}"
+    place, then = Path(path), next_step and f"; {next_step}"
     try:
-        try:
-            info = Path(path).stat()
-        except ValueError as error:  # with a NUL, or a lone surrogate
-            raise InputError.of(f"is no path: {error}{then}", file=told) from error
-        if not stat.S_ISREG(info.st_mode):
-            kind = "a directory" if stat.S_ISDIR(info.st_mode) else "no regular file"
-            raise InputError.of(f"is {kind}{then}", file=told)
-        if info.st_size > most_bytes:
-            raise InputError.of(_too_large(info.st_size, most_bytes), file=told)
-        with open(path, "rb", opener=_at_once) as file:
+        size = place.stat().st_size
+        if not place.is_file():
+            raise InputError.of(f"is {'a directory' if place.is_dir() else 'no regular file'}{then}", file=str(path))
+        if size > most_bytes:
+            raise InputError.of(f"has {size} bytes; allowed: at most {most_bytes}", file=str(path))
+        with place.open("rb") as file:
             yield file
     except FileNotFoundError as error:
-        raise InputError.of(f"does not exist{then}", file=told) from error
+        raise InputError.of(f"does not exist{then}", file=str(path)) from error
     except OSError as error:
-        raise InputError.of(f"cannot be read: {error.strerror or error}{then}", file=told) from error
-
-
-def read_bytes(path: str | Path, most_bytes: int, next_step: str = "") -> bytes:
-    """Return the bytes of a file."""
-    with opened(path, most_bytes, next_step) as file:
-        content = file.read(most_bytes + 1)
-    if len(content) > most_bytes:
-        raise InputError.of(_too_large(len(content), most_bytes), file=_printable(path))
-    return content
+        raise InputError.of(f"cannot be read: {error.strerror or error}{then}", file=str(path)) from error
 
 
 def read_text(path: str | Path, most_bytes: int, next_step: str = "") -> str:
     """Return the text of a file in UTF-8, without a byte order mark."""
-    content = read_bytes(path, most_bytes, next_step)
+    with opened(path, most_bytes, next_step) as file:
+        content = file.read()
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         message = f"byte 0x{content[error.start]:02x} is not UTF-8; save the file as UTF-8 text"
-        raise InputError([Fault(_printable(path), line, "", message)]) from error
-
-
-def _too_large(size: int, most_bytes: int) -> str:
-    return f"has {size} bytes; allowed: at most {most_bytes}"
-
-
-def _printable(path: str | Path) -> str:
-    """Return a path for messages; one with a NUL or a lone surrogate, which no file can have, is escaped."""
-    text = str(path)
-    return repr(text) if "\0" in text or any("\ud800" <= mark <= "\udfff" for mark in text) else text
-
-
-def _at_once(path: str, flags: int) -> int:
-    """Open without blocking, in case it has become a pipe meanwhile."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+        raise InputError([Fault(str(path), line, "", message)]) from error
 
 
 def write_file(path: str | Path, content: str | bytes) -> None:
-    """Write a file atomically: to a temporary name beside it, synchronised, renamed."""
+    """Write a file atomically: to a temporary name beside it, renamed."""
     place = Path(os.path.realpath(path))
     data = content.encode() if isinstance(content, str) else content
     if place.exists() and not place.is_file():  # a pipe or a device, or a folder, which is refused
@@ -84,16 +56,12 @@ def write_file(path: str | Path, content: str | bytes) -> None:
         raise PermissionError(13, os.strerror(13), str(path))
     part = place.with_name(f".avc-{uuid4().hex}")
     try:
-        with part.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+        part.write_bytes(data)
         if place.exists():
             shutil.copymode(place, part)
         part.replace(place)
     finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -5,14 +5,12 @@ import os
 import signal
 import sys
 import threading
-import time
 
 TYPE_CHECKING = False  # typing takes long to load, and Ctrl-C meanwhile is a traceback
 if TYPE_CHECKING:
     from typing import Any, Self
 
 EXIT_CODE = 130
-_AGAIN_S, _TIMES = 0.5, 3
 _came, _taken = threading.Event(), threading.Event()
 
 
@@ -41,26 +39,17 @@ def _interrupted(*_: object) -> None:
 
 
 def _insist() -> None:
-    for _ in range(_TIMES):
-        time.sleep(_AGAIN_S)
-        if _taken.is_set():
+    for _ in range(3):
+        if _taken.wait(0.5):
             return
-        if sys.platform == "win32":
-            _thread.interrupt_main()
-        else:
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-    time.sleep(_AGAIN_S / 2)
-    if not _taken.is_set():
+        _thread.interrupt_main()
+    if not _taken.wait(0.25):
         os.write(2, b"avc: interrupted\n")
         os._exit(EXIT_CODE)
 
 
 class HeldInterrupt:
-    """Defer Ctrl-C to the end of a block of short calls to foreign code, which would drop it, or of a short write.
-
-    Attributes:
-        came: whether Ctrl-C came; the block should then end soon.
-    """
+    """Defer Ctrl-C to the end of a block of short calls to foreign code, which would drop it, or of a short write."""
 
     def __init__(self) -> None:
         self.came = False

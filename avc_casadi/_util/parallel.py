@@ -7,13 +7,12 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import ExitStack, contextmanager
-from functools import cache
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import cache, partial
 from importlib import import_module
 from multiprocessing import get_context, parent_process
-from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from avc_casadi._errors import InputError, MissingExtraError, WorkerLostError
 from avc_casadi._util.progress import SILENT, Progress
@@ -29,39 +28,6 @@ def processors() -> int:
     """Return the number of processors for this process, at least 1: a worker beside others has its share of them."""
     there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min([there, *_AT_MOST])
-
-
-def require_workers(workers: object) -> None:
-    """Refuse an invalid number of processes."""
-    if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
-        raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
-
-
-class Processes(ProcessPoolExecutor):
-    """Processes that are fresh interpreters, as CasADi's threads do not survive a fork; an error ends them at once."""
-
-    def __init__(self, workers: int, beside: int = 0) -> None:
-        share = max(1, processors() // (workers + beside))
-        super().__init__(workers, get_context("spawn"), begin_process, (share,))
-
-    def submit(self, fn: Callable[..., R], /, *args: Any, **kwargs: Any) -> Future[R]:
-        """Submit a task."""
-        with without_interrupts():
-            return super().submit(speaks, spoken(), fn, *args, **kwargs)
-
-    def end(self) -> None:
-        """Terminate the processes, whatever they do."""
-        for process in list((self._processes or {}).values()):
-            process.terminate()
-        self.shutdown(cancel_futures=True)
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if kind is None:
-            self.shutdown()
-        else:
-            self.end()
 
 
 @contextmanager
@@ -121,93 +87,80 @@ def mapped(
     things: str = "",
     progress: Progress = SILENT,
 ) -> list[R]:
-    """Return the result of each task, in order.
+    """Return the result of each task, in order: of an executor, as Dask's, or of so many processes, this one included.
 
-    Args:
-        work: a function of a module.
-        tasks: its arguments.
-        executor: of `concurrent.futures` or with its interface, such as Dask's; it is not shut down.
-        workers: processes without an executor; 1 stays in this one. More than one start this program anew, so that a
-            script needs its guard ``if __name__ == "__main__"``.
-        sizes: of the tasks, for the progress.
-        things: what the sizes count.
-        progress: of the tasks.
-
-    Raises:
-        WorkerLostError: a worker died.
+    More than one start this program anew, so that a script needs its guard ``if __name__ == "__main__"``.
     """
-    require_workers(workers)
     weights = sizes or [1] * len(tasks)
-    done, found = 0, {}
-    with ExitStack() as stack:
-        if executor is None and workers > 1 and len(tasks) > 1:
-            executor = stack.enter_context(Processes(min(workers, len(tasks))))
-        alone = ((place, work(task)) for place, task in enumerate(tasks))
-        for place, result in alone if executor is None else _as_done(executor, work, tasks):
-            found[place] = result
-            done += weights[place]
-            progress.advance(done, sum(weights), things)
-    return [found[place] for place in range(len(tasks))]
+    found: list[R] = []
+    with Crew(workers) as crew:
+        for result in crew.each([partial(work, task) for task in tasks], executor):
+            found.append(result)
+            progress.advance(sum(weights[: len(found)]), sum(weights), things)
+    return found
 
 
-def _as_done(executor: Executor, work: Callable[[T], R], tasks: Sequence[T]) -> Iterator[tuple[int, R]]:
-    futures = {executor.submit(speaks, spoken(), work, task): place for place, task in enumerate(tasks)}
-    try:
-        for future in as_completed(futures):
-            yield futures[future], result_of(future)
-    finally:
-        for future in futures:
-            future.cancel()
+class Crew:
+    """This process and its helpers, which share tasks; results do not depend on which did them.
 
-
-def result_of(future: Future[R]) -> R:
-    """Return the result of a task."""
-    try:
-        return future.result()
-    except BrokenExecutor as error:
-        raise WorkerLostError(
-            "a worker died, of too little memory, or as the script that begins it has no "
-            'if __name__ == "__main__": around what it does'
-        ) from error
-
-
-class Crew(ExitStack):
-    """This process and its helpers, which share tasks; results do not depend on which did them."""
+    Helpers are fresh interpreters, as CasADi's threads do not survive a fork; at the end they are terminated.
+    """
 
     def __init__(self, workers: int) -> None:
-        require_workers(workers)
-        super().__init__()
-        helpers = min(workers, processors()) - 1
-        self._helpers = Processes(helpers, beside=1) if helpers else None
+        if not isinstance(workers, int) or isinstance(workers, bool) or workers < 1:
+            raise InputError.of(f"is {workers!r}; allowed: a whole number, 1 or more", key="workers")
+        self._size = min(workers, processors())
+        self._helpers: ProcessPoolExecutor | None = None
+        if self._size > 1:
+            share = max(1, processors() // self._size)
+            self._helpers = ProcessPoolExecutor(self._size - 1, get_context("spawn"), begin_process, (share,))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         if self._helpers is not None:
-            self.callback(self._helpers.end)
+            for process in list((self._helpers._processes or {}).values()):  # noqa: SLF001 - public from Python 3.14 on
+                process.terminate()
+            self._helpers.shutdown(cancel_futures=True)
 
     def begin(self, task: Callable[[], R]) -> Callable[[], R]:
         """Start a task, a function of a module with its arguments, on a helper; return a function that awaits it."""
         if self._helpers is None:
             return cache(task)
-        future = self._helpers.submit(task)
-        return cache(lambda: task() if future.cancel() else result_of(future))
+        future = _submitted(self._helpers, task)
+        return cache(lambda: _result(future, task))
 
-    def each(self, tasks: Sequence[Callable[[], R]]) -> Iterator[R]:
-        """Yield the result of each task in order; this process does the first, and others that no helper has begun."""
-        if self._helpers is None:
-            yield from (task() for task in tasks)
-            return
-        begun = {place: self._helpers.submit(task) for place, task in enumerate(tasks[1:], 1)}
-        own: dict[int, R] = {}
+    def each(self, tasks: Sequence[Callable[[], R]], executor: Executor | None = None) -> Iterator[R]:
+        """Yield the result of each task in order; this process does its share, unless an executor does all."""
+        helpers = executor or self._helpers
+        begun: dict[int, Future[R]] = {}
         try:
-            yield from (task() for task in tasks[:1])
-            for place, future in begun.items():
-                for later in range(place, len(tasks)):
-                    if future.done():
-                        break
-                    if begun[later].cancel():
-                        own[later] = tasks[later]()
-                yield own[place] if place in own else result_of(future)
+            for place, task in enumerate(tasks):
+                if helpers is not None and (executor or place % self._size):
+                    begun[place] = _submitted(helpers, task)
+            for place, task in enumerate(tasks):
+                own = None if executor else task
+                yield _result(begun[place], own) if place in begun else task()
         finally:
             for future in begun.values():
                 future.cancel()
+
+
+def _submitted(executor: Executor, task: Callable[[], R]) -> Future[R]:
+    with without_interrupts():
+        return executor.submit(speaks, spoken(), task)
+
+
+def _result(future: Future[R], task: Callable[[], R] | None) -> R:
+    """Return the result of a task, which this process does where it is given and no helper has begun it."""
+    try:
+        return task() if task is not None and future.cancel() else future.result()
+    except BrokenExecutor as error:
+        raise WorkerLostError(
+            "a worker died, of too little memory, or as the script that begins it has no "
+            'if __name__ == "__main__": around what it does'
+        ) from error
 
 
 ALONE = Crew(1)

@@ -6,7 +6,6 @@ import difflib
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pkgutil import iter_modules
-from threading import RLock
 from typing import Generic, TypeVar
 
 from avc_casadi._errors import InputError
@@ -22,7 +21,6 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         self.folder = folder
         self._things: dict[str, tuple[float, Thing]] = {}
         self._scanned = False
-        self._lock = RLock()
 
     def add(self, name: str, thing: Thing, rank: float) -> None:
         """Declare one object."""
@@ -54,9 +52,7 @@ class Registry(Mapping[str, Thing], Generic[Thing]):
         return len(self._things)
 
     def _scan(self) -> None:
-        with self._lock:
-            if self._scanned:
-                return
-            self._scanned = True
+        if not self._scanned:
             for found in iter_modules(import_module(self.folder).__path__, f"{self.folder}."):
                 import_module(found.name)
+            self._scanned = True

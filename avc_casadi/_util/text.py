@@ -1,4 +1,4 @@
-"""Numbers, quantities and tables as text, and tables as HTML."""
+"""Numbers, quantities and tables as text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 
 from avc_casadi._util.units import Wording
 
@@ -21,7 +20,6 @@ def with_problem(text: str, problem: str) -> str:
 Cell = float | str | None
 
 ROWS_SHOWN = 20
-_VERDICTS = {"pass": "pass", "proved": "pass", "fail": "fail", "FAIL": "fail", "refuted": "fail"}
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -80,16 +78,7 @@ def sample_rows(rows: int, most: int = ROWS_SHOWN) -> list[int]:
 
 @dataclass(frozen=True)
 class Table:
-    """Values in rows and columns.
-
-    Attributes:
-        header: one cell a column: its name, and its unit on a line of its own.
-        rows: cells: numbers, whole numbers, texts, booleans, or None where empty.
-        left: columns of text, aligned to the left; all others to the right.
-        title: of the table.
-        notes: sentences below the table.
-        digits: significant digits of its numbers.
-    """
+    """Values in rows and columns; ``left`` numbers the columns of text, aligned to the left."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
@@ -100,24 +89,10 @@ class Table:
 
     def text(self) -> str:
         """Return the header and rows as aligned text."""
-        return text_table(self.header, self._cells(), left=self.left)
+        return text_table(self.header, self.cells(), left=self.left)
 
-    def html(self) -> str:
-        """Return the header and rows as an HTML table; every text is escaped, verdicts are classes of their cells."""
-
-        def row(cells: Iterable[str], tag: str, more: str = "") -> str:
-            inner = []
-            for column, cell in enumerate(cells):
-                classes = " ".join(filter(None, ("" if column in self.left else "n", _VERDICTS.get(cell, ""))))
-                shown = f' class="{classes}"' if classes else ""
-                inner.append(f"<{tag}{more}{shown}>{escape(cell)}</{tag}>")
-            return f"<tr>{''.join(inner)}</tr>"
-
-        body = "\n".join(row(cells, "td") for cells in self._cells())
-        head = row((", ".join(filter(None, cell.split("\n"))) for cell in self.header), "th", ' scope="col"')
-        return f"<table>\n<thead>{head}</thead>\n<tbody>\n{body}\n</tbody>\n</table>"
-
-    def _cells(self) -> list[list[str]]:
+    def cells(self) -> list[list[str]]:
+        """Return the rows as texts."""
         return [[_shown(cell, self.digits) for cell in row] for row in self.rows]
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.printed import Columns, PrintedColumns
+from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.text import Table
 from avc_casadi._util.units import NS_PER_M
 from avc_casadi.claims.registry import CLAIMS
@@ -76,7 +76,7 @@ Level = str
 
 
 @dataclass(frozen=True, eq=False)
-class LevelResult(Comparable):
+class LevelResult:
     """One level of a certificate; row arrays have shape (n,) in the order of the gains.
 
     Attributes:
@@ -146,7 +146,7 @@ class LevelResult(Comparable):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Certificate(PrintedColumns):
+class Certificate(Tabular):
     """Passivity and stability of a gain table: one claim a level, with its worst margin. The levels are never merged.
 
     Attributes:
@@ -174,8 +174,8 @@ class Certificate(PrintedColumns):
     levels: dict[Level, LevelResult]
     passive_limit_n_per_m: float
     dc_stiffness_n_per_m: FloatArray
-    stated: Problem = field(compare=False)
-    gains: GainSchedule | Coupling = field(compare=False)
+    stated: Problem
+    gains: GainSchedule | Coupling
 
     def to_dict(self) -> Columns:
         """Return the levels as columns, each of shape (levels,)."""

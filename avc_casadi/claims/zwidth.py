@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.arrays import Comparable, FloatArray
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.printed import Columns, PrintedColumns, Tabular, short
+from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.claims.levels import ideal, what_is_declared
@@ -122,7 +122,7 @@ _DAMPINGS = 241
 
 
 @dataclass(frozen=True, eq=False)
-class Curve(Comparable):
+class Curve:
     """Largest stiffness of a wall at each wall damping for one claim.
 
     Attributes:
@@ -144,7 +144,7 @@ class Curve(Comparable):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ZWidth(PrintedColumns):
+class ZWidth(Tabular):
     """The K-B region of a device as declared: at all corners of its ranges.
 
     Attributes:
@@ -185,7 +185,7 @@ class ZWidth(PrintedColumns):
     used: tuple[str, ...]
     not_used: tuple[str, ...]
     refused: tuple[str, ...]
-    stated: Problem = field(compare=False)
+    stated: Problem
 
     def to_dict(self) -> Columns:
         """Return B and the largest K of each claim as columns, each of shape (n,)."""

@@ -8,6 +8,7 @@ or a [follower] has no paper's question: the coupling, its certificate and figur
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,7 +68,7 @@ def _worked_through(
     """Do all of it, writing to one folder and reporting another."""
     from avc_casadi._util.files import write_file
     from avc_casadi._util.json_values import json_text
-    from avc_casadi._util.parallel import Processes
+    from avc_casadi._util.parallel import Crew
     from avc_casadi.design.comparison.comparison import with_delivered
     from avc_casadi.design.comparison.document import comparison_document
     from avc_casadi.files.coupling_file import coupling_document
@@ -82,8 +83,8 @@ def _worked_through(
         with console.step(f"schedule, scope {comparison.scope}"):
             comparison = with_delivered(comparison, problem, avc.solve(problem, "schedule", progress=console))
     gains = comparison.methods[comparison.delivered]
-    with Processes(1) as helper:
-        drawn = helper.submit(_drawn, comparison)
+    with Crew(2) as crew:
+        drawn = crew.begin(partial(_drawn, comparison))
         with console.step("certificate"):
             certificate = avc.certify(problem, gains, progress=console).document()
         with console.step(f"coupling to deploy: {args.method or 'recommended'}"):
@@ -91,12 +92,12 @@ def _worked_through(
                 _recommended(problem, console) if args.method is None else _by_method(problem, args.method, console)
             )
         coupling: Coupling | None = deployment.pop("of")
-        also_drawn = helper.submit(_deployed, (deployment, coupling))
+        also_drawn = crew.begin(partial(_deployed, deployment, coupling))
         with console.step("figures"):
-            figures = _written(drawn.result(), folder)
+            figures = _written(drawn(), folder)
         with console.step("device"):
             push = _pushed(deployment, coupling, unsafe=args.unsafe)
-            deployed = _written(also_drawn.result(), folder)
+            deployed = _written(also_drawn(), folder)
     compare = comparison_document(comparison)
     files = _tables(gains, certificate, compare)
     if coupling is not None and push.get("deployable") is not False:
@@ -181,14 +182,13 @@ def _drawn(comparison: Comparison) -> dict[str, tuple[bytes, Picture]]:
     return {name: Picture.with_png(draw, comparison, _CAPTIONS[name], words[name]) for name, draw in draws.items()}
 
 
-def _deployed(task: tuple[dict[str, Any], Coupling | None]) -> dict[str, tuple[bytes, Picture]]:
+def _deployed(deployment: dict[str, Any], coupling: Coupling | None) -> dict[str, tuple[bytes, Picture]]:
     """Return the figures of the coupling to deploy in the same way; none without one."""
     from avc_casadi.present.figures.deployed import draw_loop, draw_rendered
     from avc_casadi.present.report.frame import Picture
     from avc_casadi.present.report.page import deployed_words
     from avc_casadi.recommendation.deployed import deployed
 
-    deployment, coupling = task
     if coupling is None:
         return {}
     found = deployed(coupling)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import Comparable, FloatArray
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import short
 from avc_casadi._util.progress import SILENT, Progress
@@ -36,7 +36,7 @@ _RATIO, _PRECISION = 1.6, 1.02
 
 
 @dataclass(frozen=True, eq=False)
-class ToolCurve(Comparable):
+class ToolCurve:
     """Largest stable K at each B with an engine's step.
 
     Attributes:
@@ -57,7 +57,7 @@ class ToolCurve(Comparable):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ToolRegion(Comparable):
+class ToolRegion:
     """The K-B region of a coupling to a simulation: with every hand, released, and every tool and contact.
 
     Attributes:

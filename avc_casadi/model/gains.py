@@ -248,7 +248,7 @@ class GainTable(Tabular):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, GainTable) and np.array_equal(self.rows, other.rows)
 
-    def __hash__(self) -> int:  # type: ignore[override]
+    def __hash__(self) -> int:
         return hash(self.rows.tobytes())
 
     def to_dict(self) -> Columns:

@@ -3,8 +3,7 @@
 Frozen pydantic models of plain numbers; a key's name carries its SI unit. ``problems/`` holds examples.
 """
 
-from collections.abc import Iterator, Mapping
-from html import escape
+from collections.abc import Mapping
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -13,7 +12,6 @@ from pydantic import BaseModel, Field, model_validator
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.printed import short
-from avc_casadi._util.text import Table as ShownTable
 from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, Units, in_its_units
 from avc_casadi.model.device import Detent, Device
 from avc_casadi.model.findings import checked
@@ -200,14 +198,6 @@ def _merged(table: Any, change: Any) -> Any:
     return given | {key: _merged(given.get(key), value) for key, value in change.items()}
 
 
-def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in tables.items():
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{key}.")
-        elif value is not None:
-            yield f"{prefix}{key}", value
-
-
 class Problem(Table):
     """A problem: device, wall, hands, coupling and requirements, as in a problem file.
 
@@ -304,11 +294,6 @@ class Problem(Table):
         )
 
     __str__ = __repr__
-
-    def _repr_html_(self) -> str:
-        keys = self.model_dump(include={"device", "environment", "boundaries", "coupling", "stability", "hands"})
-        rows = tuple((self.units.key(key), str(value)) for key, value in _flat(keys))
-        return f"<p>{escape(repr(self))}</p>\n{ShownTable(('key', 'value'), rows, left=(0, 1)).html()}"
 
     @property
     def units(self) -> Units:

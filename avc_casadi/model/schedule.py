@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.printed import Columns, PrintedColumns, short
+from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GainSchedule(PrintedColumns):
+class GainSchedule(Tabular):
     """Gains of a coupling against interaction frequency; every array has shape (n,) in the order of ``frequency_hz``.
 
     Attributes:
@@ -84,11 +84,11 @@ class GainSchedule(PrintedColumns):
     requested_damping_ns_per_m: FloatArray
     requested_stiffness_n_per_m: FloatArray
     requested_contact_damping_ns_per_m: FloatArray
-    build_seconds: float = field(default=0.0, compare=False)
-    solve_seconds: float = field(default=0.0, compare=False)
+    build_seconds: float = 0.0
+    solve_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     state_feedback: StateFeedback | None = None
-    stated: Problem | None = field(default=None, compare=False)
+    stated: Problem | None = None
 
     @property
     def rows(self) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray, Comparable, ComplexArray, FloatArray
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi.paper.equations import environment_impedance, perceived_impedance
 from avc_casadi.paper.loop import loop_at
 
@@ -21,7 +21,7 @@ _UNFELT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class RealismResult(Comparable):
+class RealismResult:
     """Realism at each frequency; arrays of shape (n,). Frequencies without gains are not inside.
 
     Attributes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import singledispatch
-from html import escape
 from typing import TYPE_CHECKING
 
 from avc_casadi.claims.certificate import Certificate
@@ -35,7 +34,6 @@ from avc_casadi.recommendation.virtual_tool import ToolRecommendation
 from avc_casadi.simulation.run import Run
 
 if TYPE_CHECKING:
-    from avc_casadi._util.printed import Printed
     from avc_casadi.model.problem import Problem
 
 
@@ -47,11 +45,6 @@ def text_of(result: object) -> str:
         result: of `recommend`, `solve`, `certify`, `compare`, `simulate` or `zwidth`, with its problem.
     """
     raise NotImplementedError(f"no page for {type(result).__name__}")
-
-
-def html_of(result: Printed) -> str:
-    """Return a result as HTML for a notebook."""
-    return f"<pre>{escape(text_of(result))}</pre>"
 
 
 def _stated(result: GainSchedule | Run) -> Problem:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.parallel import Processes, mapped, require_workers
+from avc_casadi._util.parallel import mapped
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.deployable import deployable
@@ -81,19 +80,16 @@ def stiffest(
     simple, _ = _unreachable_wall(problem)
     asked = _Asked(hands, seed, lean_on_friction)
     better = linear_changes(problem) | simulated_changes(problem)
-    require_workers(workers)
-    with ExitStack() as stack:
-        if executor is None and workers > 1:
-            executor = stack.enter_context(Processes(workers))
-        with progress.step("stiffest wall"):
-            begun: list[_Task] = [partial(_as_it_is, problem, asked, numbers) for numbers in _AS_IT_IS]
-            best = _best_of(_done(begun, executor, progress), asked)
-        reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} {N_PER_M}"
-        changed: list[_Task] = [partial(_changed, best, one, asked) for one in better.values()]
-        if best is not None:
-            changed += [partial(_kept, best, one, asked) for one in better.values()]
-        with progress.step(f"{reached} as it is; what would help"):
-            found = _done(changed, executor, progress)
+    done = partial(mapped, _called, executor=executor, workers=workers, things="searches", progress=progress)
+    with progress.step("stiffest wall"):
+        begun: list[_Task] = [partial(_as_it_is, problem, asked, numbers) for numbers in _AS_IT_IS]
+        best = _best_of(done(begun), asked)
+    reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} {N_PER_M}"
+    changed: list[_Task] = [partial(_changed, best, one, asked) for one in better.values()]
+    if best is not None:
+        changed += [partial(_kept, best, one, asked) for one in better.values()]
+    with progress.step(f"{reached} as it is; what would help"):
+        found = done(changed)
     helps = []
     for place, change in enumerate(better):
         one = _best_of(found[place :: len(better)], asked)
@@ -140,11 +136,6 @@ class _Best:
 
 
 _Task = Callable[[], "_Best | None"]
-
-
-def _done(tasks: list[_Task], executor: Executor | None, progress: Progress) -> list[_Best | None]:
-    """Run tasks in any order and return their results."""
-    return mapped(_called, tasks, executor, things="searches", progress=progress)
 
 
 def _called(task: _Task) -> _Best | None:

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avc_casadi._util.arrays import BoolArray, Comparable, FloatArray
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.units import FORCE, MM_PER_S
 from avc_casadi.simulation.contact import Environment
 
 
 @dataclass(frozen=True, eq=False)
-class Ledger(Comparable):
+class Ledger:
     """Energies at the samples, each of shape (..., samples), J.
 
     Attributes:

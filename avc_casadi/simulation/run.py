@@ -13,7 +13,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.printed import Columns, PrintedColumns
+from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.units import LINEAR, Units, speaking
 from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, criterion
 
@@ -34,7 +34,7 @@ _GAINS = ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(PrintedColumns):
+class Run(Tabular):
     """A simulated scene: traces of shape (samples,), energies, and whether the device settles.
 
     Attributes:
@@ -88,13 +88,13 @@ class Run(PrintedColumns):
     claim: Claim
     states: int
     instructions: int
-    build_seconds: float = field(compare=False)
-    seconds: float = field(compare=False)
+    build_seconds: float
+    seconds: float
     metres_per_unit: float = 1.0
     units: Units = LINEAR
-    stated: Problem | None = field(default=None, compare=False)
-    asked: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    notes: tuple[str, ...] = field(default=(), compare=False)
+    stated: Problem | None = None
+    asked: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> Columns:
         """Return the traces against time as columns, each of shape (samples,)."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.arrays import Comparable, ComplexArray, FloatArray
-from avc_casadi._util.printed import Columns, PrintedColumns, short
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
@@ -40,7 +40,7 @@ _SHARED = {"frequency_hz", "target_ns_per_m"}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(PrintedColumns):
+class Comparison(Tabular):
     """Gains of several methods at the same frequencies; every array has shape (n,), impedances in N.s/m.
 
     The comparison is pointwise, each frequency on its own, as (12) is in the paper.
@@ -97,7 +97,7 @@ class Comparison(PrintedColumns):
     mine: HandTuned | None
     judged: Mapping[str, Judged]
     passive_limit_n_per_m: float
-    stated: Problem = field(compare=False)
+    stated: Problem
 
     def to_dict(self) -> Columns:
         """Return frequency x method as columns "method: quantity with unit", each of shape (n,)."""
@@ -228,7 +228,7 @@ _MOST_NS_PER_M = 1e9
 
 
 @dataclass(frozen=True, eq=False)
-class DampingInjection(Comparable):
+class DampingInjection:
     """The projection read as damping injection; arrays of shape (n,), 0 where the desired wall is passive already.
 
     Z_h = Z_h_ds + delta with delta = max(0, margin - Re Z_h_ds), so that the coupling renders Z_ds + delta/H. In the

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.arrays import Comparable, ComplexArray, FloatArray
+from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
@@ -129,7 +129,7 @@ def _failing(safety: Safety, level: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class HandTuned(Comparable):
+class HandTuned:
     """One constant series coupling at every frequency; arrays of shape (n,).
 
     Attributes:
@@ -227,7 +227,7 @@ def judge_hand_tuned(
 
 
 @dataclass(frozen=True, eq=False)
-class Judged(Comparable):
+class Judged:
     """One gain table judged; arrays have shape (n,).
 
     Attributes:

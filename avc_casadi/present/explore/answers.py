@@ -126,7 +126,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         return found
     certificate = explorer.heavy(f"levels {settings.key}", lambda: certify(problem, coupling)).document()
     return found | {
-        "certificate": levels_table(certificate).html(),
+        "certificate": levels_table(certificate).text(),
         "levels": [
             {
                 "level": level,

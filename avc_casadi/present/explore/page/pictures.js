@@ -153,8 +153,7 @@ function drawVerdict(shown, columns, state, papers) {
   get("next").textContent = nextStep(shown[state.on], state[state.on].method, papers);
   get("levels").replaceChildren(...there.filter((column) => shown[column].judge && shown[column].judge.certificate).map((column) => {
     const mine = shown[column].judge;
-    const box = made("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `levels of ${column.toUpperCase()}` });
-    box.innerHTML = mine.certificate;
+    const box = made("pre", { tabindex: "0", role: "region", "aria-label": `levels of ${column.toUpperCase()}` }, mine.certificate);
     const claims = mine.deployable.claims.map((one) => made("li", {}, yes(one.pass, one.pass ? "pass" : "fail"), ` ${one.sentence}${one.advice ? `; ${one.advice}` : ""}`));
     return made("div", {}, made("h3", {}, column.toUpperCase()), box, made("ul", {}, ...claims));
   }));
