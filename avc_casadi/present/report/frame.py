@@ -24,14 +24,7 @@ _VERDICTS = {"pass": "pass", "proved": "pass", "fail": "fail", "FAIL": "fail", "
 
 
 def page_html(title: str, source: str, body: str, versions: Mapping[str, str]) -> str:
-    """Return a self-contained page.
-
-    Args:
-        title: of the page, a text.
-        source: its subject, a text.
-        body: HTML.
-        versions: versions by package.
-    """
+    """Return a self-contained page: title and source are texts, the body is HTML."""
     told = table_html(Table(("package", "version"), tuple(versions.items()), (0, 1)), "versions")
     return filled("frame", title=escape(title), source=escape(source), body=body, versions=told)
 
@@ -85,12 +78,7 @@ class Picture:
 
 
 def table_html(table: Table, what: str = "") -> str:
-    """Return a table that scrolls by itself, under its title and with its notes below; its verdicts are classes.
-
-    Args:
-        table: the table.
-        what: label for a screen reader; empty takes its title.
-    """
+    """Return a table that scrolls by itself, under its title and with its notes below; ``what`` labels it for a screen reader."""
 
     def row(cells: Iterable[str], tag: str, more: str = "") -> str:
         inner = []
