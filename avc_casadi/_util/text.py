@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from avc_casadi._util.units import Wording
 
@@ -98,9 +99,7 @@ class Table:
 
 def text_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:
     """Align cells in columns; a header cell may hold several lines."""
-    heads = [cell.split("\n") for cell in header]
-    height = max(len(lines) for lines in heads)
-    head_rows = [[lines[i] if i < len(lines) else "" for lines in heads] for i in range(height)]
+    head_rows = list(zip_longest(*(cell.split("\n") for cell in header), fillvalue=""))
     body = [[*row] for row in rows]
     widths = [max(len(row[column]) for row in [*head_rows, *body]) for column in range(len(header))]
 

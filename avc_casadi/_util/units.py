@@ -43,11 +43,7 @@ _LENGTHS = ("handle_radius_m", "capstan_radius_m")
 
 @dataclass(frozen=True)
 class Units:
-    """Names and units of one kind of motion.
-
-    Attributes:
-        motion: linear or rotary.
-    """
+    """Names and units of one kind of motion."""
 
     motion: MotionKind
 
@@ -62,13 +58,7 @@ class Units:
             return key
         if "." in key:
             return ".".join(map(self.key, key.split(".")))
-        if key in _WORDS:
-            return _WORDS[key]
-        parts = "_".join(_NOUNS.get(part, part) for part in key.split("_"))
-        for ending, other in _ENDINGS.items():
-            if parts.endswith(ending):
-                return parts.removesuffix(ending) + other
-        return parts
+        return _exchanged(key, _WORDS, _NOUNS, _ENDINGS)
 
     def option(self, option: str) -> str:
         """Return the option of this motion for a linear one: ``--force-n`` as ``--torque-nm``."""
@@ -76,15 +66,7 @@ class Units:
 
     def inner(self, key: str) -> str:
         """Return the internal key: the inverse of `key`."""
-        if self.linear:
-            return key
-        if key in _WORDS.values():
-            return next(inner for inner, outer in _WORDS.items() if outer == key)
-        parts = "_".join(_SINGLE.get(part, part) for part in key.split("_"))
-        for ending, other in _ENDINGS.items():
-            if parts.endswith(other):
-                return parts.removesuffix(other) + ending
-        return parts
+        return key if self.linear else _exchanged(key, *map(_inverse, (_WORDS, _NOUNS, _ENDINGS)))
 
     def unit(self, unit: str) -> str:
         """Return the unit of this motion for a linear one: ``N/m`` as ``N.m/rad``."""
@@ -105,21 +87,31 @@ class Units:
 
     def keyed(self, value: Any) -> Any:
         """Return tables with the keys of this motion; their values stay unchanged."""
-        if self.linear:
-            return value
-        if isinstance(value, Mapping):
-            return {self.key(str(key)): self.keyed(item) for key, item in value.items()}
-        if isinstance(value, list | tuple):
-            return (list if isinstance(value, list) else tuple)(map(self.keyed, value))
-        return value
+        return value if self.linear else _renamed(value, self.key)
 
     def read(self, value: Any) -> Any:
         """Return JSON values with the internal keys; texts stay unchanged."""
-        if self.linear:
-            return value
-        if isinstance(value, Mapping):
-            return {self.inner(str(key)): self.read(item) for key, item in value.items()}
-        return [self.read(item) for item in value] if isinstance(value, list) else value
+        return value if self.linear else _renamed(value, self.inner)
+
+
+def _exchanged(key: str, words: Mapping[str, str], nouns: Mapping[str, str], endings: Mapping[str, str]) -> str:
+    if key in words:
+        return words[key]
+    parts = "_".join(nouns.get(part, part) for part in key.split("_"))
+    ending = next((ending for ending in endings if parts.endswith(ending)), "")
+    return parts.removesuffix(ending) + endings.get(ending, "")
+
+
+def _inverse(names: Mapping[str, str]) -> dict[str, str]:
+    return {other: name for name, other in names.items()}
+
+
+def _renamed(value: Any, name: Callable[[str], str]) -> Any:
+    if isinstance(value, Mapping):
+        return {name(str(key)): _renamed(item, name) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return (list if isinstance(value, list) else tuple)(_renamed(item, name) for item in value)
+    return value
 
 
 # A name in C, by its ending; a file's name is none.
@@ -197,12 +189,7 @@ def in_its_units(function: F) -> F:
 
 @dataclass(frozen=True)
 class Wording:
-    """A unit, a noun or a sentence of these: printed as that of the motion that is spoken of.
-
-    Attributes:
-        linear: of a linear device.
-        rotary: of a device that turns.
-    """
+    """A unit, a noun or a sentence of these: printed as that of the motion that is spoken of."""
 
     linear: str
     rotary: str
@@ -252,7 +239,6 @@ FORCES = Wording("forces", "torques")
 CAP_FORCE = Wording("Force", "Torque")
 
 _NOUNS = {noun.linear: noun.rotary for noun in (MASS, MASSES, FORCE, FORCES)}
-_SINGLE = {other: noun for noun, other in _NOUNS.items()}
 _UNITS = {
     unit.linear: unit.rotary
     for unit in (NS_PER_M, N_DOT_S_PER_M, N_PER_M, N_PER_MM, M_PER_S, NEWTON, KG, METRE, MM, UM, MICROMETRE)

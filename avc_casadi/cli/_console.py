@@ -13,6 +13,7 @@ from typing import Any, TextIO
 
 from avc_casadi import InputError, fault_document
 from avc_casadi._util.interrupt import HeldInterrupt
+from avc_casadi._util.progress import Progress
 from avc_casadi.present.terminal import Page
 
 # A line of progress is written at most five times a second.
@@ -66,7 +67,7 @@ class _Piece:
         return f"; {rate:.0f} a second, {left:.0f} s left" if rate >= 1 else f"; {left:.0f} s left"
 
 
-class Console:
+class Console(Progress):
     """Standard output carries the answer alone, standard error everything else.
 
     C libraries write to file descriptor 1 behind Python's back, some of them only when the process ends. The

@@ -6,8 +6,10 @@ import argparse
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
+from avc_casadi._util.progress import Progress
 
-class _Printed:
+
+class _Printed(Progress):
     def step(self, what: str) -> AbstractContextManager[None]:
         print(what, flush=True)
         return nullcontext()

@@ -76,7 +76,7 @@ class Background:
         self._over.set()
 
 
-class _Piped:
+class _Piped(Progress):
     """Progress through a pipe, a few times a second."""
 
     def __init__(self, connection: Connection) -> None:

@@ -78,7 +78,7 @@ class Picture:
 
 
 def table_html(table: Table, what: str = "") -> str:
-    """Return a table that scrolls by itself, under its title and with its notes below; ``what`` labels it for a screen reader."""
+    """Return a table that scrolls by itself, its title above and its notes below; ``what`` labels it when read aloud."""
 
     def row(cells: Iterable[str], tag: str, more: str = "") -> str:
         inner = []
