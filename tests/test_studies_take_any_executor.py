@@ -48,8 +48,7 @@ def coupling(problem):
 
 
 def late(number):
-    """The first task is done last."""
-    time.sleep(0.2 if number == 0 else 0.0)
+    time.sleep(0.2 if number == 0 else 0.0)  # the first task is done last
     return number**2
 
 

@@ -14,7 +14,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from textwrap import wrap
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from avc_casadi import (
     AvcError,
@@ -31,9 +31,6 @@ from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
 from avc_casadi.cli._arguments import named
 from avc_casadi.cli._console import Answer, Console, silence
 from avc_casadi.cli._verbs import QUESTIONS, VERBS
-
-if TYPE_CHECKING:
-    pass
 
 NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
 

@@ -19,7 +19,6 @@ class _Printed(Progress):
 
 
 PRINTED = _Printed()
-"""Progress, a line for each cell."""
 
 
 def script_arguments(

@@ -78,7 +78,7 @@ class Picture:
 
 
 def table_html(table: Table, what: str = "") -> str:
-    """Return a table that scrolls by itself, its title above and its notes below; ``what`` labels it when read aloud."""
+    """Return a table that scrolls by itself, its title above and its notes below; ``what`` is its label."""
 
     def row(cells: Iterable[str], tag: str, more: str = "") -> str:
         inner = []
