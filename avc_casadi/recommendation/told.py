@@ -97,11 +97,11 @@ def _watched(trial: dict[str, Any]) -> str:
 
 
 def _settling(found: dict[str, Any]) -> str:
-    """Return the settling time of the released device and the damping ratio with the worst hand."""
+    """Return the settling time of the released device and the damping ratio with the worst corner hand."""
     free, held = found["released"], found["worst_hand"]
     told = "not at all" if free["settling_s"] is None else f"in {number(free['settling_s'], 3)} s"
     ringing = f"damping ratio {number(held['damping_ratio'], 2)} at {number(held['frequency_hz'], 3)} Hz"
-    return f"settling: released {told}; worst hand: {ringing if held['frequency_hz'] else 'no oscillation'}"
+    return f"settling: released {told}; worst corner hand: {ringing if held['frequency_hz'] else 'no oscillation'}"
 
 
 def _ripple(found: dict[str, Any]) -> str:
@@ -117,7 +117,7 @@ def _ripple(found: dict[str, Any]) -> str:
 
 
 def _margins(who: str, found: dict[str, Any]) -> str:
-    """Return the stability margins at the actuator, released or with the worst hand of each."""
+    """Return the stability margins at the actuator, released or with the worst corner hand of each."""
     units = (
         ("gain", " times", "gain_hz"),
         ("phase_deg", " degrees", "phase_hz"),
@@ -129,7 +129,7 @@ def _margins(who: str, found: dict[str, Any]) -> str:
         else f"{key.partition('_')[0]} {number(found[key], 3)}{unit} at {number(found[hz], 3)} Hz"
         for key, unit, hz in units
     )
-    return f"{who.replace('_', ' ')} {told}"
+    return f"{who.replace('worst_hand', 'worst corner hand')} {told}"
 
 
 def _nominal(confirmed: dict[str, int] | None) -> str:
