@@ -63,7 +63,7 @@ def settled(driver):
         lambda: driver.execute_script(
             "return document.getElementById('status').textContent === 'ready'"
             " && !document.querySelector('main').classList.contains('stale')"
-            " && document.querySelector('#c-region svg') !== null && document.querySelector('#levels table') !== null"
+            " && document.querySelector('#c-region svg') !== null && document.querySelector('#levels pre') !== null"
         )
     )
 
