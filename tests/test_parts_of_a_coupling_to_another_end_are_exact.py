@@ -16,7 +16,6 @@ from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolState, VirtualTool, tool_states
 from avc_casadi.recommendation import bilateral as _bilateral
 from avc_casadi.recommendation import tool_impedance as _impedance
-from avc_casadi.recommendation import tool_sensitivity as _sensitivity
 from avc_casadi.recommendation import tried_tool as _hands
 from avc_casadi.recommendation import virtual_tool as _tool
 
@@ -211,21 +210,6 @@ def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
     for more in ("", "\nstiffness_n_per_m = 3000.0"):
         _tool.recommend_tool(problem(f"tool_mass_kg = 0.2\nstep_s = 0.004{more}"))
     assert first == pytest.approx([0.9 * 0.9 * 5000.0 / 1.5, 3000.0])
-
-
-def test_limits_of_mass_and_step_are_where_a_stiffness_holds_no_more(monkeypatch):
-    def search(_, tool_mass_kg=1.0, step_s=T, exchange="on-time"):
-        holds = tool_mass_kg >= 0.033 and step_s < 13.5 * T
-        return SimpleNamespace(holds=lambda _, *, local: holds and (local or exchange == "on-time"))
-
-    monkeypatch.setattr(_sensitivity, "_search", search)
-    stated = problem("tool_mass_kg = 0.2\nstep_s = 0.004")
-    lightest = _sensitivity.least_tool_mass_kg(stated, 1e3, local=False)
-    assert 0.033 <= lightest < 1.02 * 0.033
-    assert _sensitivity.slowest_step_s(stated, 1e3, local=False) == pytest.approx(13 * T)
-    # A held force has a damper of the device's own loop beside it in any case.
-    found = _sensitivity.exchanges_that_hold(stated, 1e3, local=False)
-    assert found == {"on-time": True, "late": False, "ahead": False, "held-force": True}
 
 
 def test_a_loop_whose_map_overflows_is_unstable():

@@ -37,15 +37,7 @@ _DELAYS = 3
 
 @dataclass(frozen=True)
 class BilateralCase:
-    """One loop: the hand on the leader, the environment of the follower, the delays of the link.
-
-    Attributes:
-        hand: its parameters; all 0 for the leader released.
-        environment_n_per_m: stiffness at the follower, in the leader's units; infinite where it is rigid.
-        leader: values of its linear keys.
-        follower: the same, in the leader's units.
-        delays_s: to the follower and back.
-    """
+    """One loop: the hand on the leader, the environment of the follower, the delays of the link."""
 
     hand: dict[str, float]
     environment_n_per_m: float
@@ -106,10 +98,9 @@ class BilateralLoops(PeriodicLoops):
         """Search each clock and delay, free and in contact, held and released, over all other ranges."""
         before, times = len(self._inside), (self.problem.device.sample_time_s, self.follower.sample_time_s)
         for delays_s in _delays_s(self.follower):
-            for clock, contact, hand in product(
-                link_clocks(*times, *delays_s), _contact_ranges_n_per_m(self.follower), hand_boxes(self.problem)
-            ):
-                growth, loop, case = _Ranges(self.problem, clock, delays_s, contact, hand).worst(gains)
+            contacts, hands = _contact_ranges_n_per_m(self.follower), hand_boxes(self.problem)
+            for clock, contact, hand, slow in product(link_clocks(*times, *delays_s), contacts, hands, (True, False)):
+                growth, loop, case = _Ranges(self.problem, clock, delays_s, contact, hand).worst(gains, slow=slow)
                 if growth > known:
                     self.patterns.append(loop)
                     self._inside.append(case)
@@ -139,15 +130,15 @@ class _Ranges:
     contact: tuple[float, float]
     hand: Ranges
 
-    def worst(self, gains: ToolGains) -> tuple[float, BilateralLoop, BilateralCase]:
-        """Return the largest growth that a search finds, its loop and what that is."""
+    def worst(self, gains: ToolGains, *, slow: bool) -> tuple[float, BilateralLoop, BilateralCase]:
+        """Return the largest growth that a search finds, its loop and what that is; slow: of all modes."""
         leader, other = self.problem.device, required_follower(self.problem).at_leader()
         of_other = {f"follower.{key}": ends for key, ends in device_ranges(other, LINEAR_KEYS).items()}
         box = Box({**self.hand, **device_ranges(leader, LINEAR_KEYS), **of_other, **self._of_contact()})
 
         def growth(_: IndexArray, places: FloatArray) -> ComplexArray:
             loop = self._loops(box.values(places))[0]
-            return leading(loop.monodromy(gains).reshape(-1, loop.size, loop.size), loop)
+            return leading(loop.monodromy(gains).reshape(-1, loop.size, loop.size), loop, slow=slow)
 
         place, value = worst_point(growth, len(box.sides))
         found = box.values(place[:, None])

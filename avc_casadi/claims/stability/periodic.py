@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.claims.stability.eigenvalues import eigenvalues, largest_eigenvalue, leading_radii
+from avc_casadi.claims.stability.eigenvalues import eigenvalues, leading_radii
 
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
@@ -21,18 +21,13 @@ TOLERANCE = 1e-9
 # Products of maps beyond this overflow, or soon do: their loops count as unstable.
 _OVERFLOWING = 1e60
 # Eigenvalues this small are deadbeat; oscillations slower than this are drift.
-_DEAD, _DRIFT_HZ = 1e-6, 0.1
+_DEAD, _DRIFT_HZ, _SLOW_HZ = 1e-6, 0.1, 2.0
 # Growth of loops with different patterns is compared over this time.
 UNIT_S = 1e-3
 
 
 class Periodic(Protocol):
-    """Properties common to loops of one pattern of samples.
-
-    Attributes:
-        shift: the state in which all is displaced by one metre, shape (size,).
-        period_s: of the pattern.
-    """
+    """Properties common to loops of one pattern of samples."""
 
     shift: FloatArray
     period_s: float
@@ -68,12 +63,7 @@ class Loops(Protocol):
 
 @dataclass(frozen=True)
 class WithMargin:
-    """All loops, with K and B as they are and up to a gain margin times as large.
-
-    Attributes:
-        loops: all loops.
-        gain_margin: required.
-    """
+    """All loops, with K and B as they are and up to a gain margin times as large."""
 
     loops: Loops
     gain_margin: float
@@ -195,13 +185,26 @@ def _contracts(values: ComplexArray) -> BoolArray:
     return np.asarray(np.abs(values).max(axis=-1) < 1 - TOLERANCE)
 
 
-def leading(matrices: FloatArray, pattern: Periodic) -> ComplexArray:
+def leading(matrices: FloatArray, pattern: Periodic, *, slow: bool) -> ComplexArray:
     """Return the largest eigenvalue of loops of a pattern (m, size, size), without a free translation.
 
     Its modulus is that over a millisecond, comparable between patterns.
+
+    Args:
+        matrices: of the loops.
+        pattern: of all of them.
+        slow: whether a stable mode below 2 Hz counts: a soft hand or a drifting tool decays more slowly than what is
+            about to become unstable, and would hide it from a search.
     """
-    largest = largest_eigenvalue(_held(matrices, pattern.shift))
-    return np.asarray(largest * np.abs(largest) ** (UNIT_S / pattern.period_s - 1))
+    values = eigenvalues(_held(matrices, pattern.shift))
+    grown = values * np.maximum(np.abs(values), _DEAD) ** (UNIT_S / pattern.period_s - 1)
+    size = np.abs(grown)
+    if not slow:
+        still = (np.abs(np.angle(values)) < 2 * np.pi * _SLOW_HZ * pattern.period_s) & (size < 1)
+        size = np.where(still, 0.5 * size, size)
+    largest = np.argmax(size, axis=-1)[..., None]
+    found = np.take_along_axis(grown, largest, axis=-1)[..., 0]
+    return np.asarray(found / np.abs(found) * np.take_along_axis(size, largest, axis=-1)[..., 0])
 
 
 def _held(matrices: FloatArray, shift: FloatArray) -> FloatArray:

@@ -38,14 +38,7 @@ _STEPS = 4
 
 @dataclass(frozen=True)
 class ToolCase:
-    """One loop: hand, device, tool with its contact, engine step.
-
-    Attributes:
-        hand: its parameters; all 0 for the device released.
-        device: values of its linear keys.
-        tool: the tool, at the device.
-        step_s: of the engine.
-    """
+    """One loop: hand, device, tool with its contact, engine step."""
 
     hand: dict[str, float]
     device: dict[str, float]
@@ -109,8 +102,9 @@ class ToolLoops(PeriodicLoops):
         """Search each clock, free and in contact, held and released, over all other ranges."""
         sample_time_s, before = self.problem.device.sample_time_s, len(self._inside)
         every = [clock for step_s in _steps_s(self.tool) for clock in clocks(step_s, sample_time_s)]
-        for clock, contact, hand in product(every, _contact_ranges_n_per_m(self.tool), hand_boxes(self.problem)):
-            growth, loop, case = _Ranges(self.problem, clock, contact, hand).worst(gains)
+        contacts, hands = _contact_ranges_n_per_m(self.tool), hand_boxes(self.problem)
+        for clock, contact, hand, slow in product(every, contacts, hands, (True, False)):
+            growth, loop, case = _Ranges(self.problem, clock, contact, hand).worst(gains, slow=slow)
             if growth > known:
                 self.patterns.append(loop)
                 self._inside.append(case)
@@ -152,13 +146,13 @@ class _Ranges:
     contact: tuple[float, float]
     hand: Ranges
 
-    def worst(self, gains: ToolGains) -> tuple[float, LiftedLoop, ToolCase]:
-        """Return the largest growth that a search finds, its loop and what that is."""
+    def worst(self, gains: ToolGains, *, slow: bool) -> tuple[float, LiftedLoop, ToolCase]:
+        """Return the largest growth that a search finds, its loop and what that is; slow: of all modes."""
         box = Box({**self.hand, **device_ranges(self.problem.device, LINEAR_KEYS), **self._of_tool()})
 
         def growth(_: IndexArray, places: FloatArray) -> ComplexArray:
             loop, _device, tools = self._loops(box.values(places))
-            return leading(loop.paired(gains, tools), loop)
+            return leading(loop.paired(gains, tools), loop, slow=slow)
 
         place, value = worst_point(growth, len(box.sides))
         found = box.values(place[:, None])

@@ -29,8 +29,9 @@ _ROUNDS, _SWEEPS = 12, 15
 # An ascent ends below this gain, step or reach, steps and reach as shares of the box.
 _GAINED, _STILL, _SHORTEST = 1e-10, 1e-4, 3e-3
 _REACH, _SHRINK = 0.2, 0.45
-# Boxes of more sides have drawn corners. Starts of lines and of ascents, points of a line, how far starts lie apart.
-_MOST_SIDES, _LINES, _ASCENTS, _POINTS, _APART = 6, 6, 3, 9, 0.3
+# Boxes of more sides have drawn corners. Points drawn inside for each side, starts of lines and of ascents, points of a
+# line, how far starts lie apart: maxima near a resonance of tool, contact or device are narrow.
+_MOST_SIDES, _DRAWN, _LINES, _ASCENTS, _POINTS, _APART = 6, 40, 6, 5, 15, 0.25
 # A range that spans more than this factor is searched by its logarithm.
 _WIDE = 3.0
 
@@ -75,7 +76,8 @@ def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
         leading: of row 0 at many places.
         sides: of the box.
     """
-    places = _corners(sides)
+    drawn = np.random.default_rng(1).random((sides, _DRAWN * sides))
+    places = np.concatenate([_corners(sides), drawn], axis=1)
     values = leading(np.zeros(places.shape[1], dtype=np.intp), places)
     if not sides:
         return places[:, 0], complex(values[0])
