@@ -56,6 +56,9 @@ class _Parser(argparse.ArgumentParser):
             what += f"; a value that begins with - is written {key}=VALUE"
         raise InputError.of(f"{what}; see `{self.prog} --help`", key=key)
 
+    def _print_message(self, message: str, file: Any = None) -> None:
+        (file or sys.stderr).write(message)  # argparse's own drops what cannot be written
+
 
 def build_parser() -> argparse.ArgumentParser:
     """Return the parser of all commands; imports nothing slow."""
@@ -103,11 +106,7 @@ def _take(parser: argparse.ArgumentParser, module: ModuleType) -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `avc` and return its exit code.
-
-    Args:
-        argv: arguments without the program's name; None takes those of the process.
-    """
+    """Run `avc` with arguments without the program's name, or those of the process; return its exit code."""
     arguments = sys.argv[1:] if argv is None else list(argv)
     as_json = "--json" in arguments
     console: Console | None = None
