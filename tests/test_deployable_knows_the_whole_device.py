@@ -17,9 +17,6 @@ from avc_casadi.coupling import Coupling
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_released
-from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.preconditions import assumed, not_judged
-from avc_casadi.recommendation.recommend import judged_as_recommended
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import Conditions
@@ -204,11 +201,6 @@ def test_a_free_device_with_a_resonance_keeps_its_place(damping):
     assert [claim.passed for claim in claims] == [True, True]
 
 
-def test_an_observer_is_told_not_to_be_judged():
-    coupling = Coupling.constant(problem(), Gains(0.0, 1e3, 1.0), "x", Runtime(observer_mass_kg=0.15))
-    assert all("without the observer" in claim.sentence for claim in avc.deployable(coupling).claims)
-
-
 def test_the_trial_simulates_all_that_is_declared():
     device = {
         "resonance": MODE,
@@ -233,41 +225,3 @@ def test_the_trial_simulates_all_that_is_declared():
     seen = Conditions.of(Coupling.constant(handle, Gains(0.0, 1e8, 2.0), "x")).effects()
     assert {"encoder"} <= {effect.kind for effect in seen}
     assert "backlash" not in {effect.kind for effect in seen}
-
-
-def test_a_gain_box_that_nobody_stated_is_not_told():
-    bare = avc.parse_problem(
-        "[device]\nmass_kg=0.1\ndamping_ns_per_m=2\n[environment]\ndamping_ns_per_m=0\nstiffness_n_per_m=800\n"
-    )
-    stated = bare.changed(coupling={"stiffness_n_per_m": [0.0, 1e3]})
-    told = [
-        [line for line in assumed(one, Coupling.constant(one, Gains(0.0, 1e8), "x")) if "gain box" in line]
-        for one in (bare, stated)
-    ]
-    assert told[0] == []
-    assert "k of 1e+08 N/m lies outside [0, 1000]" in told[1][0]
-
-
-@pytest.mark.thorough
-def test_what_is_recommended_for_a_resonant_device_is_told_as_it_is():
-    case = problem(800.0, 0.0, resonance=MODE, amplifier_bandwidth_hz=1000.0, delay_samples=0.5, backlash_m=1e-5)
-    case = case.changed(
-        device={"range": {"mass_kg": [0.1, 0.12], "backlash_m": [0.0, 2e-5]}},
-        coupling={"structure": "damped", "contact_damping_ns_per_m": [0.0, 1e-3]},
-    )
-    best = avc.recommend(case, hands=9)
-    assert best.deployable
-    assert not_judged(best.not_used) == []
-    assumed = "\n".join(best.assumed)
-    met = "trial at nominal, and by others at 16 devices of the ranges"
-    assert f"device.range.mass_kg: linear stability at its corners, {met}" in assumed
-    assert f"device.range.backlash_m: {met}; no part of linear" in assumed
-    assert best.confirmed.devices == 16
-    outside = best.coupling.table.at_rest.contact_damping_ns_per_m > 1e-3
-    box = assumed.partition("gain box of [coupling] does not bound what is recommended: ")[2].partition("\n")[0]
-    assert ("b_p of" in box) == outside
-    ideal = stiffest_wall(problem().device, with_released(hand_corners(case.hands)))
-    assert best.stiffest_wall_n_per_m < 0.5 * ideal.stiffness_n_per_m
-    handle = case.changed(device={"encoder_at": "handle"})
-    judged = judged_as_recommended(handle, best.coupling.schedule, hands=2)
-    assert any("backlash_m (not seen" in line for line in judged.not_used)

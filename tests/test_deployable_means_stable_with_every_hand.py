@@ -8,14 +8,11 @@ from itertools import product
 import numpy as np
 import pytest
 import scipy.linalg
-from robust_steps import step_at
 
 import avc_casadi as avc
-from avc_casadi.claims import deployable as _deployable
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.model.gains import Gains, GainTable
-from avc_casadi.model.runtime import Runtime
 
 
 def growth(mass, damping, stiffness, gains, wall, time, delay):
@@ -192,18 +189,3 @@ def test_a_table_that_is_written_to_is_judged_anew():
     assert avc.deployable(coupling).passed
     coupling.table.gains[2] = 1e4
     assert not avc.deployable(coupling).passed
-
-
-@pytest.mark.thorough
-def test_a_verdict_is_worked_out_once_though_others_have_the_same_gains(monkeypatch):
-    """A wall's laws differ in what runs beside the gains alone."""
-    problem = avc.load_problem("reference-r1")
-    steps = [step_at(problem, wall) for wall in (3000.0, 2000.0)]
-    couplings = [
-        Coupling.constant(problem, steps[0].gains, "x", Runtime(state_feedback=step.best.law)) for step in steps
-    ]
-    judged = []
-    monkeypatch.setattr(_deployable, "_verdict", lambda one, _: judged.append(one.runtime) or len(judged))
-    for _ in range(2):
-        assert [_deployable.deployable(one) for one in couplings] == [1, 2]
-    assert len(judged) == 2

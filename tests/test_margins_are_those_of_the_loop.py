@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.optimize import brentq
+from scipy.optimize import brentq, minimize_scalar
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.declared_device import plants_with_forces
@@ -92,6 +92,26 @@ def test_at_a_margin_the_spectral_radius_is_one(case):
         whole = math.floor(found.delay_samples)
         assert max(radius(case, hand, more=whole) for hand in hands) < 1
         assert max(radius(case, hand, more=whole + 1) for hand in hands) > 1
+
+
+@pytest.mark.parametrize("case", LOOPS.values(), ids=LOOPS)
+def test_some_factor_on_the_edge_of_the_disk_and_none_inside_brings_the_radius_to_one(case):
+    turned = np.exp(1j * np.linspace(0, 2 * math.pi, 361))
+
+    def worst(alpha, hands):
+        def grows(angle):
+            inside = alpha / 2 * np.exp(1j * angle)
+            return max(radius(case, hand, factor=(1 + inside) / (1 - inside)) for hand in hands)
+
+        at = max(np.angle(turned), key=grows)
+        step = 2 * math.pi / 360
+        found = minimize_scalar(lambda angle: -grows(angle), bounds=(at - step, at + step), options={"xatol": 1e-12})
+        return -found.fun
+
+    released, held = OpenLoop.of(coupling_of(case)).margins()
+    for found, hands in ((released, CORNERS[:1]), (held, CORNERS[1:])):
+        assert worst(found.disk, hands) == pytest.approx(1, abs=1e-9)
+        assert worst(0.995 * found.disk, hands) < 1 < worst(1.005 * found.disk, hands)
 
 
 def loop_gain(case, hand, turn):
@@ -180,7 +200,7 @@ def test_a_device_that_strikes_its_wall_rings_as_its_poles_say():
 
 def test_what_is_not_stable_has_no_margin():
     released, held = OpenLoop.of(coupling_of((0.12, 0.8, 1e-3, 1, 3e5, 0.0, 1e8, 0.0))).margins()
-    assert (released.gain, released.phase_deg, released.delay_samples) == (1, 0, 0)
+    assert (released.gain, released.phase_deg, released.delay_samples, released.disk) == (1, 0, 0, 0)
     assert (held.gain, held.phase_deg, held.delay_samples) == (1, 0, 0)
 
 

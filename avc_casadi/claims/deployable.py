@@ -320,11 +320,6 @@ def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = 
     """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table.
 
     The certificate is the `certify` document; ``deployable`` in it holds the verdict.
-
-    Args:
-        coupling: the coupling.
-        progress: reported over the rows that are judged.
-        prove: request proofs too, as in `certify`.
     """
     found = certify(coupling.problem, coupling, prove=prove, progress=progress)
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
@@ -332,15 +327,7 @@ def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = 
 
 @in_its_units
 def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:
-    """Raise unless a coupling may be deployed on a device or exported to C; its own certificate is not used.
-
-    Args:
-        coupling: the coupling to deploy.
-        unsafe: pass whatever the verdict; the caller records it.
-
-    Raises:
-        NotDeployableError: which claim fails, and what to do.
-    """
+    """Raise unless a coupling may be deployed on a device or exported to C; its own certificate is not used."""
     verdict = deployable(coupling)
     if not verdict.passed and not unsafe:
         raise NotDeployableError(

@@ -25,9 +25,6 @@ def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
 
     A top is no equilibrium for a hand softer than the slope, nor for the released device: they move into a valley. The
     claim is that they do so without oscillation.
-
-    Returns:
-        Whether it holds, the claim in words, the advice, and the largest spectral radius in a valley.
     """
     detent = problem.detent
     if detent is None:

@@ -47,14 +47,7 @@ _STARTS, _REACH, _SHRINK, _ROUNDS = 3, 0.25, 0.6, 12
 
 @dataclass(frozen=True)
 class Worst:
-    """The least damped loop found by a search.
-
-    Attributes:
-        radius: spectral radius.
-        share: sector gain of the dead zone.
-        device: one of the declared ranges.
-        hand: mass, damping and stiffness by name; zeros where the device is released.
-    """
+    """The least damped loop found by a search."""
 
     radius: float
     share: float
@@ -64,15 +57,7 @@ class Worst:
 
 @dataclass(frozen=True)
 class FeedbackRadius:
-    """Spectral radii of the loop of a coupling with state feedback.
-
-    Attributes:
-        devices: those at the corners of the declared ranges, then some drawn within them.
-        hands: number of hands judged before the search for the worst.
-        held: worst with a hand, without dead zone.
-        any_share: worst with a hand and any sector gain of the dead zone.
-        free: worst released, without dead zone.
-    """
+    """Spectral radii of the loop of a coupling with state feedback."""
 
     devices: list[Device]
     hands: int
@@ -86,14 +71,6 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
 
     A pattern search starts at the worst of the initial hands and sector gains, as maxima lie between them. A search,
     not a proof.
-
-    Args:
-        coupling: with constant gains and state feedback.
-        draws: hands drawn in addition to the corners of their ranges.
-        seed: of the draws, of hands and devices.
-
-    Raises:
-        UnsupportedError: gains that vary, or too long a delay.
     """
     law, problem = coupling.runtime.state_feedback, coupling.problem
     if law is None:

@@ -41,17 +41,7 @@ _ROWS_INSIDE = 4
 
 @dataclass(frozen=True)
 class EveryHand:
-    """The worst of all evaluated hands and device corners, for each of n rows.
-
-    Attributes:
-        stable: whether the row is stable with all of them, shape (n,).
-        radius: largest spectral radius, shape (n,).
-        frequency_hz: frequency of that eigenvalue, shape (n,).
-        hands: the worst hand of each row, n hands.
-        corner: its corner of the device, shape (n,).
-        devices: the corners.
-        looked_at: initial hands, common to all rows.
-    """
+    """The worst of all evaluated hands and device corners, for each of n rows."""
 
     stable: BoolArray
     radius: FloatArray
@@ -68,17 +58,6 @@ def every_hand(
     """Search for the worst hand of each row.
 
     A row that is unstable with one of the initial hands is not searched further, except the worst of all rows.
-
-    Args:
-        problem: device with its ranges, and hands.
-        parts: partial fractions of n renderings.
-        contact: b_p, shape (n,).
-        draws: hands drawn in addition to the corners.
-        seed: seed of the draws.
-        progress: reported over the rows.
-
-    Raises:
-        UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
     """
     devices = device_corners(problem.device, LINEAR_KEYS)
     first = hand_set(problem.hands, draws=draws, seed=seed)
@@ -115,14 +94,7 @@ def every_hand(
 def released_radius(
     problem: Problem, parts: Fractions, contact: FloatArray, progress: Progress = SILENT
 ) -> tuple[FloatArray, IndexArray, list[Device]]:
-    """Return the largest spectral radius of each row with the device released, shape (n,), its device, and all devices.
-
-    Args:
-        problem: device with its ranges.
-        parts: partial fractions of n renderings.
-        contact: b_p, shape (n,).
-        progress: reported over the rows.
-    """
+    """Return the largest released spectral radius of each row, shape (n,), its device, and all devices."""
     devices = device_corners(problem.device, LINEAR_KEYS)
     radii = [whole_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in devices]
     corner, radius = np.argmax(radii, axis=0), np.max(radii, axis=0)

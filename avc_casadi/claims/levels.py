@@ -34,16 +34,7 @@ _ROWS_AT_ONCE = 4000
 
 @dataclass(frozen=True)
 class Rows:
-    """The gains under judgement; b, k and b_p of the present rows alone, shape (p,).
-
-    Attributes:
-        problem: the problem.
-        frequency_hz: of all rows, shape (n,).
-        present: which rows have gains, shape (n,).
-        b: coupling damping of the present rows.
-        k: coupling stiffness.
-        contact: contact damping.
-    """
+    """The gains under judgement; b, k and b_p of the present rows alone, shape (p,)."""
 
     problem: Problem
     frequency_hz: FloatArray
@@ -79,11 +70,7 @@ def judge_passivity(judged: Judged, claim: PassivityClaim) -> LevelResult:
 
 
 def _with_device(rows: Rows, claim: PassivityClaim, model: Model, progress: Progress) -> LevelResult:
-    """Judge on a device that is not `ideal`.
-
-    Raises:
-        UnsupportedError: the claim has no proof on such a device.
-    """
+    """Judge on a device that is not `ideal`."""
     if claim.where != "all":
         return _own_frequency(rows, claim.name, model, claim.where)
     if model == "paper":

@@ -31,12 +31,7 @@ SCHEMA = "avc-proof-file/1"
 
 
 def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[str, Any]]:
-    """Return the proof files of the requested levels, by name: JSON values.
-
-    Args:
-        problem: the problem judged against; its device, wall and hands are in each file.
-        certificate: with proofs, as `certify` with ``prove`` gives it.
-    """
+    """Return the proof files of the requested levels, by name: JSON values."""
     spoken_of = {name: getattr(problem, name).model_dump(mode="json") for name in ("device", "environment", "hands")}
     return {
         f"{level}.json": plain(
@@ -84,9 +79,6 @@ def quick_rest_level(coupling: Coupling, progress: Progress = SILENT) -> LevelRe
     """Prove L7 where it takes a second or two: constant gains alone, clipped last, on a rigid device known exactly.
 
     A device with play is not known exactly.
-
-    Returns:
-        The level; None for any other coupling.
     """
     if not quickly_proved(coupling):
         return None

@@ -23,17 +23,7 @@ CLAIMS: Registry[Claim] = Registry("level", "avc_casadi.claims.level")
 
 @dataclass(frozen=True)
 class Judged:
-    """Inputs of a certificate.
-
-    Attributes:
-        problem: the problem judged against.
-        rows: the gains.
-        gains: their table.
-        whole: the table, or the coupling with it.
-        draws: hands drawn in addition to the corners of their ranges.
-        seed: of the draws.
-        progress: reported over the rows.
-    """
+    """Inputs of a certificate."""
 
     problem: Problem
     rows: Rows
@@ -59,18 +49,7 @@ class Judged:
 
 
 class Claim(ABC):
-    """One level of a certificate. A subclass that gives its name is in the registry.
-
-    Attributes:
-        name: of the level.
-        title: the claim in a few words.
-        rank: its place in every list.
-        claims: the claim, if it passes, in words.
-        leaves: what it does not claim, in words.
-        hold: hold model of the claim; None is the problem's.
-        scope: the scope of a problem file that requires it; None where none does.
-        on_demand: whether it is judged only where proofs are requested.
-    """
+    """One level of a certificate. A subclass that gives its name is in the registry."""
 
     name: ClassVar[str]
     title: ClassVar[str]
@@ -102,12 +81,7 @@ Where = Literal["own", "band", "all"]
 
 
 class PassivityClaim(Claim):
-    """Passivity of frozen gains, at frequencies and with environments of a level.
-
-    Attributes:
-        where: its frequencies.
-        any_environment: whether with any passive environment, not this one alone.
-    """
+    """Passivity of frozen gains, at frequencies and with environments of a level."""
 
     where: ClassVar[Where] = "all"
     any_environment: ClassVar[bool] = False

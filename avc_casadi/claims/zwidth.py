@@ -42,14 +42,7 @@ _RATIOS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.175, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LlewellynTable(Tabular):
-    """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where no stiffness is allowed.
-
-    Attributes:
-        damping_ratio: b_c/b_d.
-        paper: with the printed hold.
-        sampled_data: with hold 1/z; without delay 2 (1 - b_c/b_d).
-        delay_samples: delay of the device, the longest of its range.
-    """
+    """k_c T/b_d against b_c/b_d for both holds, each of shape (n,); not a number where no stiffness is allowed."""
 
     damping_ratio: FloatArray
     paper: FloatArray
@@ -69,15 +62,7 @@ class LlewellynTable(Tabular):
 
 
 def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -> LlewellynTable:
-    """Return the largest stiffness, the minimum over the range of the delay; environment and mass do not enter.
-
-    Args:
-        problem: device.
-        damping_ratio: b_c/b_d, shape (n,); None takes 16 values from 0 to 8.
-
-    Raises:
-        UnsupportedError: a device without damping, or with a fractional delay, an amplifier or a resonance.
-    """
+    """Return the largest stiffness, the minimum over the range of the delay; environment and mass do not enter."""
     device = problem.device
     if device.damping_ns_per_m == 0:
         raise UnsupportedError(
@@ -123,15 +108,7 @@ _DAMPINGS = 241
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Largest stiffness of a wall at each wall damping for one claim.
-
-    Attributes:
-        key: short name.
-        claim: what holds below the curve.
-        delay_samples: nominal delay of the loop.
-        stiffness_n_per_m: K, shape (n,); not a number where no stiffness meets the claim.
-        wanted: whether the problem's own wall, without coupling, meets the claim.
-    """
+    """Largest stiffness of a wall at each wall damping for one claim."""
 
     key: str
     claim: str

@@ -31,12 +31,7 @@ Number = float | complex
 
 @dataclass(frozen=True, eq=False)
 class Disc:
-    """Discs c + r, arrays of one shape.
-
-    Attributes:
-        centre: c.
-        radius: r >= 0; not finite where there is no bound.
-    """
+    """Discs c + r, arrays of one shape."""
 
     centre: ComplexArray
     radius: FloatArray
@@ -131,12 +126,7 @@ class Disc:
 
 @dataclass(frozen=True, eq=False)
 class Moving:
-    """A disc with its rates of change along some variables, each over the whole cell.
-
-    Attributes:
-        value: the value.
-        slopes: rate along each variable that it depends on, by the variable's index.
-    """
+    """A disc with its rates of change along some variables, each over the whole cell."""
 
     value: Disc
     slopes: dict[int, Disc]

@@ -54,12 +54,7 @@ _ROOM = 1.0 + 1e-9
 
 @dataclass(frozen=True)
 class SampledPlantBox:
-    """A device, known exactly or within ranges, with every hand of a box.
-
-    Attributes:
-        device: the device as declared.
-        hand: range of each number of the hand, [lowest, highest]: `HAND`, or `STYLUS` for a hand on a stylus.
-    """
+    """A device, known exactly or within ranges, with every hand of a box."""
 
     device: Device
     hand: Mapping[str, tuple[float, float]]
@@ -139,12 +134,7 @@ class SampledPlantBox:
         return np.asarray(above / below + around)
 
     def over(self, omega: Moving, numbers: tuple[Moving, ...]) -> tuple[Moving, Moving, Moving]:
-        """Enclose the included terms; the omitted ones are within `tail`.
-
-        Returns:
-            Numerator and denominator of the middle term, which varies most with the hand and may nearly cancel, and the
-            sum of the others.
-        """
+        """Enclose the included terms; the omitted ones are within `tail`."""
         return self._folded(omega, dict(zip(self.names, numbers, strict=True)), self.terms)
 
     def _folded(self, omega: Value, numbers: dict[str, Value], terms: int) -> tuple[Value, Value, Value]:

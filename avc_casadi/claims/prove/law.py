@@ -37,17 +37,7 @@ _ZERO, _ONE = Fraction(0), Fraction(1)
 
 @dataclass(frozen=True)
 class ContactLaw:
-    """Gains, wall and observer at one sample time, clipped last.
-
-    Attributes:
-        sample_time_s: T.
-        damping_ns_per_m: b of the coupling; infinite for a rigid one.
-        stiffness_n_per_m: k of the coupling; infinite for a rigid one.
-        contact_damping_ns_per_m: b_p.
-        wall_damping_ns_per_m: b_e.
-        wall_stiffness_n_per_m: k_e.
-        state_feedback: observer and feedback, without its dead zone; None for the position as measured.
-    """
+    """Gains, wall and observer at one sample time, clipped last."""
 
     sample_time_s: float
     damping_ns_per_m: float

@@ -38,11 +38,7 @@ LAGS = tuple(lag for lag in range(-5, 6) if lag)
 
 @dataclass(frozen=True)
 class Multiplier:
-    """1 - sum of h_i exp(-j omega i).
-
-    Attributes:
-        taps: h_i by lag i, each positive.
-    """
+    """1 - sum of h_i exp(-j omega i)."""
 
     taps: Mapping[int, float]
 
@@ -69,15 +65,7 @@ class Multiplier:
 
 
 def search(omega: FloatArray, loop: ComplexArray) -> tuple[Multiplier, float]:
-    """Return the taps with the largest t in Re{M (1 + L)} >= t |1 + L|.
-
-    Args:
-        omega: angles of the points, shape (p,).
-        loop: L there, shape (p,); many hands may share an angle.
-
-    Returns:
-        The multiplier and t; None where t is not positive, or where the programme was not solved.
-    """
+    """Return the taps with the largest t in Re{M (1 + L)} >= t |1 + L|."""
     import casadi as ca  # noqa: PLC0415
 
     around = 1 + loop
@@ -115,13 +103,7 @@ MOST_CELLS = {3: 400_000, 5: 10_000_000}
 
 @dataclass(frozen=True)
 class Verified:
-    """Result of the verification of a multiplier.
-
-    Attributes:
-        holds: whether it holds for every angle and hand.
-        cells: number of evaluated cells.
-        fails_at: an angle and a hand at which it does not hold, shape (1 + numbers,); None where none was found.
-    """
+    """Result of the verification of a multiplier."""
 
     holds: bool
     cells: int
@@ -136,15 +118,7 @@ def verify(
     most_cells: int | None = None,
     progress: Progress = SILENT,
 ) -> Verified:
-    """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box.
-
-    Args:
-        law: the law, with its poles inside the unit circle.
-        device: the device and the box of hands.
-        multiplier: the multiplier.
-        most_cells: largest number of cells; None is `MOST_CELLS` of such hands.
-        progress: reported over the share of the box that is done.
-    """
+    """Decide whether Re{M (1 + P C1 - C2)} > 0 for every angle of [0, pi] and every hand of the box."""
     coefficients = tuple(_rounded(part) for part in law.transfer)
     ends = np.array(list(device.ranges.values()))
     # Just above pi: the real part repeats there.
@@ -177,14 +151,7 @@ def verify(
 
 
 class _Cells(NamedTuple):
-    """Cells of (omega, hand).
-
-    Attributes:
-        low: lower corners, shape (n, 1 + numbers).
-        high: upper corners.
-        share: of the box that each represents, shape (n,).
-        left_out: e of the cell that each represents; not a number where it represents itself alone.
-    """
+    """Cells of (omega, hand)."""
 
     low: FloatArray
     high: FloatArray
@@ -202,15 +169,7 @@ class _Cells(NamedTuple):
 
 
 class _Bounds(NamedTuple):
-    """Bounds of the scaled real part in n cells.
-
-    Attributes:
-        at_middle: upper bound of its value at the middle, shape (n,).
-        lower: lower bound over the cell, shape (n,).
-        across: largest decrease by each number over the cell, shape (n, 1 + numbers); not a number where unknown.
-        way: 1 where it increases along a number, -1 where it decreases, else 0.
-        left_out: e, shape (n,).
-    """
+    """Bounds of the scaled real part in n cells."""
 
     at_middle: FloatArray
     lower: FloatArray

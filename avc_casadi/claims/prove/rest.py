@@ -43,11 +43,7 @@ _LEFT_OUT = {
 
 
 def covered(device: Device) -> str:
-    """Return the coverage of a proof of rest in words: mechanics, amplifier and delay as declared, and what is omitted.
-
-    Args:
-        device: as declared, with its ranges.
-    """
+    """Return what a proof of rest covers, in words: mechanics, amplifier and delay as declared, and what is omitted."""
     mode, spread = device.resonance, device.range
     mechanics = "a rigid device"
     if mode is not None:
@@ -81,13 +77,7 @@ _NEAR = np.array([0.97, 0.99, 1.0, 1.01, 1.03])
 
 @dataclass(frozen=True)
 class Unstable:
-    """A hand with which the loop is unstable in permanent contact.
-
-    Attributes:
-        hand: the numbers of the hand, by name.
-        device: values of the device not known exactly, by key.
-        spectral_radius: of the loop.
-    """
+    """A hand with which the loop is unstable in permanent contact."""
 
     hand: dict[str, float]
     device: dict[str, float]
@@ -96,20 +86,7 @@ class Unstable:
 
 @dataclass(frozen=True)
 class Rest:
-    """Proof or refutation of rest.
-
-    Attributes:
-        outcome: proved, refuted or open.
-        sentence: the claim, its counterexample, or why it is open.
-        contact: the contact law.
-        law: the law.
-        device: the device as declared.
-        hand: the box of hands, by name.
-        multiplier: proof, or proof but for the restriction in the sentence; None where none was verified.
-        cells: cells of the verification.
-        seconds: total time.
-        unstable: a hand with which the loop is unstable in contact, or None.
-    """
+    """Proof or refutation of rest."""
 
     outcome: Outcome
     sentence: str
@@ -178,17 +155,7 @@ def prove_rest(
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> Rest:
-    """Prove rest, refute it, or give the reason why it is open.
-
-    Args:
-        law: gains, wall and observer.
-        contact: the contact law.
-        device: as declared, with its ranges.
-        hand: the box of hands, [lowest, highest] by name.
-        most_cells: limit of the verification; None is `MOST_CELLS` of such hands.
-        seed: of the drawn hands.
-        progress: reported over the work.
-    """
+    """Prove rest, refute it, or give the reason why it is open."""
     began = time.perf_counter()
 
     def told(outcome: Outcome, sentence: str, **more: Any) -> Rest:

@@ -3,7 +3,9 @@
 The loop gain L(z) = -C(z) P(z) leads from the actuator's force round to the commanded force: P from that force to the
 measured position, with delay, amplifier, structure and hand; C from there to the commanded force, with coupling, wall,
 and an observer with state feedback. The loop closes where 1 + L = 0 (Nyquist; Franklin, Powell and Workman, Digital
-Control of Dynamic Systems, 1998, section 7.5).
+Control of Dynamic Systems, 1998, section 7.5). The disk margin bounds both at once: 2/max |(1 - L)/(1 + L)| over
+frequency; alpha leaves a gain of (2 + alpha)/(2 - alpha) or a phase of 2 atan(alpha/2) (Seiler, Packard and Gahinet, An
+introduction to disk margins, IEEE Control Systems Magazine 40(5), 2020).
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from avc_casadi.claims.stability.frozen_loop import Rendering
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.runtime import StateFeedback
+    from avc_casadi.model.sampled_plant import SampledPlant
 
 # Angles of z up to half the sample rate, from the lowest of interest, and about each pole, in its bandwidths.
 _POINTS, _ABOUT = 200, np.sinh(np.linspace(-4.0, 4.0, 17))
@@ -39,6 +42,8 @@ _LOWEST_TURN = 1e-5
 _ANYWHERE = 1e-9
 # Ridders steps to a crossing between two angles; each doubles the correct digits.
 _STEPS = 10
+# Highest maxima of each loop on the angles that are searched closer, by quarters.
+_PEAKS, _ZOOMS, _NINE = 3, 14, np.linspace(0.0, 1.0, 9)
 
 
 @dataclass(frozen=True)
@@ -50,18 +55,22 @@ class Margins:
         gain_down: factor to which it may fall, the largest of the loops; 0 where it may vanish.
         phase_deg: phase margin, either way.
         delay_samples: delay margin, in addition to the declared delay.
+        disk: disk margin, 2 at most.
         gain_hz: where the smallest gain margin lies; 0 where there is none, as for the others.
         phase_hz: where the smallest phase margin lies.
         delay_hz: where the smallest delay margin lies.
+        disk_hz: where the smallest disk margin lies.
     """
 
     gain: float
     gain_down: float
     phase_deg: float
     delay_samples: float
+    disk: float
     gain_hz: float
     phase_hz: float
     delay_hz: float
+    disk_hz: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +86,7 @@ class OpenLoop:
         new: B_new of `SampledPlant`, shape (h, s).
         old: B_old, shape (h, s).
         measured: row of the measured position, shape (s,).
-        whole_delay: samples of delay.
+        whole_delay: samples of delay, shape (h,).
         closed: the closed loops, shape (h, n, n), the states of the plant first, velocities counted by the sample.
         moving: which states are velocities of masses, shape (n,).
         poles: of the closed loops, shape (h, n).
@@ -90,7 +99,7 @@ class OpenLoop:
     new: FloatArray
     old: FloatArray
     measured: FloatArray
-    whole_delay: int
+    whole_delay: IndexArray
     closed: FloatArray
     moving: BoolArray
     poles: ComplexArray
@@ -101,25 +110,29 @@ class OpenLoop:
         """Return the loop of a coupling, its gains with their runtime."""
         problem, law, gains = coupling.problem, coupling.runtime.state_feedback, coupling.table.at_rest
         corners = hand_corners(problem.hands.model_copy(update={"let_go": False}))
-        plant = sampled_plant(problem.device, with_released(corners))
         rendering = frozen_rendering(
             problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
         )
-        plants = plants_with_forces(plant)
+        return cls.around(sampled_plant(problem.device, with_released(corners)), rendering, law)
+
+    @classmethod
+    def around(cls, plant: SampledPlant, rendering: Rendering, law: StateFeedback | None = None) -> Self:
+        """Return the loop of one rendering around h plants, the last released."""
+        plants, s = plants_with_forces(plant), len(plant.names)
         loops = (closed_loop(*plants, rendering) if law is None else state_feedback_loop(plants, law, rendering))[0]
         moving = np.array([name.endswith("velocity_m_per_s") for name in plant.names])
         return cls(
             law=law,
             rendering=rendering,
-            matrix=plant.matrix[0],
-            new=plant.new[0],
-            old=plant.old[0],
+            matrix=plant.matrix.reshape(-1, s, s),
+            new=plant.new.reshape(-1, s),
+            old=plant.old.reshape(-1, s),
             measured=plant.measured,
-            whole_delay=int(plant.whole_delay[0]),
+            whole_delay=np.repeat(plant.whole_delay, plant.new.shape[1]),
             closed=loops,
             moving=np.pad(moving, (0, loops.shape[-1] - len(moving))),
             poles=eigenvalues(loops),
-            sample_time_s=problem.device.sample_time_s,
+            sample_time_s=plant.sample_time_s,
         )
 
     def gain(self, turn: FloatArray, who: IndexArray | slice = slice(None)) -> ComplexArray:
@@ -134,7 +147,8 @@ class OpenLoop:
         """
         angles = np.broadcast_to(turn, (len(self.matrix[who]), np.shape(turn)[-1]))
         z = np.exp(1j * angles)
-        force = (self.new[who][:, None] + self.old[who][:, None] / z[..., None]) * z[..., None] ** -self.whole_delay
+        late = z ** -self.whole_delay[who][:, None]
+        force = (self.new[who][:, None] + self.old[who][:, None] / z[..., None]) * late[..., None]
         pencil = z[..., None, None] * np.eye(len(self.measured)) - self.matrix[who][:, None]
         position = np.linalg.solve(pencil, force[..., None])[..., 0] @ self.measured
         if self.law is None:
@@ -177,17 +191,42 @@ class OpenLoop:
         everyone = np.arange(len(gain))
         crossed, who = np.append(crossed, np.full(len(gain), math.pi)), np.append(who, everyone)
         there, real = np.append(there, gain[:, -1]), np.append(kind == 0, everyone >= 0)
-        alone = who == len(gain) - 1
-        return self._least(crossed, there, real, alone, slice(-1, None)), self._least(
-            crossed, there, real, ~alone, slice(-1)
+        alone, disks = who == len(gain) - 1, self._disks(turn, gain)
+        return self._least(crossed, there, real, alone, slice(-1, None), disks), self._least(
+            crossed, there, real, ~alone, slice(-1), disks
         )
 
-    def _least(self, crossed: FloatArray, there: ComplexArray, real: BoolArray, some: BoolArray, who: slice) -> Margins:
+    def _disks(self, turn: FloatArray, gain: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """Return the disk margin of each loop and its angle, from L at angles, each of shape (h,)."""
+        size = _swing(gain)
+        beside = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
+        size[(size < beside[:, :-2]) | (size < beside[:, 2:])] = -np.inf
+        tops = np.argsort(size, axis=1)[:, -_PEAKS:].ravel()
+        who = np.repeat(np.arange(len(size)), _PEAKS)
+        low, high = turn[np.maximum(tops - 1, 0)], turn[np.minimum(tops + 1, len(turn) - 1)]
+        for _ in range(_ZOOMS):
+            angles = low[:, None] + (high - low)[:, None] * _NINE
+            size = _swing(self.gain(angles, who))
+            best, rows = size.argmax(axis=1), np.arange(len(who))
+            low, high = angles[rows, np.maximum(best - 1, 0)], angles[rows, np.minimum(best + 1, len(_NINE) - 1)]
+        most = size.max(axis=1).reshape(-1, _PEAKS)
+        at = ((low + high) / 2).reshape(-1, _PEAKS)
+        return 2 / most.max(axis=1), np.take_along_axis(at, most.argmax(axis=1)[:, None], axis=1)[:, 0]
+
+    def _least(
+        self,
+        crossed: FloatArray,
+        there: ComplexArray,
+        real: BoolArray,
+        some: BoolArray,
+        who: slice,
+        disks: tuple[FloatArray, FloatArray],
+    ) -> Margins:
         """Return the smallest margins of some hands from the crossings of their loops."""
         poles = self.poles[who].ravel()
         # At a wall without a spring any position is an equilibrium.
         if np.abs(poles[np.abs(poles - 1) > _ANYWHERE]).max(initial=0.0) >= 1:
-            return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         hz = 1 / (2 * math.pi * self.sample_time_s)
         with np.errstate(divide="ignore"):  # nothing is rendered
             at, factor = crossed[some & real] * hz, -1 / there[some & real].real
@@ -195,14 +234,17 @@ class OpenLoop:
         lag = (np.angle(there[some & ~real]) + math.pi) % (2 * math.pi)
         phase = np.append(np.degrees(np.minimum(lag, 2 * math.pi - lag)), np.inf)
         late, where = np.append(lag / crossed[some & ~real], np.inf), np.append(crossed[some & ~real] * hz, 0.0)
+        disk, turned = (one[who] for one in disks)
         return Margins(
             gain=float(up.min()),
             gain_down=float(np.max(factor, where=(factor > 0) & (factor <= 1), initial=0.0)),
             phase_deg=float(phase.min()),
             delay_samples=float(late.min()),
+            disk=float(disk.min()),
             gain_hz=float(at[up.argmin()]) if np.isfinite(up).any() else 0.0,
             phase_hz=float(where[phase.argmin()]),
             delay_hz=float(where[late.argmin()]),
+            disk_hz=float(turned[disk.argmin()] * hz),
         )
 
     def _crossings(self, real: BoolArray, who: IndexArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -233,3 +275,8 @@ class OpenLoop:
                 np.where(before, first, np.where(behind, above, second)),
             )
         return np.where(np.abs(below) < np.abs(above), low, high)
+
+
+def _swing(gain: ComplexArray) -> FloatArray:
+    with np.errstate(divide="ignore", invalid="ignore"):  # a gain of 1e300 is infinite
+        return np.nan_to_num(np.abs((1 - gain) / (1 + gain)), nan=1.0, posinf=np.inf)
