@@ -72,6 +72,10 @@ class Units:
         """Return the unit of this motion for a linear one: ``N/m`` as ``N.m/rad``."""
         return unit if self.linear else _UNITS.get(unit, unit)
 
+    def words(self, text: str) -> str:
+        """Return a message with its keys in this motion; what is quoted stays as it is."""
+        return text if self.linear else _KEY.sub(lambda found: self.key(found[0]), text)
+
     def code(self, source: str) -> str:
         """Return C or C++ whose names are of this motion; its comments are written in it already."""
         if self.linear:
@@ -114,6 +118,8 @@ def _renamed(value: Any, name: Callable[[str], str]) -> Any:
     return value
 
 
+# A key in a message.
+_KEY = re.compile(r'(?<!["\w.])[a-z0-9]+(?:[_.][a-z0-9]+)*_[a-z0-9_.]*[a-z0-9]\b(?!")')
 # A name in C, by its ending; a file's name is none.
 _NAME = re.compile(rf"(?<![\w/])[A-Za-z]\w*?(?:{'|'.join(_ENDINGS)})\b(?!\.[ch]\b|[/-])")
 LINEAR = Units("linear")

@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, model_validator
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import spoken_key
 from avc_casadi.files.catalogue import device_names, device_path
 from avc_casadi.files.key_lines import KeyLines
-from avc_casadi.files.rotary_keys import COUNTS, Worded, device_words, linear_at_capstan, problem_words
+from avc_casadi.files.rotary_keys import COUNTS, Border, overridden
 from avc_casadi.files.toml_text import tables_of, text_of
-from avc_casadi.model.device import Device
-from avc_casadi.model.findings import checked
-from avc_casadi.model.quantity import Damping, Stiffness, Table, Text, refusal, shown
-from avc_casadi.model.rules import DEVICE_RULES, Finding, Values, broken_rules, dotted
-
-if TYPE_CHECKING:
-    from avc_casadi.model.rules import Finding
-    from avc_casadi.model.rules import Path as KeyPath
-
+from avc_casadi.model.device import Device, radius_findings
+from avc_casadi.model.quantity import Damping, Finding, Stiffness, Table, Text, dotted, refusal, refuse, shown
+from avc_casadi.model.quantity import Path as KeyPath
 
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
@@ -93,11 +85,25 @@ class DeviceFile(Table):
     sdk_example: SdkExample | None = None
 
     @model_validator(mode="after")
-    def _keeps_the_rules(self) -> Self:
-        broken = broken_rules(Values(self, type(self)), _RULES)
-        if broken:
-            raise refusal("\n".join(f"{dotted(path)}: {message}" for path, message in broken))
+    def _sourced(self) -> Self:
+        refuse([*radius_findings(self.device), *self._findings()])
         return self
+
+    def _findings(self) -> Iterator[Finding]:
+        """Require a source of every value, every gap named and its value graded assumed; or no sources at all."""
+        if not {"sources", "gaps"} & self.model_fields_set:
+            return
+        stated_keys = self.device.model_fields_set | self.device.range.model_fields_set
+        for key in _QUANTITIES:
+            stated, source = key in stated_keys, getattr(self.sources, key)
+            if not stated and key not in self.gaps and key not in _NEED_NOT_BE_SAID:
+                yield ("device", key), f"is neither given nor a gap; allowed: a value with its source, or {key} in gaps"
+            if stated and source is None:
+                yield ("sources", key), "is missing; allowed: a source and a grade of every value of [device]"
+            if source is not None and not stated:
+                yield ("sources", key), "is the source of a value that is not given; allowed: beside the value"
+            if stated and source is not None and key in self.gaps and source.grade != "assumed":
+                yield ("sources", key, "grade"), f'is {shown(source.grade)}, but {key} is a gap; allowed: "assumed"'
 
 
 def load_device(source: str | Path) -> DeviceFile:
@@ -138,42 +144,18 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     if "environment" in tables:
         message = "is that of a problem; allowed: a device file, of the problem's [device] and what is known of it"
         raise InputError.of(message, file=file, key="environment")
-    worded = _worded(tables)
-    found = worded.told(lambda: checked(DeviceFile, worded.tables, name, _RULES))
+    border = Border()
+    device, units = border.device_table(tables.get("device"), {})
+    gaps = tables.get("gaps")
+    if isinstance(gaps, list) and all(isinstance(gap, str) for gap in gaps):
+        named = ("encoder_resolution_m" if gap == COUNTS else units.inner(gap) for gap in gaps)
+        tables = {**tables, "gaps": list(named)}
+    border.read(tables, device, units)
+    found = border.checked(DeviceFile, name)
     if isinstance(found, DeviceFile):
         return found
     lines = KeyLines(text.replace("\r\n", "\n"))
     raise InputError([Fault(file, lines[key], dotted(key), message) for key, message in found])
-
-
-def _worded(tables: Mapping[str, Any]) -> Worded:
-    """Return the tables in the common keys."""
-    findings: list[Finding] = []
-    own, units = device_words(tables.get("device"), {}, findings)
-    device, _ = linear_at_capstan(own, units, findings)
-    words = (
-        {**tables, "gaps": [units.inner(_of_counts(gap)) for gap in tables.get("gaps", ())]}
-        if _texts(tables)
-        else tables
-    )
-    found = problem_words(words, device, (units, units), findings)
-    sources = found.tables.get("sources")
-    if isinstance(sources, Mapping) and COUNTS in sources and not units.linear:
-        named = {(_of_counts(key) if key == COUNTS else key): value for key, value in sources.items()}
-        return replace(
-            found, tables={**found.tables, "sources": {units.inner(key): value for key, value in named.items()}}
-        )
-    return found
-
-
-def _texts(tables: Mapping[str, Any]) -> bool:
-    gaps = tables.get("gaps")
-    return isinstance(gaps, list) and all(isinstance(gap, str) for gap in gaps)
-
-
-def _of_counts(key: str) -> str:
-    """Return the key that a number of counts replaces."""
-    return "encoder_resolution_rad" if key == COUNTS else key
 
 
 def device_catalogue() -> tuple[DeviceFile, ...]:
@@ -181,109 +163,46 @@ def device_catalogue() -> tuple[DeviceFile, ...]:
     return tuple(map(load_device, device_names()))
 
 
-def _sourced(values: Values) -> Iterator[Finding]:
-    """Require a source of every value, every gap named and its value graded assumed; or no sources at all."""
-    if not values.given("sources") and not values.given("gaps"):
-        return
-    gaps = values["gaps"]
-    for key in _QUANTITIES:
-        stated = values.given("device", key) or values.given("device", "range", key)
-        source = values[f"sources.{key}"]
-        if not stated and key not in gaps and key not in _NEED_NOT_BE_SAID:
-            message = (
-                f'is neither given nor a gap; allowed: a value with its source, or gaps = ["{spoken_key(key)}", ...]'
-            )
-            yield ("device", key), message
-        if stated and source is None:
-            yield ("sources", key), "is missing; allowed: a source and a grade of every value of [device]"
-        if source is not None and not stated:
-            yield ("sources", key), "is the source of a value that is not given; allowed: beside the value"
-        if stated and source is not None and key in gaps:
-            grade = source["grade"] if isinstance(source, Mapping) else source.grade
-            if grade != "assumed":
-                yield (
-                    ("sources", key, "grade"),
-                    f'is {shown(grade)}, but {spoken_key(key)} is a gap; allowed: "assumed"',
-                )
+def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | Finding:
+    """Return the tables of a problem file in the common keys, with the devices that they refer to.
 
-
-_RULES = (*DEVICE_RULES, _sourced)
-
-
-def with_device(tables: Mapping[str, Any], folder: Path | None) -> Worded | Finding:
-    """Replace a reference by the device, ``device = "name"`` or ``[device]`` with ``from = "name"``.
-
-    Keys beside `from` override those of the device and its ranges of them. All tables then have the common keys,
-    whatever the motion of the device.
-
-    Args:
-        tables: parsed tables of a problem file.
-        folder: of the problem file.
-
-    Returns:
-        The tables with the whole device, or the fault of the reference.
+    Keys beside `from` override those of the device, and its ranges of them. A fault of the reference is returned.
 
     Raises:
         InputError: with every fault of the device file.
     """
-    table, base = tables.get("device"), {}
-    own: Any = table
-    if isinstance(table, str) or (isinstance(table, Mapping) and "from" in table):
-        found = _referred(table, folder)
-        if isinstance(found, tuple):
-            return found
-        base, own = found, {} if isinstance(table, str) else {k: v for k, v in table.items() if k != "from"}
-    findings: list[Finding] = []
-    own, units = device_words(own, base, findings)
-    device, rest = linear_at_capstan(_overridden(base, own) if base else own, units, findings)
-    other = tables.get("follower")
-    if isinstance(other, Mapping) and "from" in other:
-        found = _referred(other, folder)
-        if isinstance(found, tuple):
-            return ("follower", *found[0][1:]), found[1]
-        kept = {key: value for key, value in other.items() if key != "from"}
-        tables = {**tables, "follower": _overridden(found, kept)}
-    return problem_words(tables, device, (units, rest), findings)
+    table, bases = tables.get("device"), dict[str, Any]()
+    own: Any = {} if isinstance(table, str) else table
+    for name in ("device", "follower"):
+        given = tables.get(name)
+        if (name == "device" and isinstance(given, str)) or (isinstance(given, Mapping) and "from" in given):
+            found = _referred(given, folder, name)
+            if isinstance(found, tuple):
+                return found
+            bases[name] = found
+            if isinstance(given, Mapping):
+                rest = {key: value for key, value in given.items() if key != "from"}
+                own, tables = (rest, tables) if name == "device" else (own, {**tables, name: rest})
+    border = Border()
+    border.read(tables, *border.device_table(own, bases.get("device", {})))
+    if "follower" in bases:
+        border.tables["follower"] = overridden(bases["follower"], border.tables["follower"])
+    return border
 
 
-def _referred(table: str | Mapping[str, Any], folder: Path | None) -> dict[str, Any] | Finding:
+def _referred(table: str | Mapping[str, Any], folder: Path | None, name: str) -> dict[str, Any] | Finding:
     """Return the device that a table refers to, or the fault of the reference."""
-    key: KeyPath = ("device",) if isinstance(table, str) else ("device", "from")
+    key: KeyPath = (name,) if isinstance(table, str) else (name, "from")
     named = table if isinstance(table, str) else table["from"]
     if not isinstance(named, str):
         return key, f"is {shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
     path = device_path(named, folder)
     if isinstance(path, str):
         return key, path
-    if not _exists(path):
+    try:
+        found = path.is_file()
+    except (OSError, ValueError):  # too long for a path, or with a NUL in it
+        found = False
+    if not found:
         return key, f"is {shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
     return load_device(path).device.model_dump(exclude_unset=True)
-
-
-def _overridden(base: dict[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """Override keys of a table; an overridden value loses its old range."""
-    ranges = base.get("range", {})
-    whole = {key: value for key, value in base.items() if key != "range"}
-    for key, value in own.items():
-        if key == "range":
-            continue
-        if isinstance(value, Mapping) and isinstance(whole.get(key), Mapping):
-            whole[key] = {**whole[key], **value}
-            kept = {inner: ends for inner, ends in ranges.get(key, {}).items() if inner not in value}
-        else:
-            whole[key], kept = value, {}
-        ranges = {**ranges, key: kept} if kept else {name: ends for name, ends in ranges.items() if name != key}
-    given = own.get("range", {})
-    if not isinstance(given, Mapping):
-        return {**whole, "range": given}
-    for key, value in given.items():
-        both = isinstance(value, Mapping) and isinstance(ranges.get(key), Mapping)
-        ranges = {**ranges, key: {**ranges[key], **value} if both else value}
-    return {**whole, "range": ranges} if ranges else whole
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except (OSError, ValueError):  # too long for a path, or with a NUL in it
-        return False

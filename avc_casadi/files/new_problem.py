@@ -17,8 +17,8 @@ from avc_casadi.files.device_file import load_device
 from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, OPTIONS, OWN_RANGES, RADIUS, RATE, Option
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import parse_problem
-from avc_casadi.files.typed_quantity import read_quantity
 from avc_casadi.model.hands import FINGERTIP
+from avc_casadi.model.quantity import read_quantity
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import MotionKind, Units

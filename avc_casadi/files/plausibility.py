@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import Fault
 from avc_casadi._util.units import FORCE, KG, METRE, N_PER_M, NEWTON, NS_PER_M, Wording, in_its_units, spoken_key
-from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.model.quantity import plain
-from avc_casadi.model.rules import LONGEST_USUAL_S
+from avc_casadi.model.problem import LONGEST_USUAL_S
+from avc_casadi.model.quantity import plain, power_at_handle
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem

@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.findings import checked
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.quantity import Table
-from avc_casadi.model.rules import dotted
+from avc_casadi.model.quantity import Table, dotted
 
 _T = TypeVar("_T", bound=Table)
 
@@ -77,7 +76,7 @@ def effect_of(table: type[_T], document: Mapping[str, Any], *, file: str, key: s
     Raises:
         InputError: with every fault.
     """
-    found = checked(table, document, "", ())
+    found = checked(table, document)
     if isinstance(found, list):
         raise InputError([Fault(file, None, f"{key}.{dotted(path)}", message) for path, message in found])
     return found

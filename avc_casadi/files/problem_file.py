@@ -14,10 +14,8 @@ from avc_casadi.files.catalogue import catalogue_names, catalogue_path
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
-from avc_casadi.model.findings import checked
 from avc_casadi.model.problem import Frequency, Problem
-from avc_casadi.model.quantity import shown
-from avc_casadi.model.rules import Finding, dotted
+from avc_casadi.model.quantity import Finding, dotted, shown
 
 BELOW_NYQUIST = 0.45
 """End of the band of a slow device, as a share of the sampling rate, the same as by default."""
@@ -168,11 +166,11 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
 
 def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | None) -> Problem | list[Finding]:
     _refuse_device(tables, file)
-    worded = with_device(tables, folder)
-    if isinstance(worded, tuple):
-        return [worded]
-    tables = _with_band(worded.tables)
-    return worded.told(lambda: checked(Problem, tables, name))
+    border = with_device(tables, folder)
+    if isinstance(border, tuple):
+        return [border]
+    border.tables = {**_with_band(border.tables)}
+    return border.checked(Problem, name)
 
 
 def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:

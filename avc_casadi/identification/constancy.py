@@ -11,13 +11,13 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import spoken_key
-from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.device import SEARCHED
 from avc_casadi.identification.fit import Fit, Window, fit, slowest_observer
 from avc_casadi.identification.model import Doubt
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.uncertainty import spread_of
+from avc_casadi.model.quantity import power_at_handle
 
 _PARTS = 3
 # A piece of a record with fewer samples is left out, and a part of so few tells nothing.

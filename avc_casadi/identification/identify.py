@@ -13,7 +13,6 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
 from avc_casadi._util.units import A_MASS, FORCE, KG, NEWTON, speaking, units_for
 from avc_casadi.files.device_file import DeviceFile
-from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.assumed_mass_ratio import SHARE, other_shares, share_assumed, share_refused, shared
 from avc_casadi.identification.assumed_mass_ratio import moved as beyond_side
 from avc_casadi.identification.closed_loop import autocorrelation, feeds_back, only_feedback, refused_beside
@@ -56,6 +55,7 @@ from avc_casadi.identification.terms import DEAD_ZONE, DRAG, PARAMETERS, PLAY, T
 from avc_casadi.identification.told import remarks
 from avc_casadi.identification.uncertainty import Spread, richardson, sensitivity, spread_of
 from avc_casadi.identification.units import Layout
+from avc_casadi.model.quantity import power_at_handle
 
 MOST_SAMPLES = 120_000
 _SHOWN_S = 1.5

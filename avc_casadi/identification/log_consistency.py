@@ -12,7 +12,6 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, FORCES, MASS, NEWTON, spoken_key
 from avc_casadi.files.device_file import DeviceFile
-from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.device import states
 from avc_casadi.identification.fit import Fit, Window, judged
 from avc_casadi.identification.model import Doubt, Identification
@@ -20,6 +19,7 @@ from avc_casadi.identification.predictor import Predictor
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.terms import LOOP_RATIO
 from avc_casadi.identification.uncertainty import compared, moves_of
+from avc_casadi.model.quantity import power_at_handle
 
 # Logs disagree where their estimates differ by so many standard errors, and by this share of the value.
 _SURE, _SHARE = 6.0, 0.05

@@ -15,10 +15,10 @@ from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
-from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.identification.frequency import Response
 from avc_casadi.identification.record import Record
 from avc_casadi.identification.uncertainty import Trial
+from avc_casadi.model.quantity import power_at_handle
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, model_serializer
+from pydantic import BeforeValidator, model_serializer, model_validator
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.units import METRE, MotionKind, Units, units_for
+from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.model.quantity import (
     Damping,
     DampingInterval,
@@ -17,6 +17,7 @@ from avc_casadi.model.quantity import (
     DampingRatioInterval,
     DelayInterval,
     DelaySamples,
+    Finding,
     Force,
     ForceInterval,
     ForceLimit,
@@ -37,9 +38,11 @@ from avc_casadi.model.quantity import (
     SampleTime,
     Table,
     plain,
+    refuse,
+    shown,
 )
 
-_Pitch = Annotated[float, BeforeValidator(Quantity(METRE, 1e-6, 10, zero=False))]
+_Pitch = Annotated[float, BeforeValidator(Quantity("m", 1e-6, 10, zero=False))]
 _Width = Annotated[float, BeforeValidator(Quantity("", 1e-2, 1, zero=False))]
 
 
@@ -170,6 +173,29 @@ class Device(Table):
         """Hand displacement for a unit of the position: 1 for a linear device, else the radius of the handle."""
         return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
+    @model_validator(mode="after")
+    def _ranges_hold_their_values(self) -> Self:
+        refuse(self._findings())
+        return self
+
+    def _findings(self) -> Iterator[Finding]:
+        for ranges, nominal, path in (
+            (self.range, self, ("range",)),
+            (self.range.resonance, self.resonance, ("range", "resonance")),
+        ):
+            for key, interval in ranges:
+                value = getattr(nominal, key, None)
+                if not isinstance(interval, tuple):
+                    continue
+                if value is None:
+                    yield (*path, key), f"is {shown(interval)}, but {key} is missing; allowed: beside a value in it"
+                elif not interval[0] <= value <= interval[1]:
+                    yield (*path, key), f"is {shown(interval)}; allowed: an interval that holds {key} = {shown(value)}"
+                elif key == "mass_kg" and interval[0] == 0 < interval[1]:
+                    yield (*path, key), f"is {shown(interval)}; allowed: from above 0, or nothing is there to hold"
+        if self.resonance is not None and self.mass_kg == 0:
+            yield ("mass_kg",), "is 0, but resonance divides it; allowed: above 0, or no resonance"
+
     @model_serializer(mode="wrap")
     def _says_what_is_not_usual(self, whole: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
         """Serialise without the keys of rotary devices for a linear one, and without the default grip."""
@@ -180,6 +206,15 @@ class Device(Table):
             for key in ("motion", "handle_radius_m"):
                 kept.pop(key, None)
         return kept
+
+
+def radius_findings(device: Device) -> Iterator[Finding]:
+    """Yield the fault of a radius: required where a device turns, as forces are felt there; else without meaning."""
+    if device.motion == "rotary" and device.handle_radius_m is None:
+        message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
+        yield ("device", "handle_radius_m"), message
+    if device.motion == "linear" and device.handle_radius_m is not None:
+        yield ("device", "handle_radius_m"), 'says nothing of a linear device; allowed: beside motion = "rotary"'
 
 
 def whole_delay(delay_samples: float, what: str) -> int:

@@ -1,4 +1,4 @@
-"""Faults of a file's tables: pydantic's errors in plain words, then the broken rules."""
+"""Faults of a file's tables: pydantic's errors in plain words."""
 
 from __future__ import annotations
 
@@ -9,33 +9,25 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, BeforeValidator, ValidationError
 from pydantic.fields import FieldInfo
 
-from avc_casadi._util.units import LINEAR, ROTARY, spoken_key
+from avc_casadi._util.units import LINEAR, ROTARY
 from avc_casadi.model.effects import EffectTable
-from avc_casadi.model.other_units import in_another_unit
-from avc_casadi.model.quantity import nearest_key, one_of, shown
+from avc_casadi.model.quantity import Finding, Path, in_another_unit, nearest_key, one_of, shown
 from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.rules import BELONGS_IN, RULES, UNKNOWN, Finding, Path, Rule, Values, broken_rules
 
 _M = TypeVar("_M", bound=BaseModel)
 
+UNKNOWN = "is not a known key; "
+"""Beginning of the finding of a mistyped key."""
 # Tables of the remote end, rare in files, whose keys others have too.
 _SELDOM = {"simulation", "follower"}
 # Largest number reported: a file of a million wrong numbers must be answered quickly too.
 _MOST = 1000
-
 # The file's own name is the name of the problem.
 _NOT_A_KEY = "name"
 
-# These only follow from another fault, which is reported at its own place.
-_CONSEQUENCES = {"default_factory_not_called"}
 
-
-def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequence[Rule] = RULES) -> _M | list[Finding]:
-    """Return a file's parsed tables as a model, or all their faults.
-
-    Fields come first, then each rule between values wherever the values that it needs are sound, so that a
-    fault in one place hides none in another.
-    """
+def checked(model: type[_M], tables: Mapping[str, Any], name: str = "") -> _M | list[Finding]:
+    """Return a file's parsed tables as a model, or all their faults; those between tables where each is sound."""
     keys = {key: value for key, value in tables.items() if key != _NOT_A_KEY}
     findings: list[Finding] = []
     if _NOT_A_KEY in tables:
@@ -43,11 +35,7 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
     try:
         found = model.model_validate({**keys, _NOT_A_KEY: name} if _NOT_A_KEY in model.model_fields else keys)
     except ValidationError as error:
-        items = [item for item in _whole(error.errors(include_url=False)) if item["loc"]]
-        items = [item for item in items if item["type"] not in _CONSEQUENCES]
-        paths = [_path(item["loc"]) for item in items]
-        findings += _found(model, keys, paths[:_MOST], items)
-        findings += broken_rules(Values(keys, model, set(paths)), rules)
+        findings += _findings(model, keys, list(_whole(error.errors(include_url=False))))
     else:
         if not findings:
             return found
@@ -56,32 +44,39 @@ def checked(model: type[_M], tables: Mapping[str, Any], name: str, rules: Sequen
     return findings
 
 
-def _found(
-    model: type[BaseModel], keys: Mapping[str, Any], paths: Sequence[Path], items: Sequence[Any]
-) -> list[Finding]:
-    """Return the faults by path; a key in another unit is one finding, together with the key meant."""
-    findings, meant = [], set()
-    for path, item in zip(paths, items, strict=False):
-        finding = _finding(model, keys, path, item)
-        if item["type"] == "extra_forbidden":
-            units = ROTARY if _item(keys.get("device"), "motion") == "rotary" else LINEAR
+def _findings(model: type[BaseModel], keys: Mapping[str, Any], items: Sequence[Any]) -> list[Finding]:
+    """Return the faults; a key in another unit is one finding, together with the key meant."""
+    found: list[tuple[str, Finding]] = []
+    meant: set[Path] = set()
+    units = ROTARY if _item(keys.get("device"), "motion") == "rotary" else LINEAR
+    for item in items:
+        # A default of the table that is at fault is no fault of its own.
+        if item["type"] == "default_factory_not_called":
+            continue
+        path = _path(item["loc"])
+        finding = _finding(model, keys, path, item) if len(found) < _MOST else (path, item["msg"])
+        if item["type"] == "extra_forbidden" and len(found) < _MOST:
             known = {units.key(key): key for key in _keys(_models_at(model, keys, path[:-1]))}
-            other = in_another_unit(str(path[-1]), item["input"], known)
             table: Any = keys
             for part in path[:-1]:
                 table = _item(table, part)
+            typed = str(path[-1])
+            other = in_another_unit(units.key(typed), item["input"], known, units)
             if other and known[other[0]] not in table:
                 meant.add((*path[:-1], known[other[0]]))
-                finding = path, f"is not a known key; write {other[1]}"
-        findings.append((item["type"], finding))
-    return [finding for kind, finding in findings if kind != "missing" or finding[0] not in meant]
+                finding = path, f"{UNKNOWN}write {other[1]}"
+            elif ROTARY.inner(typed) in known:
+                meant.add((*path[:-1], ROTARY.inner(typed)))
+                finding = path, f'is a key of what turns, device.motion = "rotary"; allowed: {ROTARY.inner(typed)}'
+        found.append((item["type"], finding))
+    return [finding for kind, finding in found if kind != "missing" or finding[0] not in meant]
 
 
 def _whole(items: Sequence[Any]) -> Iterator[Any]:
     """Yield the errors of nested tables, read by their own validator, each at its path."""
     for item in items:
         if item["type"] == "inner":
-            yield from ({**fault, "loc": (*item["loc"], *fault["loc"])} for fault in item["ctx"]["faults"])
+            yield from _whole([{**fault, "loc": (*item["loc"], *fault["loc"])} for fault in item["ctx"]["faults"]])
         else:
             yield item
 
@@ -135,19 +130,18 @@ def _keys(models: list[type[BaseModel]]) -> list[str]:
 def _table(models: list[type[BaseModel]]) -> str:
     """Return the keys of a table: required ones with their values, then the rest."""
     needed = [key for key in _keys(models)[:20] if len(models) == 1 and models[0].model_fields[key].is_required()]
-    told = [f"{spoken_key(key)} ({_values(models[0].model_fields[key])})" for key in needed]
-    rest = [key for key in _keys(models) if key not in needed]
-    return f"a table with {', '.join([*told, *map(spoken_key, rest)])}"
+    first = [f"{key} ({_values(models[0].model_fields[key])})" for key in needed]
+    return f"a table with {', '.join([*first, *(key for key in _keys(models) if key not in needed)])}"
 
 
 def _finding(whole: type[BaseModel], tables: Mapping[str, Any], path: Path, item: Any) -> Finding:
     fault, value = item["type"], item["input"]
     message: str = item["msg"]
     if fault == "missing":
-        message = f"is missing; allowed: {_allowed(whole, tables, path)}"
+        message = f"is missing; allowed: {_values(_models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])])}"
     elif fault == "extra_forbidden":
         own = _models_at(whole, tables, path[:-1])
-        message = f"{UNKNOWN}{', '.join(map(spoken_key, _keys(own)))}{_hint(whole, own, path)}"
+        message = f"{UNKNOWN}allowed: {', '.join(_keys(own))}{_hint(whole, own, path)}"
     elif fault in {"model_type", "model_attributes_type"}:
         message = f"is {shown(value)}, not a table; allowed: {_table(_models_at(whole, tables, path))}"
     elif fault in {"union_tag_invalid", "union_tag_not_found"}:
@@ -166,17 +160,15 @@ def _hint(whole: type[BaseModel], own: list[type[BaseModel]], path: Path) -> str
     """Return which tables have a key, or a similar key of its own table; effects have messages of their own."""
     key, table, keys = str(path[-1]), ".".join(map(str, path[:-1])), _keys(own)
     near = nearest_key(key, keys)
+    # A key with a word left out belongs to its own table, even if another table has a key of that name.
     if path[0] != "scene" and "range" not in path:
         inside = [f"[{table}.{name}]" for model in own for name in _tables_with(model, key)]
-        # A key with a word left out belongs to its own table, even if another table has a key of that name.
-        left_out = near and key in near
-        having = [] if left_out else _tables_with(whole, key)
+        having = [] if near and key in near else _tables_with(whole, key)
         # Rare tables are named only where no other table has the key.
         usual = [name for name in having if name not in _SELDOM] or having
-        others = inside or [f"[{name}]" for name in usual]
-        if others:
-            return f"{BELONGS_IN}{' or '.join(others)}"
-    return f"; did you mean {spoken_key(near)}?" if near else ""
+        if others := inside or [f"[{name}]" for name in usual]:
+            return f"; it belongs in {' or '.join(others)}"
+    return f"; did you mean {near}?" if near else ""
 
 
 def _tables_with(model: type[BaseModel], key: str) -> list[str]:
@@ -185,12 +177,8 @@ def _tables_with(model: type[BaseModel], key: str) -> list[str]:
     return [name for name, models in tables.items() if len(models) == 1 and key in _keys(models)]
 
 
-def _allowed(whole: type[BaseModel], tables: Mapping[str, Any], path: Path) -> str:
-    """Return the values allowed for a missing key."""
-    return _values(_models_at(whole, tables, path[:-1])[0].model_fields[str(path[-1])])
-
-
 def _values(field: FieldInfo) -> str:
+    """Return the values allowed for a key."""
     for mark in (*field.metadata, *_marks(field.annotation)):
         if isinstance(mark, BeforeValidator) and (allowed := getattr(mark.func, "allowed", "")):
             return str(allowed)

@@ -6,7 +6,6 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator
 
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.model.device import Device
 from avc_casadi.model.quantity import LARGEST_DAMPING_NS_PER_M, Quantity, Share, Stiffness
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, Ends, Interval
@@ -15,8 +14,8 @@ Architecture = Literal["position-position", "position-force"]
 ForceSent = Literal["commanded", "measured"]
 
 _Delays = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-6, 10)))]
-_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity(NS_PER_M, 1e-9, LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity(N_PER_M, 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
 _Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 
 

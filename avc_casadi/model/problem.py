@@ -3,7 +3,8 @@
 Frozen pydantic models of plain numbers; a key's name carries its SI unit. ``problems/`` holds examples.
 """
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -12,14 +13,16 @@ from pydantic import BaseModel, Field, model_validator
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.printed import short
-from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, Units, in_its_units
-from avc_casadi.model.device import Detent, Device
+from avc_casadi._util.units import Units
+from avc_casadi.model.device import Detent, Device, radius_findings
 from avc_casadi.model.findings import checked
 from avc_casadi.model.follower import Follower
 from avc_casadi.model.quantity import (
+    RADII_M,
     Damping,
     DampingInterval,
     Factor,
+    Finding,
     Frequencies,
     FrequencyInterval,
     Hertz,
@@ -32,13 +35,22 @@ from avc_casadi.model.quantity import (
     Text,
     Threshold,
     Weight,
-    refusal,
+    dotted,
+    plain,
+    power_at_handle,
+    refuse,
+    shown,
 )
 from avc_casadi.model.robustness import Robustness
-from avc_casadi.model.rotary_defaults import with_rotary_defaults
-from avc_casadi.model.rules import RULES, Values, broken_rules, dotted
-from avc_casadi.model.scene import Scene
+from avc_casadi.model.scene import MOTIONS, Scene
 from avc_casadi.model.virtual_tool import VirtualTool
+
+LONGEST_USUAL_S = 20e-3
+"""Sample time of a slow loop; a longer one may be in milliseconds."""
+MOST_LINK_SAMPLES = 64
+"""Largest delay of a link between two devices, in samples, each way."""
+# Closer frequencies would coincide after rounding.
+_SMALLEST_STEP = 1e-12
 
 Model = Literal["paper", "sampled-data"]
 Structure = Literal["series", "damped"]
@@ -66,6 +78,15 @@ class Boundaries(Table):
     upper: Impedance
     lower: Impedance
 
+    @model_validator(mode="after")
+    def _upper_is_above(self) -> Self:
+        refuse(
+            (("upper", key), f"is {shown(upper)}, below the lower bound {shown(lower)}; allowed: at least that")
+            for (key, upper), (_, lower) in zip(self.upper, self.lower, strict=True)
+            if upper < lower
+        )
+        return self
+
 
 class GainBox(Table):
     """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
@@ -87,6 +108,14 @@ class GainBox(Table):
     damping_ns_per_m: DampingInterval = (0.0, 1e4)
     stiffness_n_per_m: StiffnessInterval = (0.0, 1e7)
     contact_damping_ns_per_m: DampingInterval = (0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _series_has_no_contact_damper(self) -> Self:
+        interval = self.contact_damping_ns_per_m
+        if self.structure == "series" and interval != (0, 0):
+            message = f'is {shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
+            refuse([(("contact_damping_ns_per_m",), message)])
+        return self
 
 
 class Stability(Table):
@@ -179,6 +208,32 @@ class Frequency(Table):
     spacing: Literal["log", "linear"] = "log"
     values_hz: Frequencies | None = None
 
+    @model_validator(mode="after")
+    def _range_or_list(self) -> Self:
+        refuse(self._findings())
+        return self
+
+    def _findings(self) -> Iterator[Finding]:
+        if self.values_hz is not None:
+            for key in ("start_hz", "stop_hz", "points", "spacing"):
+                if key in self.model_fields_set:
+                    yield (key,), "stands beside values_hz; allowed: a range or a list, not both"
+            for index, (one, two) in enumerate(itertools.pairwise(self.values_hz), start=1):
+                if two <= one:
+                    fault = "repeats" if two == one else "is below"
+                    message = f"is {shown(two)} and {fault} the one before, {shown(one)}; allowed: increasing values"
+                    yield ("values_hz", index), message
+        elif self.points > 1 and self.stop_hz < self.start_hz:
+            message = f"is {shown(self.stop_hz)}{self.origin('stop_hz')}, below start_hz = {shown(self.start_hz)}"
+            yield ("stop_hz",), f"{message}; allowed: at least that"
+        elif self.points > 1 and self.stop_hz - self.start_hz < _SMALLEST_STEP * self.stop_hz * (self.points - 1):
+            message = f"is {self.points}, too many between {shown(self.start_hz)} and {shown(self.stop_hz)} Hz"
+            yield ("points",), f"{message}; allowed: 1 for start_hz alone, or a wider range"
+
+    def origin(self, key: str) -> str:
+        """Return a note where a key was not given."""
+        return "" if key in self.model_fields_set else " (the default)"
+
     def grid_hz(self) -> NDArray[np.float64]:
         """Return the frequencies, shape (points,), Hz; a range of one point is its start."""
         if self.values_hz is not None:
@@ -190,12 +245,32 @@ class Frequency(Table):
         return np.geomspace(self.start_hz, self.stop_hz, self.points)
 
 
+def _given(table: Any) -> Any:
+    """Return the keys of a table that were given, its kind included."""
+    if not isinstance(table, BaseModel):
+        return {} if table is None else table
+    kind = {"kind": getattr(table, "kind", None)} if "kind" in type(table).model_fields else {}
+    return kind | {key: getattr(table, key) for key in table.model_fields_set}
+
+
 def _merged(table: Any, change: Any) -> Any:
     """Return a table updated by keys; other than mappings replace it."""
     if not isinstance(change, Mapping) or not isinstance(table, BaseModel):
         return change
-    given = {key: getattr(table, key) for key in table.model_fields_set}
+    given = _given(table)
     return given | {key: _merged(given.get(key), value) for key, value in change.items()}
+
+
+def defaults_at(model: type[Table], radius_m: float) -> dict[str, Any]:
+    """Return the defaults of a table, for a linear device at a radius, as those of the device that turns."""
+    found: dict[str, Any] = {}
+    for key, field in model.model_fields.items():
+        scale = radius_m ** -power_at_handle(key)
+        if scale != 1 and isinstance(field.default, float):
+            found[key] = scale * field.default
+        elif scale != 1 and isinstance(field.default, tuple) and any(field.default):
+            found[key] = tuple(scale * end for end in field.default)
+    return found
 
 
 class Problem(Table):
@@ -242,21 +317,92 @@ class Problem(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _hands_that_turn(cls, tables: Any) -> Any:
+    def _with_defaults(cls, tables: Any) -> Any:
         """Fill in defaults: no wall beside a remote end; for a rotary device those of a linear one at its handle."""
         if not isinstance(tables, Mapping):
             return tables
         far = tables.get("simulation") is not None or tables.get("follower") is not None
         if far and "environment" not in tables:
             tables = {**tables, "environment": {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}}
-        return with_rotary_defaults(tables)
+        device, scene = _given(tables.get("device")), _given(tables.get("scene"))
+        radius = device.get("handle_radius_m") if isinstance(device, Mapping) else None
+        if isinstance(radius, bool) or not isinstance(radius, int | float) or device.get("motion") != "rotary":
+            return tables
+        if not RADII_M[0] <= radius <= RADII_M[1]:
+            return tables  # the radius is the fault to report, not its consequences
+        found = {**tables}
+        for key, model in (("hands", Hands), ("coupling", GainBox)):
+            own = _given(tables.get(key))
+            found[key] = {**defaults_at(model, radius), **own} if isinstance(own, Mapping) else own
+        motion = _given(scene.get("motion", {"kind": "press"})) if isinstance(scene, Mapping) else None
+        kind = motion.get("kind") if isinstance(motion, Mapping) else None
+        if motion and isinstance(kind, str) and kind in MOTIONS:
+            found["scene"] = {**scene, "motion": {**defaults_at(MOTIONS[kind], radius), **motion}}
+        return found
 
     @model_validator(mode="after")
-    def _keeps_the_rules(self) -> Self:
-        broken = broken_rules(Values(self, type(self)), RULES)
-        if broken:
-            raise refusal("\n".join(f"{dotted(path)}: {message}" for path, message in broken))
+    def _tables_go_together(self) -> Self:
+        refuse(self._findings())
         return self
+
+    def _findings(self) -> Iterator[Finding]:
+        """Yield the faults between tables."""
+        yield from radius_findings(self.device)
+        yield from self._below_nyquist()
+        bounds, period = self.boundaries, self.device.sample_time_s
+        # If left out, both bounds are the environment.
+        if self.realism.require == "bounds" and bounds.upper == bounds.lower:
+            message = (
+                'is "bounds", but upper and lower of [boundaries] are equal; allowed: bounds apart, "jnd" or "none"'
+            )
+            yield ("realism", "require"), message
+        if self.scene.duration_s < period:
+            message = f"is {shown(self.scene.duration_s)}; allowed: at least a sample, device.sample_time_s = {period}"
+            yield ("scene", "duration_s"), message
+        for index, effect in enumerate(self.scene.effects):
+            if effect.kind == "saturation" and getattr(effect, "force_n", None) is None and not self.device.max_force_n:
+                message = "is missing, and device.max_force_n too; allowed: one of the two"
+                yield ("scene", "effects", index, "force_n"), message
+        if self.simulation is not None and self.simulation.step_s[0] < period * (1 - 1e-9):
+            message = f"is {shown(self.simulation.step_s)}; allowed: device.sample_time_s = {shown(period)} or more"
+            yield ("simulation", "step_s"), message
+        if self.simulation is not None and self.follower is not None:
+            yield ("follower",), "stands beside [simulation]; allowed: one of them"
+        # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
+        if (self.simulation is not None or self.follower is not None) and self.detent is not None:
+            yield ("detent",), "stands beside [simulation] or [follower]; allowed: one of them, or detents at that end"
+        if self.follower is not None:
+            yield from self._follower_findings(self.follower)
+
+    def _below_nyquist(self) -> Iterator[Finding]:
+        """Yield the frequencies at which the Tustin map is infinite."""
+        band, period = self.frequency, self.device.sample_time_s
+        ends = ("start_hz",) if band.points == 1 else ("start_hz", "stop_hz")
+        places: list[tuple[tuple[str | int, ...], float, str]]
+        if band.values_hz is None:
+            places = [((end,), getattr(band, end), band.origin(end)) for end in ends]
+        else:
+            places = [(("values_hz", index), value, "") for index, value in enumerate(band.values_hz)]
+        limit, seconds = plain(0.5 / period), ""
+        if period > LONGEST_USUAL_S:
+            seconds = f"; sample_time_s is in seconds: {plain(period)} ms is {plain(period / 1000)}"
+        for place, value, origin in places:
+            if value * period >= 0.5:
+                message = f"is {shown(value)}{origin}, at or above the Nyquist frequency of sample_time_s = {period}"
+                yield ("frequency", *place), f"{message}; allowed: below {limit} Hz{seconds}"
+
+    def _follower_findings(self, follower: Follower) -> Iterator[Finding]:
+        leader = self.device
+        if follower.motion != leader.motion:
+            message = f"is {shown(follower.motion)}, and device.motion is {shown(leader.motion)}; allowed: the same"
+            yield ("follower", "motion"), message
+        # Every pending sample is a state: long delays take minutes, then memory.
+        longest = MOST_LINK_SAMPLES * min(leader.sample_time_s, follower.sample_time_s)
+        for key in ("delay_s", "return_delay_s"):
+            delay = getattr(follower, key)
+            if delay is not None and delay[1] > longest * (1 + 1e-9):
+                message = f"is {shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {plain(longest)} s"
+                yield ("follower", key), message
 
     def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
         """Return the problem with some keys changed, validated as a file is.
@@ -281,16 +427,13 @@ class Problem(Table):
             raise InputError([Fault(self.name or "problem", None, dotted(path), message) for path, message in found])
         return found
 
-    @in_its_units
     def __repr__(self) -> str:
-        device, wall, f = self.device, self.environment, self.frequencies_hz()
+        device, wall, f, unit = self.device, self.environment, self.frequencies_hz(), self.units.unit
         return (
-            f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} {N_PER_M}, {wall.damping_ns_per_m:g} "
-            f"{NS_PER_M}; device "
-            f"{device.mass_kg:g} {KG}, {device.damping_ns_per_m:g} {NS_PER_M}, T {1e3 * device.sample_time_s:g} "
-            "ms, delay "
-            f"{device.delay_samples};\n  {self.coupling.structure}, model {self.stability.model}, scope "
-            f"{self.stability.scope}, {short(f, 'Hz')} in {len(f)} rows)"
+            f"Problem({self.name!r}: wall {wall.stiffness_n_per_m:g} {unit('N/m')}, {wall.damping_ns_per_m:g} "
+            f"{unit('N.s/m')}; device {device.mass_kg:g} {unit('kg')}, {device.damping_ns_per_m:g} {unit('N.s/m')}, "
+            f"T {1e3 * device.sample_time_s:g} ms, delay {device.delay_samples};\n  {self.coupling.structure}, model "
+            f"{self.stability.model}, scope {self.stability.scope}, {short(f, 'Hz')} in {len(f)} rows)"
         )
 
     __str__ = __repr__

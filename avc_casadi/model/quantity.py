@@ -1,20 +1,27 @@
-"""Physical quantities of a problem file: allowed values, as printed to the user.
+"""Physical quantities of a problem file: allowed values, as printed to the user, and values typed with a unit.
 
 Every quantity has a stated range, so that a wrong unit is refused and no equation overflows. Zero is
 special: 0 means "absent", and a subnormal number means a mistake.
 """
 
 import difflib
+import itertools
+import math
 import numbers
+import re
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 from pydantic_core import PydanticCustomError
 
-from avc_casadi._util.units import KG, M_PER_S, M_PER_S2, METRE, N_PER_M, NEWTON, NS_PER_M, Wording
+from avc_casadi._util.units import LINEAR, ROTARY, Units
+
+Path = tuple[str | int, ...]
+Finding = tuple[Path, str]
+"""Where a fault is, and what it is."""
 
 
 class Table(BaseModel):
@@ -24,11 +31,31 @@ class Table(BaseModel):
 
 
 _SHOWN = 60
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
+
+
+def dotted(path: Path) -> str:
+    """Return a path as in a file: ``scene.effects[0].mass_kg``."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if _BARE_KEY.fullmatch(part) else f".{shown(part)}"
+    return text.removeprefix(".")
 
 
 def refusal(text: str) -> PydanticCustomError:
     """Return the error that a validator raises; `text` reaches the user unchanged."""
     return PydanticCustomError("refused", "{text}", {"text": text})
+
+
+def refuse(findings: Iterable[Finding]) -> None:
+    """Raise the error of a validator that found faults, each at its path inside its table; none: do nothing."""
+    if found := list(findings):
+        faults = [{"type": "refused", "loc": path, "msg": message, "input": None} for path, message in found]
+        text = "\n".join(f"{dotted(path)}: {message}" for path, message in found)
+        raise PydanticCustomError("inner", "{text}", {"text": text, "faults": faults})
 
 
 def visible(text: str) -> str:
@@ -75,19 +102,203 @@ def plain(number: float) -> str:
     return f"{number:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
+# Size in SI units, and powers of kg, m, s and rad.
+_SYMBOLS = {
+    "g": (1e-3, (1, 0, 0, 0)),
+    "m": (1.0, (0, 1, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0)),
+    "N": (1.0, (1, 1, -2, 0)),
+    "Hz": (1.0, (0, 0, -1, 0)),
+    "rad": (1.0, (0, 0, 0, 1)),
+}
+_ALONE = {
+    "in": (0.0254, (0, 1, 0, 0)),
+    "dpi": (1 / 0.0254, (0, -1, 0, 0)),
+    "lb": (0.45359237, (1, 0, 0, 0)),
+    "lbf": (4.4482216152605, (1, 1, -2, 0)),
+    "ozf": (0.27801385095378, (1, 1, -2, 0)),
+    **dict.fromkeys(("deg", "degrees", "\N{DEGREE SIGN}"), (math.pi / 180, (0, 0, 0, 1))),
+    **dict.fromkeys(("turn", "turns", "rev"), (2 * math.pi, (0, 0, 0, 1))),
+    **dict.fromkeys(("CPR", "cpr"), (1 / (2 * math.pi), (0, 0, 0, -1))),
+    **dict.fromkeys(("count", "counts", "step", "steps", "sample", "samples"), (1.0, (0, 0, 0, 0))),
+}
+_PREFIXES = {"": 0, "k": 3, "c": -2, "m": -3, "u": -6, "n": -9, "M": 6, "G": 9}
+_NAMED = {p + s: (size * 10.0**power, of) for s, (size, of) in _SYMBOLS.items() for p, power in _PREFIXES.items()}
+# In a key, in small letters: of two prefixes that differ by size alone the small one is meant.
+_IN_KEYS = {name.lower(): unit for name, unit in reversed(_NAMED.items())}
+_SAME_LETTER = {"\N{MICRO SIGN}": "u", "\N{GREEK SMALL LETTER MU}": "u", "\N{SUPERSCRIPT TWO}": "2", "^": ""}
+_BITS = re.compile(r"\s*(\d{1,2})[\s-]*bits?\b")
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
+_FACTOR = re.compile(r"\d+\.?\d*|[^\W\d_]+\d?|\N{DEGREE SIGN}|/|[^\s.\N{MIDDLE DOT}*]")
+_GEARED = re.compile(r"(.+?)[\s,]+(?:gear\s+(\d+\.?\d*)(?:\s*:\s*(\d+\.?\d*))?|pitch\s+(.+?))\s*")
+# Unit of a key, as its ending, the longest first; and the power of the metres per radian that takes a value of what
+# turns to the handle.
+_ENDINGS = {
+    "_ns2_per_m2": ("N.s2/m2", -3),
+    "_ns_per_m": ("N.s/m", -2),
+    "_n_per_m": ("N/m", -2),
+    "_m_per_s": ("m/s", 1),
+    "_n_per_s": ("N/s", -1),
+    "_kg": ("kg", -2),
+    "_n": ("N", -1),
+    "_m": ("m", 1),
+    "_samples": ("samples", 0),
+    "_hz": ("Hz", 0),
+    "_s": ("s", 0),
+}
+_POWERS = dict(_ENDINGS.values())
+_IN_FILES = [*_ENDINGS, *sorted((ROTARY.key(ending) for ending in _ENDINGS), key=len, reverse=True)]
+_Unit = tuple[float, tuple[int, ...]]
+_NO_POWERS: tuple[int, ...] = (0, 0, 0, 0)
+_LONGEST_WORD = 12
+
+
+def power_at_handle(key: str) -> int:
+    """Return the power of the radius that converts a rotary value to the handle, by the unit of its key."""
+    return next((power for ending, (_, power) in _ENDINGS.items() if key.endswith(ending)), 0)
+
+
+def unit_of_key(key: str, units: Units) -> str:
+    """Return the SI unit of a key as a file states it; empty where it has none."""
+    inner = units.inner(key)
+    unit = next((unit for ending, (unit, _) in _ENDINGS.items() if inner.endswith(ending)), "")
+    return unit if inner == key else units.unit(unit)
+
+
+def _words(word: str, known: Mapping[str, _Unit]) -> Iterator[_Unit]:
+    """Yield each reading of a word as units without a sign between them: ``Ncm``, ``gcm2``, ``mNm``."""
+    if not word or word in _ALONE:
+        yield _ALONE.get(word, (1.0, _NO_POWERS))
+        return
+    for name, (size, powers) in known.items():
+        if word.startswith(name):
+            rest = word.removeprefix(name)
+            power, rest = (int(rest[0]), rest[1:]) if rest[:1].isdecimal() else (1, rest)
+            for more, others in _words(rest, known):
+                yield size**power * more, tuple(power * a + b for a, b in zip(powers, others, strict=True))
+
+
+def _readings(text: str, known: Mapping[str, _Unit] = _NAMED) -> Iterator[_Unit]:
+    """Yield each reading of a unit, such as ``N.m/rad`` or ``counts per 10 mm``: its size in SI units, its powers."""
+    for mark, same in _SAME_LETTER.items():
+        text = text.replace(mark, same)
+    sign, factors = 1, []
+    for one in _FACTOR.findall(re.sub(r"\bper\b", "/", text)):
+        if one == "/":
+            sign = -1
+        elif one[0].isdecimal():
+            factors.append([(float(one) ** sign, _NO_POWERS)] if float(one) else [])
+        else:
+            read = _words(one, known) if len(one) <= _LONGEST_WORD else ()
+            factors.append([(size**sign, tuple(sign * power for power in powers)) for size, powers in read])
+    for parts in itertools.product(*factors):
+        powers = zip(_NO_POWERS, *(powers for _, powers in parts), strict=True)
+        yield math.prod(size for size, _ in parts), tuple(map(sum, powers))
+
+
+def read_quantity(text: str, unit: str, metres_per_radian: float | None = None) -> float:
+    """Return a quantity as typed in SI units: ``55 um`` as 5.5e-5, ``1 kHz`` for a time, ``450 dpi`` for a step.
+
+    Args:
+        text: a number, and its unit; without one it is in SI units. A number per length or time, in place of the length
+            or time itself, is inverted; counts alone are those of a turn, and so are those of an encoder's bits. Of a
+            motor behind a reduction: ``0.2 N.m, gear 10``; behind a screw or belt: ``4096 counts, pitch 5 mm``.
+        unit: that is wanted, such as ``N.m/rad`` or ``samples``.
+        metres_per_radian: where a value at the handle may be given for what turns.
+
+    Raises:
+        ValueError: it is not a number, or of another unit.
+    """
+    if geared := _GEARED.fullmatch(text):
+        return _behind(geared, unit)
+    if bits := _BITS.match(text):
+        text = f"{2 ** int(bits[1])} counts{text[bits.end() :]}"
+    found = _NUMBER.fullmatch(text)
+    readings = [] if found is None else list(_readings(found[2]))
+    if found is None or not readings or not math.isfinite(number := float(found[1])):
+        raise ValueError(f"{text!r} is no number with a unit")
+    if not found[2]:
+        return number
+    _, wanted = next(_readings(unit))
+    for size, powers in readings:
+        value = number * size
+        # N.m/rad typed without the angle is meant with it.
+        if powers == wanted or (any(powers[:3]) and powers[:3] == wanted[:3]):
+            return float(f"{value:.15g}")
+        if not any(powers) and unit == "rad" and value:
+            return float(f"{2 * math.pi / value:.15g}")
+        if any(powers) and tuple(-one for one in powers) == wanted and value:
+            return float(f"{1 / value:.15g}")
+    linear = _linear(unit)
+    if metres_per_radian is not None and linear != unit:
+        return float(f"{read_quantity(text, linear) * metres_per_radian ** -_POWERS[linear]:.15g}")
+    raise ValueError(f"{' '.join(text.split())!r} is in another unit than {unit}")
+
+
+def _linear(unit: str) -> str:
+    """Return the unit of a linear device for that of one that turns; any other unchanged."""
+    return next((one for one in _POWERS if ROTARY.unit(one) == unit), unit)
+
+
+def _behind(geared: re.Match[str], unit: str) -> float:
+    """Return a quantity of a motor as that of what a reduction or a screw moves."""
+    typed, teeth, others, pitch = geared.groups()
+    power = _POWERS.get(_linear(unit), 0)
+    if not power or (pitch and unit != _linear(unit)):
+        raise ValueError(f"{typed!r}: no {'pitch' if pitch else 'gear'} changes {unit} of such a device; leave it out")
+    if pitch:
+        per_radian = read_quantity(pitch, "m") / (2 * math.pi)
+    else:
+        per_radian = min(float(teeth), float(others or 1)) / max(float(teeth), float(others or 1))
+    if not per_radian > 0:
+        raise ValueError(f"{typed!r}: allowed: a gear or pitch above 0")
+    return float(f"{read_quantity(typed, ROTARY.unit(unit) if pitch else unit) * per_radian**power:.15g}")
+
+
+def in_another_unit(key: str, value: Any, known: Collection[str], units: Units = LINEAR) -> tuple[str, str] | None:
+    """Return the key meant and the text to write, ``mass_kg = 0.12`` for 120 in ``mass_g``; None where none was.
+
+    Args:
+        key: the unknown key.
+        value: a number, or a list of them.
+        known: keys of its table.
+        units: of the file.
+    """
+    if key == "sample_rate_hz" and "sample_time_s" in known and _is_number(value) and value > 0:
+        return "sample_time_s", f"sample_time_s = {1 / value:.12g}"
+    values = value if isinstance(value, list) else [value]
+    if not values or len(values) > 2 or not all(map(_is_number, values)):
+        return None
+    for meant in known:
+        ending = next((one for one in _IN_FILES if meant.endswith(one)), "")
+        stem, unit = f"{meant.removesuffix(ending)}_", unit_of_key(meant, units)
+        if not unit or not key.startswith(stem):
+            continue
+        _, wanted = next(_readings(unit))
+        for size, powers in _readings(key.removeprefix(stem).replace("_per_", "/"), _IN_KEYS):
+            if powers == wanted:
+                right = [f"{one * size:.12g}" for one in values]
+                return meant, f"{meant} = {'[' + ', '.join(right) + ']' if isinstance(value, list) else right[0]}"
+    return None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e100
+
+
 @dataclass(frozen=True)
 class Quantity:
     """Validator of one real quantity.
 
     Attributes:
-        unit: SI unit, as printed.
+        unit: SI unit of a linear device.
         lowest: smallest magnitude other than 0.
         highest: largest magnitude.
         zero: whether 0 is allowed.
         signed: whether the negative range is allowed too.
     """
 
-    unit: str | Wording
+    unit: str
     lowest: float
     highest: float
     zero: bool = True
@@ -95,8 +306,8 @@ class Quantity:
 
     @property
     def allowed(self) -> str:
-        """Return the allowed range, for example ``0 or 1e-9 to 1e6 kg``."""
-        span = f"{plain(self.lowest)} to {plain(self.highest)}{self.unit and ' '}{self.unit}"
+        """Return the allowed range, for example ``0 or 1e-9 to 1e6``."""
+        span = f"{plain(self.lowest)} to {plain(self.highest)}"
         return f"{'0 or ' if self.zero else ''}{span}{' of either sign' if self.signed else ''}"
 
     def __call__(self, value: Any) -> float:
@@ -189,17 +400,17 @@ MOST_FREQUENCIES = 20_000
 
 Text = Annotated[str, BeforeValidator(_text)]
 
-Mass = Annotated[float, BeforeValidator(Quantity(KG, 1e-9, 1e6))]
-Damping = Annotated[float, BeforeValidator(Quantity(NS_PER_M, 1e-9, LARGEST_DAMPING_NS_PER_M))]
-Stiffness = Annotated[float, BeforeValidator(Quantity(N_PER_M, 1e-9, LARGEST_STIFFNESS_N_PER_M))]
-Force = Annotated[float, BeforeValidator(Quantity(NEWTON, 1e-9, 1e6))]
-ForceLimit = Annotated[float, BeforeValidator(Quantity(NEWTON, 1e-6, 1e6, zero=False))]
-Length = Annotated[float, BeforeValidator(Quantity(METRE, 1e-12, 1))]
-Amplitude = Annotated[float, BeforeValidator(Quantity(METRE, 1e-12, 10))]
+Mass = Annotated[float, BeforeValidator(Quantity("kg", 1e-9, 1e6))]
+Damping = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M))]
+Stiffness = Annotated[float, BeforeValidator(Quantity("N/m", 1e-9, LARGEST_STIFFNESS_N_PER_M))]
+Force = Annotated[float, BeforeValidator(Quantity("N", 1e-9, 1e6))]
+ForceLimit = Annotated[float, BeforeValidator(Quantity("N", 1e-6, 1e6, zero=False))]
+Length = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 1))]
+Amplitude = Annotated[float, BeforeValidator(Quantity("m", 1e-12, 10))]
 Radius = Annotated[float, BeforeValidator(Quantity("m", *RADII_M, zero=False))]
-Position = Annotated[float, BeforeValidator(Quantity(METRE, 1e-9, 10, signed=True))]
-Speed = Annotated[float, BeforeValidator(Quantity(M_PER_S, 1e-6, 100, zero=False))]
-Acceleration = Annotated[float, BeforeValidator(Quantity(M_PER_S2, 1e-6, 1e9, zero=False))]
+Position = Annotated[float, BeforeValidator(Quantity("m", 1e-9, 10, signed=True))]
+Speed = Annotated[float, BeforeValidator(Quantity("m/s", 1e-6, 100, zero=False))]
+Acceleration = Annotated[float, BeforeValidator(Quantity("m/s^2", 1e-6, 1e9, zero=False))]
 SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 10, zero=False))]
 Span = Annotated[float, BeforeValidator(Quantity("s", 1e-7, 3600, zero=False))]
 Wait = Annotated[float, BeforeValidator(Quantity("s", 1e-9, 3600))]

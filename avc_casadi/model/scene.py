@@ -91,6 +91,7 @@ class Free(_Motion):
     rest_s: Span = 1.0
 
 
+MOTIONS: dict[str, type[_Motion]] = {"press": Press, "tap": Tap, "hold": Hold, "stroke": Stroke, "free": Free}
 Motion = Annotated[Press | Tap | Hold | Stroke | Free, Field(discriminator="kind")]
 
 

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator
 
-from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.model.quantity import (
     LARGEST_DAMPING_NS_PER_M,
     LARGEST_STIFFNESS_N_PER_M,
@@ -63,9 +62,9 @@ class Ends:
         return self.one(value)
 
 
-_Masses = Annotated[Interval, BeforeValidator(Ends(Quantity(KG, LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
-_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity(NS_PER_M, 1e-9, LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity(N_PER_M, 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Masses = Annotated[Interval, BeforeValidator(Ends(Quantity("kg", LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
+_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
 _Steps = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
 _Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 _Late = Annotated[int, BeforeValidator(Whole(0, 8))]

@@ -16,9 +16,8 @@ from avc_casadi.files.problem_file import BELOW_NYQUIST
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.problem import Frequency, Realism, ScheduleSettings, Stability
+from avc_casadi.model.problem import Frequency, GainBox, Realism, ScheduleSettings, Stability, defaults_at
 from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.rotary_defaults import rotary_gains
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, VirtualTool
 
 if TYPE_CHECKING:
@@ -180,7 +179,7 @@ def _outside(coupling: Coupling) -> list[str]:
     """Return where gains leave the gain box stated in [coupling]."""
     box, gains, device = coupling.problem.coupling, coupling.table.gains, coupling.problem.device
     # Defaults, where the file of a rotary device states none.
-    usual = rotary_gains(device.metres_per_unit) if device.motion == "rotary" else {}
+    usual = defaults_at(GainBox, device.metres_per_unit) if device.motion == "rotary" else {}
     given = {key: getattr(box, key) for key in box.model_fields_set}
     stated = (_ANY if given.get(key) in {None, usual.get(key)} else given[key] for key in _BOX)
     left = [

@@ -66,9 +66,8 @@ def allowed(annotation: Any) -> tuple[str, str]:
     found = [part for part in validators(annotation) if hasattr(part, "allowed") or part.__name__ == "_delay"]
     if not found:
         return "", "true, false" if annotation is bool else "text" if annotation is str else ""
-    said = found[0].allowed if hasattr(found[0], "allowed") else "0 or 1e-3 to 1000 samples"
-    unit = getattr(found[0], "unit", "samples" if "samples" in said else "")
-    said = said.replace(f" {unit}", "") if unit else said
+    said = found[0].allowed if hasattr(found[0], "allowed") else "0 or 1e-3 to 1000"
+    unit = getattr(getattr(found[0], "one", found[0]), "unit", "" if hasattr(found[0], "allowed") else "samples")
     pair = any(getattr(part, "__name__", "") == "_pair" for part in validators(annotation))
     return unit, f"[lowest, highest], each {said}" if pair else said
 

@@ -1,4 +1,4 @@
-"""Bad input of many kinds: the error document of each, with file, line, key and message."""
+"""Bad input of many kinds: the faults of each, with file, line and key."""
 
 from __future__ import annotations
 
@@ -82,4 +82,5 @@ def error(case: str) -> dict[str, Any]:
         for file, text in files.items():
             (folder / file).write_text(text, encoding="ascii")
         code, document = avc(*words, folder=folder)
-    return {"exit_code": code, **document}
+    faults = [{key: fault[key] for key in ("file", "line", "key")} for fault in document["errors"]]
+    return {"exit_code": code, "errors": faults}

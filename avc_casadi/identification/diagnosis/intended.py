@@ -17,8 +17,7 @@ from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.oscillation import Oscillation
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import STYLUS_RANGES, Hand, hand_corners, joined
-from avc_casadi.model.problem import Hands
-from avc_casadi.model.rotary_defaults import rotary_hands
+from avc_casadi.model.problem import Hands, defaults_at
 
 # Default device on a desk where none is declared; the hand's ranges widen it.
 _ASSUMED = {"mass_kg": 0.1, "damping_ns_per_m": 1.0, "delay_samples": 1.0}
@@ -64,7 +63,10 @@ class Declared:
             )
             return cls(device, known=False, hands=hands or Hands(), notes=tuple(notes))
         return cls(
-            device, known=True, hands=hands or Hands.model_validate(rotary_hands(device.metres_per_unit)), notes=()
+            device,
+            known=True,
+            hands=hands or Hands.model_validate(defaults_at(Hands, device.metres_per_unit)),
+            notes=(),
         )
 
     @property

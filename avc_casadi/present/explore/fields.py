@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import Fault
 from avc_casadi._util.units import CAP_FORCE, MASS, Wording, spoken_key, units_for
-from avc_casadi.files.rotary_keys import power_at_handle
+from avc_casadi.model.quantity import power_at_handle
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import MotionKind, Units

@@ -15,9 +15,9 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.units import FORCE
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_document import problem_document, problem_of
-from avc_casadi.files.rotary_keys import power_at_handle
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.quantity import power_at_handle
 from avc_casadi.present.explore.fields import HANDLE, RANGES, fields_for, on_page
 from avc_casadi.present.explore.forms import WALL, Form, form_of
 from avc_casadi.present.explore.requests import RequestError
