@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._errors import InputError
-from avc_casadi._util.units import N_PER_M, Units, in_its_units
+from avc_casadi._util.units import Units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
@@ -133,12 +133,11 @@ class Coupling:
         """Names and units in which it is printed."""
         return self.problem.units
 
-    @in_its_units
     def __repr__(self) -> str:
         wall = self.wall
         return (
             f"Coupling({self.problem.name!r} by {self.method}: {self.table!r}, wall {wall.stiffness_n_per_m:g} "
-            f"{N_PER_M}, T {1e3 * self.sample_time_s:g} ms)"
+            f"{self.units.unit('N/m')}, T {1e3 * self.sample_time_s:g} ms)"
         )
 
     def __eq__(self, other: object) -> bool:

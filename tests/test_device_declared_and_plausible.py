@@ -67,11 +67,11 @@ def test_every_range_is_named():
 @pytest.mark.parametrize(
     ("tables", "sentence"),
     [
-        ({"device": {"mass_kg": 250.0}}, "device.mass_kg is 250: usual 0.005 to 5 kg; is the unit right?"),
-        ({"environment": {"stiffness_n_per_m": 8.0}}, "environment.stiffness_n_per_m is 8: usual 50 to 1e6 N/m"),
-        ({"device": {"encoder_resolution_m": 0.06}}, "device.encoder_resolution_m is 0.06: usual 1e-7 to 0.001 m"),
+        ({"device": {"mass_kg": 250.0}}, "device.mass_kg is 250: usual 0.005 to 5; is the unit right?"),
+        ({"environment": {"stiffness_n_per_m": 8.0}}, "environment.stiffness_n_per_m is 8: usual 50 to 1e6"),
+        ({"device": {"encoder_resolution_m": 0.06}}, "device.encoder_resolution_m is 0.06: usual 1e-7 to 0.001"),
         ({"device": {"sample_time_s": 1.0}, "frequency": {"values_hz": [0.1]}}, "device.sample_time_s is 1: usual"),
-        ({"device": {"position_noise_rms_m": 2e-4}}, "device.position_noise_rms_m is 0.0002: usual 1e-9 to 0.0001 m"),
+        ({"device": {"position_noise_rms_m": 2e-4}}, "device.position_noise_rms_m is 0.0002: usual 1e-9 to 0.0001"),
         (
             {"device": {"delay_samples": 0.001}},
             "device.delay_samples is 0.001, a part of a sample; are seconds meant? 0.001 s are 1 sample",
@@ -80,7 +80,7 @@ def test_every_range_is_named():
             {"device": {"range": {"delay_samples": [0.0, 0.0025]}}},
             "device.range.delay_samples is [0, 0.0025], a part of a sample; are seconds meant? 0.0025 s are 2.5 ",
         ),
-        ({"device": {"max_force_n": 0.01}}, "device.max_force_n is 0.01: usual 0.5 to 500 N"),
+        ({"device": {"max_force_n": 0.01}}, "device.max_force_n is 0.01: usual 0.5 to 500"),
         ({"device": {"resonance": MODE | {"frequency_hz": 1e4}}}, "device.resonance.frequency_hz is 10000: usual"),
         ({"device": {"range": {"mass_kg": [1e-6, 9.0]}}}, "device.range.mass_kg is [1e-6, 9]: usual"),
         ({"device": {"encoder_at": "handle"}}, "device.encoder_at is"),
@@ -102,7 +102,7 @@ def test_every_range_is_named():
         ),
         (
             {"device": {"coulomb_friction_n": 3.0, "max_force_n": 2.0}},
-            "device.coulomb_friction_n is 3, and device.max_force_n 2: no force that it gives",
+            "device.coulomb_friction_n is 3, and device.max_force_n 2: nothing",
         ),
         (
             {"hands": {"damping_ns_per_m": (0.0, 0.0), "stiffness_n_per_m": (0.0, 0.0)}},
@@ -121,7 +121,7 @@ def test_check_shows_doubts_and_what_is_declared(tmp_path, capsys):
     file.write_text(avc.dump_problem(problem({"mass_kg": 250.0, "delay_samples": 0.5})))
     assert main(["check", str(file)]) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "! Warning device.mass_kg is 250: usual 0.005 to 5 kg; is the unit right?" in text
+    assert "! Warning device.mass_kg is 250: usual 0.005 to 5; is the unit right?" in text
     assert "Declared device.delay_samples" in text
     assert main(["check", str(file), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -4,13 +4,13 @@ import math
 import tomllib
 
 import pytest
-from avc_casadi.model.quantity import read_quantity
 from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi
 from avc_casadi.cli import main
 from avc_casadi.files.new_problem import NewProblem
+from avc_casadi.model.quantity import read_quantity
 from avc_casadi.present.pages.subject import quantities
 
 # What people write for a quantity, and how much it is of the unit of the file.

@@ -163,16 +163,25 @@ def speaking(units: Units) -> Iterator[None]:
     """Use these units of output inside; errors raised there name their keys so."""
     token = _SPOKEN.set(units)
     try:
+        with in_keys_of(units):
+            yield
+    finally:
+        _SPOKEN.reset(token)
+
+
+@contextmanager
+def in_keys_of(units: Units) -> Iterator[None]:
+    """Let errors raised inside name their keys as a file of this motion does."""
+    try:
         yield
     except InputError as error:
         if units.linear:
             raise
-        raise InputError([replace(one, key=units.key(one.key)) for one in error.faults]) from error
+        faults = [replace(one, key=units.key(one.key), message=units.words(one.message)) for one in error.faults]
+        raise InputError(faults) from error
     except UnsupportedError as error:
-        error.key = units.key(error.key)
+        error.key, error.args = units.key(error.key), tuple(map(units.words, map(str, error.args)))
         raise
-    finally:
-        _SPOKEN.reset(token)
 
 
 def speaks(units: Units, function: Callable[..., R], *args: Any, **options: Any) -> R:

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import Float32Array, FloatArray
 from avc_casadi._util.printed import Columns, Tabular, short
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -258,8 +257,7 @@ class GainTable(Tabular):
 
     def _summary(self) -> str:
         b, k, contact = self.gains
-        spans = f"b {short(b, NS_PER_M)}, k {short(k, N_PER_M)}, b_p {short(contact, NS_PER_M)}"
-        return f"{len(self)} row{'s' if len(self) > 1 else ''}: {spans}"
+        return f"{len(self)} row{'s' if len(self) > 1 else ''}: b {short(b)}, k {short(k)}, b_p {short(contact)}"
 
     @property
     def frequency_hz(self) -> FloatArray:

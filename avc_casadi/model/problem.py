@@ -388,7 +388,8 @@ class Problem(Table):
             seconds = f"; sample_time_s is in seconds: {plain(period)} ms is {plain(period / 1000)}"
         for place, value, origin in places:
             if value * period >= 0.5:
-                message = f"is {shown(value)}{origin}, at or above the Nyquist frequency of sample_time_s = {period}"
+                nyquist = f"the Nyquist frequency {limit} Hz of sample_time_s = {shown(period)}"
+                message = f"is {shown(value)}{origin}, at or above {nyquist}"
                 yield ("frequency", *place), f"{message}; allowed: below {limit} Hz{seconds}"
 
     def _follower_findings(self, follower: Follower) -> Iterator[Finding]:

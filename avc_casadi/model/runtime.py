@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import spoken_key
 from avc_casadi.model.effects import (
     AdaptationEffect,
     Effect,
@@ -65,7 +64,7 @@ class StateFeedback:
         if not 1 <= n <= MOST_STATES:
             return [("force_m_per_n", f"has {n} numbers; allowed: 1 to {MOST_STATES}, one for each state")]
         found = [
-            (name, f"has {len(getattr(self, name))} numbers; allowed: {n}, as {spoken_key('force_m_per_n')}")
+            (name, f"has {len(getattr(self, name))} numbers; allowed: {n}, as force_m_per_n")
             for name in ("innovation", "feedback", "state")
             if len(getattr(self, name)) != n
         ]
@@ -138,9 +137,7 @@ class Runtime:
             if value is not None and not 0 <= value < float("inf"):
                 raise InputError.of(f"is {value!r}; allowed: a finite number, 0 or more", key=name)
         if self.observer_mass_kg is not None and self.state_feedback is not None:
-            raise InputError.of(
-                f"stands beside {spoken_key('observer_mass_kg')}; allowed: one of them", key="state_feedback"
-            )
+            raise InputError.of("stands beside observer_mass_kg; allowed: one of them", key="state_feedback")
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""

@@ -11,7 +11,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
 from avc_casadi._util.printed import Columns, Tabular, short
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem, Structure
@@ -142,8 +141,8 @@ class GainSchedule(Tabular):
         found = ", ".join(f"{count} {status}" for status, count in self.counts().items())
         return (
             f"{self.problem!r} by {self.method}, {self.rows} rows {short(self.frequency_hz, 'Hz')}: {found};\n"
-            f"  b {short(self.damping_ns_per_m, NS_PER_M)}, k {short(self.stiffness_n_per_m, N_PER_M)}, "
-            f"b_p {short(self.contact_damping_ns_per_m, NS_PER_M)}"
+            f"  b {short(self.damping_ns_per_m)}, k {short(self.stiffness_n_per_m)}, "
+            f"b_p {short(self.contact_damping_ns_per_m)}"
         )
 
     def counts(self) -> dict[str, int]:

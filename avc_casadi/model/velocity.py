@@ -9,7 +9,6 @@ import numpy as np
 from pydantic import model_validator
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import spoken_key
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.quantity import Acceleration, Hertz, Length, refusal
 
@@ -50,10 +49,10 @@ class VelocityFilterEffect(EffectTable):
         told = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
         for key in told:
             if key not in keys:
-                allowed = ", ".join(map(spoken_key, keys))
-                raise refusal(f'has {spoken_key(key)}, no key of estimator "{self.estimator}"; allowed: {allowed}')
+                allowed = ", ".join(keys)
+                raise refusal(f'has {key}, no key of estimator "{self.estimator}"; allowed: {allowed}')
         if keys[0] not in told:
-            raise refusal(f'has no {spoken_key(keys[0])}; allowed: with it, which estimator "{self.estimator}" needs')
+            raise refusal(f'has no {keys[0]}; allowed: with it, which estimator "{self.estimator}" needs')
         return self
 
 

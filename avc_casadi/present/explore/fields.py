@@ -213,7 +213,7 @@ def _turned(field: Field, radius_m: float) -> Field:
 _NUMBER = r"[-+]?\d[-+.\de]*"
 _PLACE_faults = re.compile(r"\[(\d)\]")
 # What a quantity says of itself, with the span of what is allowed.
-_REFUSED = re.compile(rf"is (?P<value>{_NUMBER}|\".*\", not a number); allowed: (?P<span>.*) \w+")
+_REFUSED = re.compile(rf"is (?P<value>{_NUMBER}|\".*\", not a number|None, not a number); allowed: (?P<span>.*)")
 
 
 def on_page(
@@ -252,7 +252,9 @@ def _told(message: str, field: Field | None, fields: Mapping[str, Field]) -> str
         # What is no number stands as it was typed.
         value = refused["value"] if refused["value"].startswith('"') else converted(refused["value"])
         span = converted(refused["span"])
-        message = f"is {value}; allowed: {span} {field.unit}"
+        message = f"is {value}; allowed: {span}"
+    if field is not None and refused:
+        message = f"{message} {field.unit}"
     # A key without its table means the one field that ends so.
     ends = {key.rpartition(".")[2]: field for key, field in fields.items()}
     often = Counter(key.rpartition(".")[2] for key in fields)
