@@ -1,9 +1,6 @@
-"""Units and nouns of a rotary device: one for every key, unit and noun of a linear device.
+"""Keys and units of a device that turns: one for each of a linear device, whose names the package uses inside.
 
-The equations are the same in SI units, so that the inside of the package knows one set of names, those of a linear
-device; a rotary value stands in them unchanged (kg.m2 in ``mass_kg``). Each unit has the same prefixes in both, so that
-a number is the same in both: 3 mm is 3 mrad there. A sentence holds each unit and noun as a `Wording`, and is written
-for the motion that is spoken of as it is composed; nothing changes it afterwards.
+A rotary value stands unchanged in them: kg.m2 in ``mass_kg``.
 """
 
 from __future__ import annotations
@@ -20,7 +17,7 @@ from avc_casadi._errors import InputError, UnsupportedError
 
 MotionKind = Literal["linear", "rotary"]
 
-# Units of a key, as its ending; the longest first.
+# Endings of keys; the longest first.
 _ENDINGS = {
     "_ns2_per_m2": "_nms2_per_rad2",
     "_ns_per_m": "_nms_per_rad",
@@ -118,7 +115,6 @@ def _renamed(value: Any, name: Callable[[str], str]) -> Any:
     return value
 
 
-# A key in a message.
 _KEY = re.compile(r'(?<!["\w.])[a-z0-9]+(?:[_.][a-z0-9]+)*_[a-z0-9_.]*[a-z0-9]\b(?!")')
 # A name in C, by its ending; a file's name is none.
 _NAME = re.compile(rf"(?<![\w/])[A-Za-z]\w*?(?:{'|'.join(_ENDINGS)})\b(?!\.[ch]\b|[/-])")
@@ -163,35 +159,26 @@ def speaking(units: Units) -> Iterator[None]:
     """Use these units of output inside; errors raised there name their keys so."""
     token = _SPOKEN.set(units)
     try:
-        with in_keys_of(units):
-            yield
-    finally:
-        _SPOKEN.reset(token)
-
-
-@contextmanager
-def in_keys_of(units: Units) -> Iterator[None]:
-    """Let errors raised inside name their keys as a file of this motion does."""
-    try:
         yield
     except InputError as error:
         if units.linear:
             raise
-        faults = [replace(one, key=units.key(one.key), message=units.words(one.message)) for one in error.faults]
-        raise InputError(faults) from error
+        raise InputError([replace(one, key=units.key(one.key)) for one in error.faults]) from error
     except UnsupportedError as error:
-        error.key, error.args = units.key(error.key), tuple(map(units.words, map(str, error.args)))
+        error.key = units.key(error.key)
         raise
+    finally:
+        _SPOKEN.reset(token)
 
 
 def speaks(units: Units, function: Callable[..., R], *args: Any, **options: Any) -> R:
-    """Call a function that uses these units of output, as in another process."""
+    """Call a function that uses these units of output."""
     with speaking(units):
         return function(*args, **options)
 
 
 def in_its_units(function: F) -> F:
-    """Decorate a function, or a method, of what has units: a problem, a coupling, a device; it speaks in these."""
+    """Decorate a function of what has units, which it then speaks in."""
 
     @wraps(function)
     def told(*args: Any, **options: Any) -> Any:
@@ -234,11 +221,9 @@ NS2_PER_M2 = Wording("N.s2/m2", "N.m.s2/rad2")
 N_DOT_S_PER_M = Wording("N·s/m", "N·m·s/rad")
 N_PER_M = Wording("N/m", "N.m/rad")
 KN_PER_M = Wording("kN/m", "kN.m/rad")
-N_PER_MM = Wording("N/mm", "N.m/mrad")
 M_PER_S_PER_N = Wording("m/s/N", "rad/s/(N.m)")
 M_PER_S = Wording("m/s", "rad/s")
 MM_PER_S = Wording("mm/s", "mrad/s")
-M_PER_S2 = Wording("m/s^2", "rad/s^2")
 NEWTON = Wording("N", "N.m")
 KG = Wording("kg", "kg.m2")
 METRE = Wording("m", "rad")
@@ -256,5 +241,5 @@ CAP_FORCE = Wording("Force", "Torque")
 _NOUNS = {noun.linear: noun.rotary for noun in (MASS, MASSES, FORCE, FORCES)}
 _UNITS = {
     unit.linear: unit.rotary
-    for unit in (NS_PER_M, N_DOT_S_PER_M, N_PER_M, N_PER_MM, M_PER_S, NEWTON, KG, METRE, MM, UM, MICROMETRE)
+    for unit in (NS_PER_M, N_DOT_S_PER_M, N_PER_M, M_PER_S, NEWTON, KG, METRE, MM, UM, MICROMETRE)
 }

@@ -62,12 +62,8 @@ class Declared:
                 "released device is not distinguished from a held one; better: --device NAME|FILE"
             )
             return cls(device, known=False, hands=hands or Hands(), notes=tuple(notes))
-        return cls(
-            device,
-            known=True,
-            hands=hands or Hands.model_validate(defaults_at(Hands, device.metres_per_unit)),
-            notes=(),
-        )
+        usual = defaults_at(Hands, device.metres_per_unit)
+        return cls(device, known=True, hands=hands or Hands.model_validate(usual), notes=())
 
     @property
     def longest_delay(self) -> float:

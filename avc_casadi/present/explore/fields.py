@@ -249,13 +249,11 @@ def _told(message: str, field: Field | None, fields: Mapping[str, Field]) -> str
     refused = _REFUSED.fullmatch(message)
     if field is not None and field.factor != 1 and refused:
         converted = partial(re.sub, _NUMBER, lambda found: _in(field, found[0]))
-        # What is no number stands as it was typed.
         value = refused["value"] if refused["value"].startswith('"') else converted(refused["value"])
         span = converted(refused["span"])
         message = f"is {value}; allowed: {span}"
     if field is not None and refused:
         message = f"{message} {field.unit}"
-    # A key without its table means the one field that ends so.
     ends = {key.rpartition(".")[2]: field for key, field in fields.items()}
     often = Counter(key.rpartition(".")[2] for key in fields)
     named = {name: field for name, field in ends.items() if often[name] == 1 and "_" in name}
