@@ -75,7 +75,7 @@ def printed_pages(driver):
     return base64.b64decode(found["data"])
 
 
-def until(question, seconds=600.0):
+def until(question, seconds=120.0):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if found := question():

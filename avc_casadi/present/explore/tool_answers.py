@@ -1,7 +1,6 @@
 """The parts of the page where an engine is at the other end: K against B, what is claimed, what is felt.
 
-Until a run of `recommend` is done the page shows the pair with which that begins: stable with its margin, tried by
-nobody.
+Until a run of `recommend` is done the page shows the pair with which that begins, tried by nobody.
 """
 
 from __future__ import annotations
@@ -60,6 +59,8 @@ if TYPE_CHECKING:
 def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the pair, what is claimed of it and what the handle feels like."""
     settings = asked_settings(explorer, asked)
+    # Before the gains: a run that ends in between is asked for again.
+    awaited = settings.method != "constant" and not explorer.done(settings)
     problem, gains = explorer.problem(settings), _gains(explorer, settings)
     found: dict[str, Any] = {
         "title": problem.title or problem.name,
@@ -68,8 +69,7 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         "kept": kept_of(problem),
         "dropped": dropped_ranges(explorer.base, settings, problem),
         "gains": None,
-        # Gains that stand in for those of a run that is not done.
-        "awaited": settings.method != "constant" and not explorer.done(settings),
+        "awaited": awaited,
     }
     if gains is None:
         _limit(explorer, problem)
