@@ -1,13 +1,14 @@
 """avc-casadi: design, certify, simulate and deploy adaptive virtual couplings for haptic devices.
 
 A problem is a file (`load_problem`), a name of the catalogue (`catalogue`), or a `Problem`; every call takes any of
-the three. Six calls answer most questions:
+the three. Seven calls answer most questions:
 
     import avc_casadi as avc
 
     avc.recommend("figure5")                       # the coupling to deploy, and why
     gains = avc.solve("figure5", "direct")         # gains against frequency, by one of the methods
     avc.certify("figure5", gains)                  # which stability claims they meet, and where they fail
+    avc.certify_law("figure5", k=3000.0, b=4.0)    # your own spring and damper: do they hold, and by how much
     avc.compare("figure5", mine=(2000.0, 7.0))     # the methods and your own (k, b), frequency by frequency
     avc.simulate("scenes/stiff-wall-pressed")      # position and force at the hand over time
     avc.zwidth("figure5")                          # which walls the device can render at all
@@ -32,6 +33,7 @@ __all__ = [
     "Fault",
     "GainSchedule",
     "InputError",
+    "LawCertificate",
     "LinkError",
     "MissingExtraError",
     "NotDeployableError",
@@ -44,6 +46,7 @@ __all__ = [
     "catalogue",
     "catalogue_path",
     "certify",
+    "certify_law",
     "compare",
     "deployable",
     "dump_problem",
@@ -94,6 +97,8 @@ if TYPE_CHECKING:
     from avc_casadi.files.problem_file import parse_problem as parse_problem
     from avc_casadi.model.problem import Problem as Problem
     from avc_casadi.model.schedule import GainSchedule as GainSchedule
+    from avc_casadi.own_law.certificate import LawCertificate as LawCertificate
+    from avc_casadi.own_law.certificate import certify_law as certify_law
     from avc_casadi.present import figures as figures
     from avc_casadi.recommendation.answer import recommend as recommend
     from avc_casadi.recommendation.recommend import Recommendation as Recommendation
@@ -117,6 +122,8 @@ else:
         "zwidth": "claims.zwidth",
         "Deployable": "claims.deployable",
         "deployable": "claims.deployable",
+        "LawCertificate": "own_law.certificate",
+        "certify_law": "own_law.certificate",
         "Recommendation": "recommendation.recommend",
         "recommend": "recommendation.answer",
         "Coupling": "coupling",

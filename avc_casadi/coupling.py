@@ -40,11 +40,6 @@ def contact_law(asked: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m
 
     Dampers alone do not depend on position: clipped last they would act in free space, whenever the device moves
     towards the wall. Without a spring in the wall, or in the coupling at any frequency, the law is therefore gated.
-
-    Args:
-        asked: law of the problem.
-        wall_stiffness_n_per_m: k_e.
-        stiffness_n_per_m: k of all gains that may run; infinite for a rigid coupling.
     """
     springs = wall_stiffness_n_per_m > 0 and bool(np.all(np.asarray(stiffness_n_per_m) > 0))
     return asked if springs else "gated"
@@ -237,11 +232,7 @@ def schedule_of(
 
 
 def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
-    """Refuse gains of another sample time, which belong to another loop. Unknown (NaN) passes.
-
-    Raises:
-        InputError: with both.
-    """
+    """Refuse gains of another sample time, which belong to another loop. Unknown (NaN) passes."""
     own = problem.device.sample_time_s
     if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=_SAME_TIME):
         raise InputError.of(
@@ -253,11 +244,7 @@ def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None
 
 
 def require_coupling(value: object) -> None:
-    """Refuse an object that is not a coupling, with the call that makes one.
-
-    Raises:
-        InputError: with the type given and the one expected.
-    """
+    """Refuse an object that is not a coupling, with the call that makes one."""
     if isinstance(value, Coupling):
         return
     if isinstance(value, str | PathLike):

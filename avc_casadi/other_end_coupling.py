@@ -20,15 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class OtherEndCoupling(ABC):
-    """Spring and damper between a device and a moving remote end.
-
-    Attributes:
-        problem: the problem as stated: device, hands, remote end.
-        gains: K, B and the damper of each local loop, at the device.
-        certificate: the claims that it meets, a JSON document; None before it was judged.
-        trial: result with simulated hands, a JSON document; None before it was tried.
-        versions: of the software that made it, by package.
-    """
+    """Spring and damper between a device and a moving remote end."""
 
     problem: Problem
     gains: ToolGains

@@ -112,7 +112,6 @@ def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
         )
         if not rests:
             assert "in a valley" in claim.sentence
-            assert "detent.damping_nms_per_rad" in claim.advice
 
 
 def test_a_top_is_told_as_what_it_is():

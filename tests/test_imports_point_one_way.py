@@ -37,6 +37,7 @@ ROOMS = (
     "recommendation",
     "present.terminal",
     "present.pages",
+    "own_law",
     "present.results",
     "present.figures",
     "present.report",

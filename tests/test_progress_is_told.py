@@ -1,7 +1,6 @@
 """Long work tells how far it has come, to its end and not too often, and its results do not depend on who listens."""
 
 import io
-import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -57,40 +56,6 @@ def test_methods_that_take_long_tell_of_it(method):
 class Terminal(io.StringIO):
     def isatty(self):
         return True
-
-
-def test_a_terminal_is_written_to_five_times_a_second(monkeypatch):
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    now = [0.0]
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    console = Console(as_json=False)
-    with console.step("work"):
-        for done in range(1000):
-            now[0] = done * 2e-3
-            console.advance(done, 1000, "rows")
-    lines = terminal.getvalue().split("\r")
-    assert 8 <= sum(" of 1000 rows" in line for line in lines) <= 10
-    assert lines[-1].endswith("work ... 2.00 s\n")
-
-
-def test_rate_and_what_is_left_are_told_of_the_present_piece(monkeypatch):
-    terminal = Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    now = [0.0]
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    console = Console(as_json=False)
-    with console.step("work"):
-        for total, seconds in ((100, 0.1), (10, 4.0)):
-            for done in range(1, total + 1):
-                now[0] += seconds
-                console.advance(done, total, "rows")
-    lines = terminal.getvalue().split("\r")
-    # Ten rows a second, of which the first was done when it began to count; then one in four seconds.
-    assert any(line.endswith("51 of 100 rows; 10 a second, 5 s left") for line in lines)
-    assert any(line.endswith("6 of 10 rows; 16 s left") for line in lines)
-    # The new piece begins anew, and guesses nothing at once.
-    assert any(line.endswith(" 1 of 10 rows") for line in lines)
 
 
 def test_nothing_is_written_where_nobody_looks(monkeypatch):

@@ -68,4 +68,4 @@ def test_an_unstable_hand_refutes():
     assert found.outcome == "refuted"
     assert found.unstable.spectral_radius > 1
     assert set(found.unstable.hand) == set(BOX)
-    assert "stylus" in found.sentence
+    assert "grip stiffness" in found.sentence

@@ -8,6 +8,7 @@ steps is excluded. State feedback is included, with any sector gain of its dead 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
@@ -17,16 +18,16 @@ import numpy as np
 from avc_casadi._errors import NotDeployableError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import KG, N_PER_M, NS_PER_M, in_its_units
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.feedback import Worst, feedback_radius
 from avc_casadi.claims.hands_level import every_hand, looked_at, released_radius
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, frozen_parts
+from avc_casadi.claims.stability.margins import LEAST_DISK, SOUND_DISK, OpenLoop
 from avc_casadi.coupling import require_coupling
 from avc_casadi.model.corners import linear_values
-from avc_casadi.model.hands import no_hand
+from avc_casadi.model.hands import hand_text, no_hand
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, FloatArray
@@ -72,6 +73,7 @@ class Deployable:
 
     Attributes:
         claims: each claim with its result.
+        disk_margin: the smallest of corner hands and released, of the gains at rest; not a number where a claim fails.
 
     Example:
         >>> problem = avc.load_problem("soft")
@@ -81,6 +83,7 @@ class Deployable:
     """
 
     claims: tuple[DeployClaim, ...]
+    disk_margin: float = math.nan
 
     @property
     def passed(self) -> bool:
@@ -92,8 +95,20 @@ class Deployable:
         """The verdict in one line: which claim fails and what to do."""
         failed = [claim for claim in self.claims if not claim.passed]
         if not failed:
-            return "deployable: linearly stable with every hand of [hands] and released"
+            return f"deployable: linearly stable with every hand of [hands] and released{self.thin}"
         return "not deployable: " + "; ".join(f"{_CALLED[claim.name]}: {claim.sentence}" for claim in failed)
+
+    @property
+    def thin(self) -> str:
+        """What is to be said of the disk margin; empty where it is sound."""
+        if not self.disk_margin < SOUND_DISK:
+            return ""
+        return f"; disk margin {self.disk_margin:.2g}: {f'below {LEAST_DISK}' if self.low else 'thin'}"
+
+    @property
+    def low(self) -> bool:
+        """Whether the disk margin is below the one that a device should have."""
+        return self.disk_margin < LEAST_DISK
 
     @property
     def advice(self) -> str:
@@ -105,6 +120,8 @@ class Deployable:
         return {
             "pass": self.passed,
             "sentence": self.sentence,
+            "disk_margin": plain(self.disk_margin),
+            "thin": self.thin,
             "claims": [
                 {
                     "name": claim.name,
@@ -118,7 +135,6 @@ class Deployable:
         }
 
 
-@in_its_units
 def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
     """Return the verdict on a coupling, on the loop of its own problem; its certificate is not used.
 
@@ -141,6 +157,8 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         if problem is coupling.problem and runtime is coupling.runtime and judged == numbers:
             return verdict
     verdict = _verdict(coupling, progress)
+    if verdict.passed:
+        verdict = replace(verdict, disk_margin=min(one.disk for one in OpenLoop.of(coupling).margins()))
     known.append((coupling.problem, coupling.runtime, numbers, verdict))
     del known[:-_KEPT]
     return verdict
@@ -191,12 +209,8 @@ def _hands_claim(problem: Problem, frequency: FloatArray, gains: FloatArray, pro
     found = every_hand(problem, frozen_parts(problem, b, k), contact, draws=_DRAWS, seed=0, progress=progress)
     row = int(np.argmax(found.radius))
     who = f"with every hand of [hands] (worst by {looked_at(problem, _DRAWS, 0)})"
-    held = tuple(found.hands.values(row).values())
-    worst = (
-        f"with a hand of {{:.4g}} {KG}, {{:.4g}} {NS_PER_M}, {{:.4g}} {N_PER_M}".format(*held)
-        if any(held)
-        else "when released"
-    )
+    held = found.hands.values(row)
+    worst = f"with {hand_text(held)}" if any(held.values()) else "when released"
     at = _Worst(float(found.radius[row]), frequency[row], found.devices[found.corner[row]], found.devices)
     return at.claim("hands", found.stable, who, worst)
 
@@ -235,8 +249,7 @@ def _feedback_claims(coupling: Coupling) -> tuple[DeployClaim, ...]:
     every = f"with every hand of [hands] (worst by search from {found.hands})"
 
     def held(worst: Worst) -> str:
-        who = f"with a hand of {{:.4g}} {KG}, {{:.4g}} {NS_PER_M}, {{:.4g}} {N_PER_M}".format(*worst.hand.values())
-        return who + _of(worst.device, found.devices)
+        return f"with {hand_text(worst.hand)}" + _of(worst.device, found.devices)
 
     return (
         _claim_of("hands", found.held.radius, every, held(found.held)),
@@ -296,13 +309,7 @@ def _of(device: Device, corners: list[Device]) -> str:
         return ""
     every = [linear_values(corner) for corner in corners]
     changed = {key: value for key, value in linear_values(device).items() if len({one[key] for one in every}) > 1}
-    return f" (device {', '.join(_told(key, value) for key, value in changed.items())})"
-
-
-def _told(key: str, value: float) -> str:
-    """Return a value with its unit, and with its key unless it is a mass or a damping."""
-    unit = {"mass_kg": KG, "damping_ns_per_m": NS_PER_M}.get(key)
-    return f"{key} {value:.4g}" if unit is None else f"{value:.4g} {unit}"
+    return f" (device {', '.join(f'{key} {value:.4g}' for key, value in changed.items())})"
 
 
 _UNJUDGED_DETENTS = DeployClaim(
@@ -315,7 +322,6 @@ _UNJUDGED_DETENTS = DeployClaim(
 _OBSERVER = " (judged without the observer, which is not linear)"
 
 
-@in_its_units
 def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = False) -> Coupling:
     """Return the coupling with its certificate: the levels of its rows, and the verdict on the deployed table.
 
@@ -325,7 +331,6 @@ def certified(coupling: Coupling, progress: Progress = SILENT, *, prove: bool = 
     return coupling.with_certificate(found.document() | {"deployable": deployable(coupling, progress).document()})
 
 
-@in_its_units
 def require_deployable(coupling: Coupling, *, unsafe: bool = False) -> Deployable:
     """Raise unless a coupling may be deployed on a device or exported to C; its own certificate is not used."""
     verdict = deployable(coupling)

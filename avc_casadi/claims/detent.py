@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_poles, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_set, joined, no_hand
@@ -41,15 +40,15 @@ def detent_verdict(problem: Problem) -> tuple[bool, str, str, float]:
         quickest = float(np.log(np.abs(leaving)).max()) / problem.device.sample_time_s if len(leaving) else math.nan
         rest = "" if held == len(people) else f", the others leave it without swinging, by e in {1 / quickest:.3g} s"
         sentence = (
-            f"detents: in a valley, a spring of {slope:.4g} {N_PER_M}, linearly stable with every hand of [hands] and "
-            f"released, spectral radius {radius:.6g} at most; at a top, a spring of {-slope:.4g} {N_PER_M}, {held} of "
+            f"detents: in a valley, a spring of {slope:.4g}, linearly stable with every hand of [hands] and "
+            f"released, spectral radius {radius:.6g} at most; at a top, a spring of {-slope:.4g}, {held} of "
             f"{len(people)} hands, one of them none, hold it{rest}"
         )
         return True, sentence, "", radius
     where = (
-        f"in a valley, a spring of {slope:.4g} {N_PER_M} with {damping:.4g} {NS_PER_M}: spectral radius {radius:.6g}"
+        f"in a valley, a spring of {slope:.4g} with {damping:.4g}: spectral radius {radius:.6g}"
         if radius >= 1
-        else f"at a top, a spring of {-slope:.4g} {N_PER_M}: what leaves it swings"
+        else f"at a top, a spring of {-slope:.4g}: what leaves it swings"
     )
     return False, f"detents: linearly unstable {where}", _advice(problem, slope), radius
 
@@ -59,8 +58,8 @@ def _advice(problem: Problem, slope: float) -> str:
     found = damping_range(problem.device, people, slope)
     if math.isfinite(found.lowest_ns_per_m):
         return (
-            f"give {spoken_key('detent.damping_ns_per_m')} {found.lowest_ns_per_m:.4g} to {found.highest_ns_per_m:.4g} "
-            f"{NS_PER_M}, or make the detents weaker or wider"
+            f"give the detents a damping of {found.lowest_ns_per_m:.4g} to {found.highest_ns_per_m:.4g}, "
+            "or make the detents weaker or wider"
         )
     most = stiffest_wall(problem.device, people).stiffness_n_per_m
-    return f"make the detents weaker or wider: no damping holds a slope above {most:.4g} {N_PER_M}"
+    return f"make the detents weaker or wider: no damping holds a slope above {most:.4g}"

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.levels import Rows, level_result
 from avc_casadi.claims.stability.declared_device import plants_with_forces
@@ -19,7 +18,7 @@ from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TO
 from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
 from avc_casadi.claims.stability.worst_point import hand_boxes, worst_held
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, device_set
-from avc_casadi.model.hands import Hand, hand_ranges, hand_set, no_hand
+from avc_casadi.model.hands import Hand, hand_ranges, hand_set, hand_text, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
@@ -179,19 +178,13 @@ class _Loop:
 def feedback_level(found: FeedbackRadius, rows: Rows) -> LevelResult:
     """Judge L5 on the loop of a coupling with state feedback."""
     worst, one = found.any_share, np.ones(len(rows.b))
-    held = worst.hand
-    who = (
-        f"{held['mass_kg']:.4g} {KG}, {held['damping_ns_per_m']:.4g} {NS_PER_M}, {held['stiffness_n_per_m']:.4g} "
-        f"{N_PER_M}"
-    )
     claim = (
         f"the loop with observer and state feedback is linearly stable, with no friction, with the worst hand that a "
         f"search from {found.hands} of [hands] found, whatever share of the innovation passes the dead zone"
     )
     if worst.radius >= 1 - RADIUS_TOLERANCE:
-        claim = (
-            f"Not met: spectral radius {worst.radius:.6g} with a hand of {who} and {worst.share:.3g} of the innovation"
-        )
+        who = hand_text(worst.hand)
+        claim = f"Not met: spectral radius {worst.radius:.6g} with {who} and {worst.share:.3g} of the innovation"
     passed = np.full(len(rows.b), worst.radius < 1 - RADIUS_TOLERANCE)
     result = level_result(
         rows, "L5", "sampled-data", claim, passed, (1 - worst.radius) * one, 0 * one, RADIUS_TOLERANCE * one
@@ -201,7 +194,7 @@ def feedback_level(found: FeedbackRadius, rows: Rows) -> LevelResult:
         "released_spectral_radius": found.free.radius,
         "released_pass": found.free.radius < 1 - RADIUS_TOLERANCE,
         "hands": found.hands,
-        "worst_hand": held,
+        "worst_hand": worst.hand,
         "worst_share": worst.share,
     }
     return LevelResult(**{**vars(result), "claim": claim, "margin_ns_per_m": float("nan"), "detail": detail})

@@ -9,7 +9,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import KG, N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.levels import Rows, level_result, not_judged
 from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, whole_stability
@@ -23,7 +22,7 @@ from avc_casadi.claims.stability.frozen_loop import (
 from avc_casadi.claims.stability.worst_hand import worst_hands
 from avc_casadi.claims.stability.worst_point import hand_boxes, worst_held
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
-from avc_casadi.model.hands import Hand, hand_corners, hand_set, no_hand
+from avc_casadi.model.hands import Hand, hand_corners, hand_set, hand_text, no_hand
 
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import LevelResult
@@ -185,8 +184,7 @@ def hands_level(rows: Rows, *, draws: int, seed: int, progress: Progress = SILEN
         claim = (
             f"Not met by {np.count_nonzero(~found.stable)} of {len(radius)} rows: the row of "
             f"{rows.frequency_hz[result.row]:.5g} Hz has a spectral radius of {radius[worst]:.6g} (at "
-            f"{found.frequency_hz[worst]:.4g} Hz) with a hand of {held['mass_kg']:.4g} {KG}, "
-            f"{held['damping_ns_per_m']:.4g} {NS_PER_M}, {held['stiffness_n_per_m']:.4g} {N_PER_M}"
+            f"{found.frequency_hz[worst]:.4g} Hz) with {hand_text(held)}"
             + (f"; {missing} rows have no gains" if missing else "")
         )
         result = replace(result, claim=claim)

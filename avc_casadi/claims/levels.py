@@ -10,7 +10,6 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import Fractions, SampledLoop, fractions
@@ -178,11 +177,7 @@ def not_judged(rows: Rows, level: Level, model: Model, why: str) -> LevelResult:
 
 def _faults(worst: WorstMargin) -> list[str]:
     return [
-        "a pole outside the unit circle"
-        if not stable
-        else f"a negative DC stiffness of {dc:.4g} {N_PER_M}"
-        if dc < 0
-        else ""
+        "a pole outside the unit circle" if not stable else f"a negative DC stiffness of {dc:.4g}" if dc < 0 else ""
         for stable, dc in zip(worst.poles_stable, worst.dc_stiffness_n_per_m, strict=True)
     ]
 
@@ -209,7 +204,7 @@ def level_result(
     row = int(np.flatnonzero(rows.present)[worst])
     if failed:
         where = f"at {frequency[worst]:.5g} Hz" if frequency[worst] > 0 else "towards zero frequency"
-        fault = (faults[worst] if faults else "") or f"a margin of {margin[worst]:.4g} {NS_PER_M} {where}"
+        fault = (faults[worst] if faults else "") or f"a margin of {margin[worst]:.4g} {where}"
         own = f"the row of {rows.frequency_hz[row]:.5g} Hz"
         claim = f"Not met by {failed} of {len(passed)} rows: {own} has {fault}"
     if missing:
@@ -300,7 +295,7 @@ def _fault(lacks_damping: bool, dc_n_per_m: float) -> str:
     if lacks_damping:
         return ""
     if dc_n_per_m < 0:
-        return f"a negative DC stiffness of {dc_n_per_m:.4g} {N_PER_M}"
+        return f"a negative DC stiffness of {dc_n_per_m:.4g}"
     return "a pole outside the unit circle"
 
 

@@ -12,7 +12,6 @@ from avc_casadi._util.arrays import BoolArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import rows_text
-from avc_casadi._util.units import FORCE
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
@@ -32,7 +31,7 @@ SCHEMA = "avc-proof-file/1"
 
 def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[str, Any]]:
     """Return the proof files of the requested levels, by name: JSON values."""
-    spoken_of = {name: getattr(problem, name).model_dump(mode="json") for name in ("device", "environment", "hands")}
+    tables = {name: getattr(problem, name).model_dump(mode="json") for name in ("device", "environment", "hands")}
     return {
         f"{level}.json": plain(
             {
@@ -40,7 +39,7 @@ def proof_files(problem: Problem, certificate: Certificate) -> dict[str, dict[st
                 "level": level,
                 "outcome": found.outcome,
                 "claim": found.claim,
-                "problem": spoken_of,
+                "problem": tables,
                 "proofs": found.detail["proofs"],
             }
         )
@@ -148,7 +147,7 @@ def _of_row(coupling: Coupling, row: list[float], seed: int, progress: Progress)
     found = prove_rest(law, coupling.contact, problem.device, _box(coupling), seed=seed, progress=progress)
     beside = {
         "the observer between encoder steps is not linear": runtime.observer_mass_kg is not None,
-        f"the guard {runtime.guard} changes the {FORCE} by what it has seen": runtime.guard is not None,
+        f"the guard {runtime.guard} changes the force by what it has seen": runtime.guard is not None,
     }
     lacking = [reason for reason, there in beside.items() if there]
     if not lacking:

@@ -14,7 +14,6 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.claims.levels import ideal, what_is_declared
 from avc_casadi.claims.passive_walls import passive_walls
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
@@ -65,9 +64,7 @@ def llewellyn_table(problem: Problem, damping_ratio: FloatArray | None = None) -
     """Return the largest stiffness, the minimum over the range of the delay; environment and mass do not enter."""
     device = problem.device
     if device.damping_ns_per_m == 0:
-        raise UnsupportedError(
-            f"Llewellyn's condition (6) allows no coupling where {spoken_key('device.damping_ns_per_m')} is 0"
-        )
+        raise UnsupportedError("Llewellyn's condition (6) allows no coupling where device.damping_ns_per_m is 0")
     ratio = np.array(_RATIOS) if damping_ratio is None else damping_ratio
     ends = {corner.delay_samples for corner in device_corners(device, ("delay_samples",))} | {device.delay_samples}
     delays = [whole_delay(end, "Llewellyn's table") for end in sorted(ends)]
@@ -117,7 +114,7 @@ class Curve:
     wanted: bool
 
     def __repr__(self) -> str:
-        return f"Curve({self.key}: {short(self.stiffness_n_per_m, N_PER_M)})"
+        return f"Curve({self.key}: {short(self.stiffness_n_per_m)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,7 +168,7 @@ class ZWidth(Tabular):
 
     def _summary(self) -> str:
         spans = ", ".join(f"{curve.key} {short(curve.stiffness_n_per_m)}" for curve in self.curves)
-        return f"{self.problem!r}, B {short(self.damping_ns_per_m, NS_PER_M)}; largest K in {N_PER_M}: {spans}"
+        return f"{self.problem!r}, B {short(self.damping_ns_per_m)}; largest K: {spans}"
 
     def document(self) -> dict[str, Any]:
         """Return the `zwidth` document: JSON values only, without the constant couplings that ``-v`` adds."""
@@ -196,8 +193,8 @@ class ZWidth(Tabular):
                 },
                 "hands": self.hands,
                 "device_corners": self.corners,
-                "used": [*map(spoken_key, self.used)],
-                "not_used": [*map(spoken_key, self.not_used)],
+                "used": [*map(self.stated.units.key, self.used)],
+                "not_used": [*map(self.stated.units.key, self.not_used)],
                 "refused": self.refused,
                 **{key: getattr(self, key) for key in kept},
                 "llewellyn": None,

@@ -80,16 +80,7 @@ def add_worded(
     text: str,
     read: Callable[[str], Any] = positive,
 ) -> None:
-    """Declare an option that has a rotary counterpart in its own unit.
-
-    Args:
-        parser: of the command, or a group of it.
-        linear: the option, which also names the value.
-        rotary: its rotary counterpart.
-        metavar: of the value.
-        text: help.
-        read: parser of the typed text.
-    """
+    """Declare an option that has a rotary counterpart in its own unit."""
     parser.add_argument(linear, rotary, action=_Worded, type=read, metavar=metavar, help=text)
 
 
@@ -107,11 +98,7 @@ def named(option: argparse.Action) -> tuple[str, str]:
 
 
 def check_worded(args: argparse.Namespace, units: Units) -> None:
-    """Refuse options of the other kind of motion.
-
-    Raises:
-        InputError: names the right option for each.
-    """
+    """Refuse options of the other kind of motion."""
     from avc_casadi import Fault, InputError
 
     faults = []
@@ -145,11 +132,7 @@ def add_log_layout(parser: argparse.ArgumentParser) -> None:
 
 
 def log_layout(args: argparse.Namespace) -> Layout:
-    """Return the columns and units given by the options.
-
-    Raises:
-        InputError: with every invalid pair.
-    """
+    """Return the columns and units given by the options."""
     from avc_casadi import InputError
     from avc_casadi.identification.units import Layout, pairs_of
 

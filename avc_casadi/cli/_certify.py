@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import avc_casadi as avc
 from avc_casadi._util.text import rows_text
 from avc_casadi.cli._arguments import add_verbose
+from avc_casadi.cli._certify_law import add_law, certify_law, has_law
 from avc_casadi.cli._certify_tool import certify_tool
 from avc_casadi.cli._console import Answer, Console
 from avc_casadi.cli._files import output_folder
@@ -27,7 +28,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.description = (
         "Say which stability claims a coupling meets, with the worst margin of each and where it stands, and whether\n"
-        "it may go into a device: stable with every hand of [hands] and released. Exit code 1 if it may not."
+        "it may go into a device: stable with every hand of [hands] and released. Or your own spring and damper:\n"
+        "avc certify P --k 230 --b 1.2. Exit code 1 if it may not."
     )
     parser.add_argument("problem", metavar="P", help="problem to judge against; or a coupling file, which has its own")
     parser.add_argument("gains", metavar="GAINS", nargs="?", help="coupling or gain file, .json or .csv")
@@ -44,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="with --prove: write proofs and witnesses",
     )
+    add_law(parser)
     add_verbose(parser)
     parser.epilog = _PROVABLE
 
@@ -57,6 +60,8 @@ amplifier and resonance too, without friction; gains, each row held, with or wit
 
 def run(args: argparse.Namespace, console: Console) -> Answer:
     """Certify; 1 if the coupling is not deployable."""
+    if has_law(args):
+        return certify_law(args, console)
     if couples_to_simulation(args.problem):
         return certify_tool(args, console)
     if args.proof_out is None:

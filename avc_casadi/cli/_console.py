@@ -24,15 +24,7 @@ _RATE_AFTER_S = 1.0
 
 @dataclass(frozen=True)
 class Answer:
-    """Result of a command.
-
-    Attributes:
-        document: the JSON document, made of JSON values.
-        text: its summary, in the units of the device's motion; empty after a live display.
-        code: exit code: 0 done, 1 the answer is no.
-        complaint: reason of a code other than 0, for standard error.
-        more: details below the text with ``-v``, in the units of a linear device.
-    """
+    """Result of a command."""
 
     document: dict[str, Any]
     text: str
@@ -43,14 +35,7 @@ class Answer:
 
 @dataclass
 class _Piece:
-    """A step of several parts.
-
-    Attributes:
-        total: parts.
-        first: parts that were done at its first report.
-        done: parts that are done.
-        began: time of its first report, s.
-    """
+    """A step of several parts."""
 
     total: int = -1
     first: int = 0
@@ -73,12 +58,6 @@ class Console(Progress):
     C libraries write to file descriptor 1 behind Python's back, some of them only when the process ends. The
     descriptor is therefore led to standard error for the rest of the process, and the answer is written to a copy of
     the original. A replaced ``sys.stdout`` (in a test, in a notebook) is written to directly.
-
-    Attributes:
-        page: where the answer is printed.
-
-    Args:
-        as_json: print the document instead of the text.
     """
 
     def __init__(self, *, as_json: bool) -> None:
@@ -98,11 +77,7 @@ class Console(Progress):
                 silence(1)
 
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
-        """Print the answer, with its details if verbose; Ctrl-C does not cut it short.
-
-        Raises:
-            OSError: standard output cannot be written to.
-        """
+        """Print the answer, with its details if verbose; Ctrl-C does not cut it short."""
         from avc_casadi._util.json_values import json_text
 
         with HeldInterrupt():

@@ -22,11 +22,7 @@ _given: ContextVar[tuple[tuple[str, str], ...]] = ContextVar("given", default=()
 
 
 def remember_given(args: Mapping[str, object]) -> None:
-    """Record the arguments of a command, by option: its inputs are not overwritten.
-
-    Args:
-        args: of the parser.
-    """
+    """Record the arguments of a command, by option: its inputs are not overwritten."""
     words = [
         (f"--{key.replace('_', '-')}", one)
         for key, value in args.items()
@@ -37,16 +33,7 @@ def remember_given(args: Mapping[str, object]) -> None:
 
 
 def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
-    """Check the path of an output file.
-
-    Args:
-        text: the argument.
-        key: its option, for the message; a name in capitals where it has none.
-        endings: allowed file endings, with the dot.
-
-    Raises:
-        InputError: wrong ending, a folder, no such folder, no permission, or an input file of the command.
-    """
+    """Check the path of an output file."""
     path, own = Path(text), f"--{key.removeprefix('--').lower()}"
     if path.suffix.lower() not in endings:
         raise InputError.of(f"{text!r} ends in {path.suffix!r}; allowed: {', '.join(endings)}", key=key)
@@ -73,13 +60,6 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
     """Collect results in a folder that is yielded; at the end all of them move into the requested one, or none.
 
     An unwritable folder is found before the long work. Without a result it is removed again.
-
-    Args:
-        text: the argument.
-        key: its option, for the message.
-
-    Raises:
-        InputError: its name is that of a file, or it cannot be made or written to.
     """
     if not text or "\0" in text:
         raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
@@ -100,11 +80,7 @@ def output_folder(text: str, key: str) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: Path, key: str) -> Iterator[None]:
-    """Name the option and the file, as typed, where it cannot be written.
-
-    Raises:
-        InputError: it cannot.
-    """
+    """Name the option and the file, as typed, where it cannot be written."""
     try:
         yield
     except OSError as error:
@@ -113,11 +89,7 @@ def writing(path: Path, key: str) -> Iterator[None]:
 
 
 def write_text(path: Path, text: str, key: str) -> None:
-    """Write a file atomically; one in a folder of results by `write_file`, whose fault `output_folder` tells.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write a file atomically; one in a folder of results by `write_file`, whose fault `output_folder` tells."""
     from avc_casadi._util.files import write_file
 
     with writing(path, key):
@@ -125,11 +97,7 @@ def write_text(path: Path, text: str, key: str) -> None:
 
 
 def write_figure(path: Path, figure: Figure, key: str = "--plot") -> None:
-    """Write a picture atomically.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write a picture atomically."""
     from avc_casadi.present.figures.layout import save_figure
 
     with writing(path, key):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from itertools import product
 from typing import TYPE_CHECKING, Self
@@ -91,6 +93,12 @@ class StylusHand(_Held):
         plant.add_mass(_BODY, self.mass_kg)
         plant.join(plant.grip, _BODY, self.grip_stiffness_n_per_m, self.grip_damping_ns_per_m)
         plant.join(_BODY, TARGET, self.arm_stiffness_n_per_m, self.arm_damping_ns_per_m)
+
+
+def hand_text(values: Mapping[str, float]) -> str:
+    """Return one hand by the names of its values, without units: "a hand of mass 0.3, damping 3, stiffness 800"."""
+    names = {key: re.sub("_(kg|ns?_per_m)$", "", key).replace("_", " ") for key in values}
+    return f"a hand of {', '.join(f'{names[key]} {value:.4g}' for key, value in values.items())}"
 
 
 def hand_ranges(hands: Hands) -> FloatArray:

@@ -16,6 +16,8 @@ from avc_casadi.design.scene_coupling import told_beside
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.files.gain_file import gain_document
 from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.own_law.certificate import LawCertificate
+from avc_casadi.own_law.page import own_law_page
 from avc_casadi.paper.errata import PAPER_ERRORS
 from avc_casadi.paper.realism import judge_realism
 from avc_casadi.present.pages.bilateral import bilateral_page
@@ -39,11 +41,7 @@ if TYPE_CHECKING:
 
 @singledispatch
 def text_of(result: object) -> str:
-    """Return a result as its command prints it.
-
-    Args:
-        result: of `recommend`, `solve`, `certify`, `compare`, `simulate` or `zwidth`, with its problem.
-    """
+    """Return a result as its command prints it."""
     raise NotImplementedError(f"no page for {type(result).__name__}")
 
 
@@ -112,3 +110,8 @@ def _run(result: Run) -> str:
 @text_of.register
 def _walls(result: ZWidth) -> str:
     return walls_page(result.document(), result.stated, Page(), _shown(result.stated), None)
+
+
+@text_of.register
+def _law(result: LawCertificate) -> str:
+    return own_law_page(result, Page(), _shown(result.problem))

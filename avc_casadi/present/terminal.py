@@ -29,13 +29,7 @@ class Mark(Enum):
 
 @dataclass(frozen=True)
 class Row:
-    """One row.
-
-    Attributes:
-        label: its subject.
-        text: the fact.
-        mark: whether it passes.
-    """
+    """One row."""
 
     label: str
     text: str
@@ -44,13 +38,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Page:
-    """Properties of the output stream.
-
-    Attributes:
-        width: longest line.
-        colour: whether marks have one.
-        plain: whether it takes ASCII alone.
-    """
+    """Properties of the output stream."""
 
     width: int = _WIDTH
     colour: bool = False
@@ -69,15 +57,7 @@ class Page:
     def rendered(
         self, headline: str, rows: Sequence[Row], commands: Sequence[str] = (), spare: Sequence[str] = ()
     ) -> str:
-        """Return a result as text.
-
-        Args:
-            headline: its subject.
-            rows: one a line; long ones are wrapped.
-            commands: to type next.
-            spare: labels of the least important rows, least first: left out while there are more than `MOST_LINES`
-                lines, unless the row has a mark.
-        """
+        """Return a result as text."""
         lines = self._lines(headline, rows, commands)
         for label in spare:
             if len(lines) <= MOST_LINES:

@@ -32,15 +32,7 @@ if TYPE_CHECKING:
 
 
 def bind(effects: tuple[SceneEffect, ...], gains: Gains | GainTable | GainSchedule) -> tuple[SceneEffect, ...]:
-    """Return the effects with the table bound to the adaptation; constant gains ignore the estimate.
-
-    Args:
-        effects: the effects of a scene.
-        gains: a gain table, or constant gains.
-
-    Raises:
-        InputError: a table without any gains.
-    """
+    """Return the effects with the table bound to the adaptation; constant gains ignore the estimate."""
     if isinstance(gains, Gains) or not any(isinstance(effect, Adaptation) for effect in effects):
         return effects
     table = gains if isinstance(gains, GainTable) else thinned(GainTable.of(gains))
@@ -55,25 +47,6 @@ class CompiledScene:
     """One sample of a scene as a function, and the data common to its runs.
 
     The function is (states, inputs, parameters) -> (states one sample later, traces).
-
-    Attributes:
-        problem: name of the problem.
-        effects: the effects, in the order of the loop.
-        function: the CasADi function of one sample.
-        states: names of the states.
-        owners: kind of effect that owns each state.
-        initial: states at the first sample.
-        inputs: names of the inputs.
-        traces: names of the outputs.
-        coupled: whether the gains are parameters; otherwise device and environment are joined rigidly.
-        damped: whether the contact damper is a parameter.
-        environment: the virtual environment, or None in free space.
-        rate_gain_per_s: gain of the computer's velocities, 1/T without a filter.
-        target: motion of the hand's target.
-        sample_time_s: T.
-        samples: number of samples of a run.
-        build_seconds: time to compile.
-        metres_per_unit: displacement of the hand for a unit of the position.
     """
 
     problem: str
@@ -111,11 +84,7 @@ class CompiledScene:
         return Counter(self.owners)[kind]
 
     def input_values(self, seed: int = 0) -> FloatArray:
-        """Return the inputs at every sample, shape (inputs, samples).
-
-        Raises:
-            InputError: a seed below 0.
-        """
+        """Return the inputs at every sample, shape (inputs, samples)."""
         if seed < 0:
             raise InputError.of(f"is {seed}; allowed: 0 or more", key="seed")
         columns = [slot.values(self.samples, seed) for slot in self._tick.inputs if slot.values is not None]
@@ -144,19 +113,7 @@ def compile_scene(
     damped: bool = False,
     stiffness_n_per_m: float = np.inf,
 ) -> CompiledScene:
-    """Compile the scene of a problem.
-
-    Args:
-        problem: a validated problem.
-        effects: effects in place of those of the problem file; arrays in them stand for many hands.
-        coupled: with gains as parameters; otherwise device and environment are joined rigidly.
-        damped: with the contact damper b_p as a parameter.
-        stiffness_n_per_m: k of the gains to run: with 0 the contact law clip-last has no surface.
-
-    Raises:
-        InputError: an impossible scene, by name.
-        UnsupportedError: an effect that scenes do not simulate.
-    """
+    """Compile the scene of a problem."""
     started = time.perf_counter()
     effects = build_effects(problem) if effects is None else effects
     sample_time_s = problem.device.sample_time_s

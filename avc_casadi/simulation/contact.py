@@ -32,14 +32,7 @@ COUPLING_PARAMETERS = ("coupling_memory_s", "coupling_compliance_m_per_n", "seri
 
 @dataclass(frozen=True)
 class Environment:
-    """The virtual environment of a scene.
-
-    Attributes:
-        stiffness_n_per_m: k_e.
-        damping_ns_per_m: b_e.
-        one_sided: a wall, which begins at x = 0 and never pulls.
-        clips_last: the contact law of a wall: clip-last, or gated. An expression lets each sample choose.
-    """
+    """The virtual environment of a scene."""
 
     stiffness_n_per_m: float
     damping_ns_per_m: float
@@ -68,14 +61,7 @@ class Environment:
 def coupling_parameters(
     damping_ns_per_m: ArrayLike, stiffness_n_per_m: ArrayLike, environment: Environment, rate_gain_per_s: float
 ) -> FloatArray:
-    """Return b/kappa, 1/kappa and the stiffness in series over one sample, shape (..., 3).
-
-    Args:
-        damping_ns_per_m: b; infinite for a rigid coupling.
-        stiffness_n_per_m: k; infinite for a rigid coupling.
-        environment: the environment.
-        rate_gain_per_s: gain of the rates, 1/T without a velocity filter.
-    """
+    """Return b/kappa, 1/kappa and the stiffness in series over one sample, shape (..., 3)."""
     b, k = np.broadcast_arrays(np.asarray(damping_ns_per_m, np.float64), np.asarray(stiffness_n_per_m, np.float64))
     kappa = k + b * rate_gain_per_s
     kappa_e = environment.stiffness_n_per_m + environment.damping_ns_per_m * rate_gain_per_s
@@ -88,17 +74,7 @@ def coupling_parameters(
 
 
 def wall_force(tick: Tick, environment: Environment, *, rigid: bool, damped: bool) -> Expr:
-    """Add coupling, environment and contact damper by the contact law and return the force on the device.
-
-    Args:
-        tick: the loop so far, with the measured position.
-        environment: one that can exert a force.
-        rigid: joins device and environment without a coupling.
-        damped: with the contact damper b_p between device and ground.
-
-    Returns:
-        The force, N, positive against +x.
-    """
+    """Add coupling, environment and contact damper by the contact law and return the force on the device."""
     import casadi as ca  # noqa: PLC0415
 
     force = _series_force(tick, environment, rigid=rigid)

@@ -26,18 +26,7 @@ _TRACES = 250
 def execute(
     scene: CompiledScene, parameters: FloatArray, inputs: FloatArray, *, engine: Engine = "auto"
 ) -> dict[str, FloatArray]:
-    """Run a scene once for every row of the parameters.
-
-    Args:
-        scene: the compiled scene.
-        parameters: shape (runs, parameters), of `CompiledScene.parameter_values`.
-        inputs: shape (inputs, samples), of `CompiledScene.input_values`.
-        engine: ``casadi``, ``native`` (generated C; the same bits), or ``auto``: C for long work where there is a
-            compiler.
-
-    Returns:
-        Every trace, shape (runs, samples).
-    """
+    """Run a scene once for every row of the parameters."""
     native = _compiled(scene, len(parameters), engine)
     if native is None:
         return _by_casadi(scene, parameters, inputs)
@@ -51,17 +40,6 @@ def execute_to_speed(
     """Run a scene once for every row of the parameters and return only the residual speeds.
 
     Machine code keeps no trace.
-
-    Args:
-        scene: the compiled scene.
-        parameters: as for `execute`.
-        inputs: as for `execute`.
-        engine: as for `execute`.
-        workers: number of threads; one where the other processors are in use.
-
-    Returns:
-        Largest residual speed over the threshold of settling, shape (runs,): below 1 is settled as by `judge`; infinite
-        for a run that left the workspace.
     """
     native = _compiled(scene, len(parameters), engine)
     if native is not None:

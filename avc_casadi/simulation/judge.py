@@ -15,13 +15,7 @@ from avc_casadi.simulation.contact import Environment
 
 @dataclass(frozen=True, eq=False)
 class Ledger:
-    """Energies at the samples, each of shape (..., samples), J.
-
-    Attributes:
-        absorbed_j: energy absorbed by the virtual side since the beginning; below 0 it has generated energy and is not
-            passive.
-        stored_j: energy in the springs of coupling and environment that the hand can recover.
-    """
+    """Energies at the samples, each of shape (..., samples), J."""
 
     absorbed_j: FloatArray
     stored_j: FloatArray
@@ -47,17 +41,7 @@ def energy_ledger(
     anchor_m: ArrayLike = 0.0,
     potential_j: ArrayLike = 0.0,
 ) -> Ledger:
-    """Return the energy ledger of traces.
-
-    Args:
-        position_m: true position of the device, shape (..., samples).
-        force_n: held force, positive against +x.
-        tool_m: position of the virtual tool.
-        stiffness_n_per_m: k, one number or one a sample; infinite for a rigid coupling, which stores nothing.
-        environment: the environment, or None in free space.
-        anchor_m: deflection at which the spring of the coupling is slack.
-        potential_j: energy stored in detents, one a sample; its initial value counts as absorbed.
-    """
+    """Return the energy ledger of traces."""
     with np.errstate(over="ignore", invalid="ignore"):
         work = force_n[..., :-1] * np.diff(position_m, axis=-1)
         absorbed = np.concatenate([np.zeros((*work.shape[:-1], 1)), np.cumsum(work, axis=-1)], axis=-1)
@@ -101,21 +85,7 @@ def criterion(metres_per_unit: float = 1.0) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Judgement(Tabular):
-    """Figures of one or many runs; every array has the shape of the runs.
-
-    Attributes:
-        stable: settled at the end, by `criterion`.
-        diverged: the device left the workspace, or its numbers are not finite.
-        buzzing: by `criterion`.
-        peak_velocity_m_per_s: largest true velocity at the end, of device or handle.
-        position_peak_to_peak_m: peak to peak of the true position at the end, as of a limit cycle.
-        mean_force_n: mean force at the end.
-        mean_penetration_m: mean true position of the measured body at the end.
-        force_ripple_n: rms of the force between 20 and 500 Hz at the end.
-        apparent_stiffness_n_per_m: mean force over mean penetration; not a number without contact.
-        rate_hardness_n_per_m: largest rate of the force within 10 ms of the first contact, over the velocity of the
-            approach (Lawrence et al. 2000); not a number without contact, or with fewer than 4 samples in 10 ms.
-    """
+    """Figures of one or many runs; every array has the shape of the runs."""
 
     stable: BoolArray
     diverged: BoolArray
@@ -147,17 +117,7 @@ def judge(
     measured_m: FloatArray | None = None,
     held_m_per_s: FloatArray | None = None,
 ) -> Judgement:
-    """Judge runs by the last half second (or the whole run, where it is shorter).
-
-    Args:
-        position_m: true position at the samples, shape (..., samples).
-        velocity_m_per_s: true velocity.
-        force_n: force of the actuator, positive against +x.
-        sample_time_s: T.
-        metres_per_unit: displacement of the hand for a unit of the position.
-        measured_m: true position of the measured body, where that is another; as position_m.
-        held_m_per_s: true velocity of the handle, where that is another body.
-    """
+    """Judge runs by the last half second (or the whole run, where it is shorter)."""
     last = slice(-judged_samples(position_m.shape[-1], sample_time_s), None)
     here = np.all(np.abs(position_m) < DIVERGED_M / metres_per_unit, axis=-1)
     diverged = ~here

@@ -12,13 +12,7 @@ from avc_casadi.model.scene import Free, Motion, Stroke, Tap
 
 @dataclass(frozen=True)
 class Target:
-    """The target at the samples; between two samples it moves at constant velocity.
-
-    Attributes:
-        position_m: x_h at each sample, shape (n,).
-        velocity_m_per_s: v_h from each sample to the next, shape (n,).
-        device_start_m: initial position of the device at rest.
-    """
+    """The target at the samples; between two samples it moves at constant velocity."""
 
     position_m: FloatArray
     velocity_m_per_s: FloatArray

@@ -170,15 +170,7 @@ def _found(name: str, path: str | None) -> str | None:
 
 
 class NativeScene:
-    """The compiled loop over samples; calls release the interpreter, so that threads run side by side.
-
-    Args:
-        scene: the compiled scene.
-
-    Raises:
-        LookupError: an instruction that has no form in lanes. OSError, CalledProcessError: there is no compiler, or
-            none with vectors.
-    """
+    """The compiled loop over samples; calls release the interpreter, so that threads run side by side."""
 
     def __init__(self, scene: CompiledScene) -> None:
         self._traces = int(scene.function.numel_out(1))
@@ -187,17 +179,7 @@ class NativeScene:
         self._run.argtypes = [ctypes.c_longlong] * 3 + [ctypes.c_void_p] * 5
 
     def __call__(self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int) -> FloatArray:
-        """Run every row of the parameters from the same initial state.
-
-        Args:
-            initial: shape (states,).
-            inputs: shape (samples, inputs).
-            parameters: shape (runs, parameters).
-            workers: number of threads.
-
-        Returns:
-            The traces, shape (runs, samples, traces).
-        """
+        """Run every row of the parameters from the same initial state."""
         traces = np.empty((len(parameters), len(inputs), self._traces))
         self._go(initial, inputs, parameters, workers, 0, traces, None)
         return traces
@@ -205,15 +187,7 @@ class NativeScene:
     def peaks(
         self, initial: FloatArray, inputs: FloatArray, parameters: FloatArray, workers: int, judged: int
     ) -> FloatArray:
-        """Return only the peaks of the first trace, and of the speeds from a sample on, shape (runs, 2).
-
-        Args:
-            initial: as for a call, and so are the next three.
-            inputs: as above.
-            parameters: as above.
-            workers: as above.
-            judged: the sample from which on speeds count.
-        """
+        """Return only the peaks of the first trace, and of the speeds from a sample on, shape (runs, 2)."""
         peaks = np.empty((len(parameters), 2))
         self._go(initial, inputs, parameters, workers, judged, None, peaks)
         return peaks
@@ -246,13 +220,7 @@ class NativeScene:
 
 
 def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
-    """Distribute rows over threads.
-
-    Args:
-        work: processes a slice of the rows, with the interpreter lock released.
-        rows: number of rows.
-        workers: number of threads at most; all but the last get a multiple of the lanes.
-    """
+    """Distribute rows over threads."""
     groups = -(-rows // LANES)
     each = LANES * -(-groups // max(1, min(workers, groups)))
     parts = [slice(first, min(first + each, rows)) for first in range(0, rows, max(1, each))]
@@ -266,11 +234,7 @@ def _in_threads(work: Callable[[slice], None], rows: int, workers: int) -> None:
 
 
 def compile_ahead(scene: CompiledScene) -> None:
-    """Start to compile a scene in the background.
-
-    Args:
-        scene: the compiled scene; one without a form in lanes is reported when it is run.
-    """
+    """Start to compile a scene in the background."""
     with suppress(LookupError):
         _compiled(scene.function, len(scene.speeds))
 
@@ -289,16 +253,7 @@ def _names() -> dict[int, str]:
 
 
 def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
-    """Return the C of a function in lanes, to follow `LANES_HEAD`.
-
-    Args:
-        function: of SX.
-        given: how an element of each argument is read, with {} for its index: ``SPREAD(u[{}])`` is one for all lanes.
-        results: how an element of each result is named.
-
-    Raises:
-        LookupError: an instruction that has no form in lanes.
-    """
+    """Return the C of a function in lanes, to follow `LANES_HEAD`."""
     lines, names = [], _names()
     for index in range(function.n_instructions()):
         name, taken, to = (
@@ -336,12 +291,7 @@ def _code(function: Any, speeds: int) -> str:
 
 
 def library(source: str) -> ctypes.CDLL:
-    """Compile C for this machine, once per process.
-
-    Raises:
-        FileNotFoundError: there is no compiler.
-        CalledProcessError: it fails.
-    """
+    """Compile C for this machine, once per process."""
     return _begun(source, compiler()).result()
 
 

@@ -176,11 +176,7 @@ _CHUNK = 256
 
 
 def staged(problem: Problem, gains: AnyGains) -> Problem:
-    """Return the problem with the scene for some gains: a coupling brings its own part of the control computer.
-
-    Raises:
-        InputError: the gains were designed for another sample time, or are neither gains nor a coupling.
-    """
+    """Return the problem with the scene for some gains: a coupling brings its own part of the control computer."""
     if isinstance(gains, GainSchedule):
         check_sample_time(gains.sample_time_s, problem, f"gains by {gains.method} for {gains.problem}")
     if isinstance(gains, Gains | GainTable | GainSchedule):
@@ -226,11 +222,7 @@ def without(effects: tuple[SceneEffect, ...], kind: str) -> tuple[SceneEffect, .
 
 
 def held_by(problem: Problem, effects: tuple[SceneEffect, ...], hand: Hand | StylusHand) -> tuple[SceneEffect, ...]:
-    """Return the effects with a hand, or many, in place of the effect ``hand``.
-
-    Raises:
-        InputError: the scene does not have this effect.
-    """
+    """Return the effects with a hand, or many, in place of the effect ``hand``."""
     if not any(effect.kind == Grip.kind for effect in effects):
         raise InputError.of(
             "lists no hand that another one could replace; allowed: the effect hand, or no effects at all",

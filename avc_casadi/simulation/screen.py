@@ -34,16 +34,7 @@ _REPEATS = 9
 
 @dataclass(frozen=True)
 class EffectCost:
-    """Cost of one effect: the scene with it less the scene without it.
-
-    Attributes:
-        kind: name of the effect.
-        station: its place in the loop.
-        states: states that it adds.
-        instructions: instructions that it adds to a sample; None where the scene does not exist without it.
-        ns_per_step: time that it adds to a sample in CasADi's evaluation; None in the same case. A cost below
-            `Explanation.scatter_ns` is not significant, and may be negative.
-    """
+    """Cost of one effect: the scene with it less the scene without it."""
 
     kind: str
     station: str
@@ -54,17 +45,7 @@ class EffectCost:
 
 @dataclass(frozen=True)
 class Explanation:
-    """Composition of a scene.
-
-    Attributes:
-        effects: costs of the listed effects, in the order of the loop.
-        absent: kinds that are not listed and leave nothing behind.
-        states: number of states of the whole sample.
-        state_names: their names.
-        instructions: number of instructions of the whole sample.
-        ns_per_step: time of the whole sample.
-        scatter_ns: scatter of the time of the whole sample: median less minimum.
-    """
+    """Composition of a scene."""
 
     effects: tuple[EffectCost, ...]
     absent: tuple[str, ...]
@@ -88,12 +69,7 @@ class Explanation:
 
 
 def explain(problem: Problem, gains: AnyGains) -> Explanation:
-    """Return the cost of each effect of a scene.
-
-    Args:
-        problem: a validated problem.
-        gains: as in `simulate`.
-    """
+    """Return the cost of each effect of a scene."""
     problem = staged(problem, gains)
     effects, chosen, _ = settled(problem, build_effects(problem), gains)
     return explain_effects(problem, effects, chosen)
@@ -167,17 +143,7 @@ _CHANGES = ("position_change", "force_change", "stiffness_change", "outcome", "o
 
 @dataclass(frozen=True)
 class Screened:
-    """Change of a scene without some of its effects.
-
-    Attributes:
-        kinds: the effects left out together.
-        position_change: rms change of the position over the run, as a share of the rms of its travel.
-        force_change: the same for the force.
-        stiffness_change: relative change of the apparent stiffness; None where one of the two runs has none.
-        outcome: claim of the run without them.
-        outcome_changed: whether that, or buzzing, differs.
-        needed: whether any change is above the tolerance, or the outcome differs.
-    """
+    """Change of a scene without some of its effects."""
 
     kinds: tuple[str, ...]
     position_change: float
@@ -195,16 +161,7 @@ class Screened:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Screening(Tabular):
-    """Effects by the change that they make; together those that the scene does not need.
-
-    Attributes:
-        tolerance: largest negligible change.
-        whole: the run with all effects.
-        effects: each effect that can be left out, with its cost; largest change first.
-        essential: effects without which there is no scene.
-        together: the scene without all effects that it does not need; None where it needs all.
-        scatter_ns: scatter of the clock: a cost below it is not significant.
-    """
+    """Effects by the change that they make; together those that the scene does not need."""
 
     tolerance: float
     whole: Run
@@ -269,17 +226,7 @@ def screen(
     tolerance: float = DEFAULT_TOLERANCE,
     progress: Progress = SILENT,
 ) -> Screening:
-    """Leave out each effect of a scene in turn, then all that it does not need together.
-
-    Args:
-        problem: a validated problem.
-        gains: as in `simulate`.
-        tolerance: largest negligible relative change of position, force and apparent stiffness, 0 to below 1.
-        progress: reported over the effects.
-
-    Raises:
-        InputError: as `simulate`; or the tolerance is outside its range.
-    """
+    """Leave out each effect of a scene in turn, then all that it does not need together."""
     if not 0 <= tolerance < 1:
         raise InputError.of(f"is {tolerance:g}; allowed: 0 or more and below 1", key="tolerance")
     problem = staged(problem, gains)

@@ -19,15 +19,7 @@ InputValues = Callable[[int, int], FloatArray]
 
 @dataclass
 class Slot:
-    """One named vector of the step function.
-
-    Attributes:
-        name: name with unit.
-        owner: kind of the effect that added it.
-        symbol: its CasADi symbol.
-        initial: value at the first sample (states).
-        values: generates the signal of an input.
-    """
+    """One named vector of the step function."""
 
     name: str
     owner: str
@@ -38,15 +30,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class AdaptedGains:
-    """Gains of the coupling that change from sample to sample, as expressions.
-
-    Attributes:
-        damping_ns_per_m: b.
-        stiffness_n_per_m: k.
-        contact_damping_ns_per_m: b_p.
-        anchor_m: deflection at which the spring of the coupling is slack.
-        touching: 0 where the coupling forgets its deflection.
-    """
+    """Gains of the coupling that change from sample to sample, as expressions."""
 
     damping_ns_per_m: Expr
     stiffness_n_per_m: Expr
@@ -60,25 +44,6 @@ class Tick:
     """The loop at one sample, built up station by station.
 
     Signals between stations are attributes; None where no effect has set them.
-
-    Attributes:
-        sample_time_s: T.
-        start_m: initial position of everything, at rest.
-        position: true position of the device, then the sensed one, m.
-        observing: 0 in the first sample of an observer with state feedback; None without one.
-        command: commanded force, N, positive against +x; None in free space.
-        command_before: previous force, which acts until a late one arrives; None where forces are never late.
-        poles: of the low pass behind every backward difference (`model.velocity`; PLAIN: none).
-        late: share of the sample during which the previous force still acts; None where forces are never late.
-        asked: commanded force before any delay; None without a delay.
-        dropped: 1 where the computer misses the sample; None where it never does.
-        frequency_hz: estimated interaction frequency, and
-        frequency_valid: 1 where there is one; None without an estimator.
-        adapt: returns the gains of this sample from the coupling's deflection so far; None where they are parameters.
-        adapted: these gains.
-        environment_energy_j: energy in the environment's spring at this sample.
-        coupling_energy_j: energy in the coupling's spring.
-        at_end: actions once the force is known.
     """
 
     sample_time_s: float
@@ -203,23 +168,12 @@ class Rate:
     """Velocity in the computer: backward difference, behind the low pass of the scene.
 
     The value may be unknown when the rate is needed (an implicit force law): rate = gain * value - offset.
-
-    Attributes:
-        gain: 1/s.
-        offset: value unit per second, from the past alone.
     """
 
     def __init__(
         self, tick: Tick, name: str, initial: float = 0.0, *, seen: Callable[[Expr], Expr] = lambda before: before
     ) -> None:
-        """Add the states.
-
-        Args:
-            tick: the loop so far.
-            name: of the value.
-            initial: value at the beginning.
-            seen: transforms the stored value before it is used.
-        """
+        """Add the states."""
         self._tick = tick
         self._name = name
         before = seen(tick.state(f"{name}_before_m", initial))

@@ -20,7 +20,6 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.units import FORCE, MASS
 from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
 from avc_casadi.model.hands import hand_ranges
 
@@ -73,7 +72,7 @@ class SampledPlantBox:
         elif not all(one <= other for one, other in self.hand.values()):
             fault = "the range of a hand ends below where it begins"
         elif not min(self.device.mass_kg, low.get("device.mass_kg", math.inf)) + self._moves * low["mass_kg"] > 0:
-            fault = f"a device without {MASS} follows no sampled {FORCE} that a proof could enclose"
+            fault = "a device without mass follows no sampled force that a proof could enclose"
         elif not all(low[name] > 0 for name in self.hand if name.endswith("stiffness_n_per_m")):
             fault = "a hand without stiffness has no place of rest"
         elif not max(low.get("device.damping_ns_per_m", self.device.damping_ns_per_m), *self._dampings()) > 0:

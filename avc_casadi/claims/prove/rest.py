@@ -17,7 +17,6 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import FORCE, KG, METRE, N_PER_M, NEWTON, NS_PER_M, UM
 from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import LAGS, Multiplier, Verified, search, verify
@@ -25,7 +24,7 @@ from avc_casadi.claims.stability.declared_device import closed_loop, plants_with
 from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, linear_values
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.hands import Hand, StylusHand, hand_text
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
@@ -36,9 +35,9 @@ if TYPE_CHECKING:
 Outcome = Literal["proved", "refuted", "open"]
 
 _LEFT_OUT = {
-    "coulomb_friction_n": ("dry friction", NEWTON),
-    "encoder_resolution_m": ("encoder", METRE),
-    "position_noise_rms_m": ("noise", "m rms"),
+    "coulomb_friction_n": "dry friction",
+    "encoder_resolution_m": "encoder",
+    "position_noise_rms_m": "noise",
 }
 
 
@@ -55,8 +54,8 @@ def covered(device: Device) -> str:
     late = _between(device.delay_samples, spread.delay_samples)
     delay = f"{late} sample{'' if late == '1' else 's'} of delay"
     declared = [
-        f"{name} ({value:.4g} {unit})"
-        for key, (name, unit) in _LEFT_OUT.items()
+        f"{name} ({value:.4g})"
+        for key, name in _LEFT_OUT.items()
         if (value := max(getattr(device, key), *(getattr(spread, key) or (0.0,)))) > 0
     ]
     beside = f"; left out: {', '.join(declared)}" if declared else ", without friction and measured exactly"
@@ -165,20 +164,18 @@ def prove_rest(
     if hands is not None:
         unstable = unstable_hand(law, device, hands)
         if unstable is not None:
-            who = _who(unstable.hand)
+            who = f"with {hand_text(unstable.hand)}"
             how = f"the loop is unstable in contact, with a spectral radius of {unstable.spectral_radius:.6g} {who}"
             return told("refuted", how, unstable=unstable)
     why, found, cells = _proof(law, device, hand, most_cells, progress)
     dead_zone = 0.0 if law.state_feedback is None else law.state_feedback.dead_zone_m
     play = max(device.backlash_m, *(device.range.backlash_m or (0.0,)))
     lacking = {
-        f"the play of {1e6 * play:.3g} {UM} is a second nonlinearity, which this proof does not know": play > 0,
+        f"the play of {play:.3g} is a second nonlinearity, which this proof does not know": play > 0,
         'contact = "gated" is no single nonlinearity with a slope between 0 and 1: this proof is of "clip-last"': (
             contact == "gated"
         ),
-        f"the dead zone of {1e6 * dead_zone:.3g} {UM} is a second nonlinearity, which this proof does not know": (
-            dead_zone > 0
-        ),
+        f"the dead zone of {dead_zone:.3g} is a second nonlinearity, which this proof does not know": (dead_zone > 0),
     }
     open_for = [reason for reason, there in lacking.items() if there]
     if found is not None and not open_for:
@@ -221,7 +218,7 @@ def _proof(
 ) -> tuple[str, Multiplier | None, int]:
     """Return the reason why there is no proof, or the multiplier; and the number of evaluated cells."""
     if not law.stable:
-        return f"the law has a pole on or outside the unit circle while it gives no {FORCE}", None, 0
+        return "the law has a pole on or outside the unit circle while it gives no force", None, 0
     try:
         held = SampledPlantBox(device, hand)
         held.tail(np.array([np.pi]))
@@ -280,16 +277,3 @@ def sampled_hands(hand: Mapping[str, tuple[float, float]], seed: int) -> Hand | 
     corners = np.stack([grid.ravel() for grid in np.meshgrid(*ends, indexing="ij")])
     drawn = np.random.default_rng(seed).uniform(ends[:, :1], ends[:, 1:], (len(ends), _DRAWS))
     return kind(*np.append(corners, drawn, axis=1))
-
-
-def _who(hand: Mapping[str, float]) -> str:
-    if tuple(hand) == STYLUS:
-        told = (
-            f"{{:.4g}} {KG}, grip {{:.4g}} {NS_PER_M} and {{:.4g}} {N_PER_M}, arm {{:.4g}} {NS_PER_M} and {{:.4g}} "
-            f"{N_PER_M}"
-        ).format(*hand.values())
-        return f"with a hand on a stylus of {told}"
-    return (
-        f"with a hand of {hand['mass_kg']:.4g} {KG}, {hand['damping_ns_per_m']:.4g} {NS_PER_M}, "
-        f"{hand['stiffness_n_per_m']:.4g} {N_PER_M}"
-    )

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.model.sampled_plant import SampledPlant
 
+LEAST_DISK, SOUND_DISK = 0.15, 0.2
+"""Disk margins below which a coupling should not run on a device, and below which it is thin."""
 # Angles of z up to half the sample rate, from the lowest of interest, and about each pole, in its bandwidths.
 _POINTS, _ABOUT = 200, np.sinh(np.linspace(-4.0, 4.0, 17))
 _LOWEST_TURN = 1e-5
@@ -42,8 +44,8 @@ _LOWEST_TURN = 1e-5
 _ANYWHERE = 1e-9
 # Ridders steps to a crossing between two angles; each doubles the correct digits.
 _STEPS = 10
-# Highest maxima of each loop on the angles that are searched closer, by quarters.
-_PEAKS, _ZOOMS, _NINE = 3, 14, np.linspace(0.0, 1.0, 9)
+# Highest maxima on the angles that are searched closer, by quarters; angles beside those about the poles of a loop.
+_FEW, _PEAKS, _ZOOMS, _NINE = 40, 12, 14, np.linspace(0.0, 1.0, 9)
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,7 @@ class OpenLoop:
         """Return angles of z at which L is evaluated, dense at peaks of it or of 1/(1 + L), shape (n,)."""
         poles = np.concatenate([self.poles.ravel(), np.linalg.eigvals(self.matrix).ravel()])
         poles = poles[np.abs(poles) > _LOWEST_TURN]
-        about = np.abs(np.angle(poles))[:, None] + np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN)[:, None] * _ABOUT
+        about = _about(poles[:, None])
         about = about[(about > _LOWEST_TURN) & (about < math.pi)]
         return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, _POINTS), about]))
 
@@ -180,71 +182,72 @@ class OpenLoop:
         return found
 
     def margins(self) -> tuple[Margins, Margins]:
-        """Return the margins of the device released, and the smallest of those with hands."""
+        """Return the margins of the device released, the last loop, and the smallest of those with hands."""
+        alone = np.arange(len(self.matrix)) == len(self.matrix) - 1
+        return self.least(alone), self.least(~alone)
+
+    def least(self, some: BoolArray | slice = slice(None)) -> Margins:
+        """Return the smallest margins of some of the loops, or of all."""
+        loops = np.arange(len(self.matrix))[some]
         turn = self.turns()
-        gain = self.gain(turn)
+        gain = self.gain(turn, loops)
         of_phase = np.stack([np.sign(gain.imag), np.sign(np.abs(gain) - 1)])
-        kind, who, place = np.nonzero(of_phase[..., :-1] * of_phase[..., 1:] < 0)
+        kind, row, place = np.nonzero(of_phase[..., :-1] * of_phase[..., 1:] < 0)
+        who = loops[row]
         crossed = self._crossings(kind == 0, who, turn[place], turn[place + 1])
         there = self.gain(crossed[:, None], who)[:, 0] if len(who) else np.empty(0, dtype=np.complex128)
         # L is real at half the sample rate, the last angle.
-        everyone = np.arange(len(gain))
-        crossed, who = np.append(crossed, np.full(len(gain), math.pi)), np.append(who, everyone)
-        there, real = np.append(there, gain[:, -1]), np.append(kind == 0, everyone >= 0)
-        alone, disks = who == len(gain) - 1, self._disks(turn, gain)
-        return self._least(crossed, there, real, alone, slice(-1, None), disks), self._least(
-            crossed, there, real, ~alone, slice(-1), disks
+        crossed, there = np.append(crossed, np.full(len(loops), math.pi)), np.append(there, gain[:, -1])
+        return self._of_crossings(
+            loops, crossed, there, np.append(kind == 0, loops >= 0), self._disk(loops, turn, gain)
         )
 
-    def _disks(self, turn: FloatArray, gain: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the disk margin of each loop and its angle, from L at angles, each of shape (h,)."""
+    def swings(self) -> FloatArray:
+        """Return the largest |(1 - L)/(1 + L)| of each loop on angles dense at its own poles, shape (h,)."""
+        about = _about(self.poles[..., None]).reshape(len(self.poles), -1)
+        even = np.broadcast_to(np.geomspace(1e-4, math.pi, _FEW), (len(about), _FEW))
+        angles = np.concatenate([even, np.clip(about, _LOWEST_TURN, math.pi)], axis=1)
+        return np.asarray(_swing(self.gain(angles)).max(axis=1))
+
+    def _disk(self, loops: IndexArray, turn: FloatArray, gain: ComplexArray) -> tuple[float, float]:
+        """Return the smallest disk margin of some loops and its angle, from their L at angles."""
         size = _swing(gain)
         beside = np.pad(size, ((0, 0), (1, 1)), constant_values=-np.inf)
         size[(size < beside[:, :-2]) | (size < beside[:, 2:])] = -np.inf
-        tops = np.argsort(size, axis=1)[:, -_PEAKS:].ravel()
-        who = np.repeat(np.arange(len(size)), _PEAKS)
-        low, high = turn[np.maximum(tops - 1, 0)], turn[np.minimum(tops + 1, len(turn) - 1)]
+        row, top = np.unravel_index(np.argsort(size, axis=None)[-_PEAKS:], size.shape)
+        low, high, rows = turn[np.maximum(top - 1, 0)], turn[np.minimum(top + 1, len(turn) - 1)], np.arange(len(row))
         for _ in range(_ZOOMS):
             angles = low[:, None] + (high - low)[:, None] * _NINE
-            size = _swing(self.gain(angles, who))
-            best, rows = size.argmax(axis=1), np.arange(len(who))
+            size = _swing(self.gain(angles, loops[row]))
+            best = size.argmax(axis=1)
             low, high = angles[rows, np.maximum(best - 1, 0)], angles[rows, np.minimum(best + 1, len(_NINE) - 1)]
-        most = size.max(axis=1).reshape(-1, _PEAKS)
-        at = ((low + high) / 2).reshape(-1, _PEAKS)
-        return 2 / most.max(axis=1), np.take_along_axis(at, most.argmax(axis=1)[:, None], axis=1)[:, 0]
+        worst = int(size.max(axis=1).argmax())
+        return float(2 / size[worst].max()), float(low[worst] + high[worst]) / 2
 
-    def _least(
-        self,
-        crossed: FloatArray,
-        there: ComplexArray,
-        real: BoolArray,
-        some: BoolArray,
-        who: slice,
-        disks: tuple[FloatArray, FloatArray],
+    def _of_crossings(
+        self, loops: IndexArray, crossed: FloatArray, there: ComplexArray, real: BoolArray, disk: tuple[float, float]
     ) -> Margins:
-        """Return the smallest margins of some hands from the crossings of their loops."""
-        poles = self.poles[who].ravel()
+        poles = self.poles[loops].ravel()
         # At a wall without a spring any position is an equilibrium.
         if np.abs(poles[np.abs(poles - 1) > _ANYWHERE]).max(initial=0.0) >= 1:
             return Margins(1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         hz = 1 / (2 * math.pi * self.sample_time_s)
         with np.errstate(divide="ignore"):  # nothing is rendered
-            at, factor = crossed[some & real] * hz, -1 / there[some & real].real
+            at, factor = crossed[real] * hz, -1 / there[real].real
         up = np.where(factor > 1, factor, np.inf)
-        lag = (np.angle(there[some & ~real]) + math.pi) % (2 * math.pi)
+        lag = (np.angle(there[~real]) + math.pi) % (2 * math.pi)
         phase = np.append(np.degrees(np.minimum(lag, 2 * math.pi - lag)), np.inf)
-        late, where = np.append(lag / crossed[some & ~real], np.inf), np.append(crossed[some & ~real] * hz, 0.0)
-        disk, turned = (one[who] for one in disks)
+        late, where = np.append(lag / crossed[~real], np.inf), np.append(crossed[~real] * hz, 0.0)
         return Margins(
             gain=float(up.min()),
             gain_down=float(np.max(factor, where=(factor > 0) & (factor <= 1), initial=0.0)),
             phase_deg=float(phase.min()),
             delay_samples=float(late.min()),
-            disk=float(disk.min()),
+            disk=disk[0],
             gain_hz=float(at[up.argmin()]) if np.isfinite(up).any() else 0.0,
             phase_hz=float(where[phase.argmin()]),
             delay_hz=float(where[late.argmin()]),
-            disk_hz=float(turned[disk.argmin()] * hz),
+            disk_hz=disk[1] * hz,
         )
 
     def _crossings(self, real: BoolArray, who: IndexArray, low: FloatArray, high: FloatArray) -> FloatArray:
@@ -280,3 +283,8 @@ class OpenLoop:
 def _swing(gain: ComplexArray) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):  # a gain of 1e300 is infinite
         return np.nan_to_num(np.abs((1 - gain) / (1 + gain)), nan=1.0, posinf=np.inf)
+
+
+def _about(poles: ComplexArray) -> FloatArray:
+    """Return angles of z about poles (..., 1)."""
+    return np.asarray(np.abs(np.angle(poles)) + np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN) * _ABOUT)

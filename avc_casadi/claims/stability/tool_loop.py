@@ -13,7 +13,6 @@ import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
-from avc_casadi._util.units import spoken_key
 from avc_casadi.claims.stability.periodic import TOLERANCE, PeriodicLoops, leading
 from avc_casadi.claims.stability.worst_point import Box, Ranges, hand_at, hand_boxes, held_plant, worst_point
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
@@ -188,7 +187,7 @@ def required_tool(problem: Problem) -> VirtualTool:
     """
     if problem.simulation is None:
         raise InputError.of(
-            f"is missing; allowed: a table with step_s, and {spoken_key('tool_mass_kg')} where the engine moves a tool",
+            "is missing; allowed: a table with step_s, and tool_mass_kg where the engine moves a tool",
             file=problem.name or "problem",
             key="simulation",
         )

@@ -56,7 +56,9 @@ def certificate_page(document: dict[str, Any], problem: Problem, page: Page, sho
 def _verdict(verdict: Mapping[str, Any]) -> Row:
     """State whether it may be deployed, and the failed claims."""
     if verdict["pass"]:
-        return Row("Deployable", "yes: linearly stable with every hand and released", Mark.PASS)
+        thin = verdict.get("thin", "")
+        said = f"yes: linearly stable with every hand and released{thin}"
+        return Row("Deployable", said, Mark.CAUTION if thin else Mark.PASS)
     failed = dict.fromkeys(_named(one["name"])[1] for one in verdict.get("claims", ()) if not one["pass"])
     why = f"not linearly stable {' and '.join(failed)}" if failed else "no row has gains"
     return Row("Deployable", f"no: {why}", Mark.FAIL)

@@ -95,7 +95,9 @@ def deployable(verdict: dict[str, Any] | None) -> Row:
         return Row("Deployable", "no: no row has gains", Mark.FAIL)
     failed = [claim for claim in verdict.get("claims", ()) if not claim["pass"]]
     if verdict["pass"]:
-        return Row("Deployable", "yes: linearly stable with every hand and released", Mark.PASS)
+        thin = verdict.get("thin", "")
+        said = f"yes: linearly stable with every hand and released{thin}"
+        return Row("Deployable", said, Mark.CAUTION if thin else Mark.PASS)
     sentence = failed[0]["sentence"] if failed else verdict["sentence"]
     return Row("Deployable", f"no: {sentence}", Mark.FAIL)
 

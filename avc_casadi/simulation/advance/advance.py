@@ -22,15 +22,7 @@ def column(*symbols: Expr) -> Expr:
 
 @dataclass(frozen=True)
 class Layout:
-    """Structure of a plant: its entries that are nonzero for any hand.
-
-    Attributes:
-        states: number of states.
-        entries: rows and columns of A.
-        force_row: the state on which the actuator acts.
-        target_row: the velocity on which the hand's target acts; None without a hand.
-        friction_n: dry friction; 0 for none.
-    """
+    """Structure of a plant: its entries that are nonzero for any hand."""
 
     states: int
     entries: tuple[tuple[int, int], ...]
@@ -105,14 +97,7 @@ class PlantSymbols:
 
 @dataclass(frozen=True)
 class Drive:
-    """Inputs of the plant between two samples.
-
-    Attributes:
-        force: held force of the actuator, N, positive against +x; None in free space.
-        force_before: the force that acts until the new one arrives; None where forces are never late.
-        late: when the new force arrives, as a share of the sample.
-        target: position (m) and velocity (m/s) of the hand's target at the sample; None without a hand.
-    """
+    """Inputs of the plant between two samples."""
 
     force: Expr
     force_before: Expr
@@ -132,12 +117,7 @@ class Advance(Protocol):
 
 @dataclass(frozen=True)
 class Continuous(ABC):
-    """A scheme on the plant's rates, over each stretch of constant force.
-
-    Attributes:
-        layout: the plant's numbers.
-        substeps: of a stretch.
-    """
+    """A scheme on the plant's rates, over each stretch of constant force."""
 
     layout: Layout
     substeps: int
@@ -161,14 +141,7 @@ class Continuous(ABC):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of the sample of constant force.
-
-    Attributes:
-        name: suffix of the names of its parameters.
-        begin: its start, as a share of the sample.
-        share: its length.
-        before: whether the previous force acts.
-    """
+    """A part of the sample of constant force."""
 
     name: str
     begin: float
@@ -185,14 +158,7 @@ def stretches(late: float) -> tuple[Stretch, ...]:
 
 @dataclass(frozen=True)
 class MatrixExponential:
-    """Linear plant whose force is held, or changes at a moment that is the same in every sample: exact to rounding.
-
-    Attributes:
-        substeps: equal steps a stretch; the result does not depend on them.
-        held: whether a force acts at all.
-        driven: whether a hand moves the plant.
-        late: when the new force arrives, as a share of the sample.
-    """
+    """Linear plant whose force is held, or changes at a moment that is the same in every sample: exact to rounding."""
 
     substeps: int
     held: bool

@@ -44,27 +44,13 @@ _EVENTS = 2
 
 @dataclass(frozen=True)
 class TaylorSeries(Continuous):
-    """Plant with dry friction, or with a force that changes inside the sample: exact to rounding.
-
-    Attributes:
-        order: last power of a series, of which there is one a substep.
-    """
+    """Plant with dry friction, or with a force that changes inside the sample: exact to rounding."""
 
     order: int
 
     @classmethod
     def of(cls, plant: LinearPlant, sample_time_s: float, friction_n: float, substeps: int) -> TaylorSeries:
-        """Choose the order, and more substeps where the plant is fast.
-
-        Args:
-            plant: the linear plant, of all hands.
-            sample_time_s: T.
-            friction_n: dry friction; 0 for none.
-            substeps: the fewest.
-
-        Raises:
-            UnsupportedError: the plant is too fast for a reasonable number of substeps.
-        """
+        """Choose the order, and more substeps where the plant is fast."""
         # Higher powers are cheaper than more substeps, as long as their sum does not cancel.
         order = _order(plant, sample_time_s / substeps)
         while order > _HIGHEST_ORDER and substeps <= _MOST_SUBSTEPS:
@@ -243,15 +229,7 @@ def _rates(plant: PlantSymbols, state: list[Expr], force: Expr, target: Any) -> 
 
 @dataclass(frozen=True)
 class Projected:
-    """Implicit, without events; exact while the device slides, of first order where it stops or breaks away.
-
-    Attributes:
-        substeps: equal steps a stretch.
-        held: whether a force acts at all.
-        driven: whether a hand moves the plant.
-        late: when the new force arrives, as a share of the sample.
-        friction_n: dry friction.
-    """
+    """Implicit, without events; exact while the device slides, of first order where it stops or breaks away."""
 
     substeps: int
     held: bool

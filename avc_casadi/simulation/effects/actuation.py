@@ -16,11 +16,7 @@ from avc_casadi.simulation.tick import Tick
 
 @dataclass(frozen=True)
 class Saturation(SceneEffect):
-    """Saturation of the commanded force.
-
-    Attributes:
-        force_n: largest force either way.
-    """
+    """Saturation of the commanded force."""
 
     kind: ClassVar[str] = "saturation"
     keys: ClassVar[type[EffectTable]] = SaturationEffect
@@ -45,13 +41,7 @@ class Saturation(SceneEffect):
 
 @dataclass(frozen=True)
 class Amplifier(SceneEffect):
-    """Lag between the command and the force.
-
-    Attributes:
-        bandwidth_hz: its corner frequency.
-        order: 1, or 2 for a current loop.
-        damping_ratio: of a current loop.
-    """
+    """Lag between the command and the force."""
 
     kind: ClassVar[str] = "amplifier"
     keys: ClassVar[type[EffectTable]] = AmplifierEffect

@@ -45,17 +45,7 @@ class Station(IntEnum):
 
 @dataclass(frozen=True)
 class SceneEffect(ABC):
-    """One effect with its numbers resolved. A subclass that gives its kind is in the registry `EFFECTS`.
-
-    Attributes:
-        kind: its name in a problem file.
-        keys: its table there.
-        rank: its place in the loop and in every list.
-        station: its place in the loop.
-        role: effects of one role exclude each other; empty where none does.
-        of_coupling: whether it belongs to the control computer, so that a coupling brings its own.
-        scene_alone: whether only scenes simulate it unless the device declares it.
-    """
+    """One effect with its numbers resolved. A subclass that gives its kind is in the registry `EFFECTS`."""
 
     kind: ClassVar[str]
     keys: ClassVar[type[EffectTable]]
@@ -73,16 +63,7 @@ class SceneEffect(ABC):
     @classmethod
     @abstractmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Resolve the numbers: what the table leaves out is taken from the problem.
-
-        Args:
-            table: the validated table of the problem file.
-            problem: the problem.
-            place: key of the table, for messages.
-
-        Raises:
-            InputError: a number is neither in the table nor in the problem.
-        """
+        """Resolve the numbers: what the table leaves out is taken from the problem."""
 
     @property
     def environment(self) -> Environment | None:
@@ -122,11 +103,7 @@ class SceneEffect(ABC):
 def required_number(
     value: float | None, default: float | None, *, key: str, place: str, problem: Problem, source: str
 ) -> float:
-    """Return the value of a table or its default, which must not both be 0.
-
-    Raises:
-        InputError: no value above 0, without which the effect does nothing.
-    """
+    """Return the value of a table or its default, which must not both be 0."""
     number = default if value is None else value
     if not number:
         message = f"is {'missing' if value is None else '0'}{f' and so is {source}' if source else ''}; allowed: "

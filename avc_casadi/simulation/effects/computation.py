@@ -32,12 +32,7 @@ from avc_casadi.simulation.tick import AdaptedGains, Expr, Tick
 
 @dataclass(frozen=True)
 class Guard(SceneEffect):
-    """Monitors the energy through the held force and acts on a deficit.
-
-    Attributes:
-        method: passivity-controller or energy-tank.
-        settings: its limits.
-    """
+    """Monitors the energy through the held force and acts on a deficit."""
 
     kind: ClassVar[str] = "guard"
     keys: ClassVar[type[EffectTable]] = GuardEffect
@@ -67,11 +62,7 @@ class Guard(SceneEffect):
 
 @dataclass(frozen=True)
 class StateFeedback(SceneEffect):
-    """Replaces the measured position by a weighted sum of the observer's states.
-
-    Attributes:
-        settings: its matrices.
-    """
+    """Replaces the measured position by a weighted sum of the observer's states."""
 
     kind: ClassVar[str] = "state-feedback"
     keys: ClassVar[type[EffectTable]] = StateFeedbackEffect
@@ -110,12 +101,7 @@ _ABOVE = 1.07
 
 @dataclass(frozen=True)
 class Observer(SceneEffect):
-    """Replaces the counted position by one predicted from the commanded forces, at the time when the next one acts.
-
-    Attributes:
-        settings: its assumed model.
-        late: whether the loop has a delay: the acting force is not the commanded one.
-    """
+    """Replaces the counted position by one predicted from the commanded forces, at the time when the next one acts."""
 
     kind: ClassVar[str] = "observer"
     keys: ClassVar[type[EffectTable]] = ObserverEffect
@@ -156,13 +142,7 @@ class Observer(SceneEffect):
 
 @dataclass(frozen=True)
 class Adaptation(SceneEffect):
-    """Look-up with hold and decay, slew limit and passive change.
-
-    Attributes:
-        hold: how the look-up treats a lost estimate.
-        settings: how the gains change.
-        table: the gain table; a run sets it.
-    """
+    """Look-up with hold and decay, slew limit and passive change."""
 
     kind: ClassVar[str] = "adaptation"
     keys: ClassVar[type[EffectTable]] = AdaptationEffect
@@ -228,12 +208,7 @@ class Adaptation(SceneEffect):
 
 @dataclass(frozen=True)
 class Estimator(SceneEffect):
-    """Estimates the frequency from the velocity between samples.
-
-    Attributes:
-        method: name of the estimator.
-        settings: its thresholds of motion.
-    """
+    """Estimates the frequency from the velocity between samples."""
 
     kind: ClassVar[str] = "estimator"
     keys: ClassVar[type[EffectTable]] = EstimatorEffect

@@ -16,13 +16,7 @@ from avc_casadi.simulation.tick import Tick
 
 @dataclass(frozen=True)
 class Notch(SceneEffect):
-    """(s^2 + d w omega s + omega^2)/(s^2 + w omega s + omega^2) by Tustin's rule, exact at its frequency; 1 at rest.
-
-    Attributes:
-        frequency_hz: omega / 2 pi.
-        depth: gain d at the frequency.
-        width: w, the band as a share of the frequency.
-    """
+    """(s^2 + d w omega s + omega^2)/(s^2 + w omega s + omega^2) by Tustin's rule, exact at its frequency; 1 at rest."""
 
     kind: ClassVar[str] = "notch"
     keys: ClassVar[type[EffectTable]] = NotchEffect
@@ -70,11 +64,7 @@ class Notch(SceneEffect):
 
 @dataclass(frozen=True)
 class VelocityFilter(SceneEffect):
-    """Velocity estimator of coupling, environment and contact damper.
-
-    Attributes:
-        poles: of the low pass behind each backward difference.
-    """
+    """Velocity estimator of coupling, environment and contact damper."""
 
     kind: ClassVar[str] = "velocity-filter"
     keys: ClassVar[type[EffectTable]] = VelocityFilterEffect

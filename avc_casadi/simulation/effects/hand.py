@@ -14,11 +14,7 @@ from avc_casadi.simulation.effects.base import SceneEffect, Station, required_nu
 
 @dataclass(frozen=True)
 class Grip(SceneEffect):
-    """The hand at the device; an array of hands stands for as many scenes.
-
-    Attributes:
-        hand: the hand, or many.
-    """
+    """The hand at the device; an array of hands stands for as many scenes."""
 
     kind: ClassVar[str] = "hand"
     keys: ClassVar[type[EffectTable]] = HandEffect

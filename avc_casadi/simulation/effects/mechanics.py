@@ -26,9 +26,6 @@ class Backlash(SceneEffect):
 
     The force passes without play, as in a gear under load; the play is taken up at the samples. A dead zone of the
     force would need the stiffness of the gear's flanks, which is not declared.
-
-    Attributes:
-        gap_m: the whole play.
     """
 
     kind: ClassVar[str] = "backlash"
@@ -58,13 +55,7 @@ class Backlash(SceneEffect):
 
 @dataclass(frozen=True)
 class Resonance(SceneEffect):
-    """The device's mass split in two: sensor and actuator on one, the hand on the other.
-
-    Attributes:
-        frequency_hz: frequency of the two masses against each other, the device free.
-        damping_ratio: damping of that mode, as a share of the critical.
-        mass_ratio: share of the device's mass on the side of the hand.
-    """
+    """The device's mass split in two: sensor and actuator on one, the hand on the other."""
 
     kind: ClassVar[str] = "resonance"
     keys: ClassVar[type[EffectTable]] = ResonanceEffect
@@ -113,11 +104,7 @@ class Resonance(SceneEffect):
 
 @dataclass(frozen=True)
 class ViscousFriction(SceneEffect):
-    """A damper between device and ground, in addition to ``device.damping_ns_per_m``.
-
-    Attributes:
-        damping_ns_per_m: its damping.
-    """
+    """A damper between device and ground, in addition to ``device.damping_ns_per_m``."""
 
     kind: ClassVar[str] = "viscous-friction"
     keys: ClassVar[type[EffectTable]] = ViscousFrictionEffect
@@ -140,11 +127,7 @@ class ViscousFriction(SceneEffect):
 
 @dataclass(frozen=True)
 class CoulombFriction(SceneEffect):
-    """A force of constant magnitude against the velocity; at rest it balances the load up to that magnitude.
-
-    Attributes:
-        force_n: its magnitude.
-    """
+    """A force of constant magnitude against the velocity; at rest it balances the load up to that magnitude."""
 
     kind: ClassVar[str] = "coulomb-friction"
     keys: ClassVar[type[EffectTable]] = CoulombFrictionEffect

@@ -19,11 +19,7 @@ from avc_casadi.simulation.effects.virtual_tool import Engine
 
 
 def build_effects(problem: Problem) -> tuple[SceneEffect, ...]:
-    """Return the effects of a problem's scene, in the order of the loop; with none listed, all declared ones.
-
-    Raises:
-        InputError: impossible combinations and missing numbers, all at once.
-    """
+    """Return the effects of a problem's scene, in the order of the loop; with none listed, all declared ones."""
     tables = scene_effects(problem)
     faults = _impossible(problem, [table.kind for table in tables])
     built: list[SceneEffect] = []

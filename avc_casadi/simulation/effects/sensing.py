@@ -22,11 +22,6 @@ class Jitter(SceneEffect):
     """The position is sampled in time; the new force is late by |e|, e Gaussian, at most one sample.
 
     In a dropped sample the computer does nothing: the force is held, and the next velocity is taken over two samples.
-
-    Attributes:
-        rms_s: standard deviation of e; 0 without lateness.
-        seed: seed of the generator.
-        dropped_share: share of the samples that are dropped.
     """
 
     kind: ClassVar[str] = "jitter"
@@ -74,11 +69,7 @@ class Jitter(SceneEffect):
 
 @dataclass(frozen=True)
 class Delay(SceneEffect):
-    """A delay line of commands; a fractional part lets the previous command act for a share of the sample.
-
-    Attributes:
-        samples: its length.
-    """
+    """A delay line of commands; a fractional part lets the previous command act for a share of the sample."""
 
     kind: ClassVar[str] = "delay"
     keys: ClassVar[type[EffectTable]] = DelayEffect
@@ -113,12 +104,7 @@ class Delay(SceneEffect):
 
 @dataclass(frozen=True)
 class Noise(SceneEffect):
-    """White Gaussian noise on each sampled position, before an encoder.
-
-    Attributes:
-        rms_m: its standard deviation.
-        seed: seed of its generator.
-    """
+    """White Gaussian noise on each sampled position, before an encoder."""
 
     kind: ClassVar[str] = "noise"
     keys: ClassVar[type[EffectTable]] = NoiseEffect
@@ -148,14 +134,7 @@ def _draw(seed: int, run: int, samples: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Encoder(SceneEffect):
-    """Rounds the position to the nearest step, of the motor or of the handle.
-
-    Attributes:
-        resolution_m: length of a step; 0 only at the handle, for a position without steps.
-        body: the body whose position is measured.
-        phase: offset of the step that reads 0, in steps, one per hand, shape (hands,); None puts all at the middle of a
-            step.
-    """
+    """Rounds the position to the nearest step, of the motor or of the handle."""
 
     kind: ClassVar[str] = "encoder"
     keys: ClassVar[type[EffectTable]] = EncoderEffect

@@ -24,13 +24,6 @@ class Engine(SceneEffect):
 
     The contact is one-sided, at x = 0: rigid, the tool stops there within the step, as constraint solvers have it; or a
     spring and damper that never pull.
-
-    Attributes:
-        tool: the [simulation].
-        state: the tool and its contact, in the device's units.
-        gains: of the coupling.
-        dropped_share: share of the engine's steps that it misses.
-        seed: of the draws.
     """
 
     kind: ClassVar[str] = "simulation"
@@ -47,11 +40,7 @@ class Engine(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:
-        """Build it; tool and engine are those of [simulation]: the heaviest tool, the stiffest contact.
-
-        Raises:
-            InputError: the problem has no [simulation], or no gains were given.
-        """
+        """Build it; tool and engine are those of [simulation]: the heaviest tool, the stiffest contact."""
         tool, faults = problem.simulation, []
         if tool is None:
             faults.append((place, "is listed and [simulation] is missing; allowed: both, or neither"))

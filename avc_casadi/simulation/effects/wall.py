@@ -20,11 +20,7 @@ from avc_casadi.simulation.tick import Rate, Tick
 
 @dataclass(frozen=True)
 class Detents(SceneEffect):
-    """The force of the detents of a problem and their damper.
-
-    Attributes:
-        detent: their numbers.
-    """
+    """The force of the detents of a problem and their damper."""
 
     kind: ClassVar[str] = "detent"
     keys: ClassVar[type[EffectTable]] = DetentEffect
@@ -35,11 +31,7 @@ class Detents(SceneEffect):
 
     @classmethod
     def build(cls, table: Any, problem: Problem, place: str) -> Self:  # noqa: ARG003
-        """Build it from the detents of the problem.
-
-        Raises:
-            InputError: the problem has none.
-        """
+        """Build it from the detents of the problem."""
         if problem.detent is None:
             message = "is listed and [detent] is missing; allowed: both, or neither"
             raise InputError([Fault(problem.name or "problem", None, place, message)])
@@ -74,13 +66,7 @@ class Detents(SceneEffect):
 
 @dataclass(frozen=True)
 class Wall(SceneEffect):
-    """A spring and a damper that begin at x = 0 and never pull.
-
-    Attributes:
-        damping_ns_per_m: b_e.
-        stiffness_n_per_m: k_e.
-        contact: the contact law.
-    """
+    """A spring and a damper that begin at x = 0 and never pull."""
 
     kind: ClassVar[str] = "wall"
     keys: ClassVar[type[EffectTable]] = WallEffect

@@ -43,12 +43,7 @@ _JUDGED_S = 0.5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BilateralTrial(OtherEndTrial):
-    """Results by simulated hand, at the leader; settled: leader and follower; the seed is of the messages too.
-
-    Attributes:
-        jitter: timing jitter of the messages, as a share of the delay.
-        lost_share: share of messages that were lost.
-    """
+    """Results by simulated hand, at the leader; settled: leader and follower; the seed is of the messages too."""
 
     jitter: float
     lost_share: float
@@ -59,11 +54,7 @@ class BilateralTrial(OtherEndTrial):
 
 @dataclass(frozen=True)
 class Link:
-    """Arrivals of messages by the receiver's samples.
-
-    Attributes:
-        newest: index of the newest message received from the other side, at each sample; negative before the first.
-    """
+    """Arrivals of messages by the receiver's samples."""
 
     newest: IndexArray
 
@@ -71,17 +62,7 @@ class Link:
     def drawn(
         cls, sender_s: float, receiver_s: float, delay_s: float, samples: int, jitter: float, lost: float, seed: int
     ) -> Link:
-        """Draw the arrivals of a sender's messages at a receiver, which keeps the newest.
-
-        Args:
-            sender_s: time between messages.
-            receiver_s: time between samples of the receiver.
-            delay_s: of a message, s.
-            samples: of the receiver.
-            jitter: largest deviation from the delay, as a share of it; uniform.
-            lost: share of messages that are lost.
-            seed: of the draw.
-        """
+        """Draw the arrivals of a sender's messages at a receiver, which keeps the newest."""
         rng = np.random.default_rng(seed)
         count = int(np.ceil(samples * receiver_s / sender_s)) + 1
         arrival = np.arange(count) * sender_s + delay_s * (1 + jitter * rng.uniform(-1, 1, count))
@@ -94,14 +75,7 @@ class Link:
 
 
 def try_bilateral(problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0) -> BilateralTrial:
-    """Simulate hands that move a follower, on a link with the declared delay, jitter and losses.
-
-    Args:
-        problem: with [follower].
-        gains: of the coupling, at the leader.
-        hands: at the leader.
-        seed: of the draw of the hands, to be reported, and of the messages.
-    """
+    """Simulate hands that move a follower, on a link with the declared delay, jitter and losses."""
     follower = required_follower(problem)
     stiffness, _ = environments(follower)
     some = sorted({float(stiffness[place]) for place in (len(stiffness) // 2, -1)})
@@ -118,13 +92,7 @@ def try_bilateral(problem: Problem, gains: ToolGains, hands: Hand, seed: int = 0
 
 
 class _Side:
-    """One device in many parallel runs (lanes), advanced sample by sample.
-
-    Args:
-        device: in the leader's units.
-        hold: mechanical load on each lane, shape (lanes,); two of them where a lane may be free or in contact.
-        start_m: initial positions.
-    """
+    """One device in many parallel runs (lanes), advanced sample by sample."""
 
     def __init__(self, device: Device, hold: list[Hand], start_m: FloatArray) -> None:
         plants = [sampled_plant(device, one) for one in hold]
@@ -151,13 +119,7 @@ class _Side:
         return np.asarray(np.round(seen / self.step_m) * self.step_m if self.step_m > 0 else seen)
 
     def move(self, which: BoolArray, force: FloatArray, target: FloatArray | None = None) -> None:
-        """Advance by a sample.
-
-        Args:
-            which: lanes in contact.
-            force: positive against +x.
-            target: position and velocity of the hand's target, shape (lanes, 2).
-        """
+        """Advance by a sample."""
         count, nexts = len(self.names), []
         for (matrix, push), aim in zip(self.maps, self.aims, strict=True):
             moved = np.matmul(matrix, self.state[..., None])[..., 0] + push * force[:, None]
@@ -168,16 +130,7 @@ class _Side:
 
 
 class _Run:
-    """Every motion of many hands on every contact: lanes of shape (motions, contacts, hands), flattened.
-
-    Args:
-        problem: with [follower].
-        gains: of the coupling.
-        hands: at the leader.
-        contacts_n_per_m: in the leader's units; infinite where it is rigid.
-        delays_s: to the follower and back.
-        seed: of the messages.
-    """
+    """Every motion of many hands on every contact: lanes of shape (motions, contacts, hands), flattened."""
 
     def __init__(
         self,

@@ -37,23 +37,7 @@ NOT_SIMULATED = ("hands that change while they hold on", "several axes")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CouplingTrial(Tabular):
-    """Results by simulated hand; every array has shape (hands,).
-
-    Attributes:
-        seed: of the hands.
-        effects: what was simulated.
-        stable: settled in every motion, by the published criterion of 5 mm/s.
-        stable_without_friction: the same without the declared dry friction.
-        by_motion: settled in each motion.
-        vibration: at the end of a press, in multiples of the vibrotactile detection threshold.
-        stiffness_n_per_m: rendered at the end of a press; not a number without contact, or at the force limit.
-        at_force_limit: whether a press ends at the largest force of the actuator, where no stiffness is rendered.
-        tap_force_n: largest force of a tap.
-        tap_depth_m: largest penetration of a tap.
-        wall_n_per_m: stiffness of the wall.
-        devices: number of devices tried.
-        longest_s: duration of the longest motion.
-    """
+    """Results by simulated hand; every array has shape (hands,)."""
 
     seed: int
     effects: tuple[str, ...]
@@ -156,15 +140,7 @@ def try_coupling(
     progress: Progress = SILENT,
     executor: Executor | None = None,
 ) -> CouplingTrial:
-    """Simulate press, tap and hold by all hands, with all that the problem declares of the device.
-
-    Args:
-        coupling: the coupling under trial.
-        subjects: the hands.
-        seed: of their draw, to be reported.
-        progress: reported over the motions; with an executor, over the hands.
-        executor: runs chunks of hands, as for `mapped`; None stays in this process.
-    """
+    """Simulate press, tap and hold by all hands, with all that the problem declares of the device."""
     conditions = Conditions.of(coupling)
     if executor is None:
         return _tried(coupling, conditions, subjects, seed, progress)
@@ -254,15 +230,7 @@ def try_on_devices(
     seed: int = 0,
     executor: Executor | None = None,
 ) -> CouplingTrial:
-    """Simulate hands with a coupling, each on one of several devices, assigned in turn.
-
-    Args:
-        coupling: the coupling under trial.
-        subjects: the hands.
-        devices: perturbed or nominal devices.
-        seed: of the draw of the hands, to be reported.
-        executor: runs some of the devices, as for `mapped`.
-    """
+    """Simulate hands with a coupling, each on one of several devices, assigned in turn."""
     dealt = [np.arange(place, len(subjects), len(devices)) for place in range(len(devices))]
     met = [
         (subjects.pick(rows), *on_device(coupling, device))

@@ -33,13 +33,6 @@ def felt_vibration(position_m: FloatArray, sample_time_s: float) -> FloatArray:
 
     The peak displacement of each frequency from 10 to 500 Hz over its threshold; several add as the root of the sum of
     squares. The last half second counts, a straight drift taken out.
-
-    Args:
-        position_m: true position at the hand, shape (..., samples).
-        sample_time_s: T.
-
-    Returns:
-        Shape (...); 1 is about noticeable, infinite where a run diverged.
     """
     last = position_m[..., -max(8, round(JUDGED_S / sample_time_s)) :]
     n = last.shape[-1]
@@ -88,13 +81,7 @@ Watched: TypeAlias = tuple[Motion, float]
 
 @dataclass(frozen=True)
 class Course:
-    """The motions of a trial, in the device's units.
-
-    Attributes:
-        motions: of the hands' target.
-        beyond: a hard impact and a light touch, not reported by a trial.
-        lightest: the lightest touch, not reported either.
-    """
+    """The motions of a trial, in the device's units."""
 
     motions: dict[str, Watched]
     beyond: tuple[Watched, ...]

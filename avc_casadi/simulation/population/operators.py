@@ -41,15 +41,7 @@ BLOCK = 10_000
 def draw_population(
     population: Population, count: int, seed: int, split: Split = "test", *, first: int = 0
 ) -> Hand | StylusHand:
-    """Draw hands of a population; the training and test streams are disjoint.
-
-    Args:
-        population: A, B or fingertip; the arm is a single operator.
-        count: number of hands.
-        seed: seed of the draw; a larger draw begins with the same hands as a smaller one.
-        split: which stream of the seed.
-        first: index of the first in the same draw.
-    """
+    """Draw hands of a population; the training and test streams are disjoint."""
     if population == "arm":
         return ARM
     if population in ("A", "fingertip"):
@@ -60,15 +52,7 @@ def draw_population(
 
 
 def draw_hands(hands: Hands, count: int, seed: int, split: Split = "test", *, first: int = 0) -> Hand:
-    """Draw hands uniformly within the ranges of a problem's hands, as set A within the default ones.
-
-    Args:
-        hands: ranges of mass, damping and stiffness.
-        count: number of hands.
-        seed: as in `draw_population`.
-        split: as in `draw_population`.
-        first: as in `draw_population`.
-    """
+    """Draw hands uniformly within the ranges of a problem's hands, as set A within the default ones."""
     low, high = hand_ranges(hands).T
     return Hand(*(low + (high - low) * _uniform([seed, _STREAMS["A", split]], first, count, len(low))).T)
 
@@ -89,11 +73,6 @@ def loose_grips(hands: Hands, count: int, seed: int) -> Hand:
     """Draw loose grips: nearly the least damping and a low stiffness, any mass.
 
     With these, encoder quantisation sustains oscillations that settle with all other hands.
-
-    Args:
-        hands: ranges of mass, damping and stiffness.
-        count: number of hands.
-        seed: as in `draw_population`, of the training split.
     """
     low, high = hand_ranges(hands).T
     random = np.random.default_rng([seed, _STREAMS["A", "training"]])
@@ -101,13 +80,7 @@ def loose_grips(hands: Hands, count: int, seed: int) -> Hand:
 
 
 def people_of(hands: Hands, count: int, seed: int = 0) -> Hand:
-    """Draw hands from a problem's own set, its corners first.
-
-    Args:
-        hands: ranges of mass, damping and stiffness.
-        count: number of hands.
-        seed: of the draw.
-    """
+    """Draw hands from a problem's own set, its corners first."""
     corners = hand_corners(hands)
     drawn = draw_hands(hands, max(0, count - len(corners)), seed)
     both = (np.append(np.atleast_1d(getattr(corners, name)), value) for name, value in vars(drawn).items())

@@ -15,15 +15,7 @@ from avc_casadi._util.units import N_PER_M
 
 @dataclass(frozen=True, eq=False, repr=False)
 class OtherEndTrial(Tabular):
-    """Results by simulated hand; every array has shape (hands,).
-
-    Attributes:
-        seed: of the draw of the hands.
-        by_motion: settled in each motion, with every contact that was tried.
-        stiffness_n_per_m: rendered at the end of a press on the stiffest contact; not a number without contact, or at
-            the force limit.
-        tap_force_n: largest force of a tap.
-    """
+    """Results by simulated hand; every array has shape (hands,)."""
 
     seed: int
     by_motion: dict[str, BoolArray]

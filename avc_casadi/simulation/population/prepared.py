@@ -89,16 +89,7 @@ class _Stage:
 
 @dataclass(frozen=True)
 class _Structure:
-    """Structure of a scene with constant gains: all but its numbers.
-
-    Attributes:
-        conditions: without state feedback.
-        law: shape of the state feedback: its states, which are positions, and which is measured.
-        coupled: whether there is a coupling.
-        sprung: whether it has a spring.
-        damped: whether there is a contact damper.
-        example: conditions and gains of this structure; excluded from comparison.
-    """
+    """Structure of a scene with constant gains: all but its numbers."""
 
     conditions: Conditions
     law: tuple[Any, ...] | None

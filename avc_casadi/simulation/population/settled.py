@@ -31,16 +31,7 @@ CONFIDENCE = 0.95
 
 
 def exact_interval(count: int, trials: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return Clopper and Pearson's interval of a probability, of at least the stated confidence.
-
-    Args:
-        count: successes.
-        trials: trials, 1 or more.
-        confidence: two-sided confidence, between 0 and 1.
-
-    Returns:
-        Its ends, of equal tail probability; 0 and 1 where there is no success or no failure.
-    """
+    """Return Clopper and Pearson's interval of a probability, of at least the stated confidence."""
     if not 0 <= count <= trials or trials < 1:
         raise ValueError(f"{count} of {trials} is no count of trials")
     from scipy.special import betaincinv  # noqa: PLC0415 - statistics load slowly, and most calls need none
@@ -58,18 +49,7 @@ _NAMED = 20
 
 @dataclass(frozen=True)
 class SettledHands:
-    """Counts of settled hands.
-
-    Attributes:
-        coupling: its name.
-        hands: number of hands.
-        seed: of their draw.
-        friction: whether the declared dry friction acts.
-        at_rest: number settled in every motion, by the published criterion of 5 mm/s.
-        by_motion: number settled in each.
-        moving: indices of the first unsettled hands in the draw, from 0.
-        effects: what was simulated.
-    """
+    """Counts of settled hands."""
 
     coupling: str
     hands: int
@@ -108,24 +88,7 @@ def settled_hands(
     executor: Executor | None = None,
     progress: Progress = SILENT,
 ) -> SettledHands:
-    """Count press, tap and hold by many hands, drawn uniformly from the problem's set.
-
-    Args:
-        coupling: the coupling under trial.
-        hands: how many.
-        seed: of their draw; a larger draw begins with the same hands as a smaller one.
-        friction: False leaves the declared dry friction out.
-        block: hands tried at a time; the result does not depend on it.
-        workers: as for `mapped`.
-        executor: as for `mapped`.
-        progress: of the hands.
-
-    Example:
-        >>> coupling = avc.recommend("soft", 20).coupling
-        >>> from avc_casadi.simulation.population.settled import settled_hands
-        >>> settled_hands(coupling, 50, seed=1).at_rest
-        50
-    """
+    """Count press, tap and hold by many hands, drawn uniformly from the problem's set."""
     if hands < 1 or block < 1:
         raise InputError.of(f"is {min(hands, block)}; allowed: 1 or more", key="hands" if hands < 1 else "block")
     conditions = Conditions.of(coupling)
@@ -159,17 +122,6 @@ def residual_speeds(
     """Return the largest residual speed of each hand over all motions, with constant gains.
 
     Consecutive couplings that differ only in the numbers of their state feedback share a scene, run once.
-
-    Args:
-        couplings: the couplings under trial.
-        people: hands that press, tap and hold.
-        friction: False leaves the declared dry friction out.
-        beyond: adds a hard impact and light touches; the lightest with the declared friction.
-        device: the device; None is that of each coupling.
-        effects: simulated in addition to what the device declares.
-
-    Returns:
-        Largest residual speed over the threshold of settling, shape (couplings, hands).
     """
     found = [np.zeros((0, len(people)))]
     for _, group in groupby(couplings, _but_for_numbers):
@@ -191,17 +143,7 @@ def prepared_residual_speeds(
     effects: tuple[Effect, ...] = (),
     racing: bool = False,
 ) -> Ends:
-    """Prepare `unrest` for couplings that differ from this one only in the numbers of their state feedback.
-
-    Args:
-        coupling: as for `unrest`.
-        people: as for `unrest`.
-        friction: as for `unrest`.
-        beyond: as for `unrest`.
-        device: as for `unrest`.
-        effects: as for `unrest`.
-        racing: as for `Ends`.
-    """
+    """Prepare `unrest` for couplings that differ from this one only in the numbers of their state feedback."""
     coupling, conditions = on_device(coupling, device, effects)
     gains, course = coupling.table.at_rest, course_of(coupling.problem)
     whole = conditions if friction else conditions.without_friction()

@@ -50,12 +50,7 @@ _FRICTION_SUBSTEPS = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ToolTrial(OtherEndTrial):
-    """Results by simulated hand; every array has shape (hands,).
-
-    Attributes:
-        stable_without_friction: settled in every motion without dry friction.
-        stable_with_dropped_steps: settled in every motion with one step of the engine in a hundred missed.
-    """
+    """Results by simulated hand; every array has shape (hands,)."""
 
     stable_without_friction: BoolArray
     stable_with_dropped_steps: BoolArray
@@ -91,13 +86,6 @@ def try_tool(
 
     Every motion is simulated as declared, without dry friction and with missed steps of the engine, on every contact of
     the range of [simulation].
-
-    Args:
-        problem: with [simulation].
-        gains: of the coupling.
-        hands: at the device.
-        seed: of their draw, to be reported.
-        motions: of `TOOL_MOTIONS`.
     """
     tool = required_tool(problem)
     contacts = [one for one in contact_stiffnesses_n_per_m(tool) if one > 0] or [0.0]

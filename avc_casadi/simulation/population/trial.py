@@ -55,22 +55,7 @@ _SAMPLES_AT_ONCE = 4_000_000
 
 @dataclass(frozen=True)
 class Conditions:
-    """Simulated effects of the device.
-
-    Attributes:
-        friction_n: dry friction.
-        encoder_m: resolution of the encoder; 0 is none.
-        delay_samples: delay.
-        max_force_n: largest force of the actuator; None is no limit.
-        dropped_share: share of the samples that the computer misses.
-        observer: behind the encoder, with its assumed model; None is no observer.
-        state_feedback: observer and feedback behind the encoder; None is none.
-        guarded: with the passivity controller in the time domain.
-        runtime: estimators and adaptation of a gain table.
-        others: further declared effects, their values left to the problem.
-        steps_anywhere: whether the face of the wall lies anywhere between two steps of the encoder; otherwise in the
-            middle of one.
-    """
+    """Simulated effects of the device."""
 
     friction_n: float = 0.0
     encoder_m: float = 0.0
@@ -138,13 +123,7 @@ class Conditions:
 def on_device(
     coupling: Coupling, device: Device | None, effects: tuple[Effect, ...] = ()
 ) -> tuple[Coupling, Conditions]:
-    """Return a coupling designed for one device on another, and the simulated conditions.
-
-    Args:
-        coupling: as designed.
-        device: the perturbed device; None is its own.
-        effects: simulated in addition to what the device declares.
-    """
+    """Return a coupling designed for one device on another, and the simulated conditions."""
     met, conditions = _on_device(coupling, device)
     return met, replace(conditions, others=(*conditions.others, *effects))
 
@@ -175,18 +154,7 @@ def _others(problem: Problem) -> tuple[Effect, ...]:
 
 @dataclass(frozen=True)
 class Traces:
-    """Traces of some hands, each of shape (hands, samples).
-
-    Attributes:
-        position_m: true position of the device.
-        velocity_m_per_s: its true velocity.
-        force_n: force of the actuator, positive against +x.
-        sample_time_s: T.
-        metres_per_unit: displacement of the hand for a unit of the position.
-        measured_m: true position of the measured body; None where that is the device itself.
-        held_m: true position of the handle; None where that is the device itself.
-        held_m_per_s: its velocity.
-    """
+    """Traces of some hands, each of shape (hands, samples)."""
 
     position_m: FloatArray
     velocity_m_per_s: FloatArray
@@ -242,16 +210,7 @@ def simulations(
     conditions: Conditions,
     duration_s: float = DURATION_S,
 ) -> Iterator[Callable[[], Traces]]:
-    """Prepare to simulate all hands, in blocks; each block is simulated when it is called.
-
-    Args:
-        problem: device and environment.
-        gains: constant gains; or a gain table, which estimator and adaptation then follow.
-        subjects: the hands.
-        motion: motion of the hands' target.
-        conditions: simulated effects of the device.
-        duration_s: of the motion.
-    """
+    """Prepare to simulate all hands, in blocks; each block is simulated when it is called."""
     compiled, parameters, inputs = prepared(problem, gains, subjects, motion, conditions, duration_s)
     engine = engine_for(len(parameters))
 
@@ -287,18 +246,7 @@ def resting(
 
 
 class Ends:
-    """Largest residual speed of each hand over all motions, with any state feedback of one structure.
-
-    Args:
-        problem: as for `simulations`.
-        gains: constant gains.
-        subjects: as for `simulations`.
-        motions: of the hands' target, with the simulated conditions of each: some state feedback of the structure, or
-            none.
-        racing: whether a law with which some hand does not settle is skipped in the motions that follow. Its residual
-            speeds are then raised to the threshold at least, so that it ranks behind every law with which all hands
-            settle so far.
-    """
+    """Largest residual speed of each hand over all motions, with any state feedback of one structure."""
 
     def __init__(
         self,

@@ -31,12 +31,7 @@ from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
 
 @dataclass(frozen=True)
 class HoldSettings:
-    """How the look-up treats a lost estimate.
-
-    Attributes:
-        hold_s: hold time of the last estimate.
-        decay_s: time constant with which the frequency then decays to that of rest.
-    """
+    """How the look-up treats a lost estimate."""
 
     hold_s: float = 0.0
     decay_s: float = 0.1
@@ -47,9 +42,6 @@ def hold_step(sample_time_s: float, settings: HoldSettings) -> Step:
 
     The gains follow the rows of the table, each of which was designed, down to rest: the frequency decays, not the
     gains. The age saturates at the hold time, so that all states are bounded.
-
-    Returns:
-        frequency_hz, valid, with the parameter rest_hz -> frequency_hz, held (1 while it is not a current estimate).
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -78,16 +70,7 @@ _TINY = 1e-30
 
 @dataclass(frozen=True)
 class AdaptationSettings:
-    """Rate limit and passivity of gain changes.
-
-    Attributes:
-        slew_per_s: largest change a second as a share of the larger of the gains before and after; None for no limit.
-        passive: with anchor and tank; otherwise the stiffness changes at constant deflection, as in firmware without
-            them, and generates energy.
-        return_s: time constant of the anchor towards its desired position.
-        tank_j: ceiling of the tank, and its largest deficit.
-        mean_s: time constant of the mean deflection. Long against a bounce, which has no mean force.
-    """
+    """Rate limit and passivity of gain changes."""
 
     slew_per_s: float | None = None
     passive: bool = True
@@ -97,18 +80,7 @@ class AdaptationSettings:
 
 
 def adaptation_step(sample_time_s: float, settings: AdaptationSettings) -> Step:
-    """Return the step from desired gains to acting gains and the anchor.
-
-    Args:
-        sample_time_s: T.
-        settings: slew, anchor and tank.
-
-    Returns:
-        Desired b, k, b_p; of the previous tick: the deflection e (m), the environment's stored energy (J) and the
-        commanded force (N, positive against +x); the current position (m; 0 outside a one-sided environment), whether
-        the device touches the environment, and the stiffness k_0 of the row of rest (0: no least stiffness for the mean
-        force) -> b, k, b_p, anchor_m, tank_j, deflection_m (the previous one, or 0 where the coupling relaxes).
-    """
+    """Return the step from desired gains to acting gains and the anchor."""
     import casadi as ca  # noqa: PLC0415
 
     builder = StepBuilder()

@@ -24,9 +24,6 @@ def spectral_peak_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
     window of order 2, its length in proportion to the period). Power over frequency, half way between the spectra of
     position and velocity, favours neither drift nor harmonics; its fifth power weights each phase advance (besides the
     power in it), which selects the strongest ones without switching.
-
-    Returns:
-        velocity_m_per_s -> frequency_hz (0 where not valid), valid.
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -112,10 +109,6 @@ def zero_crossing_step(sample_time_s: float, settings: EstimatorSettings) -> Ste
 
     Without a crossing the frequency is at most half the inverse of the elapsed time: the estimate falls with it, and
     ends at the lowest frequency. A half period counts only if it exceeds the floor.
-
-    Returns:
-        velocity_m_per_s -> frequency_hz (0 where not valid), valid, even (1 where the last two half periods agree),
-        regular (where the last three do), longest_half_s (of the last half period and the current one).
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -180,9 +173,6 @@ def fused_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
 
     A harmonic that adds crossings makes the half periods irregular, so that the spectral peak decides; a step in
     frequency leaves them regular after two or three, long before the resonators have settled.
-
-    Returns:
-        velocity_m_per_s -> frequency_hz (0 where not valid), valid.
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -210,11 +200,7 @@ _LOCKED = 0.6
 
 
 def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> Step:
-    """Return the step of a second-order generalised integrator with frequency-locked loop, normalised by its power.
-
-    Returns:
-        velocity_m_per_s -> frequency_hz (0 where not valid), valid.
-    """
+    """Return the step of a second-order generalised integrator with frequency-locked loop, normalised by its power."""
     import casadi as ca  # noqa: PLC0415
 
     builder = StepBuilder()
@@ -266,14 +252,6 @@ def estimator_step(method: str, sample_time_s: float, settings: EstimatorSetting
     """Return one tick of an estimator: velocity_m_per_s -> frequency_hz, valid.
 
     At rest the frequency is undefined: `valid` is 0 and the frequency is 0, never the last one.
-
-    Args:
-        method: a key of `ESTIMATORS`.
-        sample_time_s: T.
-        settings: thresholds of motion; None for the default.
-
-    Raises:
-        UnsupportedError: an unknown method.
     """
     if method not in ESTIMATORS:
         raise UnsupportedError(f'estimator "{method}" is unknown; allowed: {", ".join(ESTIMATORS)}')

@@ -17,14 +17,7 @@ GUARDS = ("passivity-controller", "energy-tank")
 
 @dataclass(frozen=True)
 class GuardSettings:
-    """Limits of a guard.
-
-    Attributes:
-        damping_limit_ns_per_m: largest damping of the passivity controller, near the device's own b_d: beyond that a
-            damper on a backward difference generates energy itself.
-        ceiling_j: largest reserve.
-        debt_j: largest deficit.
-    """
+    """Limits of a guard."""
 
     damping_limit_ns_per_m: float
     ceiling_j: float = 0.0
@@ -37,18 +30,6 @@ def guard_step(method: str, sample_time_s: float, settings: GuardSettings) -> St
     ``passivity-controller`` adds the damper that dissipates the deficit within one tick, up to the limit (Hannaford and
     Ryu 2002, with the held force in the observer). ``energy-tank`` reduces a force that would give out more in the next
     tick than reserve and stored energy together.
-
-    Args:
-        method: one of `GUARDS`.
-        sample_time_s: T.
-        settings: limits.
-
-    Returns:
-        force_n (desired, positive against +x), position_m, stored_j (of the virtual side, with that force),
-        held_force_n (until now) -> force_n, reserve_j.
-
-    Raises:
-        UnsupportedError: an unknown method.
     """
     import casadi as ca  # noqa: PLC0415
 

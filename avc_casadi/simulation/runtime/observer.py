@@ -11,15 +11,7 @@ from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
 
 @dataclass(frozen=True)
 class ObserverSettings:
-    """Assumed model and gains of the observer.
-
-    Attributes:
-        resolution_m: length of an encoder step.
-        mass_kg: assumed mass of device and hand together.
-        ahead: samples from command to force, whole or not; the prediction horizon.
-        velocity_gain: share of a position error per sample that corrects the velocity.
-        load_gain: share of a position error per sample squared, times the mass, that corrects the unknown force.
-    """
+    """Assumed model and gains of the observer."""
 
     resolution_m: float
     mass_kg: float
@@ -34,10 +26,6 @@ def observer_step(sample_time_s: float, settings: ObserverSettings) -> Step:
     The position lies within half a step of the encoder's count. Inside, the prediction is kept, so that the force does
     not jump by stiffness times step; outside, position, velocity and load are corrected by the excess. Over a delay the
     pending forces are known, so that the position is predicted to when the next one acts.
-
-    Returns:
-        position_m (in whole steps), force_n (commanded in the previous tick, positive against +x) -> position_m,
-        `ahead` samples from now.
     """
     import casadi as ca  # noqa: PLC0415
 
@@ -98,13 +86,6 @@ def state_feedback_step(settings: StateFeedback) -> Step:
     included; the force of the hand is a state.
 
     The matrices are parameters: one compiled step serves all of one size.
-
-    Args:
-        settings: of the same size and indices as those that will run.
-
-    Returns:
-        position_m, force_n (commanded in the previous tick, within the actuator's limit, positive against +x) ->
-        position_m at the wall. The first tick takes the measured position, the device at rest.
     """
     return _step_of(settings.states, tuple(settings.positions), settings.measures)
 

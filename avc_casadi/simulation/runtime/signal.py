@@ -15,14 +15,7 @@ _FASTEST_M_PER_S = 5.0
 
 @dataclass(frozen=True)
 class EstimatorSettings:
-    """Thresholds of motion of an estimator, in the unit of the position: metres, or rad for a rotary device.
-
-    Attributes:
-        low_hz: lowest interaction frequency; slower motion is drift, or rest.
-        high_hz: highest interaction frequency; at most a fifth of the sampling rate is used.
-        floor_m_per_s: amplitude of velocity below which the device is at rest, above the noise of the encoder.
-        fastest_m_per_s: bound on the speed of a hand; faster is a fault, clipped to stay in single precision's range.
-    """
+    """Thresholds of motion of an estimator, in the unit of the position: metres, or rad for a rotary device."""
 
     low_hz: float = 1.0
     high_hz: float = 60.0
@@ -42,13 +35,7 @@ class EstimatorSettings:
 
     @classmethod
     def for_encoder(cls, resolution_m: float, sample_time_s: float, metres_per_unit: float = 1.0) -> EstimatorSettings:
-        """Return settings with the floor above the response of the estimators' low pass to one encoder step.
-
-        Args:
-            resolution_m: step of the encoder; 0 for none.
-            sample_time_s: T.
-            metres_per_unit: displacement of the hand for a unit of the position: 1, or the radius of a rotary handle.
-        """
+        """Return settings with the floor above the response of the estimators' low pass to one encoder step."""
         corner = min(1.0, math.tau * cls().top_hz(sample_time_s) * sample_time_s)
         floor, fastest = _FLOOR_M_PER_S / metres_per_unit, _FASTEST_M_PER_S / metres_per_unit
         return cls(floor_m_per_s=max(floor, 0.5 * corner * resolution_m / sample_time_s), fastest_m_per_s=fastest)

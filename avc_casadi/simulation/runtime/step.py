@@ -22,15 +22,6 @@ class Step:
 
     The function uses only arithmetic, comparisons, minimum and maximum: no library call, no NaN, no loop. Every state
     is bounded, so that single precision suffices for any running time.
-
-    Attributes:
-        name: name of the function.
-        states: names of the states with units.
-        initial: states before the first tick.
-        inputs: names of the inputs with units.
-        parameters: names of the parameters with units.
-        outputs: names of the outputs with units.
-        function: the CasADi function.
     """
 
     name: str
@@ -55,15 +46,7 @@ class Step:
         return list(ca.vertsplit(following)), list(ca.vertsplit(outputs))
 
     def run(self, inputs: ArrayLike, parameters: ArrayLike = ()) -> dict[str, FloatArray]:
-        """Run from the initial state.
-
-        Args:
-            inputs: shape (inputs, ticks).
-            parameters: shape (parameters,), the same at every tick.
-
-        Returns:
-            Every output, shape (ticks,).
-        """
+        """Run from the initial state."""
         columns = np.atleast_2d(np.asarray(inputs, dtype=np.float64))
         ticks = columns.shape[1]
         held = np.tile(np.asarray(parameters, dtype=np.float64).reshape(-1, 1), _BLOCK)

@@ -1,0 +1,248 @@
+"""A law of one's own beside loops that are written out here from the physics, and five answers that were published."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import brentq, minimize_scalar
+
+import avc_casadi as avc
+from avc_casadi.cli._main import main
+
+
+def closed(law, plant, hand, factor=1.0, more=0):
+    """The loop: position, velocity, position before, filtered velocity, forces under way.
+
+    The force that reaches the device is `factor` times what is asked for, `more` samples later.
+    """
+    (k, b, cutoff), (mass, damping, period, delay) = law, plant
+    m, d, spring = mass + hand[0], damping + hand[1], hand[2]
+    moves = expm(period * np.array([[0, 1, 0], [-spring / m, -d / m, 1 / m], [0, 0, 0]]))
+    late, pole = delay + more, 0.0 if cutoff is None else math.exp(-2 * math.pi * cutoff * period)
+    loop = np.zeros((4 + late, 4 + late), dtype=complex)
+    loop[:2, :2], loop[2, 0] = moves[:2, :2], 1.0
+    loop[3, [0, 2, 3]] = (1 - pole) / period, -(1 - pole) / period, pole
+    force = b * loop[3].copy()
+    force[0] += k
+    if late:
+        loop[4], loop[np.arange(5, 4 + late), np.arange(4, 3 + late)] = force, 1.0
+        loop[:2, -1] -= factor * moves[:2, 2]
+    else:
+        loop[:2] -= factor * np.outer(moves[:2, 2], force)
+    return loop
+
+
+def radius(*args, **how):
+    return np.abs(np.linalg.eigvals(closed(*args, **how))).max()
+
+
+def least_damped(law, plant, hand):
+    poles = np.linalg.eigvals(closed(law, plant, hand))
+    rates = np.log(poles[(np.abs(np.angle(poles)) > 1e-6) & (np.abs(poles) > 1e-9)]) / plant[2]
+    if not len(rates):
+        return 1.0, 0.0
+    ratios = -rates.real / np.abs(rates)
+    return ratios.min(), abs(rates[ratios.argmin()].imag) / (2 * math.pi)
+
+
+def loop_gain(law, plant, hand, turn):
+    """Force over force at z = exp(j turn), part by part."""
+    (k, b, cutoff), (mass, damping, period, delay) = law, plant
+    m, d, spring, z = mass + hand[0], damping + hand[1], hand[2], np.exp(1j * turn)
+    moves = expm(period * np.array([[0, 1, 0], [-spring / m, -d / m, 1 / m], [0, 0, 0]]))
+    pole = 0.0 if cutoff is None else math.exp(-2 * math.pi * cutoff * period)
+    position = np.linalg.solve(z * np.eye(2) - moves[:2, :2], moves[:2, 2])[0]
+    return (k + b * (1 - 1 / z) / period * (1 - pole) / (1 - pole / z)) * position / z**delay
+
+
+def tables(plant, low, high):
+    mass, damping, period, delay = plant
+    device = {"mass_kg": mass, "damping_ns_per_m": damping, "sample_time_s": period, "delay_samples": delay}
+    names = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
+    hands = {name: [one, other] for name, one, other in zip(names, low, high, strict=True)}
+    wall = {"damping_ns_per_m": 0.0, "stiffness_n_per_m": 0.0}
+    return {"device": device, "environment": wall, "hands": hands}
+
+
+def drawn(seed):
+    """A rigid device, a hand, and a law that is stable on it more often than not."""
+    draw = np.random.default_rng(seed)
+    mass, period, delay = 10 ** draw.uniform(-2, 1), 10 ** draw.uniform(-3.7, -2), int(draw.integers(0, 4))
+    plant = mass, mass / period * 10 ** draw.uniform(-4, -1.5), period, delay
+    hand = mass * draw.uniform(0.1, 2), mass / period * 10 ** draw.uniform(-4, -2), mass * draw.uniform(1, 30) ** 2
+    cutoff = None if draw.random() < 0.6 else 10 ** draw.uniform(-1.5, -0.5) / period
+    damper = mass / period * 10 ** draw.uniform(-2.5, -0.3 - 0.2 * delay)
+    law = damper / period * 10 ** draw.uniform(-2.5, 0.1) / (1.5 + delay), damper, cutoff
+    return law, plant, hand
+
+
+def seeds(default, thorough):
+    return [pytest.param(seed, marks=[pytest.mark.thorough] * (seed >= default)) for seed in range(thorough)]
+
+
+@pytest.mark.parametrize("seed", seeds(8, 100))
+def test_every_number_is_that_of_the_written_down_loop(seed):
+    law, plant, hand = drawn(seed)
+    found = avc.certify_law(tables(plant, hand, hand), k=law[0], b=law[1], cutoff_hz=law[2], remedies=False)
+    for case, held in ((found.held, hand), (found.released, (0.0, 0.0, 0.0))):
+        assert case.spectral_radius == pytest.approx(radius(law, plant, held), abs=1e-9)
+        ratio, hz = least_damped(law, plant, held)
+        assert (case.damping_ratio, case.damping_ratio_hz) == pytest.approx((ratio, hz), rel=1e-7, abs=1e-9)
+        assert case.stable == (case.spectral_radius < 1)
+        if not case.stable:
+            assert (case.margins.gain, case.margins.phase_deg, case.margins.disk) == (1, 0, 0)
+            continue
+        assert case.settling_s == pytest.approx(plant[2] * math.log(0.02) / math.log(case.spectral_radius), rel=1e-9)
+        margins = case.margins
+        if math.isfinite(margins.gain):
+            up = brentq(lambda g: radius(law, plant, held, factor=g) - 1, margins.gain / 1.001, margins.gain * 1.001)  # noqa: B023
+            assert margins.gain == pytest.approx(up, rel=1e-9)
+        if math.isfinite(margins.phase_deg):
+            turn = 2 * math.pi * margins.phase_hz * plant[2]
+            there = loop_gain(law, plant, held, turn)
+            assert abs(there) == pytest.approx(1, abs=1e-9)
+            lag = (np.angle(there) + math.pi) % (2 * math.pi)
+            assert margins.phase_deg == pytest.approx(math.degrees(min(lag, 2 * math.pi - lag)), rel=1e-9, abs=1e-9)
+        grid = np.unique(np.concatenate([np.geomspace(1e-4, math.pi, 3000), np.linspace(1e-3, math.pi, 2000)]))
+        size = lambda turn, held=held: abs((1 - (at := loop_gain(law, plant, held, turn))) / (1 + at))  # noqa: E731
+        coarse = np.array([size(turn) for turn in grid[::10]])
+        top = max(1, min(int(coarse.argmax()), len(coarse) - 2))
+        near = grid[::10][top - 1], grid[::10][top + 1]
+        peak = minimize_scalar(lambda turn: -size(turn), bounds=near, method="bounded", options={"xatol": 1e-13})  # noqa: B023
+        assert margins.disk == pytest.approx(2 / max(-peak.fun, coarse.max()), rel=1e-6)
+        assert size(2 * math.pi * margins.disk_hz * plant[2]) == pytest.approx(2 / margins.disk, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", seeds(3, 12))
+def test_the_limits_of_k_and_b_are_where_the_loop_begins_to_grow(seed):
+    law, plant, hand = drawn(seed)
+    found = avc.certify_law(tables(plant, hand, hand), k=law[0], b=law[1], cutoff_hz=law[2], remedies=False)
+    hands = hand, (0.0, 0.0, 0.0)
+
+    def worst(k, b):
+        return max(radius((k, b, law[2]), plant, one) for one in hands)
+
+    most, allowed = found.largest_stiffness_n_per_m, found.damping_range_ns_per_m
+    if most:
+        assert worst(0.9999 * most, law[1]) < 1 < worst(1.0001 * most, law[1])
+    if allowed is None:
+        scan = np.geomspace(1e-4, 3, 300) * plant[0] / plant[2]
+        assert min(worst(law[0], b) for b in scan) > 1
+        return
+    low, high = allowed
+    assert max(worst(law[0], b) for b in np.linspace(low * 1.0001 + 1e-9, high * 0.9999, 20)) < 1
+    assert worst(law[0], 1.0001 * high) > 1
+    assert low == 0 or worst(law[0], 0.9999 * low) > 1
+
+
+def test_of_a_range_of_hands_none_is_worse_than_what_is_told():
+    plant, low, high = (0.1, 0.5, 1e-3, 1), (0.05, 3.0, 200.0), (0.3, 20.0, 800.0)
+    law = (3000.0, 12.0, None)
+    found = avc.certify_law(tables(plant, low, high), k=law[0], b=law[1])
+    draw = np.random.default_rng(0)
+    hands = [[*draw.uniform(low, high)] for _ in range(300)] + [
+        (m, d, k) for m in (0.05, 0.3) for d in (3.0, 20.0) for k in (200.0, 800.0)
+    ]
+    assert found.held.spectral_radius >= max(radius(law, plant, hand) for hand in hands) - 1e-12
+    assert found.held.spectral_radius == pytest.approx(radius(law, plant, list(found.held.hand.values())), abs=1e-9)
+    assert found.held.damping_ratio <= min(least_damped(law, plant, hand)[0] for hand in hands) + 1e-12
+
+
+def test_what_would_help_does():
+    plant, low, high = (0.12, 0.8, 1e-3, 1), (0.05, 3.0, 200.0), (0.3, 20.0, 800.0)
+    problem = avc.Problem(**tables(plant, low, high))
+    found = avc.certify_law(problem, k=9000.0, b=2.0)
+    assert not found.passed
+    assert found.remedies
+    for remedy in found.remedies:
+        law = {"k": 9000.0, "b": 2.0}
+        names = {"stiffness_n_per_m": "k", "damping_ns_per_m": "b", "cutoff_hz": "cutoff_hz"}
+        law |= {names[key]: value for key, value in remedy.changes.items() if key in names}
+        device = {key: value for key, value in remedy.changes.items() if key not in names}
+        cured = avc.certify_law(problem.changed(device=device), **law)
+        assert cured.passed
+        assert cured.disk_margin == pytest.approx(remedy.disk_margin, rel=0.1)
+
+
+def answer(device, **law):
+    text = "".join(f"{key} = {value}\n" for key, value in {"motion": "'rotary'", **device}.items())
+    wall = "[environment]\nstiffness_nm_per_rad = 0.0\ndamping_nms_per_rad = 0.0\n"
+    return avc.certify_law(avc.parse_problem(f"[device]\n{text}{wall}"), **law)
+
+
+def test_a_wrist_at_400_hz_has_too_much_kd():
+    wrist = {"inertia_kgm2": 0.02, "damping_nms_per_rad": 0.05, "sample_time_s": 2.5e-3, "delay_samples": 1}
+    found = answer({**wrist, "handle_radius_m": 0.1}, k=60.0, b=9.0)
+    assert not found.passed
+    assert found.reason.startswith("unstable: b 9 is above its largest")
+    assert found.damping_range_ns_per_m[1] < 0.02 / 2.5e-3
+
+
+def test_a_cobot_at_200_hz_with_two_samples_of_delay_is_too_stiff():
+    cobot = {"inertia_kgm2": 0.5, "damping_nms_per_rad": 1.0, "sample_time_s": 5e-3, "delay_samples": 2}
+    found = answer({**cobot, "handle_radius_m": 0.3}, k=250.0, b=2.0)
+    assert not found.passed
+    assert "2 samples of delay at 200 Hz" in found.reason
+    assert found.damping_range_ns_per_m is None or found.damping_range_ns_per_m[0] > 2.0
+
+
+def test_a_damper_behind_a_noisy_encoder_shakes_what_it_damps():
+    """870 counts on 40 degrees, 0.7 counts of noise, b 0.12: 53 mN.m rms."""
+    count = math.radians(40) / 870
+    pedal = {"inertia_kgm2": 0.004, "damping_nms_per_rad": 0.002, "sample_time_s": 2e-3}
+    noise = {"encoder_resolution_rad": count, "position_noise_rms_rad": 0.7 * count}
+    found = answer({**pedal, **noise, "handle_radius_m": 0.15}, b=0.12)
+    assert found.stable
+    assert not found.quiet
+    assert "noise of the position" in found.reason
+    draw = np.random.default_rng(1)
+    position = 0.7 * count * draw.normal(size=200_000)
+    position += count * (draw.random(200_000) - 0.5)
+    assert found.noise_n == pytest.approx(np.std(0.12 * np.diff(position) / 2e-3), rel=0.01)
+    assert found.noise_n == pytest.approx(0.053, rel=0.1)
+
+
+def test_a_bump_stop_of_a_game_at_60_hz_a_step_late_needs_more_damping_than_it_has():
+    wheel = {"inertia_kgm2": 0.06, "damping_nms_per_rad": 0.1, "sample_time_s": 1 / 60, "delay_samples": 1}
+    found = answer({**wheel, "handle_radius_m": 0.15}, k=230.0, b=0.5)
+    assert not found.passed
+    assert found.reason.startswith("unstable: no b holds this k with 1 sample of delay at 60 Hz")
+
+
+def test_a_damper_of_three_inertias_a_sample_grows():
+    device = {"inertia_kgm2": 1e-3, "damping_nms_per_rad": 0.0, "sample_time_s": 1e-3, "handle_radius_m": 0.05}
+    found = answer(device, b=3.0)
+    assert not found.passed
+    assert found.reason.startswith("unstable: b 3 is above its largest, 2, ")
+    assert found.released.spectral_radius == pytest.approx(2.0, rel=0.5)
+
+
+def test_an_impedance_of_one_s_own_on_ten_kilogrammes_tells_its_damping_ratio(capsys, tmp_path):
+    file = tmp_path / "robot.toml"
+    file.write_text(
+        "[device]\nmass_kg = 10.0\ndamping_ns_per_m = 0.0\ndelay_samples = 1\n[environment]\nstiffness_n_per_m = 1e3\n"
+        "damping_ns_per_m = 0.0\n[hands]\nmass_kg = [0, 0]\ndamping_ns_per_m = [0, 0]\nstiffness_n_per_m = [0, 0]\n"
+    )
+    assert main(["certify", str(file), "--kp", "1000", "--kd", "44", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["released"]["damping_ratio"] == pytest.approx(0.21, abs=0.005)
+
+
+def test_the_page_is_short_and_what_it_prints_next_works(capsys):
+    assert main(["certify", "figure5", "--k", "30000", "--b", "4", "--b-p", "1"]) == 1
+    text = capsys.readouterr().out
+    rows, _, onwards = text.partition("next: ")
+    assert len([line for line in rows.splitlines() if line[4:5].strip()]) <= 16
+    assert main(onwards.split("    ")[0].split()[1:]) == 0
+    assert "yes: stable with every hand and released" in capsys.readouterr().out
+    assert main(["certify", "smartknob", "--k", "0.06", "--b", "0.001", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["law"]["stiffness_nm_per_rad"] == 0.06
+
+
+@pytest.mark.parametrize("law", [{}, {"k": -1.0}, {"b": math.nan}, {"k": 1.0, "cutoff_hz": 0.0}])
+def test_what_is_no_law_is_refused_by_its_key(law):
+    with pytest.raises(avc.InputError) as refused:
+        avc.certify_law("figure5", **law)
+    assert [fault.key for fault in refused.value.faults] == [list(law)[-1] if law else "k"]
