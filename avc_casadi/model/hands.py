@@ -113,13 +113,7 @@ def hand_corners(hands: Hands) -> Hand:
 
 
 def hand_set(hands: Hands, *, draws: int = 24, seed: int = 0) -> Hand:
-    """Return all corners of the ranges, then uniform draws within them.
-
-    Args:
-        hands: ranges of mass, damping and stiffness.
-        draws: hands drawn beside the corners.
-        seed: seed of the draws.
-    """
+    """Return all corners of the ranges, then uniform draws within them."""
     low, high = hand_ranges(hands).T
     drawn = low + (high - low) * np.random.default_rng(seed).random((draws, len(low)))
     corners = np.array(list(vars(hand_corners(hands)).values())).T

@@ -19,13 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Mode:
-    """A resonance between motor and handle; its values may be arrays over hands.
-
-    Attributes:
-        frequency_hz: of the two against each other, the device free.
-        damping_ratio: as a share of the critical.
-        mass_ratio: share of the device's mass on the side of the hand.
-    """
+    """A resonance between motor and handle; its values may be arrays over hands."""
 
     frequency_hz: float | FloatArray
     damping_ratio: float | FloatArray
@@ -38,12 +32,6 @@ def device_plant(
     """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant.
 
     Dry friction, backlash, encoder, noise and force limit are not linear and left out.
-
-    Args:
-        device: the device at its nominal values, with a mass.
-        hand: what holds it, whose numbers may be arrays over hands; None leaves the device alone.
-        damping_shift_ns_per_m: added to the damping of the device; the sum may be negative.
-        mode: in place of the resonance of the device; None leaves that.
     """
     plant = Plant()
     plant.add_mass(DEVICE, device.mass_kg)
@@ -66,16 +54,6 @@ class SampledPlant:
 
     A delay of n samples and a fraction lets the newer force arrive within the sample; for a whole delay B_old is 0. The
     hand's target stays at 0.
-
-    Attributes:
-        names: names of the s states; position and velocity of the motor come first.
-        matrix: A, shape (devices, hands, s, s).
-        new: B_new, shape (devices, hands, s).
-        old: B_old, shape (devices, hands, s).
-        whole_delay: n of each device, shape (devices,).
-        measured: row of the position that is measured, shape (s,).
-        held: row of the position that the hand holds, shape (s,).
-        sample_time_s: T.
     """
 
     names: tuple[str, ...]
@@ -94,11 +72,7 @@ class SampledPlant:
         return int(np.max(self.whole_delay + fractional))
 
     def with_forces_under_way(self) -> tuple[FloatArray, FloatArray]:
-        """Return A and B of the state [x, u(k-1), ..., u(k-d)] and the force u(k).
-
-        Returns:
-            Shapes (devices, hands, s + d, s + d) and (devices, hands, s + d).
-        """
+        """Return A and B of the state [x, u(k-1), ..., u(k-d)] and the force u(k)."""
         devices, hands, s = self.new.shape
         d = self.forces_under_way
         whole = np.zeros((devices, hands, s + d, s + d + 1))
@@ -121,15 +95,7 @@ def sampled_plant(
     damping_shift_ns_per_m: float = 0.0,
     mode: Mode | None = None,
 ) -> SampledPlant:
-    """Discretise devices with a hand exactly.
-
-    Args:
-        devices: one device, or corners of one (`device_corners`), all with the same sample time and structure.
-        hand: what holds each of them, whose numbers may be arrays of shape (hands,), or one for each device; None
-            leaves them alone.
-        damping_shift_ns_per_m: added to the damping of each device; the sum may be negative.
-        mode: in place of the resonance of each device; None leaves that.
-    """
+    """Discretise devices with a hand exactly."""
     some = devices if isinstance(devices, Sequence) else (devices,)
     first = some[0]
     hands = hand if isinstance(hand, Sequence) else [hand] * len(some)
