@@ -110,7 +110,7 @@ def test_reason_states_the_smallest_relaxation() -> None:
     problem = problem_with("jnd", "pointwise", {})
     found = solve(problem, "schedule")
     row = found.status.index("infeasible")
-    error = float(found.reason[row].split("at best ")[1].split(" ")[0])
+    error = float(found.reason[row].split("at best ")[1].split(",")[0])
     for share, usable in ((1.0001, True), (0.9999, False)):
         relaxed = problem.changed(realism={"jnd": error * share})
         assert bool(solve(relaxed, "schedule").usable[row]) is usable
@@ -122,7 +122,7 @@ def test_bounds_that_cannot_be_met_are_named_with_the_miss() -> None:
     row = found.status.index("infeasible")
     low, high = (end[row] for end in bound_magnitudes(problem, loop_at(problem, found.frequency_hz)))
     assert f"not {low:.6g} to {high:.6g}" in found.reason[row]
-    assert not low <= float(found.reason[row].split("at best ")[1].split(" ")[0]) <= high
+    assert not low <= float(found.reason[row].split("at best ")[1].split(",")[0]) <= high
 
 
 @pytest.mark.thorough

@@ -100,9 +100,9 @@ def test_device_without_damping_is_refused():
 def test_box_without_allowed_gains_says_what_lacks():
     gains = solve(problem(coupling="stiffness_n_per_m = [1e5, 1e6]", model="sampled-data"), "static")
     assert set(gains.status) == {Status.INFEASIBLE}
-    assert "k = 100000 N/m" in gains.reason[0]
+    assert "k = 100000" in gains.reason[0]
     # b + kT/2 = 50 N.s/m at the softest: 48 more than the device has.
-    assert "lacks 48 N.s/m" in gains.reason[0]
+    assert "lacks 48 " in gains.reason[0]
 
 
 @pytest.mark.thorough

@@ -96,7 +96,7 @@ def test_hands_and_reserve_are_stated(series):
     case, found = series
     assert found.hands == found.rested == 16
     assert found.reserve_ns_per_m == tuned_margin(case) * 1.5**found.raised
-    for words in (f"{found.reserve_ns_per_m:.4g} N.s/m of damping in reserve", "16 hands (seed 0)"):
+    for words in (f"{found.reserve_ns_per_m:.4g} of damping in reserve", "16 hands (seed 0)"):
         assert words in found.sentence()
 
 

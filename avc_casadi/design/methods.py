@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import MASS, NS_PER_M, spoken_key
 from avc_casadi.design.registry import METHODS, Method, MethodName
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.corners import LINEAR_KEYS
@@ -81,19 +80,16 @@ def _noted(problem: Problem, method: Method, gains: GainSchedule) -> GainSchedul
     unused = [key for key in declared(problem) if key in _UNUSED_RANGES]
     if unused and not method.keeps_ranges:
         notes.append(
-            f"designed for the nominal value of {', '.join(map(spoken_key, unused))}: a design keeps its claim over "
-            f"the ranges of {MASS} and damping; certify judges every corner of the others"
+            f"designed for the nominal value of {', '.join(unused)}: a design keeps its claim over "
+            f"the ranges of mass and damping; certify judges every corner of the others"
         )
     credit = problem.schedule.hand_damping_ns_per_m
     if credit and method.credits_hand and problem.stability.scope != "hands":
-        notes.append(
-            f"Re Z_h counts {credit:g} {NS_PER_M} of the hand's damping "
-            f"({spoken_key('schedule.hand_damping_ns_per_m')})"
-        )
+        notes.append(f"Re Z_h counts {credit:g} of the hand's damping (schedule.hand_damping_ns_per_m)")
     elif credit:
         takers = ", ".join(name for name, one in METHODS.items() if one.credits_hand)
         notes.append(
-            f"{spoken_key('schedule.hand_damping_ns_per_m')} is not credited: it counts in Re Z_h of method {takers}, "
+            f"schedule.hand_damping_ns_per_m is not credited: it counts in Re Z_h of method {takers}, "
             "and not with scope hands"
         )
     return replace(gains, notes=(*gains.notes, *notes), stated=problem)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.units import A_MASS, FORCE, Wording
 from avc_casadi.claims.passivity.engine_port import engine_port
 from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.design.virtual_tool import ToolSearch
@@ -20,13 +19,10 @@ STABILITY = (
     "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and contacts of "
     "their ranges (corners, then a search for the worst point inside), every phase of the clocks"
 )
-PASSIVITY = Wording.of(
-    lambda: (
-        "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
-        "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
-        f"tool together with the coupling's {FORCE} (implicit); one that moves {A_MASS} explicitly is none, however "
-        "heavy"
-    )
+PASSIVITY = (
+    "the port at which the engine meets the coupling is passive, with the corner hands of [hands] and released: "
+    "stable with any engine that is passive there, whatever its tool weighs and touches. Such an engine solves the "
+    "tool together with the coupling's force (implicit); one that moves a mass explicitly is none, however heavy"
 )
 
 
@@ -59,5 +55,5 @@ def _passivity(problem: Problem, gains: ToolGains) -> dict[str, Any]:
     try:
         port = engine_port(problem.device, problem.hands, required_tool(problem), gains)
     except UnsupportedError as refusal:
-        return {"passive": None, "refused": str(refusal), "claim": str(PASSIVITY)}
-    return {**asdict(port), "refused": None, "claim": str(PASSIVITY)}
+        return {"passive": None, "refused": str(refusal), "claim": PASSIVITY}
+    return {**asdict(port), "refused": None, "claim": PASSIVITY}

@@ -13,7 +13,6 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.design.virtual_tool import Scale, ToolSearch
 from avc_casadi.model.lifted_loop import ToolGains
@@ -53,7 +52,7 @@ class ToolCurve:
     stiffest: ToolGains | None
 
     def __repr__(self) -> str:
-        return f"ToolCurve({1 / self.step_s:.4g} Hz: {short(self.stiffness_n_per_m, N_PER_M)})"
+        return f"ToolCurve({1 / self.step_s:.4g} Hz: {short(self.stiffness_n_per_m)})"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.equations import coupling_gains, environment_impedance
@@ -85,17 +84,17 @@ def why_not(problem: Problem, b: float, k: float, contact: float) -> str:
     """Return why finite gains cannot be built, or nothing."""
     faults = []
     box = problem.coupling
-    for name, unit, value, (low, high) in (
-        ("stiffness", N_PER_M, k, box.stiffness_n_per_m),
-        ("damping", NS_PER_M, b, box.damping_ns_per_m),
-        ("contact damping", NS_PER_M, contact, box.contact_damping_ns_per_m),
+    for name, value, (low, high) in (
+        ("stiffness", k, box.stiffness_n_per_m),
+        ("damping", b, box.damping_ns_per_m),
+        ("contact damping", contact, box.contact_damping_ns_per_m),
     ):
         if not np.isfinite(value):
             faults.append(f"asks for {name} that is not finite")
         elif value < 0:
-            faults.append(f"asks for negative {name} {value:.6g} {unit}")
+            faults.append(f"asks for negative {name} {value:.6g}")
         elif not low <= value <= high:
-            faults.append(f"asks for {name} {value:.6g} {unit} outside [{low:g}, {high:g}]")
+            faults.append(f"asks for {name} {value:.6g} outside [{low:g}, {high:g}]")
     return "; ".join(faults)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import NS_PER_M
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.backends import DEFAULT_SOLVER, DEFAULT_TOLERANCE
 from avc_casadi.paper.cross_check import EXCESS_TOLERANCE, CheckedGains, checked_gains, cross_check_notes
@@ -67,7 +66,7 @@ def solve_direct(
     if not np.isnan(quality.kkt_residual).all():
         of = ", nominal device" if problem.device.range.model_dump(exclude_none=True) else ""
         notes.append(
-            f"recomputed{of}: largest violation of (12) {np.nanmax(quality.violation_ns_per_m):.3g} {NS_PER_M}, "
+            f"recomputed{of}: largest violation of (12) {np.nanmax(quality.violation_ns_per_m):.3g}, "
             f"largest KKT residual {np.nanmax(quality.kkt_residual):.3g}"
         )
     return gain_schedule(
@@ -96,5 +95,5 @@ def _why(name: str, quality: Optimality, checked: CheckedGains, row: int) -> str
         )
     return (
         f"{name} stopped at a point with KKT residual {quality.kkt_residual[row]:.2g} (allowed {KKT_TOLERANCE:g}) and "
-        f"violation {quality.violation_ns_per_m[row]:.2g} {NS_PER_M}: {help_}"
+        f"violation {quality.violation_ns_per_m[row]:.2g}: {help_}"
     )

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from avc_casadi._util.units import FORCE, MASS, Wording
-
 
 @dataclass(frozen=True)
 class PaperError:
@@ -34,7 +32,7 @@ class Assumption:
     """
 
     what: str
-    assumed: str | Wording
+    assumed: str
 
 
 PAPER_ERRORS: tuple[PaperError, ...] = (
@@ -75,18 +73,14 @@ PAPER_ERRORS: tuple[PaperError, ...] = (
 ASSUMPTIONS: tuple[Assumption, ...] = (
     Assumption(
         "hold H",
-        Wording.of(
-            lambda: (
-                f"(z+1)/(2z) in the model 'paper', 1/z (the {FORCE} held for T) in 'sampled-data'; both times z^-delay"
-            )
-        ),
+        "(z+1)/(2z) in the model 'paper', 1/z (the force held for T) in 'sampled-data'; both times z^-delay",
     ),
     Assumption("device Z_d", "m s + b_d with Tustin's s, so that Re Z_d = b_d"),
     Assumption(
         "environment Z_e and bounds U, L",
         "b + k/s with Tustin's s in the model 'paper', the backward difference in the model 'sampled-data'",
     ),
-    Assumption("device values", Wording.of(lambda: f"{MASS}, damping, sample time, delay: those of the problem file")),
+    Assumption("device values", "mass, damping, sample time, delay: those of the problem file"),
     Assumption("realistic bounds U, L", "those of the problem file; the desired impedance is their mean"),
     Assumption("gain box", "the admissible b and k of the problem file; the paper sets no limits"),
 )

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.model.corners import least_damped
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.arcs import Edges
@@ -26,8 +25,8 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
         # Reported for the least damped device of the range, which is critical.
         best, b, k, _ = largest_real_part(least_damped(problem), problem.frequencies_hz()[rows])
         for row, value, damping, stiffness in zip(rows, best, b, k, strict=True):
-            at = f"{value:.6g} {NS_PER_M}, at b = {damping:.6g} {NS_PER_M}, k = {stiffness:.6g} {N_PER_M}"
-            claim = f"Re Z_h >= {margin:g} {NS_PER_M} ({spoken_key('stability.margin_ns_per_m')})"
+            at = f"{value:.6g}, at b = {damping:.6g}, k = {stiffness:.6g}"
+            claim = f"Re Z_h >= {margin:g} (stability.margin_ns_per_m)"
             if value >= margin:
                 reasons[row] = (
                     f"{claim} is met in the gain box with no room: {at}; missed by no more than rounding: add device"
@@ -38,7 +37,7 @@ def row_reasons(problem: Problem, status: tuple[Status, ...]) -> tuple[str, ...]
             # A margin cannot be lowered below 0.
             lower = "lower the margin by that, " if margin >= missing else ""
             reasons[row] = (
-                f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g} {NS_PER_M}: {lower}add "
+                f"{claim} cannot be met in the gain box: at most {at}; missed by {missing:.6g}: {lower}add "
                 "as much device damping, or widen the box of [coupling]"
             )
     return tuple(reasons)

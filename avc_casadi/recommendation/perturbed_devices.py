@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.units import spoken_key
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.model.corners import device_with, linear_values
 from avc_casadi.model.declared import declared
@@ -41,7 +40,7 @@ class PerturbedDevices:
 
     def document(self) -> dict[str, Any]:
         """Return JSON values."""
-        told = {"share": SHARE, "keys": [*map(spoken_key, self.keys)], "devices": self.trial.devices}
+        told = {"share": SHARE, "keys": [*self.keys], "devices": self.trial.devices}
         return told | {"linearly_unstable": self.unstable, **self.trial.counts()}
 
 

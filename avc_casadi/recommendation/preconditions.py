@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi._util.units import FORCE, MASS, METRE, N_PER_M, NEWTON, NS_PER_M, spoken_key
 from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.passivity.rendered_impedance import PRESS_N
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
@@ -47,11 +46,11 @@ def why_infeasible(problem: Problem) -> str:
     device, wall = problem.device, problem.environment
     if device.mass_kg == 0:
         return (
-            f"the device has no {MASS} ({spoken_key('device.mass_kg')} is 0): released, nothing is there that a "
-            f"coupling could hold; give the {MASS} of what moves"
+            "the device has no mass (device.mass_kg is 0): released, nothing is there that a "
+            "coupling could hold; give the mass of what moves"
         )
     if not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        return f"the wall gives no {FORCE}: there is nothing to couple to; give [environment] a stiffness or a damping"
+        return "the wall gives no force: there is nothing to couple to; give [environment] a stiffness or a damping"
     slowest = max(one.delay_samples for one in device_corners(device, ("delay_samples",)))
     if slowest > MAX_DELAY_SAMPLES:
         return (
@@ -63,8 +62,8 @@ def why_infeasible(problem: Problem) -> str:
         most = damping_range(device, people, softest_wall_n_per_m(device)).highest_ns_per_m
         if wall.damping_ns_per_m > most:
             return (
-                f"a damper above {most:.3g} {NS_PER_M} is not linearly stable with every hand and released, and "
-                f"{wall.damping_ns_per_m:g} {NS_PER_M} are wanted ({spoken_key('environment.damping_ns_per_m')}): ask "
+                f"a damper above {most:.3g} is not linearly stable with every hand and released, and "
+                f"{wall.damping_ns_per_m:g} are wanted (environment.damping_ns_per_m): ask "
                 "for less"
             )
     if problem.detent is not None:
@@ -87,26 +86,23 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
         return ""
     step, friction_n, most_n = device.encoder_resolution_m, device.coulomb_friction_n, press_n
     advice = "check the units of these values"
-    most = f"a press of {press_n:.3g} {NEWTON}"
+    most = f"a press of {press_n:.3g}"
     if device.max_force_n is not None and device.max_force_n < press_n:
         most_n = device.max_force_n
-        most = f"the {FORCE} limit ({spoken_key('device.max_force_n')}, {most_n:g} {NEWTON})"
+        most = f"the force limit (device.max_force_n, {most_n:g})"
     if felt_n_per_m * step > most_n:
-        encoder = f"the encoder ({spoken_key('device.encoder_resolution_m')}, {step:g} {METRE})"
+        encoder = f"the encoder (device.encoder_resolution_m, {step:g})"
         what = f"one step of {encoder} asks for more than {most}"
     elif np.isfinite(trial.stiffness):
         return ""
     elif trial.at_force_limit.any():
-        what = (
-            f"every press ends at the {FORCE} limit ({spoken_key('device.max_force_n')}, {device.max_force_n:g} "
-            f"{NEWTON})"
-        )
+        what = f"every press ends at the force limit (device.max_force_n, {device.max_force_n:g})"
         advice = "check its unit, or state [hands] that press less"
     elif friction_n >= most_n:
-        held = f"dry friction ({spoken_key('device.coulomb_friction_n')}, {friction_n:g} {NEWTON})"
+        held = f"dry friction (device.coulomb_friction_n, {friction_n:g})"
         what = f"no press ends in contact, for {held} is no less than {most}"
     else:
-        what = f"no press ends in contact ({spoken_key('device.encoder_resolution_m')} is {step:g} {METRE})"
+        what = f"no press ends in contact (device.encoder_resolution_m is {step:g})"
     return f"nothing of the wall is rendered: {what}; {advice}"
 
 
@@ -130,8 +126,8 @@ def assumed(problem: Problem, coupling: Coupling | None = None, *, devices: int 
         gaps += [f"{who}{gap}" for gap in _of_trials(device, friction=problem.follower is None)]
     linear, rest = _ranges(problem)
     at = "trial at nominal" if devices == 1 else f"trial at nominal, and by others at {devices} devices of the ranges"
-    gaps += [f"{spoken_key(key)}: linear stability at its corners, {at}" for key in linear]
-    gaps += [f"{spoken_key(key)}: {at}; no part of linear stability" for key in rest]
+    gaps += [f"{key}: linear stability at its corners, {at}" for key in linear]
+    gaps += [f"{key}: {at}; no part of linear stability" for key in rest]
     if coupling is not None:
         gaps += _outside(coupling)
     gaps += [f"{SLIP}{doubt.key} {doubt.message}" for doubt in plausibility(problem)]
@@ -160,7 +156,7 @@ def _of_trials(device: Device, *, friction: bool) -> list[str]:
     if device.encoder_resolution_m == 0 and device.range.encoder_resolution_m is None:
         gaps.append("no encoder resolution is declared: the position is taken as exact, the ideal end")
     if device.max_force_n is None:
-        gaps.append(f"no {FORCE} limit is declared: any {FORCE} is taken as given")
+        gaps.append("no force limit is declared: any force is taken as given")
     return gaps
 
 
@@ -183,13 +179,8 @@ def _outside(coupling: Coupling) -> list[str]:
     given = {key: getattr(box, key) for key in box.model_fields_set}
     stated = (_ANY if given.get(key) in {None, usual.get(key)} else given[key] for key in _BOX)
     left = [
-        f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} {unit} lies outside [{low:g}, {high:g}]"
-        for (symbol, unit), (low, high), values in zip(
-            (("b", NS_PER_M), ("k", N_PER_M), ("b_p", NS_PER_M)),
-            stated,
-            gains,
-            strict=True,
-        )
+        f"{symbol} of {outside[np.argmax(np.abs(outside - low))]:.4g} lies outside [{low:g}, {high:g}]"
+        for symbol, (low, high), values in zip(("b", "k", "b_p"), stated, gains, strict=True)
         if len(outside := values[(values < low) | (values > high)])
     ]
     if not left:
@@ -247,10 +238,10 @@ def _of_simulation(tool: VirtualTool | None) -> list[str]:
     )
     if tool.tool_mass_kg is None:
         keys += ["tool_damping_ns_per_m", "integrator", "contact_stiffness_n_per_m"]
-        why = f"of a tool, and no {spoken_key('tool_mass_kg')} is given"
+        why = "of a tool, and no tool_mass_kg is given"
     elif any(0 < one < RIGID_N_PER_M for one in tool.contact_stiffness_n_per_m):
         return []
-    return [f"simulation.{spoken_key(key)} ({why})" for key in keys if getattr(tool, key) != getattr(default, key)]
+    return [f"simulation.{key} ({why})" for key in keys if getattr(tool, key) != getattr(default, key)]
 
 
 def _of_teleoperator(problem: Problem) -> list[str]:
@@ -258,7 +249,7 @@ def _of_teleoperator(problem: Problem) -> list[str]:
     if problem.follower is None:
         return []
     return [
-        f"{spoken_key(f'{table}.{key}')} (the trial of a teleoperator has none)"
+        f"{table}.{key} (the trial of a teleoperator has none)"
         for table, device in (("device", problem.device), ("follower", problem.follower))
         for key in _NOT_OF_TELEOPERATORS
         if getattr(device, key) > 0 or getattr(device.range, key) is not None
@@ -268,7 +259,7 @@ def _of_teleoperator(problem: Problem) -> list[str]:
 def not_used(problem: Problem) -> tuple[str, ...]:
     """Return the declared keys that no candidate, certificate or trial uses."""
     unseen = [key for key in declared(problem) if key in _not_simulated(problem)]
-    unused = [f"{spoken_key(key)} (not seen by an encoder at the handle)" for key in unseen]
+    unused = [f"{key} (not seen by an encoder at the handle)" for key in unseen]
     simulated = {effect.kind for effect in declared_effects(problem)}
     listed = [
         effect.kind

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.parallel import ALONE, Crew
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.recommendation.evaluate import Evaluator
@@ -145,7 +144,7 @@ def _behind_laws(
     if stiffest or evaluator.stiffest() is None:
         return
     for step in robust.refined(evaluator.screening(whole=True)):
-        told = f"nearer in motion, {step.stiffness_n_per_m:.4g} {N_PER_M}"
+        told = f"nearer in motion, {step.stiffness_n_per_m:.4g}"
         evaluator.ask([robust.alternatives(step)], told)
 
 
@@ -158,7 +157,7 @@ def _stiffest_held(evaluator: Evaluator, robust: RobustCandidates, steps: list[S
             return
         if felt <= _LESS * asked:
             asked = felt
-            search = f"walls behind an observer, {felt:.4g} {N_PER_M}"
+            search = f"walls behind an observer, {felt:.4g}"
             if evaluator.finds([robust.alternatives(step)], felt, search) and evaluator.holds(felt):
                 return
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.units import FORCE, MASS
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.model.hands import with_released
 
@@ -35,7 +34,7 @@ def linear_changes(problem: Problem) -> dict[str, Problem]:
     if device.damping_ns_per_m:
         keys["twice the damping of the device"] = _times(2, device, "damping_ns_per_m")
     if device.mass_kg:
-        keys[f"twice the {MASS} of the device"] = _times(2, device, "mass_kg")
+        keys["twice the mass of the device"] = _times(2, device, "mass_kg")
     if device.delay_samples:
         keys["no delay"] = {"delay_samples": 0, "range": {"delay_samples": None}}
     if device.amplifier_bandwidth_hz is not None:
@@ -58,7 +57,7 @@ def simulated_changes(problem: Problem) -> dict[str, Problem]:
     if device.backlash_m or device.range.backlash_m:
         keys["no play"] = {"backlash_m": 0.0, "range": {"backlash_m": None}}
     if device.max_force_n is not None:
-        keys[f"twice the {FORCE}"] = _times(2, device, "max_force_n")
+        keys["twice the force"] = _times(2, device, "max_force_n")
     return {change: problem.changed(device=values) for change, values in keys.items()}
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import mapped
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.design.robust.cma_continuation import moved
@@ -84,7 +83,7 @@ def stiffest(
     with progress.step("stiffest wall"):
         begun: list[_Task] = [partial(_as_it_is, problem, asked, numbers) for numbers in _AS_IT_IS]
         best = _best_of(done(begun), asked)
-    reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g} {N_PER_M}"
+    reached = "no wall" if best is None else f"{best.judged.felt_n_per_m:.4g}"
     changed: list[_Task] = [partial(_changed, best, one, asked) for one in better.values()]
     if best is not None:
         changed += [partial(_kept, best, one, asked) for one in better.values()]

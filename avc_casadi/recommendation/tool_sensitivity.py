@@ -7,8 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.text import quantity
-from avc_casadi._util.units import NS_PER_M
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.virtual_tool import ToolSearch, ToolSearchOptions
 from avc_casadi.model.virtual_tool import HEAVIEST_TOOL_KG, LIGHTEST_TOOL_KG, LONGEST_STEP_S
@@ -177,7 +175,7 @@ def what_would_help(problem: Problem, search: ToolSearch, *, local: bool) -> tup
     ]
     if not local:
         beside = ToolSearch(problem, _ROUGHLY, hands).stiffest_beside_local_damper()
-        damper = quantity(beside.local_damping_ns_per_m, NS_PER_M)
+        damper = f"{beside.local_damping_ns_per_m:.3g}"
         found.append(ToolHelp(f"a damper of {damper} in the device's own loop", beside.stiffness_n_per_m))
     better = [one for one in found if one.stiffest_n_per_m > 1.02 * search.limit[0].stiffness_n_per_m]
     return tuple(sorted(better, key=lambda one: -one.stiffest_n_per_m))

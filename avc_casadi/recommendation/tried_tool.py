@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
@@ -141,4 +140,4 @@ def unsettled(stiffness_n_per_m: float, trial: ToolTrial) -> str:
     if count == 0:
         count, where = int((~trial.stable_without_friction).sum()), "without dry friction"
     some = f"{count} of {trial.hands} hands {'does' if count == 1 else 'do'} not settle"
-    return f"with K {quantity(stiffness_n_per_m, N_PER_M)} {some}, {where}"
+    return f"with K {stiffness_n_per_m:.6g} {some}, {where}"

@@ -11,7 +11,6 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import FORCE, KG, MASS, N_PER_M, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
@@ -87,12 +86,11 @@ class ToolRecommendation(Printed):
     assumed: tuple[str, ...]
     not_used: tuple[str, ...]
 
-    @in_its_units
     def __repr__(self) -> str:
         if self.coupling is None:
             return f"ToolRecommendation({self.problem.name!r}: none; {self.reason})"
         k, b = self.coupling.gains.stiffness_n_per_m, self.coupling.gains.damping_ns_per_m
-        told = f"K {quantity(k, N_PER_M)}, B {quantity(b, NS_PER_M)}"
+        told = f"K {k:.6g}, B {b:.4g}"
         return f"ToolRecommendation({self.problem.name!r}: {told}; {self.reason})"
 
     def document(self) -> dict[str, Any]:
@@ -221,20 +219,17 @@ def why_infeasible(problem: Problem, search: ToolSearch) -> str:
     """
     tool = required_tool(problem)
     if problem.device.mass_kg == 0:
-        return (
-            f"the device has no {MASS} ({spoken_key('device.mass_kg')} is 0): released, nothing is there that a "
-            "coupling could hold"
-        )
+        return "the device has no mass (device.mass_kg is 0): released, nothing is there that a coupling could hold"
     if search.limit[0].stiffness_n_per_m > 0:
         return ""
     if not search.loops.engine_alone_stable():
         lightest = min(tool.tool_mass_kg or (math.inf,))
-        stiffest = quantity(tool.contact_stiffness_n_per_m[1], N_PER_M)
-        step, mass = quantity(max(tool.step_s), "s"), quantity(lightest, KG)
+        stiffest = f"{tool.contact_stiffness_n_per_m[1]:.6g}"
+        step, mass = quantity(max(tool.step_s), "s"), f"{lightest:.3g}"
         return (
-            f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of {step} with {mass} "
-            "(dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier tool, an "
-            "implicit integrator"
+            f"your engine, not the coupling: its own contact of {stiffest} is unstable at a step of {step} with a mass "
+            f"of {mass} (dt sqrt(k/m) must stay well below 2); a shorter step, a softer or a rigid contact, a heavier "
+            "tool, an implicit integrator"
         )
     return "no spring and damper is stable with every hand, released, tool and contact"
 
@@ -246,9 +241,9 @@ def why_not_wanted(wanted_n_per_m: float, limit_n_per_m: float) -> str:
         wanted_n_per_m: of the file.
         limit_n_per_m: the stiffest that is stable.
     """
-    asked, most = (quantity(one, N_PER_M) for one in (wanted_n_per_m, limit_n_per_m))
+    asked, most = (f"{one:.6g}" for one in (wanted_n_per_m, limit_n_per_m))
     if wanted_n_per_m == 0:
-        return f"{asked} is wanted, which couples nothing: leave {spoken_key('stiffness_n_per_m')} out for the stiffest"
+        return f"{asked} is wanted, which couples nothing: leave stiffness_n_per_m out for the stiffest"
     if wanted_n_per_m > limit_n_per_m:
         return f"{asked} is wanted, and the stiffest coupling that is stable is {most}"
     return f"{asked} is wanted, and no damper makes that stable, though a stiffer coupling, {most}, is stable"
@@ -302,7 +297,7 @@ def unusual(problem: Problem) -> dict[str, str]:
         )
     if tool.exchange == "ahead" and tool.tool_mass_kg is not None:
         found["exchange"] = (
-            f"is ahead: the device is given a place and a velocity that lie in the future of the {FORCE} that made "
+            "is ahead: the device is given a place and a velocity that lie in the future of the force that made "
             "them, which takes its damping: a damper of the device's own loop has to make that good; hand out the "
             "state that the step began with (on-time)"
         )

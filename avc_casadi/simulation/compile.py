@@ -11,7 +11,6 @@ import numpy as np
 
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.units import A_MASS, MASS, spoken_key
 from avc_casadi.coupling import contact_law, thinned
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.plant import DEVICE, GROUND, HANDLE, LinearPlant, Plant
@@ -176,8 +175,8 @@ def _mechanics(problem: Problem, effects: tuple[SceneEffect, ...]) -> tuple[Line
             owners.setdefault("actuator", effect.kind)
     if np.min(plant.mass_kg(DEVICE)) <= 0:
         raise InputError.of(
-            f"device and hand have no {MASS}, so that nothing is there to be simulated; allowed: "
-            f"{spoken_key('device.mass_kg')} above 0, or a hand with {A_MASS}",
+            "device and hand have no mass, so that nothing is there to be simulated; allowed: "
+            "device.mass_kg above 0, or a hand with a mass",
             file=problem.name,
             key="scene.effects",
         )

@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.printed import Columns, Tabular
-from avc_casadi._util.units import FORCE, MM_PER_S
 from avc_casadi.simulation.contact import Environment
 
 
@@ -76,10 +75,10 @@ DIVERGED_M = 10.0
 
 def criterion(metres_per_unit: float = 1.0) -> str:
     """Return the criterion as text, for a device with this displacement of the handle per unit of position."""
-    slow = AT_REST_M_PER_S * 1e3 / metres_per_unit
+    slow = AT_REST_M_PER_S / metres_per_unit
     return (
-        f"largest true velocity of device and handle in the last {JUDGED_S:g} s below {slow:g} {MM_PER_S}; buzzing: "
-        f"{FORCE} between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean {FORCE}"
+        f"largest true velocity of device and handle in the last {JUDGED_S:g} s below {slow:g}; buzzing: "
+        f"force between {RIPPLE_HZ[0]:g} and {RIPPLE_HZ[1]:g} Hz (rms) above {BUZZ_SHARE:.0%} of the mean force"
     )
 
 

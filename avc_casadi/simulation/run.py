@@ -14,7 +14,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.printed import Columns, Tabular
-from avc_casadi._util.units import LINEAR, Units, speaking
+from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.simulation.judge import DIVERGED_M, Judgement, Ledger, criterion
 
 if TYPE_CHECKING:
@@ -199,8 +199,7 @@ class Run(Tabular):
             stored_j=self.ledger.stored_j,
             dissipated_j=self.ledger.dissipated_j,
         )
-        with speaking(self.units):
-            text = json_text(self.document(target) | {"effects": list(self.effects)})
+        text = json_text(self.units.document(self.document(target) | {"effects": list(self.effects)}))
         write_file(target, arrays.getvalue())
         write_file(target.with_suffix(".json"), text)
         return target

@@ -13,7 +13,6 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import spoken_key
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.compile import CompiledScene
@@ -61,7 +60,7 @@ class Explanation:
             "effects": [vars(effect) for effect in self.effects],
             "absent": list(self.absent),
             "states": self.states,
-            "state_names": [*map(spoken_key, self.state_names)],
+            "state_names": [*self.state_names],
             "instructions": self.instructions,
             "ns_per_step": self.ns_per_step,
             "scatter_ns": self.scatter_ns,

@@ -11,7 +11,6 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.printed import Columns, Tabular, short
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
@@ -161,8 +160,7 @@ def compare(
         )
     if mine is not None and not all(np.isfinite(gain) and gain >= 0 for gain in mine):
         raise InputError.of(
-            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness in {N_PER_M} and damping in {NS_PER_M}, "
-            "finite and >= 0, as 7000,10",
+            f"{mine[0]:g},{mine[1]:g} is no pair of gains; allowed: stiffness and damping, finite and >= 0, as 7000,10",
             key="mine",
         )
     stated = with_wall(problem)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from avc_casadi._util.arrays import ComplexArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import Cell, Table, counts_text, number, sample_rows
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.files.gain_file import gain_document
 
@@ -40,13 +39,13 @@ def _frequencies(document: Mapping[str, Any]) -> Table:
     for method in ("closed-form", document["optimum"]):
         asked = "requested_" if method == "closed-form" else ""
         keys = {
-            f"b {NS_PER_M}": f"{asked}damping_ns_per_m",
-            f"k {N_PER_M}": f"{asked}stiffness_n_per_m",
-            f"|Z| err. {NS_PER_M}": "magnitude_error",
-            f"Re Z_h {NS_PER_M}": "real_part",
+            "b": f"{asked}damping_ns_per_m",
+            "k": f"{asked}stiffness_n_per_m",
+            "|Z| err.": "magnitude_error",
+            "Re Z_h": "real_part",
         }
         if method != "closed-form" and document["structure"] == "damped":
-            keys[f"b_p {NS_PER_M}"] = "contact_damping_ns_per_m"
+            keys["b_p"] = "contact_damping_ns_per_m"
         header += [f"{_SHORT.get(method, method)}\n{title}" for title in keys]
         columns += [document["methods"][method][key] for key in keys.values()]
     shown = sample_rows(len(document["frequency_hz"]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from enum import StrEnum
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.units import MASS, NS_PER_M
 from avc_casadi.model.schedule import GainSchedule, Status
 
 # Two methods agree when their magnitude errors differ by less than this share of |Z_d| + |H Z_ds|: the NLP stays
@@ -58,15 +57,15 @@ def _verdict(closed_form: Status, optimum: Status, better: bool) -> Verdict:
 
 
 def _reason(verdict: Verdict, closed_form: GainSchedule, optimum: GainSchedule, row: int) -> str:
-    method, error = optimum.method, f"{optimum.magnitude_error[row]:.3g} {NS_PER_M}"
+    method, error = optimum.method, f"{optimum.magnitude_error[row]:.3g}"
     if verdict is Verdict.INFEASIBLE:
         return optimum.reason[row] or f"{method} found no gains"
     if verdict is Verdict.CLOSED_FORM_NOT_REALISABLE:
         return f"the closed form {closed_form.reason[row]}; {method} reaches a magnitude error of {error}"
     if verdict is Verdict.DIRECT_BETTER:
-        left = f"{closed_form.magnitude_error[row]:.3g} {NS_PER_M}"
+        left = f"{closed_form.magnitude_error[row]:.3g}"
         if optimum.structure == "damped":
-            return f"the contact damper leaves out the virtual {MASS}: an error of {left}; {method} reaches {error}"
+            return f"the contact damper leaves out the virtual mass: an error of {left}; {method} reaches {error}"
         return f"the projection keeps Im Z_h_ds and leaves a magnitude error of {left}; {method} reaches {error}"
     if verdict is Verdict.BOUND_ACTIVE:
         return f"same error; {optimum.reason[row] or f'{method} stands on a bound of the gain box'}"

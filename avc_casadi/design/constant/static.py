@@ -11,7 +11,6 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi._util.units import N_PER_M, NS_PER_M, spoken_key
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
@@ -249,9 +248,9 @@ class StaticCoupling:
         name = f"{_CONDITIONS[self.condition]}, {self.model} model"
         if not self.found:
             return f"{name}: no constant coupling of the gain box"
-        contact = f", b_p = {self.contact_damping_ns_per_m:.6g} {NS_PER_M}" if self.contact_damping_ns_per_m else ""
+        contact = f", b_p = {self.contact_damping_ns_per_m:.6g}" if self.contact_damping_ns_per_m else ""
         return (
-            f"{name}: b = {self.damping_ns_per_m:.6g} {NS_PER_M}, k = {self.stiffness_n_per_m:.6g} {N_PER_M}{contact}, "
+            f"{name}: b = {self.damping_ns_per_m:.6g}, k = {self.stiffness_n_per_m:.6g}{contact}, "
             f"error {100 * self.error:.4g} %"
         )
 
@@ -274,7 +273,7 @@ def static_coupling(
     """
     if problem.device.damping_ns_per_m == 0:
         raise UnsupportedError(
-            f"static needs {spoken_key('device.damping_ns_per_m')} > 0: with 0 neither Llewellyn's condition (6) nor "
+            "static needs device.damping_ns_per_m > 0: with 0 neither Llewellyn's condition (6) nor "
             "passivity at all frequencies allows a coupling; use closed-form, exact or direct, which judge one "
             "frequency alone",
             key="device.damping_ns_per_m",
@@ -309,7 +308,7 @@ def solve_static(problem: Problem) -> GainSchedule:
         lacking = problem.stability.margin_ns_per_m - certified.margin_ns_per_m
         why = (
             f"no constant coupling of the gain box meets Llewellyn's condition (6), {certified.model} model: the best, "
-            f"b = {b[0]:.6g} {NS_PER_M} and k = {k[0]:.6g} {N_PER_M}, lacks {lacking:.6g} {NS_PER_M} of device damping"
+            f"b = {b[0]:.6g} and k = {k[0]:.6g}, lacks {lacking:.6g} of device damping"
         )
         reason = (why,) * n
     return gain_schedule(

@@ -16,7 +16,6 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.design.schedule.scope import worst_slack
 from avc_casadi.design.schedule.solver import solve_schedule
 from avc_casadi.model.declared import scene_effects
@@ -143,11 +142,11 @@ class StaticTuned:
         if self.gains is None:
             return self.reason
         b, k, b_p = vars(self.gains).values()
-        contact = f", b_p = {b_p:.6g} {NS_PER_M}" if b_p else ""
+        contact = f", b_p = {b_p:.6g}" if b_p else ""
         raised = f", raised {self.raised} times" if self.raised else ""
         return (
-            f"tuned constant gains: b = {b:.6g} {NS_PER_M}, k = {k:.6g} {N_PER_M}{contact}, error "
-            f"{100 * self.error:.4g} %; linearly stable with every hand with {self.reserve_ns_per_m:.4g} {NS_PER_M} of "
+            f"tuned constant gains: b = {b:.6g}, k = {k:.6g}{contact}, error "
+            f"{100 * self.error:.4g} %; linearly stable with every hand with {self.reserve_ns_per_m:.4g} of "
             f"damping in reserve{raised}; {self.hands} hands (seed {self.seed}) at rest in the scene"
         )
 
@@ -175,7 +174,7 @@ def tune_static(problem: Problem, budget: Budget | None = None, progress: Progre
     reserve = problem.stability.margin_ns_per_m or tuned_margin(problem)
     rested = raised = 0
     for raised in range(1 + budget.raises):
-        progress.advance(raised, 1 + budget.raises, f"{reserve:.4g} {NS_PER_M} in reserve")
+        progress.advance(raised, 1 + budget.raises, f"{reserve:.4g} in reserve")
         # Realism applies to tables: the best constant gains may be unrealistic at some row.
         stated = problem.changed(stability={"scope": "hands", "margin_ns_per_m": reserve}, realism={"require": "none"})
         table = solve_schedule(stated, constant=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M, UM
 from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.design.robust.cma_continuation import Step, continuation
 from avc_casadi.design.robust.lqg import Space
@@ -81,8 +80,8 @@ def _told(step: Step) -> str:
     """Return a description of a law."""
     law, cost = step.best.law, step.best.cost
     return (
-        f"observer of {law.states} states with a dead zone of +-{1e6 * law.dead_zone_m:.4g} {UM}, and feedback: "
-        f"{step.stiffness_n_per_m:.5g} {N_PER_M} at rest; spectral radius {cost.radius:.5f} at most over hands, let go "
+        f"observer of {law.states} states with a dead zone of +-{law.dead_zone_m:.4g}, and feedback: "
+        f"{step.stiffness_n_per_m:.5g} at rest; spectral radius {cost.radius:.5f} at most over hands, let go "
         f"and devices about the declared one, {cost.radius_any_share:.5f} over all shares of the innovation; the best "
         "that a search found, not the best there is"
     )

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
-from avc_casadi._util.units import MASS, spoken_key
 from avc_casadi.claims.passivity.rendered_impedance import Handle, below_quarter_rate
 from avc_casadi.claims.stability.declared_device import plants_with_forces
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, Rendering, frozen_rendering
@@ -199,11 +198,9 @@ def why_no_law(problem: Problem) -> str:
     device = problem.device
     faults = []
     if not problem.environment.stiffness_n_per_m > 0:
-        faults.append(f"the wall has no stiffness to be rendered ({spoken_key('environment.stiffness_n_per_m')})")
+        faults.append("the wall has no stiffness to be rendered (environment.stiffness_n_per_m)")
     if not device.mass_kg > 0:
-        faults.append(
-            f"the device has no {MASS} ({spoken_key('device.mass_kg')}), so that nothing is there when it is released"
-        )
+        faults.append("the device has no mass (device.mass_kg), so that nothing is there when it is released")
     if device.delay_samples > MAX_DELAY_SAMPLES / 4:
         faults.append(f"the delay of {device.delay_samples:g} samples is above {MAX_DELAY_SAMPLES // 4}")
     return "; ".join(faults)

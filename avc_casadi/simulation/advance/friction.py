@@ -18,7 +18,6 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi._util.units import FORCES
 from avc_casadi.model.plant import LinearPlant, time_scale, transition
 from avc_casadi.simulation.advance.advance import (
     Continuous,
@@ -60,7 +59,7 @@ class TaylorSeries(Continuous):
             instead = 'scene.integrator = "projected"' if friction_n > 0 else "the effect jitter with rms_s = 0"
             raise UnsupportedError(
                 f"the scene's mechanics move so fast within a sample of {sample_time_s:g} s that exact dry friction or "
-                f"late {FORCES} would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
+                f"late forces would take more than {_MOST_SUBSTEPS} substeps; take {instead}, a heavier hand or "
                 "device, or a slower amplifier or resonance"
             )
         return cls(Layout.of(plant, friction_n), substeps, order)

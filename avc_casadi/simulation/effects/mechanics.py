@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import MASS, spoken_key
 from avc_casadi.model.effects import (
     BacklashEffect,
     CoulombFrictionEffect,
@@ -89,9 +88,7 @@ class Resonance(SceneEffect):
             message = f"is {mass_ratio}; allowed: above 0 and below 1, the share on the side of the hand"
             faults.append(Fault(problem.name, None, f"{place}.mass_ratio", message))
         if problem.device.mass_kg == 0:
-            message = (
-                f"needs {spoken_key('device.mass_kg')} above 0; leave the effect out or give the device its {MASS}"
-            )
+            message = "needs device.mass_kg above 0; leave the effect out or give the device its mass"
             faults.append(Fault(problem.name, None, place, message))
         if faults:
             raise InputError(faults)

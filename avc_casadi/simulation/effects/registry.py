@@ -6,7 +6,6 @@ from collections import Counter
 from itertools import combinations
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import A_MASS, FORCES, spoken_key
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.plant import HANDLE
 from avc_casadi.model.problem import Problem
@@ -43,9 +42,7 @@ def _impossible(problem: Problem, kinds: list[str]) -> list[Fault]:
     ]
     carried = problem.device.mass_kg > 0 or "hand" in kinds
     if not carried:
-        messages.append(
-            f"nothing has {A_MASS}; allowed: {spoken_key('device.mass_kg')} above 0, or the effect hand with {A_MASS}"
-        )
+        messages.append("nothing has a mass; allowed: device.mass_kg above 0, or the effect hand with a mass")
     return [Fault(problem.name, None, "scene.effects", message) for message in messages]
 
 
@@ -56,7 +53,7 @@ def _clashes(problem: Problem, built: list[SceneEffect]) -> list[Fault]:
     late = any(isinstance(effect, Jitter) and effect.rms_s > 0 for effect in built)
     if late and any(samples != int(samples) for samples in delays):
         messages.append(
-            f"delay of {delays[0]:g} samples and {FORCES} that come late at random exclude each other; allowed: whole "
+            f"delay of {delays[0]:g} samples and forces that come late at random exclude each other; allowed: whole "
             "samples, or jitter with rms_s = 0"
         )
     filtered = any(isinstance(effect, VelocityFilter) for effect in built)

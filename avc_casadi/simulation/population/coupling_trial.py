@@ -15,7 +15,6 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import mapped
 from avc_casadi._util.printed import Columns, Tabular, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.simulation.population.motions import MOTIONS, QUIET, TRIAL_S, course_of
 from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, Traces, on_device, simulations
@@ -86,7 +85,7 @@ class CouplingTrial(Tabular):
     def _summary(self) -> str:
         return (
             f"{int(self.stable.sum())} of {self.hands} hands settle, {int(self.stable_without_friction.sum())} without "
-            f"friction; {short(self.stiffness_n_per_m, N_PER_M)} felt"
+            f"friction; {short(self.stiffness_n_per_m)} felt"
         )
 
     def counts(self) -> dict[str, int]:

@@ -10,7 +10,6 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular, short
-from avc_casadi._util.units import N_PER_M
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,6 +70,4 @@ class OtherEndTrial(Tabular):
         return {}
 
     def _summary(self) -> str:
-        return (
-            f"{int(self.stable.sum())} of {self.hands} hands settle; {short(self.stiffness_n_per_m, N_PER_M)} rendered"
-        )
+        return f"{int(self.stable.sum())} of {self.hands} hands settle; {short(self.stiffness_n_per_m)} rendered"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from avc_casadi._util.units import spoken_key
 from avc_casadi.simulation.runtime.step import Expr, StepBuilder
 
 # Of the hand; for a rotary device, at its handle.
@@ -24,10 +23,7 @@ class EstimatorSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.low_hz < self.high_hz or not 0 < self.floor_m_per_s < self.fastest_m_per_s:
-            raise ValueError(
-                f"0 < low_hz < high_hz and 0 < {spoken_key('floor_m_per_s')} < {spoken_key('fastest_m_per_s')} are "
-                f"needed, got {self}"
-            )
+            raise ValueError(f"0 < low_hz < high_hz and 0 < floor_m_per_s < fastest_m_per_s are needed, got {self}")
 
     def top_hz(self, sample_time_s: float) -> float:
         """Highest frequency at a sampling rate."""
