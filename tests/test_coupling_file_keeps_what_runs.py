@@ -11,7 +11,7 @@ from avc_casadi import InputError
 from avc_casadi._util.json_values import json_text
 from avc_casadi.cli import main
 from avc_casadi.coupling import THINNING, Coupling
-from avc_casadi.files.coupling_file import COUPLING_KEYS, coupling_document, read_file
+from avc_casadi.files.coupling_file import coupling_document, read_file
 from avc_casadi.files.gain_file import gain_csv, gain_document
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime
@@ -104,26 +104,8 @@ def test_the_contact_law_travels_with_the_coupling(contact, tmp_path):
     assert again.contact == contact
     for change in ({"contact": other_law(problem)}, {"contact": None}):
         (tmp_path / "c.json").write_text(json.dumps(document | change))
-        with pytest.raises(InputError, match="contact: is not the law"):
+        with pytest.raises(InputError, match="contact: is not that of"):
             avc.read_coupling(tmp_path / "c.json")
-
-
-def test_a_file_from_before_there_were_two_laws_is_gated(tmp_path):
-    """It was certified with that law, and keeps the name that it was given then."""
-    problem = avc.load_problem("ve3").changed(coupling={"contact": "gated"})
-    made = Coupling.constant(problem, Gains(5.0, 1e4), "mine")
-    avc.write_coupling(made, tmp_path / "c.json")
-    document = json.loads((tmp_path / "c.json").read_text())
-    del document["contact"], document["problem_file"]["coupling"]["contact"]
-    (tmp_path / "c.json").write_text(json.dumps(document))
-    found = avc.read_coupling(tmp_path / "c.json")
-    assert found == made
-    assert found.contact == "gated"
-    assert found.id == "96c3b62b"
-    document["contact"] = "clip-last"
-    (tmp_path / "c.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match="contact"):
-        avc.read_coupling(tmp_path / "c.json")
 
 
 @pytest.mark.thorough
@@ -177,11 +159,10 @@ def test_every_fault_of_a_file_is_named(change, key, tmp_path):
     assert key in {fault.key for fault in refused.value.faults}
 
 
-def test_every_key_that_is_written_is_known_and_a_mistyped_one_is_told(tmp_path):
+def test_a_mistyped_key_is_told(tmp_path):
     document = coupling_document(coupling("ve3"))
-    assert sorted(document) == sorted(COUPLING_KEYS)
     (tmp_path / "c.json").write_text(json.dumps(document | {"sertificate": {}}))
-    with pytest.raises(InputError, match=r"sertificate: is not a known key; did you mean 'certificate'\?"):
+    with pytest.raises(InputError, match=r"sertificate: is not a known key; .* did you mean certificate"):
         avc.read_coupling(tmp_path / "c.json")
 
 

@@ -2,35 +2,47 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import ConfigDict
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.units import speaking, spoken_key
-from avc_casadi.coupling import FIRST_CONTACT, Coupling, check_sample_time, require_coupling
-from avc_casadi.files.gain_document import COUPLING_SCHEMA, GainCheck, state_feedback_of
-from avc_casadi.files.gain_file import gain_document, read_csv, read_document, units_of_document, unsound_tables
+from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
+from avc_casadi.files.gain_file import (
+    SCHEMA,
+    GainDocument,
+    GainTableDocument,
+    JsonTable,
+    Texts,
+    faults_of,
+    feedback_of,
+    gain_document,
+    read_csv,
+    read_document,
+    schedule_of,
+    schedule_of_document,
+    units_of_document,
+)
 from avc_casadi.files.other_end_coupling_file import TELEOPERATOR_SCHEMA, TOOL_SCHEMA
-from avc_casadi.files.problem_document import problem_document, problem_of
+from avc_casadi.files.problem_document import problem_document
 from avc_casadi.files.problem_file import AnyProblem, as_problem
+from avc_casadi.files.rotary_keys import in_keys_of
+from avc_casadi.model.effects import StateFeedbackEffect
+from avc_casadi.model.findings import checked
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.quantity import Mass, Rate, Table, Wait, shown
 from avc_casadi.model.runtime import Runtime
+from avc_casadi.model.schedule import GainSchedule
 
-if TYPE_CHECKING:
-    from avc_casadi.model.schedule import GainSchedule
-
-_TABLE = ("frequency_hz", "damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m")
-# Names in this file of the keys of a scene's effect.
-_RUNTIME_KEYS = {"mass_kg": "observer_mass_kg", "method": "estimator"}
+COUPLING_SCHEMA = "avc-coupling/1"
+_TABLE = tuple(GainTableDocument.model_fields)
 GAINS_ALONE = (
     "is a table of gains alone; it lacks the problem (wall, hands, device, force limit), what runs beside the gains "
     "and the certificate. Give the problem that it was made for beside it"
@@ -44,21 +56,53 @@ _TO_FOLLOWER = (
     "couples a leader to a [follower]: it has no wall and no gain table; avc export takes it, and avc recommend judges "
     "its problem"
 )
-_WRITTEN = (
-    "schema id problem title problem_file method solver structure model contact constant sample_time_s max_force_n "
-    "frequency_hz damping_ns_per_m stiffness_n_per_m contact_damping_ns_per_m impedance_re impedance_im target_re "
-    "target_im magnitude_error complex_error real_part status reason requested_damping_ns_per_m "
-    "requested_stiffness_n_per_m requested_contact_damping_ns_per_m requested_rigid counts notes seconds table "
-    "runtime wall certificate trial versions lacks"
-)
-COUPLING_KEYS = tuple(_WRITTEN.split())
-"""Keys of a coupling file: those of `solve`, and its own."""
-# Further keys by `avc solve`, and those that mark a rotary device.
-_BESIDE = ("state_feedback", "deployable", "realism", "passive_limit_n_per_m", "motion", "units")
 _LACKS = (
     "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
     "its certificate on the loop as it is",
 )
+
+
+class RuntimeDocument(Table):
+    """What runs beside the gains, as a file states it."""
+
+    estimator: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
+    hold_s: Wait = 0.2
+    slew_per_s: Rate | None = 20.0
+    passive: bool = True
+    observer_mass_kg: Mass | None = None
+    guard: Literal["passivity-controller", "energy-tank"] | None = None
+    state_feedback: StateFeedbackEffect | None = None
+
+
+class CouplingDocument(GainDocument):
+    """The file of a coupling; keys that follow from others must agree with them."""
+
+    model_config = ConfigDict(extra="forbid")
+    follow: ClassVar[tuple[str, ...]] = ("wall", "contact", "max_force_n")
+
+    id: Any = None
+    problem_file: Problem
+    table: GainTableDocument
+    runtime: RuntimeDocument
+    certificate: JsonTable = None
+    trial: JsonTable = None
+    versions: JsonTable = None
+    lacks: Texts = ()
+    wall: Any = None
+    contact: Any = None
+    max_force_n: Any = None
+    title: Any = None
+    constant: Any = None
+    magnitude_error: Any = None
+    complex_error: Any = None
+    real_part: Any = None
+    counts: Any = None
+    seconds: Any = None
+    deployable: Any = None
+    realism: Any = None
+    passive_limit_n_per_m: Any = None
+    motion: Any = None
+    units: Any = None
 
 
 def coupling_document(coupling: Coupling) -> dict[str, Any]:
@@ -101,8 +145,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
         >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
     """
     require_coupling(coupling)
-    with speaking(coupling.problem.units):
-        write_file(path, json_text(coupling_document(coupling)))
+    write_file(path, json_text(coupling.units.document(coupling_document(coupling))))
 
 
 def read_file(path: str | Path) -> Coupling | GainSchedule:
@@ -123,14 +166,14 @@ def read_file(path: str | Path) -> Coupling | GainSchedule:
     if document.get("schema") == TELEOPERATOR_SCHEMA:
         raise InputError.of(_TO_FOLLOWER, file=str(path))
     units = units_of_document(document)
-    with speaking(units):
-        return _read(units.read(document), path)
-
-
-def _read(document: Mapping[str, Any], path: Path) -> Coupling | GainSchedule:
-    if document.get("schema") == COUPLING_SCHEMA or "problem_file" in document:
-        return _from_document(document, path)
-    return GainCheck(document, path).schedule()
+    with in_keys_of(units):
+        document = units.read(document)
+        if document.get("schema") == COUPLING_SCHEMA or "problem_file" in document:
+            return _from_document(document, path)
+        if document.get("schema", SCHEMA) != SCHEMA:
+            message = f"is {shown(document['schema'])}; allowed: {shown(SCHEMA)}, {shown(COUPLING_SCHEMA)}"
+            raise InputError.of(message, file=str(path), key="schema")
+        return schedule_of_document(document, path)
 
 
 def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:
@@ -181,139 +224,43 @@ def same_problem(one: Problem, other: Problem) -> bool:
 
 
 def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
-    faults: list[Fault] = []
     if document.get("schema") != COUPLING_SCHEMA:
-        message = f"is {document.get('schema')!r}, but a problem stands in the file; allowed: {COUPLING_SCHEMA!r}"
-        faults.append(Fault(str(path), None, "schema", message))
-    faults += _unknown(document, (*COUPLING_KEYS, *_BESIDE), path)
-
-    def part(read: Any, *arguments: Any) -> Any:
-        try:
-            return read(*arguments)
-        except InputError as error:
-            faults.extend(error.faults)
-            return None
-
-    schedule = part(GainCheck(document, path).schedule)
-    problem = part(_problem, document, path)
-    table = part(_table, document, path)
-    runtime = part(_runtime, document, path)
-    if problem is not None and schedule is not None:
-        part(check_sample_time, schedule.sample_time_s, problem, str(path))
-    faults += unsound_tables(document, str(path), ("certificate", "trial", "versions"))
-    lacks = document.get("lacks") or []
-    if not isinstance(lacks, list) or not all(isinstance(one, str) for one in lacks):
-        faults.append(Fault(str(path), None, "lacks", "must be a list of texts"))
-    if faults:
-        raise InputError(faults)
-    found = Coupling(
-        problem=problem,
-        schedule=replace(schedule, state_feedback=runtime.state_feedback),
-        table=table,
-        runtime=runtime,
-        certificate=document.get("certificate"),
-        trial=document.get("trial"),
-        versions=document.get("versions") or {},
-        lacks=tuple(lacks),
+        message = f"is {shown(document.get('schema'))}, but a problem is in the file; allowed: {shown(COUPLING_SCHEMA)}"
+        raise InputError.of(message, file=str(path), key="schema")
+    found = checked(CouplingDocument, {key: value for key, value in document.items() if key != "schema"})
+    if isinstance(found, list):
+        raise InputError(faults_of(found, str(path)))
+    runtime = {**vars(found.runtime), "state_feedback": feedback_of(found.runtime.state_feedback)}
+    table = found.table.model_dump()
+    coupling = Coupling(
+        problem=found.problem_file,
+        schedule=replace(schedule_of(found, path), state_feedback=runtime["state_feedback"]),
+        table=GainTable(np.stack([np.nan_to_num(table[key]) for key in _TABLE], axis=1)),
+        runtime=Runtime(**runtime),
+        certificate=found.certificate,
+        trial=found.trial,
+        versions=found.versions or {},
+        lacks=found.lacks,
     )
-    _check_whole(found, document, path)
-    return found
+    check_sample_time(coupling.schedule.sample_time_s, coupling.problem, str(path))
+    _check_whole(coupling, found, path)
+    return coupling
 
 
-def _check_whole(found: Coupling, document: Mapping[str, Any], path: Path) -> None:
+def _check_whole(coupling: Coupling, found: CouplingDocument, path: Path) -> None:
     """Refuse a file that was changed in part: what is certified must be what runs."""
     again = "make it again: avc recommend P --out FILE, or avc solve P --out FILE"
     faults = []
-    if document.get("id") != found.id:
-        message = f"is {document.get('id')!r}, and what the file holds is {found.id!r}: it was changed since; {again}"
+    if found.id != coupling.id:
+        message = f"is {shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since; {again}"
         faults.append(Fault(str(path), None, "id", message))
-    beside = GainTable.of(found.schedule)(found.table.frequency_hz)
-    if not np.allclose(beside, found.table.gains, rtol=1e-9, atol=0.0):
+    beside = GainTable.of(coupling.schedule)(coupling.table.frequency_hz)
+    if not np.allclose(beside, coupling.table.gains, rtol=1e-9, atol=0.0):
         faults.append(Fault(str(path), None, "table", f"is not that of the gains beside it; {again}"))
-    wall, limit = document.get("wall"), document.get("max_force_n")
-    if wall != {"damping_ns_per_m": found.wall.damping_ns_per_m, "stiffness_n_per_m": found.wall.stiffness_n_per_m}:
-        faults.append(Fault(str(path), None, "wall", f"is not the environment of problem_file; {again}"))
-    if document.get("contact", FIRST_CONTACT) != found.contact:
-        faults.append(Fault(str(path), None, "contact", f"is not the law of problem_file and gains; {again}"))
-    if limit != found.max_force_n:
-        faults.append(
-            Fault(str(path), None, "max_force_n", f"is not {spoken_key('device.max_force_n')} of problem_file; {again}")
-        )
+    document = coupling_document(coupling)
+    for key in CouplingDocument.follow:
+        if getattr(found, key) != document[key]:
+            message = f"is not that of problem_file and gains, {shown(document[key])}; {again}"
+            faults.append(Fault(str(path), None, key, message))
     if faults:
         raise InputError(faults)
-
-
-def _unknown(found: Mapping[str, Any], known: Sequence[str], path: Path, table: str = "") -> Iterator[Fault]:
-    """Yield a fault for each key that a table of the file does not have."""
-    for key in found:
-        if key not in known:
-            near = difflib.get_close_matches(key[:60], known, n=1)
-            allowed = (
-                f"did you mean {spoken_key(near[0])!r}?" if near else f"allowed: {', '.join(map(spoken_key, known))}"
-            )
-            yield Fault(str(path), None, f"{table}{key}", f"is not a known key; {allowed}")
-
-
-def _problem(document: Mapping[str, Any], path: Path) -> Problem:
-    found = document.get("problem_file")
-    if not isinstance(found, Mapping):
-        raise InputError.of("is missing; allowed: the tables of a problem file", file=str(path), key="problem_file")
-    box = found.get("coupling", {})
-    if isinstance(box, Mapping):
-        found = {**found, "coupling": {"contact": FIRST_CONTACT, **box}}
-    return problem_of(found, file=str(path), key="problem_file")
-
-
-def _table(document: Mapping[str, Any], path: Path) -> GainTable:
-    found = document.get("table")
-    if not isinstance(found, Mapping):
-        raise InputError.of(
-            f"is missing; allowed: a table with {', '.join(map(spoken_key, _TABLE))}", file=str(path), key="table"
-        )
-    unknown = list(_unknown(found, _TABLE, path, "table."))
-    if unknown:
-        raise InputError(unknown)
-    rows = {name: found.get(name) for name in _TABLE} | {"structure": "damped"}
-    try:
-        return GainTable.of(GainCheck(rows, path).schedule())
-    except InputError as error:
-        raise InputError([Fault(one.file, one.line, f"table.{one.key}", one.message) for one in error.faults]) from None
-
-
-def _runtime(document: Mapping[str, Any], path: Path) -> Runtime:
-    found = document.get("runtime")
-    known = sorted(item.name for item in fields(Runtime))
-    if not isinstance(found, Mapping):
-        raise InputError.of(f"must be a table with {', '.join(map(spoken_key, known))}", file=str(path), key="runtime")
-    kinds: dict[str, tuple[type, ...]] = {
-        "estimator": (str,),
-        "guard": (str,),
-        "passive": (bool,),
-        "state_feedback": (Mapping,),
-    }
-    wrong = [*_unknown(found, known, path, "runtime.")]
-    wrong += [
-        Fault(str(path), None, f"runtime.{key}", f"is {value!r}, of the wrong type")
-        for key, value in found.items()
-        if key in known
-        and (
-            not (value is None or isinstance(value, kinds.get(key, (int, float))))
-            or (value is True and key != "passive")
-        )
-    ]
-    if wrong:
-        raise InputError(wrong)
-    feedback = state_feedback_of(found.get("state_feedback"), path, "runtime.state_feedback")
-    try:
-        runtime = Runtime(**{**found, "state_feedback": feedback})
-        runtime.effects(constant=False)
-    except InputError as error:
-        raise InputError([Fault(str(path), None, f"runtime.{one.key}", one.message) for one in error.faults]) from None
-    except ValidationError as error:  # outside the range of a scene
-        faults = [
-            Fault(str(path), None, f"runtime.{_RUNTIME_KEYS.get(key, key)}", one["msg"])
-            for one in error.errors(include_url=False)
-            for key in map(str, one["loc"][-1:])
-        ]
-        raise InputError(faults) from None
-    return runtime

@@ -5,27 +5,273 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Self
 
 import numpy as np
+from pydantic import BeforeValidator, ConfigDict, model_validator
+from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.files import read_text
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.units import LINEAR, ROTARY, Units, spoken
-from avc_casadi.files.gain_document import CONTACT, GAINS, SCHEMA, GainCheck
-from avc_casadi.model.quantity import MOST_FREQUENCIES
-from avc_casadi.model.schedule import GainSchedule
+from avc_casadi._util.units import LINEAR, ROTARY, Units
+from avc_casadi.model.effects import StateFeedbackEffect
+from avc_casadi.model.findings import checked
+from avc_casadi.model.problem import Model, Structure
+from avc_casadi.model.quantity import (
+    FREQUENCIES_HZ,
+    LARGEST_DAMPING_NS_PER_M,
+    LARGEST_STIFFNESS_N_PER_M,
+    MOST_FREQUENCIES,
+    Finding,
+    Quantity,
+    Table,
+    dotted,
+    refusal,
+    refuse,
+    shown,
+)
+from avc_casadi.model.runtime import StateFeedback
+from avc_casadi.model.schedule import GainSchedule, Status
 
+SCHEMA = "avc-gains/1"
+GAINS = ("damping_ns_per_m", "stiffness_n_per_m")
+CONTACT = "contact_damping_ns_per_m"
 _CSV_HEADER = ("frequency_hz", *GAINS)
 _MAX_BYTES = 2**23
 _DEEPEST = 50
 _NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and avc solve P --out FILE that of a method"
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Validator of a value for each row; null, a row without, becomes NaN."""
+
+    one: Quantity
+
+    @property
+    def allowed(self) -> str:
+        return f"a list of numbers, {self.one.allowed}, null where a row has no gains"
+
+    def __call__(self, value: Any) -> FloatArray:
+        if not isinstance(value, list):
+            raise refusal(f"is {shown(value)}; allowed: {self.allowed}")
+        if len(value) > MOST_FREQUENCIES:
+            raise refusal(f"has {len(value)} rows; allowed: at most {MOST_FREQUENCIES}")
+        found, faults = np.full(len(value), np.nan), list[Finding]()
+        for row, number in enumerate(value):
+            try:
+                found[row] = np.nan if number is None else self.one(number)
+            except PydanticCustomError as error:
+                faults.append(((row,), error.message()))
+        refuse(faults)
+        return found
+
+
+def _line(value: Any) -> str:
+    if not isinstance(value, str) or not value.isprintable():
+        raise refusal(f"is {shown(value)}; allowed: text in one line")
+    return value
+
+
+_Any = Quantity("", 1e-300, 1e300, signed=True)
+_Line = Annotated[str, BeforeValidator(_line)]
+_Values = np.ndarray[Any, Any]
+_Hz = Annotated[_Values, BeforeValidator(_Column(Quantity("Hz", *FREQUENCIES_HZ, zero=False)))]
+_Damping = Annotated[_Values, BeforeValidator(_Column(Quantity("N.s/m", 1e-300, LARGEST_DAMPING_NS_PER_M)))]
+_Stiffness = Annotated[_Values, BeforeValidator(_Column(Quantity("N/m", 1e-300, LARGEST_STIFFNESS_N_PER_M)))]
+_Signed = Annotated[_Values, BeforeValidator(_Column(_Any))]
+_SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-300, 1e300, zero=False))]
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
+        raise refusal(f"is {shown(value)}; allowed: a list of texts")
+    return tuple(value)
+
+
+def _flags(value: Any) -> Any:
+    if value is not None and not (isinstance(value, list) and all(isinstance(one, bool) for one in value)):
+        raise refusal(f"is {shown(value)}; allowed: a list of true and false")
+    return value and np.array(value)
+
+
+Texts = Annotated[tuple[str, ...], BeforeValidator(_texts)]
+_Flags = Annotated[Any, BeforeValidator(_flags)]
+
+
+class GainTableDocument(Table):
+    """Rows of gains as columns; a row without gains has null in both."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    frequency_hz: _Hz
+    damping_ns_per_m: _Damping
+    stiffness_n_per_m: _Stiffness
+    contact_damping_ns_per_m: _Damping | None = None
+
+    @property
+    def present(self) -> BoolArray:
+        """Whether each row has gains."""
+        return np.isfinite(self.damping_ns_per_m) & np.isfinite(self.stiffness_n_per_m)
+
+    @model_validator(mode="after")
+    def _rows_go_together(self) -> Self:
+        rows = len(self.frequency_hz)
+        refuse(
+            ((key,), f"has {len(value)} values; allowed: {rows}, as frequency_hz")
+            for key, value in self
+            if (isinstance(value, np.ndarray) or (value and key in {"status", "reason"})) and len(value) != rows
+        )
+        refuse(self._findings())
+        return self
+
+    def _findings(self) -> Iterator[Finding]:
+        frequency = self.frequency_hz
+        if len(frequency) == 0:
+            yield ("frequency_hz",), "is empty; allowed: at least one row"
+        for row, (before, value) in enumerate(zip([0.0, *frequency], frequency, strict=False)):
+            if not value > before:
+                word = "repeats" if value == before else "is not above"
+                message = f"{value:g} Hz {word} the row before ({before:g} Hz); allowed: rising frequencies"
+                yield ("frequency_hz", row), message
+        for row in np.flatnonzero(np.isfinite(self.damping_ns_per_m) != np.isfinite(self.stiffness_n_per_m)).tolist():
+            key = GAINS[int(np.isfinite(self.damping_ns_per_m[row]))]
+            yield (key, row), "is null although the other gain is given; allowed: both gains, or neither"
+
+
+class GainDocument(GainTableDocument):
+    """The document of a schedule; keys that follow from others are not read."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    problem: _Line | None = None
+    method: _Line | None = None
+    solver: _Line | None = None
+    structure: Structure = "series"
+    model: Model = "paper"
+    sample_time_s: _SampleTime | None = None
+    status: Texts | None = None
+    reason: Texts | None = None
+    requested_rigid: _Flags = None
+    requested_damping_ns_per_m: _Signed | None = None
+    requested_stiffness_n_per_m: _Signed | None = None
+    requested_contact_damping_ns_per_m: _Signed | None = None
+    impedance_re: _Signed | None = None
+    impedance_im: _Signed | None = None
+    target_re: _Signed | None = None
+    target_im: _Signed | None = None
+    notes: Texts = ()
+    state_feedback: StateFeedbackEffect | None = None
+
+    def _findings(self) -> Iterator[Finding]:
+        yield from super()._findings()
+        present, contact = self.present, self.contact_damping_ns_per_m
+        if self.sample_time_s is not None:
+            limit = f"below half the sampling rate, {0.5 / self.sample_time_s:g} Hz"
+            for row in np.flatnonzero(self.frequency_hz >= 0.5 / self.sample_time_s).tolist():
+                message = (
+                    f"is {self.frequency_hz[row]:g} Hz; allowed: {limit} at sample_time_s = {self.sample_time_s:g}"
+                )
+                yield ("frequency_hz", row), message
+        if self.structure == "series" and contact is not None:
+            for row in np.flatnonzero(contact > 0).tolist():
+                message = f"is {contact[row]:g} in the series structure; allowed: 0, or structure 'damped'"
+                yield (CONTACT, row), message
+        elif self.structure == "damped" and contact is None:
+            yield (CONTACT,), "is missing; allowed: a list of numbers, as the structure is damped"
+        elif contact is not None:
+            for row in np.flatnonzero(present & np.isnan(contact)).tolist():
+                yield (CONTACT, row), "is null although the row has gains; allowed: a finite number >= 0"
+        known = {one.value: one for one in Status}
+        for row, value in enumerate(self.status or ()):
+            if value not in known:
+                yield ("status", row), f"is {shown(value)}; allowed: {', '.join(known)}"
+            elif known[value].has_gains != present[row] and np.isnan(self.damping_ns_per_m[row]) != present[row]:
+                has = "has gains" if present[row] else "has no gains"
+                allowed = ", ".join(name for name, one in known.items() if one.has_gains)
+                message = f"is {shown(value)} and the row {has}: that contradicts itself; allowed with gains: {allowed}"
+                yield ("status", row), message
+        if self.state_feedback is not None:
+            try:
+                feedback_of(self.state_feedback)
+            except InputError as error:
+                yield from ((("state_feedback", fault.key), fault.message) for fault in error.faults)
+
+
+def feedback_of(table: StateFeedbackEffect | None) -> StateFeedback | None:
+    """Return the state feedback of a table of its numbers."""
+    return None if table is None else StateFeedback(**table.model_dump(exclude={"kind"}))
+
+
+def faults_of(
+    findings: Sequence[Finding], file: str, lines: Sequence[int] | None = None, prefix: tuple[str, ...] = ()
+) -> list[Fault]:
+    """Return faults of a document; one of a row names its line where the file has a line for each row."""
+    found = []
+    for path, message in findings:
+        if len(path) == 2 and isinstance(path[1], int):
+            line = None if lines is None else lines[path[1]]
+            found.append(Fault(file, line, dotted((*prefix, path[0])), f"row {path[1] + 1}: {message}"))
+        else:
+            found.append(Fault(file, None, dotted((*prefix, *path)), message))
+    return found
+
+
+def schedule_of_document(
+    document: Mapping[str, Any], path: Path, lines: Sequence[int] | None = None, faults: Sequence[Fault] = ()
+) -> GainSchedule:
+    """Return the schedule of a gain document.
+
+    Raises:
+        InputError: with every fault.
+    """
+    found = checked(GainDocument, document)
+    if isinstance(found, list) or faults:
+        raise InputError([*faults, *faults_of(found if isinstance(found, list) else (), str(path), lines)])
+    return schedule_of(found, path)
+
+
+def schedule_of(found: GainDocument, path: Path) -> GainSchedule:
+    """Return the schedule of a sound document."""
+    nothing = np.full(len(found.frequency_hz), np.nan)
+
+    def given(values: FloatArray | None, default: FloatArray = nothing) -> FloatArray:
+        return default if values is None else values
+
+    present = found.present
+    contact = given(found.contact_damping_ns_per_m)
+    of_series = np.where(np.isnan(contact), 0.0, contact) if found.structure == "series" else contact
+    rigid = np.zeros(len(nothing), dtype=bool) if found.requested_rigid is None else found.requested_rigid
+    return GainSchedule(
+        problem=found.problem or path.stem,
+        method=found.method or "file",
+        solver=found.solver or None,
+        structure=found.structure,
+        model=found.model,
+        sample_time_s=math.nan if found.sample_time_s is None else found.sample_time_s,
+        frequency_hz=found.frequency_hz,
+        damping_ns_per_m=found.damping_ns_per_m,
+        stiffness_n_per_m=found.stiffness_n_per_m,
+        contact_damping_ns_per_m=np.where(present & np.isnan(contact), 0.0, contact),
+        impedance=given(found.impedance_re) + 1j * given(found.impedance_im),
+        target=given(found.target_re) + 1j * given(found.target_im),
+        status=tuple(map(Status, found.status or ()))
+        or tuple(Status.SOLVED if has else Status.INFEASIBLE for has in present),
+        reason=found.reason or ("",) * len(nothing),
+        notes=found.notes,
+        state_feedback=feedback_of(found.state_feedback),
+        requested_damping_ns_per_m=np.where(rigid, np.inf, given(found.requested_damping_ns_per_m)),
+        requested_stiffness_n_per_m=np.where(rigid, np.inf, given(found.requested_stiffness_n_per_m)),
+        requested_contact_damping_ns_per_m=given(found.requested_contact_damping_ns_per_m, of_series),
+    )
 
 
 def gain_document(gains: GainSchedule) -> dict[str, Any]:
@@ -67,8 +313,8 @@ def gain_csv(gains: GainSchedule) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     damped = gains.structure == "damped"
-    writer.writerow(map(spoken().key, (*_CSV_HEADER, CONTACT) if damped else _CSV_HEADER))
-    for row in np.flatnonzero(gains.usable):
+    writer.writerow(map(gains.units.key, (*_CSV_HEADER, CONTACT) if damped else _CSV_HEADER))
+    for row in np.flatnonzero(gains.usable).tolist():
         values = [gains.frequency_hz[row], gains.damping_ns_per_m[row], gains.stiffness_n_per_m[row]]
         if damped:
             values.append(gains.contact_damping_ns_per_m[row])
@@ -122,19 +368,18 @@ def _is_deep(document: Any) -> bool:
     return bool(level)
 
 
-def unsound_tables(document: Mapping[str, Any], file: str, keys: Sequence[str]) -> list[Fault]:
-    """Return which of the tables that are passed through unchanged hold no JSON values."""
-    faults = []
-    for key in keys:
-        found = document.get(key)
-        if not isinstance(found, Mapping | None):
-            faults.append(Fault(file, None, key, "must be a table or null"))
-            continue
-        try:
-            json.dumps(found, allow_nan=False)
-        except ValueError:
-            faults.append(Fault(file, None, key, "holds a number that is not finite; allowed: JSON values"))
-    return faults
+def _json_table(value: Any) -> Any:
+    """Return a table that is kept unchanged, or refuse what no JSON file holds."""
+    if not isinstance(value, Mapping | None):
+        raise refusal("must be a table or null")
+    try:
+        json.dumps(value, allow_nan=False)
+    except ValueError:
+        raise refusal("holds a number that is not finite; allowed: JSON values") from None
+    return value
+
+
+JsonTable = Annotated[dict[str, Any] | None, BeforeValidator(_json_table)]
 
 
 def read_csv(path: Path) -> GainSchedule:
@@ -174,4 +419,4 @@ def read_csv(path: Path) -> GainSchedule:
             rows.append((number, values))
     document: dict[str, Any] = {name: [values[i] for _, values in rows] for i, name in enumerate(header)}
     document["structure"] = "damped" if CONTACT in header else "series"
-    return GainCheck(document, path, [number for number, _ in rows], faults).schedule()
+    return schedule_of_document(document, path, [number for number, _ in rows], faults)

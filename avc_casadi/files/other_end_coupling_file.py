@@ -2,32 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any
 
-from avc_casadi._errors import Fault, InputError
+from pydantic import BeforeValidator
+
+from avc_casadi._errors import InputError
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.units import speaking
-from avc_casadi.files.gain_file import read_document, units_of_document, unsound_tables
-from avc_casadi.files.problem_document import problem_document, problem_of
+from avc_casadi.files.gain_file import JsonTable, faults_of, read_document, units_of_document
+from avc_casadi.files.problem_document import problem_document
+from avc_casadi.files.rotary_keys import in_keys_of
+from avc_casadi.model.findings import checked
 from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.quantity import Quantity, Table, shown
 from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
 
 TOOL_SCHEMA, TELEOPERATOR_SCHEMA = "avc-tool-coupling/1", "avc-teleoperator-coupling/1"
-_GAINS = ("stiffness_n_per_m", "damping_ns_per_m", "local_damping_ns_per_m")
-_TABLES = ("certificate", "trial", "versions")
+_ENDS: dict[str, tuple[str, type[ToolCoupling | TeleoperatorCoupling]]] = {
+    TOOL_SCHEMA: ("simulation", ToolCoupling),
+    TELEOPERATOR_SCHEMA: ("follower", TeleoperatorCoupling),
+}
+_Gain = Annotated[float, BeforeValidator(Quantity("", 1e-300, 1e12))]
+
+
+class _EndDocument(Table):
+    id: Any = None
+    stiffness_n_per_m: _Gain
+    damping_ns_per_m: _Gain
+    local_damping_ns_per_m: _Gain
+    problem_file: Problem
+    certificate: JsonTable = None
+    trial: JsonTable = None
+    versions: JsonTable = None
+    in_scene: Any = None
+    at_follower: Any = None
+    motion: Any = None
+    units: Any = None
 
 
 def other_end_document(coupling: ToolCoupling | TeleoperatorCoupling) -> dict[str, Any]:
-    """Return JSON values: schema, id, gains at both ends, problem, certificate, trial, versions.
-
-    Gains are those of the device, N/m and N.s/m; beside them ``in_scene`` or ``at_follower``.
-    """
+    """Return JSON values; gains are those of the device, beside them ``in_scene`` or ``at_follower``."""
     if isinstance(coupling, ToolCoupling):
         schema, key = TOOL_SCHEMA, "in_scene"
-        there = {name: getattr(coupling.in_scene, name) for name in _GAINS[:2]}
+        there = {name: getattr(coupling.in_scene, name) for name in ("stiffness_n_per_m", "damping_ns_per_m")}
     else:
         schema, key, there = TELEOPERATOR_SCHEMA, "at_follower", vars(coupling.at_follower)
     found: dict[str, Any] = plain(
@@ -47,8 +66,7 @@ def other_end_document(coupling: ToolCoupling | TeleoperatorCoupling) -> dict[st
 
 def write_other_end(coupling: ToolCoupling | TeleoperatorCoupling, path: str | Path) -> None:
     """Write the file."""
-    with speaking(coupling.problem.units):
-        write_file(path, json_text(other_end_document(coupling)))
+    write_file(path, json_text(coupling.units.document(other_end_document(coupling))))
 
 
 def is_tool_coupling(path: str | Path) -> bool:
@@ -62,21 +80,17 @@ def is_teleoperator_coupling(path: str | Path) -> bool:
 
 
 def read_tool_coupling(path: str | Path) -> ToolCoupling:
-    """Read the file of a coupling to a simulation.
-
-    Raises:
-        InputError: with every fault of the file.
-    """
-    return _read_file(Path(path), TOOL_SCHEMA, "simulation", ToolCoupling)
+    """Read the file of a coupling to a simulation, or raise every fault of it."""
+    found = _read_file(Path(path), TOOL_SCHEMA)
+    assert isinstance(found, ToolCoupling)  # noqa: S101 - by its schema
+    return found
 
 
 def read_teleoperator_coupling(path: str | Path) -> TeleoperatorCoupling:
-    """Read the file of a coupling between two devices.
-
-    Raises:
-        InputError: with every fault of the file.
-    """
-    return _read_file(Path(path), TELEOPERATOR_SCHEMA, "follower", TeleoperatorCoupling)
+    """Read the file of a coupling between two devices, or raise every fault of it."""
+    found = _read_file(Path(path), TELEOPERATOR_SCHEMA)
+    assert isinstance(found, TeleoperatorCoupling)  # noqa: S101 - by its schema
+    return found
 
 
 def _schema_of(path: str | Path) -> object:
@@ -86,47 +100,21 @@ def _schema_of(path: str | Path) -> object:
         return None
 
 
-_Kind = TypeVar("_Kind", ToolCoupling, TeleoperatorCoupling)
-
-
-def _read_file(path: Path, schema: str, table: str, kind: type[_Kind]) -> _Kind:
+def _read_file(path: Path, schema: str) -> ToolCoupling | TeleoperatorCoupling:
     document = read_document(path)
-    units = units_of_document(document)
-    with speaking(units):
-        return _read(units.read(document), str(path), schema, table, kind)
-
-
-def _read(document: Mapping[str, Any], file: str, schema: str, table: str, kind: type[_Kind]) -> _Kind:
-    faults = []
-    if document.get("schema") != schema:
-        faults.append(Fault(file, None, "schema", f"is {document.get('schema')!r}; allowed: {schema!r}"))
-    for key in _GAINS:
-        value = document.get(key)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < 1e12:
-            faults.append(Fault(file, None, key, f"is {value!r}; allowed: a finite number, 0 or more"))
-    faults += unsound_tables(document, file, _TABLES)
-    tables, problem = document.get("problem_file"), None
-    if not isinstance(tables, Mapping) or not isinstance(tables.get(table), Mapping):
-        message = f"is missing; allowed: the tables of a problem file, [{table}] among them"
-        faults.append(Fault(file, None, "problem_file", message))
-    else:
-        try:
-            problem = problem_of(tables, file=file, key="problem_file")
-        except InputError as error:
-            faults += error.faults
-    if faults or problem is None:
-        raise InputError(faults)
-    found = kind(
-        problem,
-        ToolGains(*(float(document[key]) for key in _GAINS)),
-        document.get("certificate"),
-        document.get("trial"),
-        document.get("versions") or {},
-    )
-    if document.get("id") != found.id:
-        message = (
-            f"is {document.get('id')!r}, and what the file holds is {found.id!r}: it was changed since; make it again: "
-            "avc recommend P --out FILE"
-        )
-        raise InputError.of(message, file=file, key="id")
-    return found
+    units, file = units_of_document(document), str(path)
+    end, kind = _ENDS[schema]
+    with in_keys_of(units):
+        if document.pop("schema", None) != schema:
+            raise InputError.of(f"is another; allowed: {shown(schema)}", file=file, key="schema")
+        found = checked(_EndDocument, units.read(document))
+        if isinstance(found, list):
+            raise InputError(faults_of(found, file))
+        if getattr(found.problem_file, end) is None:
+            raise InputError.of(f"has no [{end}]; allowed: a problem with it", file=file, key="problem_file")
+        gains = ToolGains(found.stiffness_n_per_m, found.damping_ns_per_m, found.local_damping_ns_per_m)
+        coupling = kind(found.problem_file, gains, found.certificate, found.trial, found.versions or {})
+        if found.id != coupling.id:
+            message = f"is {shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since"
+            raise InputError.of(f"{message}; make it again: avc recommend P --out FILE", file=file, key="id")
+    return coupling

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from pydantic_core import PydanticCustomError
 
+from avc_casadi._errors import InputError
 from avc_casadi._util.units import LINEAR, Units, units_for
 from avc_casadi.model.findings import UNKNOWN, checked
 from avc_casadi.model.quantity import (
@@ -32,6 +35,16 @@ _RADIUS = Quantity("m", 2e-3, 10, zero=False)
 # Replaces a faulty value, so that the rest of the file is checked.
 _SOME_RADIUS_M = 0.01
 M = TypeVar("M", bound=Table)
+
+
+@contextmanager
+def in_keys_of(units: Units) -> Iterator[None]:
+    """Let faults that are found inside name their keys as a file of this motion does."""
+    try:
+        yield
+    except InputError as error:
+        faults = [replace(one, key=units.key(one.key), message=units.words(one.message)) for one in error.faults]
+        raise InputError(faults) from error
 
 
 class Border:

@@ -83,9 +83,8 @@ def _whole(items: Sequence[Any]) -> Iterator[Any]:
 
 def _path(location: Sequence[str | int]) -> Path:
     """Return pydantic's location without the kind that it adds for a motion."""
-    if location[:2] == ("scene", "motion"):
-        return (*location[:2], *location[3:])
-    return tuple(location)
+    kind = location.index("motion") + 1 if "motion" in location[1:] and "scene" in location else len(location)
+    return (*location[:kind], *location[kind + 1 :])
 
 
 def _item(node: Any, part: str | int) -> Any:
