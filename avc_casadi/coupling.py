@@ -36,11 +36,8 @@ FIRST_CONTACT: Contact = "gated"
 
 
 def contact_law(asked: Contact, wall_stiffness_n_per_m: float, stiffness_n_per_m: ArrayLike) -> Contact:
-    """Return the contact law that runs at a wall.
-
-    Dampers alone do not depend on position: clipped last they would act in free space, whenever the device moves
-    towards the wall. Without a spring in the wall, or in the coupling at any frequency, the law is therefore gated.
-    """
+    """Return the contact law that runs at a wall."""
+    # Dampers alone do not depend on position: clipped last they would act in free space.
     springs = wall_stiffness_n_per_m > 0 and bool(np.all(np.asarray(stiffness_n_per_m) > 0))
     return asked if springs else "gated"
 
@@ -102,17 +99,7 @@ class Coupling:
         runtime: Runtime | None = None,
         versions: Mapping[str, str] | None = None,
     ) -> Coupling:
-        """Return the coupling of a schedule: its rows with gains, thinned once.
-
-        Args:
-            problem: that of the gains.
-            schedule: gains by any method.
-            runtime: None is the default, with the observer that belongs to the schedule.
-            versions: of the software that made it, by package.
-
-        Raises:
-            InputError: no row has gains.
-        """
+        """Return the coupling of a schedule: its rows with gains, thinned once."""
         beside = runtime or Runtime(state_feedback=schedule.state_feedback)
         return cls(problem, schedule, thinned(GainTable.of(schedule)), beside, versions=versions or {})
 
@@ -189,11 +176,7 @@ class Coupling:
         return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
 
     def on(self, problem: Problem) -> Coupling:
-        """Return the same table and runtime on another problem: not certified, not tried.
-
-        Raises:
-            InputError: the gains were made for another sample time.
-        """
+        """Return the same table and runtime on another problem: not certified, not tried."""
         check_sample_time(self.sample_time_s, problem, f"coupling by {self.method} for {self.problem.name}")
         return replace(self, problem=problem, certificate=None, trial=None)
 

@@ -32,10 +32,7 @@ class CatalogueEntry:
 
 
 def catalogue_names() -> dict[str, Path]:
-    """Return the path of every problem by name: plain problems first, then those of folders.
-
-    Devices are not among them.
-    """
+    """Return the path of every problem by name: plain problems first, then those of folders."""
     folder = problems_folder()
     files = sorted(folder.rglob("*.toml"), key=lambda path: (len(path.relative_to(folder).parts), path))
     named = {path.relative_to(folder).with_suffix("").as_posix(): path for path in files}
@@ -48,12 +45,7 @@ def device_names() -> dict[str, Path]:
 
 
 def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
-    """Return the file of a device, or the fault of its name.
-
-    Args:
-        source: a path, which ends in ``.toml``, or a name of the catalogue.
-        folder: base of a relative path; None is the working directory.
-    """
+    """Return the file of a device, or the fault of its name."""
     if isinstance(source, Path) or source.endswith(".toml"):
         return Path(folder or "", source)
     names, name = device_names(), source.removeprefix(DEVICES)

@@ -106,12 +106,7 @@ class CouplingDocument(GainDocument):
 
 
 def coupling_document(coupling: Coupling) -> dict[str, Any]:
-    """Return the document of a coupling: JSON values only.
-
-    Beside the `solve` document's keys: ``id``, ``problem_file`` (the whole problem), ``table`` (the rows that run),
-    ``contact`` (the law at the wall), ``runtime``, ``wall``, ``max_force_n``, ``certificate``, ``trial``, ``versions``
-    and ``lacks``.
-    """
+    """Return the document of a coupling: JSON values only."""
     wall = coupling.wall
     columns = zip(_TABLE, coupling.table.rows.T, strict=True)
     gains = {key: value for key, value in gain_document(coupling.schedule).items() if key != "state_feedback"}
@@ -149,14 +144,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
 
 
 def read_file(path: str | Path) -> Coupling | GainSchedule:
-    """Read a file: a coupling, checked whole; or a table of gains alone, CSV or of release 0.1.0.
-
-    Args:
-        path: .json or .csv.
-
-    Raises:
-        InputError: with every fault of the file.
-    """
+    """Read a file: a coupling, checked whole; or a table of gains alone, CSV or of release 0.1.0."""
     path = Path(path)
     if path.suffix.lower() == ".csv":
         return read_csv(path)
@@ -208,11 +196,7 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
 
 
 def coupling_beside(problem: Problem, schedule: GainSchedule, file: str) -> Coupling:
-    """Make a coupling of a table of gains alone and its problem; it states what it lacks.
-
-    Raises:
-        InputError: the table was made for another sample time, or no row has gains.
-    """
+    """Make a coupling of a table of gains alone and its problem; it states what it lacks."""
     check_sample_time(schedule.sample_time_s, problem, file)
     return replace(Coupling.of(problem, schedule), lacks=_LACKS)
 

@@ -130,16 +130,7 @@ def load_device(source: str | Path) -> DeviceFile:
 
 
 def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> DeviceFile:
-    """Validate the text of a device file.
-
-    Args:
-        text: TOML.
-        file: name in faults.
-        name: name of the device.
-
-    Raises:
-        InputError: with every fault of the text at once, each with its line and key.
-    """
+    """Validate the text of a device file."""
     tables = tables_of(text, file)
     if "environment" in tables:
         message = "is that of a problem; allowed: a device file, of the problem's [device] and what is known of it"
@@ -164,13 +155,7 @@ def device_catalogue() -> tuple[DeviceFile, ...]:
 
 
 def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | Finding:
-    """Return the tables of a problem file in the common keys, with the devices that they refer to.
-
-    Keys beside `from` override those of the device, and its ranges of them. A fault of the reference is returned.
-
-    Raises:
-        InputError: with every fault of the device file.
-    """
+    """Return the tables of a problem file in the common keys, with the devices that they refer to."""
     table, bases = tables.get("device"), dict[str, Any]()
     own: Any = {} if isinstance(table, str) else table
     for name in ("device", "follower"):

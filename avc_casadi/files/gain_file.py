@@ -228,11 +228,7 @@ def faults_of(
 def schedule_of_document(
     document: Mapping[str, Any], path: Path, lines: Sequence[int] | None = None, faults: Sequence[Fault] = ()
 ) -> GainSchedule:
-    """Return the schedule of a gain document.
-
-    Raises:
-        InputError: with every fault.
-    """
+    """Return the schedule of a gain document."""
     found = checked(GainDocument, document)
     if isinstance(found, list) or faults:
         raise InputError([*faults, *faults_of(found if isinstance(found, list) else (), str(path), lines)])
@@ -323,11 +319,7 @@ def gain_csv(gains: GainSchedule) -> str:
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """Read the document of a JSON gain or coupling file; its values are not checked yet.
-
-    Raises:
-        InputError: no such file, no JSON table, or a duplicate key in a table.
-    """
+    """Read the document of a JSON gain or coupling file; its values are not checked yet."""
     repeated: list[str] = []
 
     def table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -383,11 +375,7 @@ JsonTable = Annotated[dict[str, Any] | None, BeforeValidator(_json_table)]
 
 
 def read_csv(path: Path) -> GainSchedule:
-    """Read the bare table of a CSV file.
-
-    Raises:
-        InputError: with every fault of the file.
-    """
+    """Read the bare table of a CSV file."""
     faults: list[Fault] = []
     reader = csv.reader(io.StringIO(read_text(path, _MAX_BYTES, _NEXT_STEP)))
     try:

@@ -43,13 +43,7 @@ class TipMass:
 
 
 def tip_mass(path: Path, tip: str) -> TipMass:
-    """Return the mass at a site, body or geom of a model, over all poses within the limits of its joints.
-
-    Raises:
-        InputError: no such model or tip, or nothing that moves it.
-        MissingExtraError: MuJoCo is not installed.
-        UnsupportedError: joints that are no hinges or slides, or are coupled; a mass that is singular everywhere.
-    """
+    """Return the mass at a site, body or geom of a model, over all poses within the limits of its joints."""
     moved = _Tip(_model(path), tip)
     poses = np.random.default_rng(0).uniform(*moved.limits, size=(_POSES, len(moved.limits[0])))
     masses = np.array([moved.masses(pose) for pose in poses])

@@ -7,18 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Option:
-    """One value of a problem file.
-
-    Attributes:
-        key: dotted, of a linear device.
-        option: of the command line.
-        unit: of a linear device.
-        text: meaning.
-        examples: of a linear and of a rotary device.
-        turning: option of a rotary device; empty where it is the same.
-        default: as typed; empty where there is none.
-        cost: consequence of leaving it out; empty where it is required.
-    """
+    """One value of a problem file."""
 
     key: str
     option: str

@@ -32,16 +32,7 @@ _RANGE = re.compile(r"(.+?)(?:\bto\b|\.\.)(.+)")
 
 @dataclass(frozen=True)
 class NewProblem:
-    """A draft of a problem file.
-
-    Attributes:
-        path: of the file.
-        like: device of the catalogue, or device file, to start from; empty for none.
-        motion: of a device without one to start from.
-        held: one of `HOLDS`.
-        typed: texts by the key of their option.
-        tip: mass at the tip of a model, in place of one that is typed.
-    """
+    """A draft of a problem file."""
 
     path: Path
     like: str = ""
@@ -52,11 +43,7 @@ class NewProblem:
 
     @cached_property
     def base(self) -> DeviceFile | None:
-        """The device to start from.
-
-        Raises:
-            InputError: there is none.
-        """
+        """The device to start from."""
         return load_device(self.like) if self.like else None
 
     @property
@@ -105,11 +92,7 @@ class NewProblem:
         return [Fault("", None, keys.get(one.key, one.key), one.message) for one in plausibility(self.problem())]
 
     def problem(self) -> Problem:
-        """Return the problem of the file, by the common reader.
-
-        Raises:
-            InputError: with every fault.
-        """
+        """Return the problem of the file, by the common reader."""
         return parse_problem(self.text(), file=str(self.path), name=self.path.stem, folder=self.path.parent)
 
     def outer(self, option: Option) -> str:
@@ -165,11 +148,7 @@ class NewProblem:
         yield f"{f'{key} = {written!r}':<{_COMMENT_AT}} # {comment}"
 
     def _value(self, option: Option) -> float | tuple[float, ...] | None:
-        """Return a value in SI units; None where unknown.
-
-        Raises:
-            ValueError: it is not a quantity, or is missing.
-        """
+        """Return a value in SI units; None where unknown."""
         if self._kept(option):
             return self._base_value(option)
         typed, unit = " ".join(self.typed.get(option.key, option.default).split()), self._unit(option)

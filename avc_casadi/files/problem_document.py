@@ -45,16 +45,7 @@ def problem_document(problem: Problem) -> dict[str, Any]:
 
 
 def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str = "") -> Problem:
-    """Read `problem_document` back.
-
-    Args:
-        document: its values.
-        file: name in faults.
-        key: of its table in the file.
-
-    Raises:
-        InputError: with every fault.
-    """
+    """Read `problem_document` back."""
     name = document.get("name", "")
     tables = {table: values for table, values in document.items() if table != "name"}
     found = checked(Problem, tables, name if isinstance(name, str) else "")
@@ -65,17 +56,7 @@ def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str =
 
 
 def effect_of(table: type[_T], document: Mapping[str, Any], *, file: str, key: str) -> _T:
-    """Read the table of one effect from JSON values.
-
-    Args:
-        table: its kind.
-        document: its values.
-        file: name in faults.
-        key: of its table in the file.
-
-    Raises:
-        InputError: with every fault.
-    """
+    """Read the table of one effect from JSON values."""
     found = checked(table, document)
     if isinstance(found, list):
         raise InputError([Fault(file, None, f"{key}.{dotted(path)}", message) for path, message in found])

@@ -74,11 +74,7 @@ AnyProblem = Problem | str | Path | Mapping[str, Any]
 
 
 def as_problem(problem: AnyProblem) -> Problem:
-    """Return a problem unchanged, or load its file or catalogue name, or make it of its tables.
-
-    Raises:
-        InputError: with every fault of the file, or no problem has that name.
-    """
+    """Return a problem unchanged, or load its file or catalogue name, or make it of its tables."""
     if isinstance(problem, Problem):
         return problem
     if isinstance(problem, str | Path):
@@ -104,11 +100,7 @@ def of_problem(function: F) -> F:
 
 
 def with_wall(problem: AnyProblem) -> Problem:
-    """Return a problem as by `as_problem`, with a wall rendered by the device's own loop.
-
-    Raises:
-        UnsupportedError: the other end is a simulation or a follower, and no wall is declared beside it.
-    """
+    """Return a problem as by `as_problem`, with a wall rendered by the device's own loop."""
     found, wall = as_problem(problem), as_problem(problem).environment
     far = "simulation" if found.simulation is not None else "follower" if found.follower is not None else ""
     if far and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):

@@ -48,13 +48,7 @@ def in_keys_of(units: Units) -> Iterator[None]:
 
 
 class Border:
-    """Tables of a file in the common keys, and where each of them stands in the file.
-
-    Attributes:
-        tables: inside.
-        device: units in which the file states its device.
-        rest: units of the rest of the file: linear beside a capstan.
-    """
+    """Tables of a file in the common keys, and where each of them stands in the file."""
 
     def __init__(self) -> None:
         self.tables: dict[str, Any] = {}

@@ -24,15 +24,7 @@ _LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+
 
 
 def text_of(path: Path, next_step: str = NEXT_STEP) -> str:
-    """Read a file of at most `MAX_BYTES`, without reading a larger one.
-
-    Args:
-        path: the file.
-        next_step: advice where it cannot be read.
-
-    Raises:
-        InputError: it cannot be read, or is not text.
-    """
+    """Read a file of at most `MAX_BYTES`, without reading a larger one."""
     return read_text(path, MAX_BYTES, next_step)
 
 

@@ -27,15 +27,7 @@ if TYPE_CHECKING:
 
 
 def declared(problem: Problem) -> tuple[str, ...]:
-    """Return the keys by which the device is more than a mass with a damper, exactly known and without delay.
-
-    Args:
-        problem: a validated problem.
-
-    Returns:
-        Dotted keys, for example ``device.delay_samples`` and ``device.range.mass_kg``, in the order of the file. A verb
-        names those that it does not use.
-    """
+    """Return the keys by which the device is more than a mass with a damper, exactly known and without delay."""
     device, range_ = problem.device, problem.device.range
     stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "held", "range"}
     whole = set(type(device).model_fields) - stated
@@ -60,10 +52,7 @@ def declared(problem: Problem) -> tuple[str, ...]:
 
 
 def declared_effects(problem: Problem) -> tuple[Effect, ...]:
-    """Return the scene tables of a hand, a wall or a simulation, and all that the device declares.
-
-    Their values are the device's. Ranges are no effects; nor is backlash with the encoder beyond it, at the handle.
-    """
+    """Return the scene tables of a hand, a wall or a simulation, and all that the device declares."""
     device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
     found: list[tuple[bool, Effect]] = [
@@ -89,12 +78,7 @@ def scene_effects(problem: Problem) -> tuple[Effect, ...]:
 
 
 def with_gains(problem: Problem, gains: ToolGains) -> Problem:
-    """Return the problem with a scene in which the engine is joined to the device by these gains.
-
-    Args:
-        problem: with [simulation]; a scene without a list of effects takes all that is declared.
-        gains: in place of those that the scene leaves out.
-    """
+    """Return the problem with a scene in which the engine is joined to the device by these gains."""
     joined = tuple(
         one.model_copy(update=vars(gains)) if isinstance(one, SimulationEffect) and not one.stiffness_n_per_m else one
         for one in scene_effects(problem)

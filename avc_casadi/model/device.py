@@ -218,15 +218,7 @@ def radius_findings(device: Device) -> Iterator[Finding]:
 
 
 def whole_delay(delay_samples: float, what: str) -> int:
-    """Return the delay for a method of whole samples only.
-
-    Args:
-        delay_samples: delay of the device.
-        what: the method, for the message.
-
-    Raises:
-        UnsupportedError: the delay is fractional.
-    """
+    """Return the delay for a method of whole samples only."""
     whole = int(delay_samples)
     if whole == delay_samples:
         return whole

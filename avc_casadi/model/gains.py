@@ -28,16 +28,7 @@ Precision = TypeVar("Precision", np.float32, np.float64)
 def interpolate(
     rows: NDArray[Precision], frequency_hz: ArrayLike, ln: Callable[[Any], Any] = np.log
 ) -> NDArray[Precision]:
-    """Return gains at frequencies: linear in ln(frequency), hence monotone between rows; constant beyond the ends.
-
-    Args:
-        rows: shape (n, 4): frequency_hz, b, k, b_p, rising in frequency; their precision is that of the arithmetic.
-        frequency_hz: any shape; where it is not a number (undefined on a device at rest) the first row applies.
-        ln: natural logarithm; `single_ln` together with rows in single precision gives the bits of a device.
-
-    Returns:
-        b, k, b_p along a last axis of 3, in the precision of the rows.
-    """
+    """Return gains at frequencies: linear in ln(frequency), hence monotone between rows; constant beyond the ends."""
     at = np.asarray(frequency_hz, dtype=rows.dtype)
     frequency, gains = rows[:, 0], rows[:, 1:]
     inside = (at > frequency[0]) & (at < frequency[-1])
@@ -56,16 +47,7 @@ def interpolate(
 
 @dataclass(frozen=True)
 class DeviceLn:
-    """Natural logarithm of normal positive numbers as a device computes it, operation by operation.
-
-    The exponent times ln 2, plus 2 artanh((m - 1)/(m + 1)) of the mantissa m, 2^-1/2 to 2^1/2, by its series.
-
-    Attributes:
-        dtype: precision of every operation.
-        bits: unsigned integers of its size.
-        mantissa_bits: of a number, without the leading one.
-        terms: of the series; the remainder is below a rounding of the first.
-    """
+    """Natural logarithm of normal positive numbers as a device computes it, operation by operation."""
 
     dtype: type[Any]
     bits: type[Any]
@@ -105,13 +87,7 @@ double_ln = DeviceLn(np.float64, np.uint64, 52, 12)
 
 @dataclass(frozen=True)
 class Gains:
-    """Constant gains of the coupling; an infinite damping or stiffness joins device and environment rigidly.
-
-    Attributes:
-        damping_ns_per_m: b.
-        stiffness_n_per_m: k.
-        contact_damping_ns_per_m: b_p of the damped structure.
-    """
+    """Constant gains of the coupling; an infinite damping or stiffness joins device and environment rigidly."""
 
     damping_ns_per_m: float
     stiffness_n_per_m: float
@@ -138,12 +114,7 @@ def near_rigid_n_per_m(device: Device) -> float:
 
 
 def spring_before(problem: Problem, felt_n_per_m: float) -> float:
-    """Return the spring, N/m, that gives a wall a static stiffness in series; nearly rigid for a softer wall.
-
-    Args:
-        problem: wall and device.
-        felt_n_per_m: stiffness of wall and spring in series.
-    """
+    """Return the spring, N/m, that gives a wall a static stiffness in series; nearly rigid for a softer wall."""
     wall, rigid = problem.environment.stiffness_n_per_m, near_rigid_n_per_m(problem.device)
     if felt_n_per_m >= wall:
         return rigid
@@ -163,17 +134,7 @@ def missing_rest_gains(schedule: GainSchedule) -> str:
 
 
 def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains:
-    """Return the gains of a table at one interaction frequency.
-
-    Between two rows they are linear in the logarithm of frequency, as on the device.
-
-    Args:
-        schedule: a gain table.
-        frequency_hz: interaction frequency; None is the table's lowest, that of a hand at rest.
-
-    Raises:
-        InputError: outside the table, or a row without gains.
-    """
+    """Return the gains of a table at one interaction frequency."""
     grid = schedule.frequency_hz
     frequency = float(grid.min()) if frequency_hz is None else frequency_hz
     if not grid.min() <= frequency <= grid.max():
@@ -206,21 +167,13 @@ _SAME = 1e-12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GainTable(Tabular):
-    """Gains against frequency, linear in ln(frequency) between rows and constant beyond the ends.
-
-    Attributes:
-        rows: shape (n, 4): frequency_hz, b (N.s/m), k (N/m), b_p (N.s/m); rising in frequency.
-    """
+    """Gains against frequency, linear in ln(frequency) between rows and constant beyond the ends."""
 
     rows: FloatArray
 
     @classmethod
     def of(cls, schedule: GainSchedule) -> GainTable:
-        """Return the table of all rows with gains, in the order of frequency.
-
-        Raises:
-            InputError: no row carries gains.
-        """
+        """Return the table of all rows with gains, in the order of frequency."""
         if not schedule.usable.any():
             raise InputError.of(
                 f"{schedule.problem} by {schedule.method} has no row with gains; choose another method or widen "

@@ -52,13 +52,7 @@ class _Held:
 
 @dataclass(frozen=True, eq=False)
 class Hand(_Held):
-    """A mass that moves with the device, spring and damper to the target.
-
-    Attributes:
-        mass_kg: m_h.
-        damping_ns_per_m: b_h.
-        stiffness_n_per_m: k_h.
-    """
+    """A mass that moves with the device, spring and damper to the target."""
 
     mass_kg: float | FloatArray
     damping_ns_per_m: float | FloatArray
@@ -72,15 +66,7 @@ class Hand(_Held):
 
 @dataclass(frozen=True, eq=False)
 class StylusHand(_Held):
-    """Tip -(k1, b1)- mass of the hand -(k2, b2)- target (Fu and Cavusoglu 2012).
-
-    Attributes:
-        mass_kg: mass of the hand.
-        grip_damping_ns_per_m: b1.
-        grip_stiffness_n_per_m: k1.
-        arm_damping_ns_per_m: b2.
-        arm_stiffness_n_per_m: k2.
-    """
+    """Tip -(k1, b1)- mass of the hand -(k2, b2)- target (Fu and Cavusoglu 2012)."""
 
     mass_kg: float | FloatArray
     grip_damping_ns_per_m: float | FloatArray

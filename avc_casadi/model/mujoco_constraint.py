@@ -17,12 +17,7 @@ SOFT_IMPEDANCE = 1e-3
 
 @dataclass(frozen=True)
 class MujocoConstraint:
-    """`solref` and `solimp` of a constraint; the defaults are MuJoCo's own of contacts and welds.
-
-    Attributes:
-        solref: time constant in s and damping ratio; or, both at most 0, -stiffness and -damping per unit of mass.
-        solimp: d at r = 0, d beyond the width, width in m, midpoint and power of the transition.
-    """
+    """`solref` and `solimp` of a constraint; the defaults are MuJoCo's own of contacts and welds."""
 
     solref: tuple[float, float] = (0.02, 1.0)
     solimp: tuple[float, float, float, float, float] = (0.9, 0.95, 0.001, 0.5, 2.0)
@@ -31,14 +26,7 @@ class MujocoConstraint:
     def of(
         cls, stiffness_n_per_m: float, damping_ns_per_m: float, mass_kg: float, impedance: float = SOFT_IMPEDANCE
     ) -> MujocoConstraint:
-        """Return the constraint that is a spring and a damper for a tool of some mass, whatever the load.
-
-        Args:
-            stiffness_n_per_m: of the spring.
-            damping_ns_per_m: of the damper.
-            mass_kg: 1/`body_invweight0` of the tool against a body that it cannot move.
-            impedance: d, the same everywhere; the tool becomes heavier by 1/(1 - d) towards other forces.
-        """
+        """Return the constraint that is a spring and a damper for a tool of some mass, whatever the load."""
         share = (1 - impedance) / mass_kg
         return cls((-stiffness_n_per_m * share, -damping_ns_per_m * share), (impedance, impedance, 0.001, 0.5, 2.0))
 
@@ -60,12 +48,7 @@ class MujocoConstraint:
         return mass_kg * d * d * k * violation_m / (1 - d)
 
     def stiffness_n_per_m(self, mass_kg: float, load_n: float) -> float:
-        """Return static load over violation for a point of some mass.
-
-        Args:
-            mass_kg: effective mass of the point against a fixed object.
-            load_n: above 0.
-        """
+        """Return static load over violation for a point of some mass."""
         low, high = 0.0, 1e-6
         while self.force_n(mass_kg, high) < load_n:
             low, high = high, 2 * high

@@ -28,15 +28,7 @@ class Mechanics(Protocol):
 
 @dataclass(frozen=True)
 class LinearPlant:
-    """x' = A x + b_F F + b_x x_h + b_v v_h + b_f f: rates of the state; leading axes run over hands.
-
-    Attributes:
-        names: state names with units; position and velocity of the device come first.
-        matrix: A, shape (..., n, n), 1/s.
-        force: b_F, shape (..., n): F is the force of the actuator, positive against +x.
-        target: b_x and b_v, shape (..., n, 2): position x_h (m) and velocity v_h (m/s) of the hand's target.
-        friction: b_f, shape (..., n): f is the dry friction, positive against +x.
-    """
+    """x' = A x + b_F F + b_x x_h + b_v v_h + b_f f: rates of the state; leading axes run over hands."""
 
     names: tuple[str, ...]
     matrix: FloatArray
@@ -52,14 +44,7 @@ class LinearPlant:
 
 @dataclass
 class Plant:
-    """Assembly of the mechanics of all effects; masses, springs and dampers may be arrays over hands.
-
-    Attributes:
-        grip: the body that the hand holds.
-        actuator_rate_per_s: bandwidth of the actuator, rad/s, or None for an ideal one.
-        actuator_order: 1, a lag; 2, a current loop.
-        actuator_damping_ratio: of a current loop.
-    """
+    """Assembly of the mechanics of all effects; masses, springs and dampers may be arrays over hands."""
 
     grip: str = DEVICE
     actuator_rate_per_s: float | None = None
@@ -87,13 +72,7 @@ class Plant:
         self._links.append((one, other, k, b))
 
     def split(self, frequency_hz: float | FloatArray, damping_ratio: float | FloatArray, mass_ratio: float) -> None:
-        """Move a share of the device's mass to a handle on a spring, which the hand then holds.
-
-        Args:
-            frequency_hz: frequency of motor and handle against each other, the device free.
-            damping_ratio: damping of that mode, as a share of the critical.
-            mass_ratio: share of the device's mass on the side of the hand.
-        """
+        """Move a share of the device's mass to a handle on a spring, which the hand then holds."""
         handle = self.mass_kg(DEVICE) * mass_ratio
         self.add_mass(DEVICE, -handle)
         self.add_mass(HANDLE, handle)
@@ -154,14 +133,7 @@ _NORM = 0.5
 
 
 def expm(matrix: FloatArray) -> FloatArray:
-    """Return exp(matrix) over the last two axes by scaling, Taylor's series and squaring.
-
-    Args:
-        matrix: shape (..., n, n), balanced by the caller: the work grows with the logarithm of its largest norm.
-
-    Returns:
-        The same shape; non-finite where the exponential overflows.
-    """
+    """Return exp(matrix) over the last two axes by scaling, Taylor's series and squaring."""
     norm = float(np.abs(matrix).sum(axis=-1).max(initial=0.0))
     squarings = max(0, int(np.ceil(np.log2(norm / _NORM)))) if norm > 0 else 0
     scaled = matrix / 2.0**squarings
@@ -177,15 +149,7 @@ def expm(matrix: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Transition:
-    """One step of length h: x(h) = Phi x(0) + gamma_F F + gamma_x x_h + gamma_v v_h.
-
-    F is constant over the step and the target moves at constant velocity: x_h + v_h t.
-
-    Attributes:
-        matrix: Phi, shape (..., n, n).
-        force: gamma_F, shape (..., n).
-        target: gamma_x and gamma_v, shape (..., n, 2).
-    """
+    """One step of length h: x(h) = Phi x(0) + gamma_F F + gamma_x x_h + gamma_v v_h."""
 
     matrix: FloatArray
     force: FloatArray
@@ -198,21 +162,12 @@ def time_scale(plant: LinearPlant, step_s: float | FloatArray) -> FloatArray:
 
 
 def transition(plant: LinearPlant, step_s: float) -> Transition:
-    """Discretise the plant exactly for a held force and a target at constant velocity.
-
-    Args:
-        plant: the linear plant.
-        step_s: length of the step.
-    """
+    """Discretise the plant exactly for a held force and a target at constant velocity."""
     return transitions([(plant, step_s)])[0]
 
 
 def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
-    """Discretise many plants of one shape at once, each with its step.
-
-    Args:
-        cases: plants and lengths of steps.
-    """
+    """Discretise many plants of one shape at once, each with its step."""
     steps_s = np.array([step_s for _, step_s in cases])
     augmented, scales = _augmented([plant for plant, _ in cases], steps_s)
     scale = scales.reshape(len(cases), *(1,) * (augmented.ndim - 3), -1)
@@ -222,12 +177,7 @@ def transitions(cases: Sequence[tuple[LinearPlant, float]]) -> list[Transition]:
 
 
 def _augmented(plants: Sequence[LinearPlant], steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the matrices to be exponentiated, shape (cases, ..., n + 3, n + 3), and scales that balance them.
-
-    Args:
-        plants: of one shape.
-        steps_s: length of the step of each.
-    """
+    """Return the matrices to be exponentiated, shape (cases, ..., n + 3, n + 3), and scales that balance them."""
     n = plants[0].states
     matrix, force, target = (
         np.stack([getattr(plant, name) for plant in plants]) for name in ("matrix", "force", "target")

@@ -87,12 +87,7 @@ def one_of(choices: Iterable[object], value: object) -> str:
 
 
 def nearest_key(typed: str, keys: Iterable[str]) -> str | None:
-    """Return the key that a mistyped one means, if any is close: one that begins with the same word comes first.
-
-    Args:
-        typed: what stands in the file.
-        keys: those of its table.
-    """
+    """Return the key that a mistyped one means, if any is close: one that begins with the same word comes first."""
     near = difflib.get_close_matches(typed[:60], list(keys), n=5)
     return min(near, key=lambda one: one.split("_")[0] != typed.split("_", maxsplit=1)[0], default=None)
 
@@ -197,18 +192,7 @@ def _readings(text: str, known: Mapping[str, _Unit] = _NAMED) -> Iterator[_Unit]
 
 
 def read_quantity(text: str, unit: str, metres_per_radian: float | None = None) -> float:
-    """Return a quantity as typed in SI units: ``55 um`` as 5.5e-5, ``1 kHz`` for a time, ``450 dpi`` for a step.
-
-    Args:
-        text: a number, and its unit; without one it is in SI units. A number per length or time, in place of the length
-            or time itself, is inverted; counts alone are those of a turn, and so are those of an encoder's bits. Of a
-            motor behind a reduction: ``0.2 N.m, gear 10``; behind a screw or belt: ``4096 counts, pitch 5 mm``.
-        unit: that is wanted, such as ``N.m/rad`` or ``samples``.
-        metres_per_radian: where a value at the handle may be given for what turns.
-
-    Raises:
-        ValueError: it is not a number, or of another unit.
-    """
+    """Return a quantity as typed in SI units: ``55 um`` as 5.5e-5, ``1 kHz`` for a time, ``450 dpi`` for a step."""
     if geared := _GEARED.fullmatch(text):
         return _behind(geared, unit)
     if bits := _BITS.match(text):
@@ -256,14 +240,7 @@ def _behind(geared: re.Match[str], unit: str) -> float:
 
 
 def in_another_unit(key: str, value: Any, known: Collection[str], units: Units = LINEAR) -> tuple[str, str] | None:
-    """Return the key meant and the text to write, ``mass_kg = 0.12`` for 120 in ``mass_g``; None where none was.
-
-    Args:
-        key: the unknown key.
-        value: a number, or a list of them.
-        known: keys of its table.
-        units: of the file.
-    """
+    """Return the key meant and the text to write, ``mass_kg = 0.12`` for 120 in ``mass_g``; None where none was."""
     if key == "sample_rate_hz" and "sample_time_s" in known and _is_number(value) and value > 0:
         return "sample_time_s", f"sample_time_s = {1 / value:.12g}"
     values = value if isinstance(value, list) else [value]
@@ -288,15 +265,7 @@ def _is_number(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Validator of one real quantity.
-
-    Attributes:
-        unit: SI unit of a linear device.
-        lowest: smallest magnitude other than 0.
-        highest: largest magnitude.
-        zero: whether 0 is allowed.
-        signed: whether the negative range is allowed too.
-    """
+    """Validator of one real quantity."""
 
     unit: str
     lowest: float

@@ -32,14 +32,7 @@ USUAL = Robustness(mass_share=0.2, dropped_share=1e-3)
 
 @dataclass(frozen=True)
 class Unmodelled:
-    """One unmodelled effect.
-
-    Attributes:
-        key: of `Robustness`.
-        value: of the key.
-        device: without ranges.
-        effects: of the scene, beside those that the device declares.
-    """
+    """One unmodelled effect."""
 
     key: str
     value: float
@@ -48,12 +41,7 @@ class Unmodelled:
 
 
 def unmodelled(device: Device, asked: Robustness) -> tuple[Unmodelled, ...]:
-    """Return the required effects, one at a time; for a device without mass, dropped samples alone.
-
-    Args:
-        device: with its ranges.
-        asked: the required ones.
-    """
+    """Return the required effects, one at a time; for a device without mass, dropped samples alone."""
     found = []
     known = device_with(device, {})
     if asked.mass_share is not None and device.mass_kg > 0:

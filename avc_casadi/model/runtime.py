@@ -29,22 +29,10 @@ Row = tuple[float, ...]
 
 @dataclass(frozen=True)
 class StateFeedback:
-    """e = dz(x + face - s_m), s+ = s + L e, y = R s+, and after the force F: s = A s+ + B F.
+    """e = dz(x + face - s_m), s+ = s + L e, y = R s+, and after the force F: s = A s+ + B F."""
 
-    x is the measured position, m its state, dz the dead zone, y the position that the wall acts on. All states are
-    lengths: velocities times T, forces over a stiffness.
-
-    Attributes:
-        state: A, n rows of n numbers.
-        force_m_per_n: B, n numbers.
-        innovation: L, n numbers.
-        feedback: R, n numbers.
-        positions: which states are positions; initialised to the device's position.
-        measures: m, one of the positions.
-        dead_zone_m: half width of the dead zone; 0 for none.
-        face_m: outward shift of the wall's face, which compensates the lag of the dead zone.
-    """
-
+    # x is the measured position, m its state, dz the dead zone, y the position that the wall acts on. All states are
+    # lengths: velocities times T, forces over a stiffness.
     state: tuple[Row, ...]
     force_m_per_n: Row
     innovation: Row
@@ -107,17 +95,7 @@ GUARD_METHODS: tuple[str, ...] = get_args(GuardEffect.model_fields["method"].ann
 
 @dataclass(frozen=True)
 class Runtime:
-    """The runtime beside the gains; estimator and adaptation only where the gains vary with frequency.
-
-    Attributes:
-        estimator: method that estimates the interaction frequency.
-        hold_s: time for which a lost estimate is held before the gains at rest apply.
-        slew_per_s: largest relative change of a gain per second; None for no limit.
-        passive: whether gains change without creating energy, with anchor and tank.
-        observer_mass_kg: mass assumed by the observer of the position between encoder steps; None for no observer.
-        guard: method of the guard in the time domain; None for no guard.
-        state_feedback: observer and feedback of a robust design; None for the measured position itself.
-    """
+    """The runtime beside the gains; estimator and adaptation only where the gains vary with frequency."""
 
     estimator: str = "fused"
     hold_s: float = 0.2

@@ -29,10 +29,7 @@ class Mode:
 def device_plant(
     device: Device, hand: Mechanics | None = None, damping_shift_ns_per_m: float = 0.0, mode: Mode | None = None
 ) -> Plant:
-    """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant.
-
-    Dry friction, backlash, encoder, noise and force limit are not linear and left out.
-    """
+    """Return motor, handle and amplifier of a device, and the hand that holds it, as a continuous plant."""
     plant = Plant()
     plant.add_mass(DEVICE, device.mass_kg)
     plant.join(DEVICE, GROUND, 0.0, device.damping_ns_per_m + damping_shift_ns_per_m)
@@ -50,11 +47,7 @@ def device_plant(
 
 @dataclass(frozen=True)
 class SampledPlant:
-    """x(k+1) = A x(k) + B_new u(k-n) + B_old u(k-n-1): u is the commanded force, positive against +x.
-
-    A delay of n samples and a fraction lets the newer force arrive within the sample; for a whole delay B_old is 0. The
-    hand's target stays at 0.
-    """
+    """x(k+1) = A x(k) + B_new u(k-n) + B_old u(k-n-1): u is the commanded force, positive against +x."""
 
     names: tuple[str, ...]
     matrix: FloatArray

@@ -10,16 +10,8 @@ _AT_ONCE = 64
 
 
 def fewest_rows(table: FloatArray, tolerance: float) -> IndexArray:
-    """Return positions of the fewest rows between which all others are within a tolerance of the gains.
-
-    A line from one row is within tolerance up to another one if its slope lies in the interval of each row between, for
-    every gain: a cone that only narrows, so that the search ends where it is empty. The fewest steps from first to last
-    are found row after row.
-
-    Args:
-        table: frequency, b, k and b_p of each row, shape (n, 4).
-        tolerance: largest change of a gain, as a share of it; of its column's largest where it is 0.
-    """
+    """Return positions of the fewest rows between which all others are within a tolerance of the gains."""
+    # A line from a row is within tolerance while its slope lies in the interval of each row between: a narrowing cone.
     ln_frequency, gains = np.log(table[:, 0]), table[:, 1:]
     size = np.where(gains == 0, np.maximum(gains.max(axis=0), 1.0), gains)
     room = tolerance * size

@@ -66,20 +66,7 @@ def low_pass(back: ComplexArray, poles: Poles) -> ComplexArray | float:
 
 
 def velocity_poles(problem: Problem, table: VelocityFilterEffect, place: str = "scene.effects") -> Poles:
-    """Return the poles of the effect velocity-filter.
-
-    A first-order lag is exact over a sample. The Kalman filter is the steady one of a body whose acceleration is white,
-    constant within a sample (the alpha-beta filter); its gains follow from the tracking index a T^2/n alone (P. R.
-    Kalata, The tracking index, IEEE Trans. Aerospace and Electronic Systems AES-20(2), 174-182 (1984)).
-
-    Args:
-        problem: for keys that the table leaves out.
-        table: the effect's.
-        place: its key, for messages.
-
-    Raises:
-        InputError: the noise is neither in the table nor in the problem.
-    """
+    """Return the poles of the effect velocity-filter."""
     period = problem.device.sample_time_s
     if table.cutoff_hz is not None:
         return (-math.exp(-2 * math.pi * table.cutoff_hz * period), 0.0)
@@ -88,6 +75,8 @@ def velocity_poles(problem: Problem, table: VelocityFilterEffect, place: str = "
         said = "missing" if table.noise_rms_m is None else "0"
         message = f"is {said}; allowed: above 0 here, or an encoder or noise in the scene"
         raise InputError([Fault(problem.name or "problem", None, f"{place}.noise_rms_m", message)])
+    # The steady filter of white acceleration, constant within a sample: P. R. Kalata, The tracking index, IEEE Trans.
+    # Aerospace and Electronic Systems AES-20(2), 174-182 (1984).
     index = table.acceleration_m_per_s2 * period**2 / noise
     # 1 - r^2, where r = (4 + i - sqrt(8 i + i^2))/4, without its cancellation.
     root = 4 / (4 + index + math.sqrt(8 * index + index**2))

@@ -33,12 +33,7 @@ LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, LONGEST_STEP_S = 1e-9, 1e6, 10.0
 
 @dataclass(frozen=True)
 class Ends:
-    """Validator of a number, or of [lowest, highest]; both become a pair.
-
-    Attributes:
-        one: validator of each end.
-        unbounded: whether `inf` means the largest value.
-    """
+    """Validator of a number, or of [lowest, highest]; both become a pair."""
 
     one: Quantity
     unbounded: bool = False
@@ -127,11 +122,8 @@ class VirtualTool(Table):
 
     @property
     def damped_locally(self) -> bool:
-        """Whether a damper of the device's local loop belongs to the coupling.
-
-        A held force reaches the device a step late, and a state ahead of its force takes K (N + 1) T/2 from the
-        damping of a released device: no damper of the coupling compensates that.
-        """
+        """Whether a damper of the device's local loop belongs to the coupling."""
+        # A held force is a step late; a state ahead of its force takes K (N + 1) T/2 from a released device's damping.
         ahead = self.exchange == "ahead" and self.integrator != "implicit" and self.tool_mass_kg is not None
         return self.exchange == "held-force" or ahead
 
@@ -143,14 +135,7 @@ class VirtualTool(Table):
 
 @dataclass(frozen=True)
 class ToolState:
-    """A virtual tool with all values set, in the device's units of position and force.
-
-    Attributes:
-        mass_kg: m_t; infinite where nothing moves.
-        damping_ns_per_m: b_t.
-        contact_stiffness_n_per_m: k_c of its contact; 0 in free motion, infinite where it is rigid.
-        contact_damping_ns_per_m: b_c.
-    """
+    """A virtual tool with all values set, in the device's units of position and force."""
 
     mass_kg: float
     damping_ns_per_m: float
@@ -186,15 +171,7 @@ def tool_at(
     contact_stiffness_n_per_m: float,
     contact_damping_ns_per_m: float | None = None,
 ) -> ToolState:
-    """Return a tool in contact, in the device's units; all numbers are the scene's.
-
-    Args:
-        tool: with its scales.
-        mass_kg: of the tool.
-        damping_ns_per_m: of the tool.
-        contact_stiffness_n_per_m: `RIGID_N_PER_M` or more is rigid.
-        contact_damping_ns_per_m: of a contact that is neither free nor rigid; None: critical.
-    """
+    """Return a tool in contact, in the device's units; all numbers are the scene's."""
     stiffness, damper = contact_stiffness_n_per_m, contact_damping_ns_per_m
     if stiffness >= RIGID_N_PER_M:
         stiffness = math.inf
