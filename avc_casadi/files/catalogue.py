@@ -31,6 +31,12 @@ class CatalogueEntry:
     path: Path
 
 
+def require_source(source: object, what: str) -> None:
+    """Refuse what is neither a text nor a path."""
+    if not isinstance(source, str | Path):
+        raise InputError.of(f"is {shown(source)}; allowed: {what}", key="source")
+
+
 def catalogue_names() -> dict[str, Path]:
     """Return the path of every problem by name: plain problems first, then those of folders."""
     folder = problems_folder()
@@ -80,6 +86,7 @@ def catalogue_path(name: str) -> Path:
         >>> avc.catalogue_path("figure5").name
         'figure5.toml'
     """
+    require_source(name, "the name of a problem, as `avc list` shows them")
     names = catalogue_names()
     if name in names:
         return names[name]

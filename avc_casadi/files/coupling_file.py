@@ -14,6 +14,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
+from avc_casadi.files.catalogue import require_source
 from avc_casadi.files.gain_file import (
     SCHEMA,
     GainDocument,
@@ -145,6 +146,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
 
 def read_file(path: str | Path) -> Coupling | GainSchedule:
     """Read a file: a coupling, checked whole; or a table of gains alone, CSV or of release 0.1.0."""
+    require_source(path, "the path of a coupling file, .json or .csv")
     path = Path(path)
     if path.suffix.lower() == ".csv":
         return read_csv(path)

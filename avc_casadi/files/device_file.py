@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, model_validator
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi.files.catalogue import device_names, device_path
+from avc_casadi.files.catalogue import device_names, device_path, require_source
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.rotary_keys import COUNTS, Border, overridden
 from avc_casadi.files.toml_text import tables_of, text_of
@@ -119,6 +119,7 @@ def load_device(source: str | Path) -> DeviceFile:
         >>> avc.load_device("reference-r1").device.amplifier_bandwidth_hz
         1000.0
     """
+    require_source(source, "the path of a device file, or a name as `avc list` shows them")
     path = device_path(source)
     if isinstance(path, str):
         raise InputError.of(path, file=str(source))

@@ -163,7 +163,8 @@ class NewProblem:
                 low, high = both.groups() if both else (typed, typed)
                 alone = re.fullmatch(r"[-+.0-9eE ]+", low)  # the unit of the second is that of both
                 of_both = re.sub(r"^[-+.0-9eE ]+", "", high) if alone else ""
-                return read_quantity(f"{low} {of_both}", unit), read_quantity(high, unit)
+                radius = None if self.units.linear else self._radius_m()
+                return read_quantity(f"{low} {of_both}", unit, radius), read_quantity(high, unit, radius)
             return self._delay(typed) if option is DELAY else read_quantity(typed, unit)
         except ValueError as error:
             raise ValueError(f"{error}; {allowed}") from None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -10,12 +11,13 @@ from typing import Any, TypeVar, cast
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import in_its_units
-from avc_casadi.files.catalogue import catalogue_names, catalogue_path
+from avc_casadi.files.catalogue import catalogue_names, catalogue_path, require_source
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.quantity import Finding, dotted, shown
+from avc_casadi.model.quantity import Path as KeyPath
 
 BELOW_NYQUIST = 0.45
 """End of the band of a slow device, as a share of the sampling rate, the same as by default."""
@@ -40,6 +42,7 @@ def load_problem(source: str | Path) -> Problem:
         >>> avc.load_problem("figure5").environment.stiffness_n_per_m
         100000.0
     """
+    require_source(source, "the path of a problem file, or a name as `avc list` shows them")
     path = _path_of(source)
     names = {file: name for name, file in catalogue_names().items()}
     text = text_of(path)
@@ -76,6 +79,8 @@ AnyProblem = Problem | str | Path | Mapping[str, Any]
 def as_problem(problem: AnyProblem) -> Problem:
     """Return a problem unchanged, or load its file or catalogue name, or make it of its tables."""
     if isinstance(problem, Problem):
+        if wrong := list(_not_finite((), problem.model_dump())):
+            raise InputError([Fault(problem.name or "problem", None, dotted(path), message) for path, message in wrong])
         return problem
     if isinstance(problem, str | Path):
         return load_problem(problem)
@@ -86,6 +91,15 @@ def as_problem(problem: AnyProblem) -> Problem:
     if isinstance(found, Problem):
         return found
     raise InputError([Fault("problem", None, dotted(path), message) for path, message in found])
+
+
+def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
+    """Yield the numbers that `model_copy` put in place unchecked."""
+    if isinstance(value, Mapping | tuple):
+        for key, item in value.items() if isinstance(value, Mapping) else enumerate(value):
+            yield from _not_finite((*path, key), item)
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield path, f"is {value}; allowed: a finite number"
 
 
 def of_problem(function: F) -> F:
@@ -145,6 +159,8 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
         >>> avc.parse_problem("[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2\n" + wall).device.mass_kg
         0.1
     """
+    if not isinstance(text, str):
+        raise InputError.of(f"is {shown(text)}; allowed: the text of a problem file", file=file, key="text")
     try:
         result = _of_tables(tables_of(text, file), file, name, folder)
         if isinstance(result, Problem):
