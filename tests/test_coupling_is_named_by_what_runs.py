@@ -69,12 +69,6 @@ def test_constant_gains_are_one_row_and_long_tables_no_more_than_a_device_holds(
     assert len(long) <= 256
 
 
-@pytest.mark.parametrize("constant", [True, False])
-def test_only_gains_that_vary_need_what_follows_the_frequency(constant):
-    kinds = [effect.kind for effect in RUNTIME.effects(constant=constant)]
-    assert kinds == ["observer", "guard"] if constant else ["observer", "estimator", "adaptation", "guard"]
-
-
 @pytest.mark.parametrize("key", ["hold_s", "slew_per_s", "observer_mass_kg"])
 @pytest.mark.parametrize("value", [-1e-3, float("inf"), float("nan")])
 def test_times_and_masses_are_finite_and_not_negative(key, value):

@@ -104,14 +104,6 @@ def test_a_problem_with_a_device_by_name_has_its_values(name):
     assert problem == avc.parse_problem(f'[device]\nfrom = "{name}"\n{turned}[frequency]\nstop_hz = 100.0\n', name="p")
 
 
-@pytest.mark.parametrize("number", [1, 2, 3])
-def test_reference_problems_run_on_their_devices(number):
-    problem = avc.load_problem(f"reference-r{number}")
-    assert problem.device == avc.load_device(f"reference-r{number}").device
-    assert problem.environment.stiffness_n_per_m == 5000.0
-    assert problem.device.resonance is not None
-
-
 def test_a_path_is_relative_to_the_problem_file(tmp_path, monkeypatch):
     (tmp_path / "devices").mkdir()
     (tmp_path / "devices" / "mine.toml").write_text(SMALL)

@@ -117,21 +117,8 @@ PLANTED = st.one_of(
 )
 
 
-KEYS = [
-    "motion",
-    "mass_kg",
-    "damping_ns_per_m",
-    "stiffness_n_per_m",
-    "range",
-    "values_hz",
-    "stop_hz",
-    "step_s",
-    "kind",
-    "effects",
-    "handle_radius_m",
-    "encoder_counts_per_turn",
-    "inertia_kgm2",
-]
+KEYS = [*avc.Problem.model_fields, "motion", "mass_kg", "range", "values_hz", "stop_hz", "step_s", "kind", "effects"]
+KEYS += ["handle_radius_m", "encoder_counts_per_turn", "inertia_kgm2", "damping_ns_per_m", "stiffness_n_per_m"]
 
 
 @given(
