@@ -101,7 +101,7 @@ if TYPE_CHECKING:
     from avc_casadi.own_law.certificate import certify_law as certify_law
     from avc_casadi.present import figures as figures
     from avc_casadi.recommendation.answer import recommend as recommend
-    from avc_casadi.recommendation.recommend import Recommendation as Recommendation
+    from avc_casadi.recommendation.recommendation import Recommendation as Recommendation
     from avc_casadi.simulation.run import Run as Run
     from avc_casadi.simulation.scene import simulate_batch as simulate_batch
 else:
@@ -124,7 +124,7 @@ else:
         "deployable": "claims.deployable",
         "LawCertificate": "own_law.certificate",
         "certify_law": "own_law.certificate",
-        "Recommendation": "recommendation.recommend",
+        "Recommendation": "recommendation.recommendation",
         "recommend": "recommendation.answer",
         "Coupling": "coupling",
         "GainSchedule": "model.schedule",

@@ -289,7 +289,7 @@ def test_internal_errors_are_not_mistaken_for_a_no(monkeypatch, capsys):
     def fail(*_):
         raise ZeroDivisionError("planted")
 
-    monkeypatch.setattr("avc_casadi.cli._list.run", fail)
+    monkeypatch.setattr("avc_casadi.cli.look.run_list", fail)
     assert main(["list", "--json"]) == 70
     answered = capsys.readouterr()
     assert "planted" in json.loads(answered.out)["errors"][0]["message"]

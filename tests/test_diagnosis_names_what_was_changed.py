@@ -232,7 +232,7 @@ def test_the_verb_tells_text_json_picture_and_page(tmp_path, capsys):
     told = ["diagnose", str(log), "--stiffness", "1500", "--report", str(page), "--plot", str(picture), "--json"]
     assert main(told) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["schema"] == "avc-diagnose/1"
+    assert document["kind"] == "diagnose"
     assert document["cause"] == "delay"
     assert set(document["shares"]) <= {*CAUSES, "other"}
     assert any("1500" in note for note in document["notes"])

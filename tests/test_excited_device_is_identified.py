@@ -50,7 +50,7 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
     base, there = file_of(tmp_path / "base.toml", GUESS, RANGES), file_of(tmp_path / "there.toml", HIDDEN)
     log, mine = str(tmp_path / "log.csv"), str(tmp_path / "mine.toml")
     played = document(capsys, "excite", base, "--on-bench", there, "--seconds", "4", "--out", log)
-    assert played["schema"] == "avc-excite/1"
+    assert played["kind"] == "excite"
     assert played["log"]["end"] == "played to the end"
     assert (played["log"]["lost"], played["log"]["records"]) == (0, 4001)
     limits = played["plan"]["limits"]

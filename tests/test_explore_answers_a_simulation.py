@@ -20,8 +20,8 @@ from avc_casadi.present.explore.forms import TOOL
 from avc_casadi.present.explore.requests import RequestError
 from avc_casadi.present.explore.settings import problem_of_settings, settings_of, values_of
 from avc_casadi.present.explore.tool_answers import TOOL_PARTS
-from avc_casadi.present.pages.tool_claims import passivity_rows, stability_rows
-from avc_casadi.present.pages.virtual_tool import tool_rows
+from avc_casadi.present.rows.judge import passivity, stability
+from avc_casadi.present.rows.recommend import pair_rows
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
 MUJOCO = avc.load_problem("tool/mujoco-500hz")
@@ -65,21 +65,22 @@ def test_every_number_is_that_of_recommend_certify_zwidth_and_simulate(name, tmp
     explorer = Explorer(avc.load_problem(file), str(file))
     problem = explorer.base
     _, recommended = command(capsys, "recommend", str(file), "--out", coupling)
-    read = problem.units.read(recommended)["simulation"]
-    pair = {key: read[key] for key in ("stiffness_n_per_m", "damping_ns_per_m", "local_damping_ns_per_m")}
+    read = problem.units.read(recommended)["pair"]
+    pair = {key: read["gains"][key] for key in ("stiffness_n_per_m", "damping_ns_per_m", "local_damping_ns_per_m")}
     now, judged = (told(part, explorer, gains=pair) for part in ("now", "judge"))
-    assert judged["stiffest"]["stiffness_n_per_m"] == read["stiffest_n_per_m"]
+    assert judged["stiffest"]["stiffness_n_per_m"] == read["stiffest"]["stiffness_n_per_m"]
     shown = {label: undotted(text) for label, text in rows_of(now).items()}
-    expected = {row.label: row.text for row in tool_rows(problem.units.read(recommended), problem)}
+    rows = pair_rows(problem.units.read(recommended), problem)
+    expected = {row.label: row.text(problem.units) for row in rows}
     assert expected["Rigid object"].endswith(shown["Rigid object"])
     assert shown.get("Free motion") == expected.get("Free motion")
     _, certified = command(capsys, "certify", coupling)
     certified = problem.units.read(certified)
     assert now["stable"] is certified["stable"] is True
-    claims = stability_rows(certified, problem)
+    claims = stability(certified)
     if problem.simulation.tool_mass_kg is not None:
-        claims += passivity_rows(certified["passivity"], problem)
-    assert {row.label: row.text for row in claims}.items() <= shown.items()
+        claims += passivity(certified["passivity"], problem)
+    assert {row.label: row.text(problem.units) for row in claims}.items() <= shown.items()
     _, zwidth = command(capsys, "zwidth", str(file))
     zwidth = problem.units.read(zwidth)
     region, declared = told("region", explorer, gains=pair), told("curve", explorer, gains=pair)
@@ -229,7 +230,7 @@ def test_a_run_is_tried_by_hands_and_until_then_the_page_shows_what_it_begins_wi
     expected = avc.recommend("tool/mujoco-500hz")
     assert after["gains"]["stiffness_n_per_m"] == expected.coupling.gains.stiffness_n_per_m
     saved = json.loads(told("file", explorer, **ask, kind="coupling")["text"])
-    assert saved["trial"] == json.loads(json.dumps(expected.document()["trial"]))
+    assert saved["trial"] == json.loads(json.dumps(expected.data()["trial"]))
     assert saved["damping_ns_per_m"] == expected.coupling.gains.damping_ns_per_m
 
 

@@ -177,7 +177,7 @@ def test_verb_writes_device_document_and_page(tmp_path, capsys):
     out, page = tmp_path / "d.toml", tmp_path / "p.html"
     assert main(["identify", str(log), "--out", str(out), "--report", str(page), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["schema"] == "avc-identify/1"
+    assert document["kind"] == "identify"
     assert document["estimates"]["mass_kg"]["low"] <= 0.1 <= document["estimates"]["mass_kg"]["high"]
     names = document["correlation"]["names"]
     assert np.array(document["correlation"]["of_estimates"]).shape == (len(names), len(names))

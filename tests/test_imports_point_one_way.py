@@ -35,10 +35,10 @@ ROOMS = (
     "design",
     "design.comparison",
     "recommendation",
-    "present.terminal",
-    "present.pages",
     "own_law",
-    "present.results",
+    "present.row",
+    "present.rows",
+    "present.engines",
     "present.figures",
     "present.report",
     "present.explore",
@@ -59,7 +59,7 @@ SHARED = {
 # What a problem file names and rooms above declare: folders that are scanned when they are asked for. What a result
 # prints is asked for by name too.
 PLUGGED = {
-    ("avc_casadi._util.printed", "avc_casadi.present.results"),
+    ("avc_casadi._util.printed", "avc_casadi.present.rows"),
     ("avc_casadi.model.registries", "avc_casadi.design.method"),
     ("avc_casadi.model.registries", "avc_casadi.simulation.effects"),
 }

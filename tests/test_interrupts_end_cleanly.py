@@ -111,14 +111,14 @@ FOREIGN = {
 def test_an_interrupt_that_foreign_code_drops_ends_the_command(kind, tmp_path):
     before = f"""
 import time
-from avc_casadi.cli import _list
+from avc_casadi.cli import look
 def stuck(_args, _console):
     try:
         signal.raise_signal(signal.SIGINT)
     except KeyboardInterrupt:
         pass
     {FOREIGN[kind]}
-_list.run = stuck
+look.run_list = stuck
 """
     process = begun(["list"], tmp_path, before)
     out, err = output(process)
@@ -126,7 +126,7 @@ _list.run = stuck
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("module", ["avc_casadi.cli", "avc_casadi.cli._list", "avc_casadi.files", "numpy.exceptions"])
+@pytest.mark.parametrize("module", ["avc_casadi.cli", "avc_casadi.cli.look", "avc_casadi.files", "numpy.exceptions"])
 @pytest.mark.parametrize("options", [(), ("--json",)])
 def test_an_interrupt_of_the_imports_is_answered_like_any_other(module, options, tmp_path):
     before = f"""

@@ -107,8 +107,6 @@ def test_a_device_on_a_stylus_is_judged_by_hands_on_a_stylus():
     )
     assert try_coupling(held.coupling, draw_population("B", 100, 7), 7).stable_without_friction.mean() > 0.95
     assert not [one for one in gripped.beyond_file if one.asked]
-    assert "on a stylus" in gripped.beside
-    assert list(held.beside) == ["one fingertip"]
     (asked,) = (one for one in held.beyond_file if one.asked)
     assert (asked.key, asked.value) == ("held", "stylus")
     assert held.deployable == (asked.at_rest_without_friction == asked.hands)

@@ -1,6 +1,7 @@
 """Long work tells how far it has come, to its end and not too often, and its results do not depend on who listens."""
 
 import io
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -53,15 +54,15 @@ def test_methods_that_take_long_tell_of_it(method):
     np.testing.assert_array_equal(told.stiffness_n_per_m, silent.stiffness_n_per_m)
 
 
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-def test_nothing_is_written_where_nobody_looks(monkeypatch):
+def test_elsewhere_a_line_is_written_every_ten_seconds(monkeypatch):
     elsewhere = io.StringIO()
     monkeypatch.setattr("sys.stderr", elsewhere)
+    monkeypatch.setattr("avc_casadi.cli._console._BETWEEN_LINES_S", 0.02)
     console = Console(as_json=False)
     with console.step("work"):
         console.advance(1, 2, "rows")
-    assert elsewhere.getvalue() == ""
+        while elsewhere.getvalue().count("\n") < 2:
+            time.sleep(0.01)
+    lines = elsewhere.getvalue().splitlines()
+    assert all(line.startswith("work ...") for line in lines)
+    assert "\x1b" not in elsewhere.getvalue()

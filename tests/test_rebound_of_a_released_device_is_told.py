@@ -1,5 +1,7 @@
 """How fast a released device leaves the wall is told: as on a device written here, and where it gains in a row."""
 
+import copy
+
 import numpy as np
 import pytest
 from exported import Exported
@@ -8,8 +10,8 @@ from scipy.integrate import solve_ivp
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.present.pages.recommendation import recommendation_page
-from avc_casadi.present.terminal import Page
+from avc_casadi.present.row import Value
+from avc_casadi.present.rows.recommend import wall_rows
 from avc_casadi.recommendation.rebound import rebound
 
 T, MASS, DAMPING, STEP, WALL = 1e-3, 0.12, 0.4, 2e-5, 1500.0
@@ -73,9 +75,9 @@ def test_a_late_spring_gives_energy_and_a_damper_takes_it():
 
 def test_it_is_a_row_where_the_device_gains_speed_and_none_where_it_does_not():
     found = avc.recommend("spring", hands=10)
-    document = found.document()
-    assert max(document["felt"]["rebound"].values()) < 1.0
-    assert "Rebound" not in recommendation_page(document, found.problem, Page(100))
-    document["felt"]["rebound"] = {"0.1": 1.19, "0.4": 0.96}
-    page = recommendation_page(document, found.problem, Page(100))
-    assert "a released device leaves the wall at 1.19 times its 0.1 m/s\n" in page
+    data = copy.deepcopy(found.data())
+    assert max(data["felt"]["rebound"].values()) < 1.0
+    assert "Rebound" not in {row.label for row in wall_rows(data, found.problem)}
+    data["felt"]["rebound"] = {"0.1": 1.19, "0.4": 0.96}
+    (told,) = (row for row in wall_rows(data, found.problem) if row.label == "Rebound")
+    assert [value.number for value in told.values if isinstance(value, Value)] == [1.19, 0.1]

@@ -61,7 +61,7 @@ def test_recommended_coupling_settles_in_a_plain_simulation(mass, ratio, exchang
 
 @pytest.mark.thorough
 def test_document_has_what_an_engine_is_given():
-    document = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002"), hands=HANDS).document()
+    document = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002"), hands=HANDS).data()
     json.dumps(document, allow_nan=False)
     found = document["simulation"]
     wanted = (

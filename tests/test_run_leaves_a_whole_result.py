@@ -165,7 +165,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(tmp_path, monk
     def worked(*_):
         raise AssertionError("the work began")
 
-    monkeypatch.setattr("avc_casadi.cli._run.compared", worked)
+    monkeypatch.setattr("avc_casadi.cli.design._recommended", worked)
     (tmp_path / "file").write_text("")
     for folder in ("", "/sys/avc", "/sys", str(tmp_path / "file"), "\0", str(tmp_path / "report.html")):
         assert main(["run", "soft", "--json", "--out", folder]) == 2
@@ -179,7 +179,7 @@ def test_a_run_that_ends_early_leaves_the_files_before_it(tmp_path, monkeypatch)
         raise KeyboardInterrupt
 
     (tmp_path / "gains.json").write_text("of the run before")
-    monkeypatch.setattr("avc_casadi.cli._run.push_or_say", stop)
+    monkeypatch.setattr("avc_casadi.cli.design._pushed", stop)
     assert main(["run", "soft", "--out", str(tmp_path)]) == 130
     assert [path.name for path in tmp_path.iterdir()] == ["gains.json"]
     assert (tmp_path / "gains.json").read_text() == "of the run before"

@@ -74,7 +74,7 @@ def test_it_is_the_time_that_a_simulated_device_takes(hand):
 def test_a_wheel_is_damped_until_it_settles(limit):
     """With the least damping that is stable it swings for seven seconds."""
     found = avc.recommend(avc.parse_problem(WHEEL.format(limit=limit)), hands=20)
-    document = found.document()
+    document = found.data()
     assert found.deployable
     assert document["felt"]["share_of_wall"] > 0.99
     assert document["transient"]["released"]["settling_s"] < 1.0
@@ -82,7 +82,7 @@ def test_a_wheel_is_damped_until_it_settles(limit):
 
 @pytest.mark.thorough
 def test_a_handle_that_friction_holds_short_is_told():
-    document = avc.recommend(avc.parse_problem(TRIGGER), hands=10).document()
+    document = avc.recommend(avc.parse_problem(TRIGGER), hands=10).data()
     assert document["felt"]["rest_error_m"] == pytest.approx(0.09 / 0.3, rel=0.02)
 
 

@@ -167,6 +167,6 @@ def test_the_end_does_not_wait_for_a_helper():
 def test_a_recommendation_does_not_depend_on_how_many_work_at_it():
     """Climbs that are given up, one that goes on from what is held, and what is tried beside."""
     problem = avc.load_problem("reference-r3").changed(environment={"stiffness_n_per_m": 3e4})
-    alone, shared = (avc.recommend(problem, hands=30, workers=workers).document() for workers in (1, 2))
+    alone, shared = (avc.recommend(problem, hands=30, workers=workers).data() for workers in (1, 2))
     assert alone["coupling"]["runtime"]["state_feedback"]
     assert alone == shared

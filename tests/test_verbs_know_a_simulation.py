@@ -183,7 +183,7 @@ def test_run_leaves_coupling_pictures_and_report(name, tmp_path, capsys):
     assert html.count("<figure>") == len(drawn)
     assert html.index('class="verdict pass"') < html.index("<figure>") < html.index("Linear limit")
     assert main(["run", problem, "--method", "direct", "--out", str(tmp_path / "other")]) == 2
-    assert "asked of walls" in capsys.readouterr().err
+    assert "option of walls" in capsys.readouterr().err
 
 
 def test_band_of_what_is_felt_ends_at_spring_and_drag_at_rest():
@@ -226,8 +226,8 @@ def test_a_scene_without_gains_has_the_recommended_ones(tmp_path, capsys):
     _, found = answer(capsys, "recommend", str(file))
     assert code == 0
     assert staged["coupling"] == "recommended"
-    assert staged["stiffness_n_per_m"] == found["simulation"]["stiffness_n_per_m"]
-    assert staged["damping_ns_per_m"] == found["simulation"]["damping_ns_per_m"]
-    assert staged["stiffness_n_per_m"] < 0.5 * found["simulation"]["stiffest_n_per_m"] / 1.5
-    assert "not settle" in found["simulation"]["set_by"]
-    assert found["simulation"]["set_by"] in found["reason"]
+    assert staged["stiffness_n_per_m"] == found["pair"]["gains"]["stiffness_n_per_m"]
+    assert staged["damping_ns_per_m"] == found["pair"]["gains"]["damping_ns_per_m"]
+    assert staged["stiffness_n_per_m"] < 0.5 * found["pair"]["stiffest"]["stiffness_n_per_m"] / 1.5
+    assert "not settle" in found["pair"]["set_by"]
+    assert found["pair"]["set_by"] in found["reason"]

@@ -163,7 +163,7 @@ def test_the_command_tells_what_it_used_and_refused(tmp_path, capsys):
     file.write_text(avc.dump_problem(problem("amplifier").changed(device={"max_force_n": 8.0, "delay_samples": 1})))
     assert main(["zwidth", str(file), "--json", "--plot", str(tmp_path / "z.png")]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert (document["schema"], document["gains"]) == ("avc-zwidth/2", None)
+    assert (document["kind"], document["gains"]) == ("zwidth", None)
     assert document["not_used"] == ["device.max_force_n"]
     assert document["device_corners"] == 2
     assert document["wanted"] == {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 3e3}

@@ -17,8 +17,7 @@ from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.present.figures.zwidth import draw_zwidth
-from avc_casadi.present.pages.walls import walls_page
-from avc_casadi.present.terminal import Page
+from avc_casadi.present.rows.judge import walls
 
 T = 1e-3
 
@@ -85,10 +84,9 @@ def test_the_legend_of_llewellyns_panel_covers_no_value(b_d, delay):
 @pytest.mark.parametrize(("b_d", "delay", "grows"), [(2.0, 0, True), (0.3, 0, True), (2.0, 3, False)])
 def test_what_grows_with_the_wall_damping_without_end_is_told_as_no_limit(b_d, delay, grows):
     region, case = region_of(b_d, delay), problem(b_d, delay)
-    rows = walls_page(region.document(), case, Page(), case.name, None).splitlines()
-    told = {row.split("  ")[2].strip(): row for row in rows if "wall damping of" in row}
-    assert ("up to" in told["Passive, paper"]) != grows
-    assert all("up to" in told[name] for name in ("Passive, sampled", "Stable, released", "Stable, all hands"))
+    told = {row.label: row.text(case.units) for row in walls(region.document(), case).rows}
+    assert ("beyond" in told["Passive, paper"]) == grows
+    assert not any("beyond" in told[name] for name in ("Passive, sampled", "Stable, released", "Stable, all hands"))
     # Re Z_h with twice the damping that was looked at, and a stiffness above all that was told.
     z = np.exp(1j * np.linspace(1e-3, np.pi - 1e-6, 20_001))
     damping, stiffness = 2 * region.damping_ns_per_m[-1], 1.5 * np.nanmax(curves(region)["passive-paper"])

@@ -14,7 +14,7 @@ from avc_casadi._util.units import Units, Wording, in_its_units, spoken
 
 Columns = dict[str, np.ndarray[Any, Any]]
 
-PAGES = "avc_casadi.present.results"
+PAGES = "avc_casadi.present.rows"
 """The renderer of results, imported when printing: results stand below their presentation."""
 
 

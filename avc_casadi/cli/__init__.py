@@ -1,4 +1,4 @@
-"""The command `avc`: one file a verb, listed in `_verbs`."""
+"""The command `avc`: its verbs stand in five modules, listed in `_verbs`."""
 
 from avc_casadi._util.text import number as number
 from avc_casadi.cli._main import main as main

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,23 +15,12 @@ from typing import Any, TextIO
 from avc_casadi import InputError, fault_document
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.progress import Progress
-from avc_casadi.present.terminal import Page
+from avc_casadi.present.row import Answer, Page
 
-# A line of progress is written at most five times a second.
-_BETWEEN_S = 0.2
+# A line of progress is written at most five times a second; where it stays, every ten seconds.
+_BETWEEN_S, _BETWEEN_LINES_S = 0.2, 10.0
 # A rate is shown after so long.
 _RATE_AFTER_S = 1.0
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Result of a command."""
-
-    document: dict[str, Any]
-    text: str
-    code: int = 0
-    complaint: str = ""
-    more: str = ""
 
 
 @dataclass
@@ -64,9 +54,10 @@ class Console(Progress):
         self.as_json = as_json
         self.page = Page.of(sys.stdout)
         self._answered = False
+        self._terminal = sys.stderr is not None and sys.stderr.isatty()
         self._descriptor: int | None = None
         self._step: str | None = None
-        self._shown = 0.0
+        self._shown, self._line = 0.0, ""
         self._piece = _Piece()
         if _is_descriptor(sys.stdout, 1):
             sys.stdout.flush()
@@ -77,14 +68,12 @@ class Console(Progress):
                 silence(1)
 
     def answer(self, answer: Answer, *, verbose: bool = False) -> None:
-        """Print the answer, with its details if verbose; Ctrl-C does not cut it short."""
-        from avc_casadi._util.json_values import json_text
-
+        """Print the answer, with rows of lower rank if verbose; Ctrl-C does not cut it short."""
         with HeldInterrupt():
             self._answered = True
             if self.as_json:
-                self._write(json_text(answer.document))
-            elif text := "\n\n".join(filter(None, [answer.text, answer.more if verbose else ""])):
+                self._write(json.dumps(answer.document(), indent=1, allow_nan=False) + "\n")
+            elif text := self.page.rendered(answer, verbose=verbose):
                 self._write(text.rstrip("\n") + "\n")
             if answer.complaint:
                 self.complain(answer.complaint)
@@ -134,20 +123,25 @@ class Console(Progress):
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        """Show a step and its duration on a terminal; silent elsewhere."""
-        if sys.stderr is None or not sys.stderr.isatty():
-            yield
-            return
-        started = time.perf_counter()
-        self._step, self._shown, self._piece = what, started, _Piece()
-        self._show(f"{what} ...")
+        """Show a step and its duration on a terminal; elsewhere a line every ten seconds."""
+        started, over = time.perf_counter(), threading.Event()
+        self._step, self._shown, self._piece, self._line = what, started, _Piece(), f"{what} ..."
+        self._show(self._line)
+        if not self._terminal:
+            threading.Thread(target=self._repeat, args=(over,), daemon=True).start()
         outcome = "stopped"
         try:
             yield
             outcome = f"{time.perf_counter() - started:.2f} s"
         finally:
+            over.set()
             self._show(f"{what} ... {outcome}\n")
             self._step = None
+
+    def _repeat(self, over: threading.Event) -> None:
+        """Print the state of a long step where its line cannot be overwritten."""
+        while not over.wait(_BETWEEN_LINES_S):
+            self.complain(self._line)
 
     def advance(self, done: int, total: int, what: str = "") -> None:
         """Show the progress of the present step, its rate and its remaining time."""
@@ -159,13 +153,15 @@ class Console(Progress):
         self._piece.done = done
         if now - self._shown >= _BETWEEN_S:
             self._shown = now
-            self._show(f"{self._step} ... {done} of {total} {what}".rstrip() + self._piece.pace(now))
+            self._line = f"{self._step} ... {done} of {total} {what}".rstrip() + self._piece.pace(now)
+            self._show(self._line)
 
     def _show(self, line: str) -> None:
-        """Overwrite the line of the present step; Ctrl-C may have cut it anywhere."""
-        with suppress(OSError):
-            sys.stderr.write(f"\r\x1b[K{line}")
-            sys.stderr.flush()
+        """Overwrite the line of the present step on a terminal; Ctrl-C may have cut it anywhere."""
+        if self._terminal:
+            with suppress(OSError):
+                sys.stderr.write(f"\r\x1b[K{line}")
+                sys.stderr.flush()
 
     def _write(self, text: str) -> None:
         if self._descriptor is None:

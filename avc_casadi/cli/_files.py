@@ -14,6 +14,8 @@ from avc_casadi import AvcError, InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of pictures."""
 # A folder with such a name was meant to be a file.
 _FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
 

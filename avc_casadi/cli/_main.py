@@ -12,9 +12,9 @@ from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from importlib import import_module
+from inspect import cleandoc
 from textwrap import wrap
-from types import ModuleType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from avc_casadi import (
     AvcError,
@@ -29,8 +29,11 @@ from avc_casadi import (
 )
 from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
 from avc_casadi.cli._arguments import named
-from avc_casadi.cli._console import Answer, Console, silence
-from avc_casadi.cli._verbs import QUESTIONS, VERBS
+from avc_casadi.cli._console import Console, silence
+from avc_casadi.cli._verbs import MODULES, QUESTIONS, VERBS
+
+if TYPE_CHECKING:
+    from avc_casadi.present.row import Answer
 
 NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
 
@@ -77,32 +80,24 @@ def build_parser() -> argparse.ArgumentParser:
     for question, names in QUESTIONS.items():
         listed.append(f"{question}:")
         for name in names:
-            module = import_module(f"avc_casadi.cli._{name}")
-            _take(verbs.add_parser(name, **_described(module)), module)
-            listed += wrap(_summary(module), 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
+            module = import_module(f"avc_casadi.cli.{MODULES[name]}")
+            add, run = getattr(module, f"add_{name}"), getattr(module, f"run_{name}")
+            words = cleandoc(add.__doc__ or "")
+            command = verbs.add_parser(
+                name,
+                description=words,
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+                allow_abbrev=False,
+            )
+            add(command)
+            command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
+            # A positional argument has no option as its name.
+            options = {action.dest: named(action) for action in command._actions if action.option_strings}  # noqa: SLF001
+            command.set_defaults(run=run, options=options)
+            summary = words.partition("\n")[0].rstrip(".")
+            listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
     parser.epilog = "\n".join([*listed, "", _EPILOG])
     return parser
-
-
-def _summary(module: ModuleType) -> str:
-    return (module.__doc__ or "").strip().partition("\n")[0].rstrip(".")
-
-
-def _described(module: ModuleType) -> dict[str, Any]:
-    return {
-        "description": (module.__doc__ or "").strip(),
-        "formatter_class": argparse.RawDescriptionHelpFormatter,
-        "allow_abbrev": False,
-    }
-
-
-def _take(parser: argparse.ArgumentParser, module: ModuleType) -> None:
-    """Declare the arguments of a command, and its function."""
-    module.add_arguments(parser)
-    parser.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
-    # A positional argument has no option as its name.
-    options = {action.dest: named(action) for action in parser._actions if action.option_strings}  # noqa: SLF001
-    parser.set_defaults(run=module.run, options=options)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

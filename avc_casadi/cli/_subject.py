@@ -8,13 +8,17 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 
 if TYPE_CHECKING:
+    from avc_casadi.cli._console import Console
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.device_file import DeviceFile
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.other_end_coupling import ToolCoupling
 
 _FILES = (".json", ".csv")
 TOOL_VERBS = "avc recommend, certify, zwidth, explore, simulate, run, check and export know a [simulation]"
@@ -132,3 +136,155 @@ def faults_of(file: str, args: argparse.Namespace) -> Iterator[None]:
 def unsafe_note(verdict: avc.Deployable) -> str:
     """Return a note that a coupling was used although it is not deployable; empty where it is."""
     return "" if verdict.passed else f"UNSAFE, went on by request: {verdict.sentence}"
+
+
+def is_device(source: str) -> bool:
+    """Return whether a name or a file is that of a device rather than a problem."""
+    from avc_casadi.files.catalogue import catalogue_names, device_names
+    from avc_casadi.files.device_file import DeviceFile
+    from avc_casadi.files.toml_text import tables_of, text_of
+
+    if source.startswith("devices/") and not source.endswith(".toml"):
+        return True
+    if not source.endswith(".toml"):
+        return source in device_names() and source not in catalogue_names()
+    try:
+        tables = tables_of(text_of(Path(source)), source)
+    except avc.InputError:  # reported where it is loaded as a problem
+        return False
+    return isinstance(tables.get("device"), dict) and set(tables) <= set(DeviceFile.model_fields)
+
+
+def couples_to_simulation(source: str) -> bool:
+    """Return whether a source is a coupling to a simulation, or a problem with one; False if unreadable.
+
+    Args:
+        source: as typed.
+    """
+    if is_coupling(source):
+        from avc_casadi.files.other_end_coupling_file import is_tool_coupling
+
+        return is_tool_coupling(source)
+    try:
+        return avc.load_problem(source).simulation is not None
+    except avc.AvcError:  # reported where it is loaded
+        return False
+
+
+def read_tool(file: str) -> ToolCoupling:
+    """Read a coupling to a simulation, and set the units of output to those of its device."""
+    from avc_casadi._util.units import speak
+    from avc_casadi.files.other_end_coupling_file import read_tool_coupling
+
+    found = read_tool_coupling(file)
+    speak(found.problem.units)
+    return found
+
+
+def pair_of(source: str, gains: str | None, console: Console | None = None) -> tuple[avc.Problem, ToolGains | None]:
+    """Return the problem, and the gains; None where a problem came alone and none are asked for.
+
+    Args:
+        source: problem, or coupling to a simulation.
+        gains: file of the gains, for a problem.
+        console: shows the search of the recommended ones; without one none are searched.
+
+    Raises:
+        InputError: gains with a coupling, of another kind, or none is deployable.
+    """
+    from avc_casadi.files.other_end_coupling_file import is_tool_coupling
+
+    if is_coupling(source):
+        if gains is not None:
+            raise avc.InputError.of("is given beside a coupling; give the problem, or leave it out", file=gains)
+        coupling = read_tool(source)
+        return coupling.problem, coupling.gains
+    problem = load_problem(source)
+    if gains is not None:
+        if not is_tool_coupling(gains):
+            make = f"avc recommend {quote(source)} --out c.json"
+            raise avc.InputError.of(f"is no coupling to a simulation; make one: {make}", file=gains)
+        return problem, read_tool(gains).gains
+    return problem, None if console is None else _recommended(problem, source, console)
+
+
+def _recommended(problem: avc.Problem, source: str, console: Console) -> ToolGains:
+    """Return the recommended coupling."""
+    from avc_casadi.design.virtual_tool import ToolSearch
+    from avc_casadi.recommendation.tried_tool import tried_coupling
+    from avc_casadi.recommendation.virtual_tool import why_infeasible
+
+    search = ToolSearch(problem)
+    with console.step("recommended coupling"):
+        why = why_infeasible(problem, search)
+        found = None if why else tried_coupling(problem, search, progress=console)[0]
+    if found is None:
+        told = f"no coupling is deployable, which avc recommend {quote(source)} explains; give one: --gains c.json"
+        raise avc.InputError.of(told, file=source)
+    return found
+
+
+def refuse(
+    args: argparse.Namespace,
+    options: tuple[str, ...],
+    why: str = "is an option of walls, and the other end is none; leave it out",
+) -> None:
+    """Refuse options that do not apply."""
+    given = [one for one in options if getattr(args, one) not in (None, False, 0)]
+    if given:
+        raise avc.InputError.of(why, key=f"--{given[0].replace('_', '-')}")
+
+
+def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule, list[str]]:
+    """Read a file for a problem, with notes on how its own problem differs.
+
+    A coupling file is checked as everywhere and put on this problem with its table and runtime; a table of gains alone
+    stays one.
+
+    Raises:
+        InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.
+    """
+    from avc_casadi.coupling import Coupling, check_sample_time
+    from avc_casadi.files.coupling_file import read_file, same_problem
+
+    found = read_file(file)
+    check_sample_time(found.sample_time_s, problem, file)
+    if isinstance(found, Coupling):
+        if same_problem(problem, found.problem):
+            return found, []
+        note = f"the coupling was made for {found.problem.name} with another {_differing(problem, found.problem)}"
+        return found.on(problem), [note]
+    pairs: list[tuple[str, str, str]] = [("structure", found.structure, problem.coupling.structure)]
+    if found.method != "file":  # a bare table names neither problem nor model
+        pairs = [
+            ("problem", found.problem, problem.name),
+            ("model", found.model, problem.stability.model),
+            *pairs,
+        ]
+    return found, [
+        f"the gains were designed for {what} {theirs}, not {ours}" for what, theirs, ours in pairs if theirs != ours
+    ]
+
+
+def _differing(one: avc.Problem, other: avc.Problem) -> str:
+    """Name the tables in which two problems differ."""
+    mine, theirs = one.model_dump(), other.model_dump()
+    return ", ".join(f"[{key}]" for key in mine if isinstance(mine[key], dict) and mine[key] != theirs[key])
+
+
+def read_pair(file: str) -> Any:
+    """Read a coupling to a simulation or a follower; None for one to a wall."""
+    from avc_casadi._util.units import speak
+    from avc_casadi.files.other_end_coupling_file import (
+        is_teleoperator_coupling,
+        is_tool_coupling,
+        read_teleoperator_coupling,
+    )
+
+    if is_tool_coupling(file):
+        return read_tool(file)
+    if not is_teleoperator_coupling(file):
+        return None
+    found = read_teleoperator_coupling(file)
+    speak(found.problem.units)
+    return found

@@ -1,6 +1,6 @@
-"""The commands of `avc` in the order of `avc --help`: each is the module ``_<name>`` beside this file.
+"""The commands of `avc` in the order of `avc --help`, and the module of each.
 
-A command module has a docstring (its first line is the help), ``add_arguments(parser)`` and ``run(args, console)``.
+A module has ``add_<verb>(parser)``, whose docstring is the help, and ``run_<verb>(args, console)``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,10 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     "study": ("accuracy", "table1"),
 }
 """The commands, by the question that they answer."""
-
-VERBS: tuple[str, ...] = tuple(verb for verbs in QUESTIONS.values() for verb in verbs)
+_FILES = ("design", "judge", "measure", "deploy", "look", "look")
+MODULES: dict[str, str] = {
+    verb: module for module, verbs in zip(_FILES, QUESTIONS.values(), strict=True) for verb in verbs
+}
+"""The module of each command."""
+VERBS: tuple[str, ...] = tuple(MODULES)
 """All commands."""

@@ -6,19 +6,17 @@ from typing import Any
 
 from avc_casadi._errors import InputError
 from avc_casadi.files.problem_file import AnyProblem, as_problem, of_problem
-from avc_casadi.recommendation.bilateral import BilateralRecommendation, recommend_bilateral
-from avc_casadi.recommendation.recommend import Recommendation
+from avc_casadi.recommendation.bilateral import recommend_bilateral
 from avc_casadi.recommendation.recommend import recommend as recommend_wall
-from avc_casadi.recommendation.virtual_tool import ToolRecommendation, recommend_tool
+from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.virtual_tool import recommend_tool
 
 # Options that apply to a wall in the device's loop alone.
 _OF_WALLS = ("lean_on_friction", "prove", "workers", "executor")
 
 
 @of_problem
-def recommend(
-    problem: AnyProblem, hands: int = 100, seed: int = 0, **options: Any
-) -> Recommendation | ToolRecommendation | BilateralRecommendation:
+def recommend(problem: AnyProblem, hands: int = 100, seed: int = 0, **options: Any) -> Recommendation:
     """Return the coupling to deploy to a wall, a [simulation] or a [follower], with its analysis.
 
     Args:

@@ -4,28 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from avc_casadi._util.json_values import plain
-from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import N_PER_M, NS_PER_M, in_its_units
+from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
-from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
-from avc_casadi.recommendation.tool_impedance import Felt, rendered_follower
+from avc_casadi.recommendation.recommendation import Pair, Recommendation
+from avc_casadi.recommendation.tool_impedance import rendered_follower
 from avc_casadi.recommendation.virtual_tool import why_not_wanted
 from avc_casadi.simulation.population.bilateral_trial import BilateralTrial, try_bilateral
 from avc_casadi.simulation.population.operators import people_of
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.bilateral import BilateralCase
-    from avc_casadi.claims.stability.periodic import Mode
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.lifted_loop import ToolGains
@@ -55,92 +51,6 @@ OPTIONS = BilateralOptions()
 _SEARCH = ToolSearchOptions(dampers=13, local_ratios=(0.2, 0.5, 1.0), precision=0.01)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class BilateralRecommendation(Printed):
-    """A deployable coupling of a teleoperator and its analysis.
-
-    Attributes:
-        problem: as stated.
-        gains: K, B and the damper of each loop, at the leader; None where none is deployable.
-        coupling: that of these gains, with its analysis, for a file and for C; None likewise.
-        deployable: whether it may be loaded into both devices.
-        reason: one sentence: why this one, or why none.
-        stiffest: the stiffest K that is linearly stable with every hand, environment, delay and clock, with its B.
-        gain_margin: common gain margin of K and B; None without gains.
-        mode: the least damped oscillation of all loops; None without gains.
-        worst: the loop with the largest growth rate beyond the limit.
-        felt: impedance rendered at the leader; empty without gains.
-        trial: result with simulated hands; None without gains.
-        passivity_margin_ns_per_m: of the two-port for any operator and environment, 0 or more is passive; None where
-            the condition is not known: two sample times, or position-force.
-        passive_damping_ns_per_m: damping that passivity requires of each device with the same gains; None likewise.
-        loops: how many loops were judged.
-        assumed: assumptions.
-        not_used: declared keys that the analysis does not use.
-    """
-
-    problem: Problem
-    gains: ToolGains | None
-    coupling: TeleoperatorCoupling | None
-    deployable: bool
-    reason: str
-    stiffest: ToolGains
-    gain_margin: float | None
-    mode: Mode | None
-    worst: BilateralCase
-    felt: tuple[Felt, ...]
-    trial: BilateralTrial | None
-    passivity_margin_ns_per_m: float | None
-    passive_damping_ns_per_m: float | None
-    loops: int
-    assumed: tuple[str, ...]
-    not_used: tuple[str, ...]
-
-    @in_its_units
-    def __repr__(self) -> str:
-        if self.gains is None:
-            return f"BilateralRecommendation({self.problem.name!r}: none; {self.reason})"
-        k, b = self.gains.stiffness_n_per_m, self.gains.damping_ns_per_m
-        return f"BilateralRecommendation({self.problem.name!r}: K {quantity(k, N_PER_M)}, B {quantity(b, NS_PER_M)})"
-
-    def document(self) -> dict[str, Any]:
-        """Return the `recommend` document: JSON values only; keys that need a wall are null."""
-        tried = None if self.trial is None else self.trial.document()
-        rendered = None if tried is None else tried["rendered_stiffness_n_per_m"]
-        gains = None if self.gains is None else vars(self.gains)
-        at_follower = None if self.coupling is None else vars(self.coupling.at_follower)
-        found: dict[str, Any] = plain(
-            {
-                "schema": "avc-recommend/1",
-                "problem": self.problem.name,
-                "deployable": self.deployable,
-                "rest": None,
-                "reason": self.reason,
-                "coupling": None if self.coupling is None else other_end_document(self.coupling),
-                "teleoperation": {
-                    **(gains or dict.fromkeys(vars(self.stiffest))),
-                    "at_follower": at_follower,
-                    "stiffest_n_per_m": self.stiffest.stiffness_n_per_m,
-                    "stiffest_with": vars(self.stiffest),
-                    "rendered_stiffness_n_per_m": rendered,
-                    "gain_margin": self.gain_margin,
-                    "least_damped": None if self.mode is None else asdict(self.mode),
-                    "felt": [asdict(one) for one in self.felt],
-                    "passivity_margin_ns_per_m": self.passivity_margin_ns_per_m,
-                    "passive_damping_ns_per_m": self.passive_damping_ns_per_m,
-                    "loops": self.loops,
-                    "limited_by": asdict(self.worst),
-                },
-                "felt": {"stiffness_n_per_m": rendered, "share_of_wall": None},
-                "trial": tried,
-                "considered": 1,
-                "assumed": list(self.assumed),
-                "not_used": list(self.not_used),
-            }
-        )
-        return found
-
-
 def recommend_bilateral(
     problem: Problem,
     hands: int = 50,
@@ -149,7 +59,7 @@ def recommend_bilateral(
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
     options: BilateralOptions = OPTIONS,
-) -> BilateralRecommendation:
+) -> Recommendation:
     """Return the spring and dampers between a leader and its follower.
 
     Args:
@@ -182,23 +92,24 @@ def recommend_bilateral(
     if gains is not None and trial is not None:
         certificate = {"loops": len(loops), "gain_margin": gain_margin, "passivity_margin_ns_per_m": margin}
         coupling = TeleoperatorCoupling(problem, gains, certificate, trial.document(), versions or {})
-    return BilateralRecommendation(
+    return Recommendation(
         problem=problem,
-        gains=gains,
         coupling=coupling,
         deployable=gains is not None,
         reason=_reason(problem, gains, stiffest, trial),
-        stiffest=stiffest,
-        gain_margin=gain_margin,
-        mode=None if gains is None else loops.slowest(gains),
-        worst=loops.radius(stiffest.times(1.05) if stiffest.stiffness_n_per_m else search.softest)[1],
-        felt=() if gains is None else tuple(rendered_follower(problem, gains)),
         trial=trial if gains is not None else None,
-        passivity_margin_ns_per_m=margin,
-        passive_damping_ns_per_m=needed,
-        loops=len(loops),
         assumed=(*assumed(problem), *_assumed(problem)),
         not_used=not_used(problem),
+        pair=Pair(
+            stiffest=stiffest,
+            worst=loops.radius(stiffest.times(1.05) if stiffest.stiffness_n_per_m else search.softest)[1],
+            loops=len(loops),
+            gain_margin=gain_margin,
+            mode=None if gains is None else loops.slowest(gains),
+            felt=() if gains is None else tuple(rendered_follower(problem, gains)),
+            passivity_margin_ns_per_m=margin,
+            passive_damping_ns_per_m=needed,
+        ),
     )
 
 

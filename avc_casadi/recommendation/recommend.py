@@ -2,208 +2,34 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import Crew
-from avc_casadi._util.printed import Printed, short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import N_PER_M, in_its_units
 from avc_casadi.claims.deployable import certified, deployable
-from avc_casadi.claims.stability.margins import OpenLoop
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
-from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
-from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
-from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom, with_rest
-from avc_casadi.recommendation.perturbed_devices import PerturbedDevices, off_file
+from avc_casadi.recommendation.limit_cycle_freedom import with_rest
+from avc_casadi.recommendation.perturbed_devices import off_file
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of, reason_of
-from avc_casadi.recommendation.rebound import rebound
-from avc_casadi.recommendation.ripple import ripple
+from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.recommendation.search_schedule import judged_candidates
-from avc_casadi.recommendation.sensitivity import Help, what_would_help
-from avc_casadi.recommendation.shaken import shaken
-from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
-from avc_casadi.simulation.population.operators import GRIPS, draw_population, people_of
+from avc_casadi.recommendation.sensitivity import what_would_help
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import people_of
 
 if TYPE_CHECKING:
-    from avc_casadi.model.device import Device
     from avc_casadi.model.schedule import GainSchedule
-
-SCHEMA = "avc-recommend/1"
-OTHER_HANDS = {"stylus": "on a stylus", "fingertip": "one fingertip"}
-"""Grips outside [hands], as they are reported."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Recommendation(Printed):
-    """The coupling to deploy and its analysis.
-
-    Attributes:
-        problem: the problem as stated.
-        coupling: certified and tried; None where no coupling is deployable.
-        trial: result with simulated hands; None without a coupling.
-        confirmed: result with hands of [hands] outside the selection; None where nothing was chosen.
-        beside: results with hands outside the design set, by grip.
-        off_file: result of the corner hands on devices perturbed by a tenth; None without a coupling or where every
-            value of the device has a range.
-        beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
-        deployable: whether the coupling may be loaded into the device.
-        rest: limit-cycle freedom with every hand, making and breaking contact; None without a coupling.
-        stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every hand and released: with a
-            plain spring and damper, or with one of the couplings judged, which are no stiffer than the wall.
-        plain_wall_n_per_m: that of a plain spring and damper by linear stability alone.
-        with_friction_n_per_m: rendered stiffness of the stiffest one tried if settling by the declared dry friction
-            sufficed; a search for that may find more. None without any.
-        helps: sensitivity of the stiffness limit of a plain spring and damper.
-        considered: number of couplings judged.
-        reason: one sentence: why this one, or why none.
-        assumed: assumptions.
-        not_used: declared keys that the analysis does not use.
-
-    Example:
-        >>> found = avc.recommend("spring", hands=10)
-        >>> found.deployable, found.trial.hands
-        (True, 10)
-    """
-
-    problem: Problem
-    coupling: Coupling | None
-    trial: CouplingTrial | None
-    confirmed: CouplingTrial | None
-    beside: Mapping[str, CouplingTrial]
-    off_file: PerturbedDevices | None
-    beyond_file: tuple[Withstood, ...]
-    deployable: bool
-    rest: LimitCycleFreedom | None
-    stiffest_wall_n_per_m: float
-    plain_wall_n_per_m: float
-    with_friction_n_per_m: float | None
-    helps: tuple[Help, ...]
-    considered: int
-    reason: str
-    assumed: tuple[str, ...]
-    not_used: tuple[str, ...]
-
-    @in_its_units
-    def __repr__(self) -> str:
-        felt = (
-            "none" if self.trial is None else f"{self.coupling!r}, felt {short(self.trial.stiffness_n_per_m, N_PER_M)}"
-        )
-        return f"Recommendation({self.problem.name!r}: {felt}; {self.reason})"
-
-    def felt(self) -> dict[str, Any]:
-        """Return what is rendered: stiffness, impedance error against the physical wall, tap, vibration."""
-        if self.coupling is None or self.trial is None:
-            return {"stiffness_n_per_m": None, "share_of_wall": None}
-        tried = self.trial.document()
-        springy = self.problem.environment.stiffness_n_per_m > 0
-        sensed = tried["stiffness_n_per_m"]["median"] if springy else None
-        motion = shaken(self.coupling, static_stiffness_n_per_m(self.coupling))
-        return {
-            "stiffness_n_per_m": sensed,
-            "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(self.problem.device, sensed),
-            "share_of_wall": tried["share_of_wall"] if springy else None,
-            "complex_error": motion.errors(),
-            "stiffness_in_motion_n_per_m": motion.stiffnesses(),
-            "shaken": {"depth_m": motion.depth_m, "amplitude_m": motion.amplitude_m},
-            "tap_force_n": tried["tap_force_n"],
-            "tap_depth_m": tried["tap_depth_m"],
-            "edge_m": contact_onset_m(self.coupling) if springy else {},
-            "edge_force_n": NOTICED_N * self.problem.device.metres_per_unit,
-            "rebound": rebound(self.coupling) if springy else {},
-            "vibration": tried["felt_vibration"],
-            "friction_n": self.problem.device.coulomb_friction_n,
-            "rest_error_m": self.problem.device.coulomb_friction_n / sensed if sensed else None,
-            "encoder_step_n": self._encoder_step_n(),
-            "ripple": vars(ripple(self.coupling, self.trial.seed)),
-        }
-
-    def _encoder_step_n(self) -> dict[str, float]:
-        """Return the force step at an encoder step: of the spring, and for one sample of the damping."""
-        coupling, device = self.coupling, self.problem.device
-        if coupling is None:
-            return {}
-        step, damping = device.encoder_resolution_m, coupling.table.at_rest.contact_damping_ns_per_m
-        damping += self.problem.environment.damping_ns_per_m
-        return {"spring": static_stiffness_n_per_m(coupling) * step, "damping": damping * step / device.sample_time_s}
-
-    def transient(self) -> dict[str, Any]:
-        """Return how the linear loop in contact settles, released and with the worst hand; empty without a coupling.
-
-        A settling time is None where an oscillation does not die away.
-        """
-        if self.coupling is None:
-            return {}
-        found = zip(("released", "worst_hand"), transients(self.coupling), strict=True)
-        return {
-            who: vars(one) | {"settling_s": one.settling_s if math.isfinite(one.settling_s) else None}
-            for who, one in found
-        }
-
-    def margins(self) -> dict[str, Any]:
-        """Return the stability margins at the actuator: released, and the smallest with a hand.
-
-        Gain margins as factors, up and down, phase margin in degrees, delay margin in samples; None without a limit;
-        empty without a coupling.
-        """
-        if self.coupling is None:
-            return {}
-        found = zip(("released", "worst_hand"), OpenLoop.of(self.coupling).margins(), strict=True)
-        margins: dict[str, Any] = plain({who: vars(one) for who, one in found})
-        return margins
-
-    def document(self) -> dict[str, Any]:
-        """Return the `recommend` document: JSON values only."""
-        found: dict[str, Any] = plain(
-            {
-                "schema": SCHEMA,
-                "problem": self.problem.name,
-                "deployable": self.deployable,
-                "rest": None if self.rest is None else self.rest.document(),
-                "reason": self.reason,
-                "coupling": None if self.coupling is None else coupling_document(self.coupling),
-                "felt": self.felt(),
-                "transient": self.transient(),
-                "margins": self.margins(),
-                "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
-                "plain_wall_n_per_m": self.plain_wall_n_per_m,
-                "with_friction_n_per_m": self.with_friction_n_per_m,
-                "trial": None if self.trial is None else self.trial.document(),
-                "confirmed": None if self.confirmed is None else self.confirmed.counts(),
-                "other_hands": {holding: trial.counts() for holding, trial in self.beside.items()},
-                "off_file": None if self.off_file is None else self.off_file.document(),
-                "beyond_file": [vars(one) for one in self.beyond_file],
-                "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
-                "what_would_help": [vars(one) for one in self.helps],
-                "considered": self.considered,
-                "assumed": list(self.assumed),
-                "not_used": list(self.not_used),
-            }
-        )
-        return found
-
-
-def _at_handle(device: Device, stiffness_n_per_m: float) -> float:
-    """Return the stiffness at the handle: with an encoder at the motor, the structure's compliance adds."""
-    mode = device.resonance
-    if mode is None or device.encoder_at == "handle":
-        return stiffness_n_per_m
-    reduced = device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
-    spring = reduced * (2 * math.pi * mode.frequency_hz) ** 2
-    return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
 
 
 def judged_as_recommended(
@@ -236,7 +62,6 @@ def judged_as_recommended(
         coupling=found.with_trial(tried.document()),
         trial=tried,
         confirmed=None,
-        beside=_beside(found, hands, 0),
         off_file=off_file(found, 0),
         beyond_file=beyond,
         deployable=verdict.passed and not lacks,
@@ -310,16 +135,15 @@ def recommend(
         best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
         declared_n = problem.device.coulomb_friction_n
         leaning = best_of(judged, lean_on_friction=True, stiffest=True) if judged and declared_n > 0 else None
-        coupling, rest, beside, off, lacks = None, None, {}, None, ""
+        coupling, rest, off, lacks = None, None, None, ""
         beyond: tuple[Withstood, ...] = ()
         if best is not None:
-            told_off = crew.begin(partial(off_file, best.coupling, seed))
-            told_beyond = crew.begin(partial(margins, best.coupling, limit, seed))
+            mismatched = crew.begin(partial(off_file, best.coupling, seed))
+            unmodelled = crew.begin(partial(margins, best.coupling, limit, seed))
             known = certified(best.coupling, progress, prove=prove)
             known, rest = with_rest(known, progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
-            beside, off = _beside(best.coupling, hands, seed, executor), told_off()
-            beyond = told_beyond()
+            off, beyond = mismatched(), unmodelled()
             lacks = missed(beyond, by_friction=lean_on_friction or best.safety == 1)
         held = [static_stiffness_n_per_m(one.coupling) for one in judged]
         nothing = "" if best is None else nothing_rendered(problem, static_stiffness_n_per_m(best.coupling), best.trial)
@@ -328,7 +152,6 @@ def recommend(
             coupling=coupling,
             trial=None if best is None else best.trial,
             confirmed=None if best is None else best.others,
-            beside=beside,
             off_file=off,
             beyond_file=beyond,
             deployable=best is not None and not nothing and not lacks,
@@ -342,15 +165,3 @@ def recommend(
             assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
             not_used=not_used(problem),
         )
-
-
-def _beside(coupling: Coupling, hands: int, seed: int, executor: Executor | None = None) -> dict[str, CouplingTrial]:
-    """Return trials with the grips outside [hands]."""
-    radius = coupling.problem.device.metres_per_unit
-    return {
-        told: try_coupling(
-            coupling, draw_population(GRIPS[holding], hands, seed).at_handle(radius), seed, executor=executor
-        )
-        for holding, told in OTHER_HANDS.items()
-        if holding != coupling.problem.device.held
-    }

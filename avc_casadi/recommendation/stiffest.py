@@ -16,7 +16,6 @@ from avc_casadi.design.robust.cma_continuation import moved
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.recommendation.preconditions import assumed, not_used, why_infeasible
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of
-from avc_casadi.recommendation.recommend import SCHEMA
 from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import linear_changes, simulated_changes
 from avc_casadi.simulation.population.coupling_trial import try_coupling
@@ -96,7 +95,6 @@ def stiffest(
     judged = None if best is None else best.judged
     document: dict[str, Any] = plain(
         {
-            "schema": SCHEMA,
             "problem": problem.name,
             **_told(judged),
             "by": None if judged is None else judged.coupling.method,

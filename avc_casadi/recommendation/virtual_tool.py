@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from avc_casadi._util.json_values import plain
-from avc_casadi._util.printed import Printed
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.files.other_end_coupling_file import other_end_document
-from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
-from avc_casadi.recommendation.tool_impedance import Felt, rendered_tool
+from avc_casadi.recommendation.recommendation import Pair, Recommendation
+from avc_casadi.recommendation.tool_impedance import rendered_tool
 from avc_casadi.recommendation.tool_sensitivity import (
-    ToolHelp,
     exchanges_that_hold,
     least_tool_mass_kg,
     search_ends,
@@ -31,117 +26,9 @@ from avc_casadi.recommendation.tool_sensitivity import (
 from avc_casadi.recommendation.tried_tool import OPTIONS, ToolOptions, tried_coupling, unsettled
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.periodic import Mode
-    from avc_casadi.claims.stability.tool_loop import ToolCase
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.virtual_tool import VirtualTool
     from avc_casadi.simulation.population.tool_trial import ToolTrial
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ToolRecommendation(Printed):
-    """A deployable coupling to a simulation and its analysis.
-
-    Attributes:
-        problem: as stated.
-        coupling: tried and judged; None where none is deployable.
-        deployable: whether it may be loaded into device and engine.
-        reason: one sentence: why this one, or why none.
-        set_by: which hands do not settle with the next stiffer K that was tried; empty where none was.
-        stiffest: the limit: the stiffest K that is linearly stable with every hand, tool and contact, with its B.
-        gain_margin: common gain margin of K and B; None without a coupling.
-        mode: the least damped oscillation of all loops; None without a coupling.
-        worst: the loop with the largest spectral radius at the limit.
-        felt: impedance rendered at the handle.
-        trial: result with simulated hands; None without a coupling.
-        mismatch: whether devices a tenth off and a quarter of a sample late are linearly stable too.
-        local_dampers_ns_per_m: range of the damper in the device's local loop that keeps K and B stable; None where
-            that does not damp.
-        least_tool_mass_kg: the lightest tool with which the same K is stable with some B; None where none is, or where
-            nothing moves.
-        slowest_step_s: the longest step of the engine with which it is.
-        exchanges: with which exchanges it is.
-        helps: sensitivities of the stiffness limit.
-        assumed: assumptions.
-        not_used: declared keys that the analysis does not use.
-    """
-
-    problem: Problem
-    coupling: ToolCoupling | None
-    deployable: bool
-    reason: str
-    set_by: str
-    stiffest: ToolGains
-    gain_margin: float | None
-    mode: Mode | None
-    worst: ToolCase
-    felt: tuple[Felt, ...]
-    trial: ToolTrial | None
-    mismatch: bool | None
-    local_dampers_ns_per_m: tuple[float, float] | None
-    least_tool_mass_kg: float | None
-    slowest_step_s: float | None
-    exchanges: Mapping[str, bool]
-    helps: tuple[ToolHelp, ...]
-    assumed: tuple[str, ...]
-    not_used: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        if self.coupling is None:
-            return f"ToolRecommendation({self.problem.name!r}: none; {self.reason})"
-        k, b = self.coupling.gains.stiffness_n_per_m, self.coupling.gains.damping_ns_per_m
-        told = f"K {k:.6g}, B {b:.4g}"
-        return f"ToolRecommendation({self.problem.name!r}: {told}; {self.reason})"
-
-    def document(self) -> dict[str, Any]:
-        """Return the `recommend` document: JSON values only; keys that need a wall are null."""
-        gains = None if self.coupling is None else self.coupling.gains
-        tried = None if self.trial is None else self.trial.document()
-        rendered = None if tried is None else tried["rendered_stiffness_n_per_m"]
-        found: dict[str, Any] = plain(
-            {
-                "schema": "avc-recommend/1",
-                "problem": self.problem.name,
-                "deployable": self.deployable,
-                "rest": None,
-                "reason": self.reason,
-                "coupling": None if self.coupling is None else other_end_document(self.coupling),
-                "simulation": {
-                    "stiffness_n_per_m": None if gains is None else gains.stiffness_n_per_m,
-                    "damping_ns_per_m": None if gains is None else gains.damping_ns_per_m,
-                    "local_damping_ns_per_m": None if gains is None else gains.local_damping_ns_per_m,
-                    "in_scene": None if self.coupling is None else vars(self.coupling.in_scene),
-                    "set_by": self.set_by or None,
-                    "stiffest_n_per_m": self.stiffest.stiffness_n_per_m,
-                    "stiffest_with": vars(self.stiffest),
-                    "least_tool_mass_kg": self.least_tool_mass_kg,
-                    "slowest_step_s": self.slowest_step_s,
-                    "exchanges": dict(self.exchanges),
-                    "searched_to": search_ends(self.problem),
-                    "rendered_stiffness_n_per_m": rendered,
-                    "gain_margin": self.gain_margin,
-                    "least_damped": None if self.mode is None else asdict(self.mode),
-                    "felt": [asdict(one) for one in self.felt],
-                    "mismatch_stable": self.mismatch,
-                    "local_dampers_ns_per_m": self.local_dampers_ns_per_m,
-                    "limited_by": asdict(self.worst),
-                },
-                "felt": {"stiffness_n_per_m": rendered, "share_of_wall": None},
-                "stiffest_wall_n_per_m": None,
-                "plain_wall_n_per_m": None,
-                "with_friction_n_per_m": None,
-                "trial": tried,
-                "confirmed": None,
-                "other_hands": {},
-                "off_file": None,
-                "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
-                "what_would_help": [vars(one) for one in self.helps],
-                "considered": 1,
-                "assumed": list(self.assumed),
-                "not_used": list(self.not_used),
-            }
-        )
-        return found
 
 
 def recommend_tool(
@@ -152,7 +39,7 @@ def recommend_tool(
     versions: Mapping[str, str] | None = None,
     progress: Progress = SILENT,
     options: ToolOptions = OPTIONS,
-) -> ToolRecommendation:
+) -> Recommendation:
     """Return the spring and damper between a device and the tool of a simulation.
 
     Every loop of the answer is linearly stable: hands of [hands] and the device released, free and rigid contact and
@@ -185,28 +72,32 @@ def recommend_tool(
         certificate = tool_certificate(problem, gains, search)
         coupling = ToolCoupling(problem, gains, certificate, trial.document(), versions or {})
     same = gains.stiffness_n_per_m if gains is not None else wanted
-    return ToolRecommendation(
+    return Recommendation(
         problem=problem,
         coupling=coupling,
         deployable=deployable,
         reason=why or _reason(tool, wanted, margin or 0.0, options, stiffer),
-        set_by=unsettled(*stiffer) if gains is not None and stiffer is not None else "",
-        stiffest=stiffest,
-        gain_margin=margin,
-        mode=mode,
-        worst=search.loops.radius(stiffest.times(1.02) if limit else search.softest)[1],
-        felt=() if gains is None else tuple(rendered_tool(problem, gains)),
         trial=trial if deployable else None,
-        mismatch=None if gains is None else stable_on_other_devices(problem, gains),
-        local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
-        least_tool_mass_kg=None
-        if same is None or tool.tool_mass_kg is None
-        else least_tool_mass_kg(problem, same, local=local),
-        slowest_step_s=None if same is None else slowest_step_s(problem, same, local=local),
-        exchanges={} if same is None else exchanges_that_hold(problem, same, local=local),
         helps=what_would_help(problem, search, local=local),
         assumed=(*assumed(problem), *_assumed(tool)),
         not_used=not_used(problem),
+        pair=Pair(
+            stiffest=stiffest,
+            worst=search.loops.radius(stiffest.times(1.02) if limit else search.softest)[1],
+            loops=len(search.loops),
+            gain_margin=margin,
+            mode=mode,
+            felt=() if gains is None else tuple(rendered_tool(problem, gains)),
+            set_by=unsettled(*stiffer) if gains is not None and stiffer is not None else "",
+            mismatch_stable=None if gains is None else stable_on_other_devices(problem, gains),
+            local_dampers_ns_per_m=search.local_dampers_ns_per_m(gains) if local and gains is not None else None,
+            least_tool_mass_kg=None
+            if same is None or tool.tool_mass_kg is None
+            else least_tool_mass_kg(problem, same, local=local),
+            slowest_step_s=None if same is None else slowest_step_s(problem, same, local=local),
+            exchanges={} if same is None else exchanges_that_hold(problem, same, local=local),
+            searched_to=search_ends(problem),
+        ),
     )
 
 

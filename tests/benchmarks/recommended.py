@@ -22,7 +22,7 @@ PROBLEMS = ("figure5", "reference-r1", "reference-r2", "reference-r3")
 
 
 def recommended(name: str) -> dict[str, Any]:
-    document = avc.recommend(name).document()
+    document = avc.recommend(name).data()
     trial = document["trial"] or {}
     return {
         "deployable": document["deployable"],

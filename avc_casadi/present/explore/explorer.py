@@ -12,20 +12,19 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from avc_casadi._util.progress import Progress
-from avc_casadi._util.text import number
-from avc_casadi._util.units import N_PER_M, Units
+from avc_casadi._util.units import Units
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.model.schedule import GainSchedule, Status
+from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.present.explore.background import Background
 from avc_casadi.present.explore.forms import WALL, Form, form_of
 from avc_casadi.present.explore.requests import RequestError
 from avc_casadi.present.explore.settings import Settings, constant_gains, problem_of_settings
-from avc_casadi.present.pages.virtual_tool import tool_rows
-from avc_casadi.recommendation.recommend import Recommendation, recommend
-from avc_casadi.recommendation.told import conclusion_lines
-from avc_casadi.recommendation.virtual_tool import recommend_tool
+from avc_casadi.present.row import Mark
+from avc_casadi.present.rows.recommend import recommendation
+from avc_casadi.recommendation.answer import recommend
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -219,28 +218,18 @@ def _at_all_frequencies(coupling: Coupling) -> GainSchedule:
     )
 
 
-def _helpful(document: Mapping[str, Any]) -> list[str]:
-    """Return what would help, as a line of the conclusion."""
-    walls = [f"{one['change']} {number(one['stiffest_wall_n_per_m'])}" for one in document["what_would_help"]]
-    now = number(document["plain_wall_n_per_m"])
-    return (
-        [f"what would help a plain spring and damper, which holds {now} {N_PER_M}: {'; '.join(walls)}"] if walls else []
-    )
-
-
 def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | ToolCoupling | None, list[str]]:
-    """Return the coupling of a slow method and what is to be told of it."""
+    """Return the coupling of a slow method, and its rows as texts."""
     problem, method = task
-    if problem.simulation is not None:
-        tool = recommend_tool(problem, progress=progress)
-        rows = tool_rows(tool.document(), problem)
-        # What is known of any pair stands in the table of the page.
-        told = rows if tool.coupling is None else [row for row in rows if row.label not in _IN_TABLE]
-        return tool.coupling, [f"{row.mark.value} {row.label}: {row.text}".strip() for row in told]
     if method == "recommend":
-        found: Recommendation = recommend(problem, progress=progress)
-        document = found.document()
-        return found.coupling, [*conclusion_lines(document), *_helpful(document)]
+        found = recommend(problem, progress=progress)
+        rows = recommendation(found).rows
+        # What is known of any pair stands in the table of the page.
+        shown = [one for one in rows if one.rank == 0 and (found.pair is None or one.label not in _IN_TABLE)]
+        marks = {mark: "" if mark is Mark.NONE else f"{mark.value} " for mark in Mark}
+        coupling = found.coupling
+        assert not isinstance(coupling, TeleoperatorCoupling)  # noqa: S101 - the page has no follower
+        return coupling, [f"{marks[one.mark]}{one.label}: {one.text(problem.units)}" for one in shown]
     gains = solve(problem, method, progress=progress)
     if not gains.usable.any():
         return None, list(dict.fromkeys(gains.reason))

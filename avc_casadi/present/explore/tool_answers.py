@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import spoken_key
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.tool_region import tool_region
@@ -44,9 +43,10 @@ from avc_casadi.present.explore.settings import (
     problem_of_settings,
     values_of,
 )
-from avc_casadi.present.pages.tool_claims import contact_rows, coupling_text, passivity_rows, stability_rows
-from avc_casadi.present.pages.virtual_tool import felt_rows, headline
-from avc_casadi.present.terminal import Mark, Row
+from avc_casadi.present.row import Mark, Row, row, text_of
+from avc_casadi.present.rows.judge import contacts, passivity, stability
+from avc_casadi.present.rows.recommend import felt_rows
+from avc_casadi.present.rows.subject import headline, pair
 from avc_casadi.recommendation.tool_impedance import rendered_band, rendered_tool
 from avc_casadi.recommendation.virtual_tool import unusual, why_infeasible
 
@@ -64,7 +64,7 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     problem, gains = explorer.problem(settings), _gains(explorer, settings)
     found: dict[str, Any] = {
         "title": problem.title or problem.name,
-        "headline": told_on_page(explorer, headline(problem, "").strip()),
+        "headline": told_on_page(explorer, text_of(headline(problem, ""), problem.units).strip()),
         "values": values_of(problem),
         "kept": kept_of(problem),
         "dropped": dropped_ranges(explorer.base, settings, problem),
@@ -74,18 +74,23 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     if gains is None:
         _limit(explorer, problem)
         why = why_infeasible(problem, _search(explorer, problem)) or "none was found: the run says why"
-        return found | {"rows": _rows(explorer, [Row("Coupling", why, Mark.FAIL)])}
+        return found | {"rows": _rows(explorer, [row("Coupling", why, mark=Mark.FAIL)])}
     band, search = rendered_band(problem, gains), _search(explorer, problem)
     certificate = explorer.heavy(f"claims {settings.key}", lambda: tool_certificate(problem, gains, search))
+    felt = {
+        "stiffness_n_per_m": _pressed(explorer, settings),
+        "on_stiffest_contact_n_per_m": None,
+        "at": [asdict(one) for one in rendered_tool(problem, gains)],
+    }
     rows = [
-        Row("Coupling", f"{coupling_text(vars(gains), problem)}{_tried(explorer, settings)}"),
-        *stability_rows(certificate, problem),
-        *contact_rows(search.loops, gains, problem),
-        *felt_rows([asdict(one) for one in rendered_tool(problem, gains)], _pressed(explorer, settings), problem),
+        row("Coupling", pair(vars(gains)), _tried(explorer, settings)),
+        *stability(certificate),
+        *contacts(search.loops, gains, problem),
+        *felt_rows(felt),
     ]
     # Where the engine moves nothing it is no port.
     if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
-        rows += passivity_rows(certificate["passivity"], problem)
+        rows += passivity(certificate["passivity"], problem)
     return found | {
         "gains": {"method": settings.method, **vars(gains)},
         "stable": certificate["stable"],
@@ -105,10 +110,11 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     problem = explorer.problem(asked_settings(explorer, asked))
     search = _search(explorer, problem)
     stiffest = _limit(explorer, problem)
-    limit = Row("Linear limit", why_infeasible(problem, search), Mark.FAIL)
+    limit = row("Linear limit", why_infeasible(problem, search), mark=Mark.FAIL)
     if stiffest.stiffness_n_per_m > 0:
-        limit = Row("Linear limit", f"stiffest stable pair: {coupling_text(vars(stiffest), problem)}")
-    odd = [Row("Unusual", f"{spoken_key(key)} {message}", Mark.CAUTION) for key, message in unusual(problem).items()]
+        limit = row("Linear limit", "stiffest stable pair:", pair(vars(stiffest)))
+    keys = problem.units.key
+    odd = [row("Unusual", f"{keys(key)} {text}", mark=Mark.CAUTION) for key, text in unusual(problem).items()]
     return {"stiffest": plain(vars(stiffest)), "rows": _rows(explorer, [limit, *odd])}
 
 
@@ -162,7 +168,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     ran: ToolCoupling | None = explorer.found(settings)
     certificate = tool_certificate(problem, gains, _search(explorer, problem))
     coupling = ToolCoupling(problem, gains, certificate, None if ran is None else ran.trial, explorer.versions)
-    told = stability_rows(certificate, problem)[0].text + _tried(explorer, settings)
+    told = stability(certificate)[0].text(problem.units) + _tried(explorer, settings)
     return {
         "name": f"{stem}-coupling.json",
         "text": json_text(other_end_document(coupling)),
@@ -216,10 +222,10 @@ def _pressed(explorer: Explorer, settings: Settings) -> float | None:
 
 
 def _rows(explorer: Explorer, rows: list[Row]) -> list[dict[str, str]]:
-    found: list[dict[str, str]] = told_on_page(
-        explorer, [{"label": row.label, "text": row.text, "mark": row.mark.name.lower()} for row in rows]
-    )
-    return found
+    units = explorer.units
+    found = [{"label": one.label, "text": one.text(units), "mark": one.mark.name.lower()} for one in rows]
+    told: list[dict[str, str]] = told_on_page(explorer, found)
+    return told
 
 
 def _drawn(found: ToolRegion) -> dict[str, Any]:

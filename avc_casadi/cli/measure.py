@@ -1,0 +1,422 @@
+"""Verbs that measure a device: excite, identify, diagnose."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING, Any
+
+import avc_casadi as avc
+from avc_casadi._util.text import number
+from avc_casadi.cli._arguments import (
+    add_log_layout,
+    add_verbose,
+    add_worded,
+    check_worded,
+    log_layout,
+    positive,
+    positive_int,
+)
+from avc_casadi.cli._console import Console
+from avc_casadi.cli._files import PICTURES, output_file, write_figure, write_text
+from avc_casadi.cli._subject import is_device, load_device, load_known, load_problem, read_subject
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.identification.diagnosis.model import Diagnosis
+    from avc_casadi.identification.excitation.design import Excitation
+    from avc_casadi.identification.model import Identification
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Hands
+    from avc_casadi.present.row import Answer
+    from avc_hardware import ExcitationLog
+
+# Least travel for `avc identify`, encoder steps.
+_FEWEST_STEPS = 12.0
+_SIGNALS = ("multisine", "chirp", "sweep", "release")
+
+
+def add_excite(parser: argparse.ArgumentParser) -> None:
+    """Excite a device within limits of force, speed and travel, and log it for `avc identify`.
+
+    Before anything moves, the plan is simulated on the declared device and at every corner of [device.range]; one that
+    would break a limit is refused. The firmware checks force, speed and travel at every tick and holds the device near
+    where it stands by a weak spring and damper; hands off. After the end, a limit exceeded, Ctrl-C or a second without
+    the host there is no force until a coupling is pushed.
+    """
+    parser.add_argument(
+        "device",
+        metavar="DEVICE",
+        help="what is known of it: a device, or a problem; a file or a name of the catalogue",
+    )
+    parser.add_argument(
+        "--port",
+        default="emulator",
+        help="serial port (avc doctor --ports); default `emulator`: the firmware image, with the declared device "
+        "on its board",
+    )
+    parser.add_argument(
+        "--signal",
+        choices=_SIGNALS,
+        default="multisine",
+        help="multisine: tells the most (default); chirp; sweep: at constant speed; release: pulled and released",
+    )
+    parser.add_argument("--seconds", type=positive, default=10.0, metavar="S", help="how long; default 10")
+    add_worded(parser, "--force-n", "--torque-nm", "N", "force limit; default: half of the device's")
+    add_worded(
+        parser,
+        "--speed-m-per-s",
+        "--speed-rad-per-s",
+        "V",
+        "speed limit; default 0.3 m/s at the hand, at most 10 rad/s",
+    )
+    add_worded(parser, "--travel-m", "--travel-rad", "X", "travel limit to either side; default 20 mm at the hand")
+    parser.add_argument("--out", metavar="FILE", help="write the log (.csv)")
+    parser.add_argument("--plan-only", action="store_true", help="say what would be done; nothing moves")
+    parser.add_argument(
+        "--on-bench", metavar="DEVICE", help="with --port emulator: the device on its board, if not the declared one"
+    )
+    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
+
+
+def run_excite(args: argparse.Namespace, console: Console) -> Answer:
+    """Plan, report, play, write; 1 if the device stopped before the end."""
+    out = output_file(args.out, "--out", (".csv",)) if args.out else None
+    device = _excite_device(args.device)
+    check_worded(args, device.units)
+    on_bench = _excite_device(args.on_bench) if args.on_bench else device
+    if args.plan_only and args.out:
+        raise avc.InputError.of("makes a log, and --plan-only plays nothing; leave one of them out", key="--out")
+    if args.on_bench and args.port != "emulator":
+        raise avc.InputError.of(
+            f"goes with --port emulator alone, not with {args.port}; leave it out", key="--on-bench"
+        )
+    from avc_casadi.identification.excitation.design import plan_excitation
+    from avc_casadi.present.rows import measure
+    from avc_hardware import excite
+
+    with console.step("plan: a signal within the limits on every device of the ranges"):
+        made = plan_excitation(
+            device,
+            args.signal,
+            seconds=args.seconds,
+            force_n=args.force_n,
+            speed_m_per_s=args.speed_m_per_s,
+            travel_m=args.travel_m,
+            progress=console,
+        )
+    document: dict[str, Any] = {"plan": _excite_plan(made), "out": None, "log": None}
+    planned = measure.plan(document, device.units, args.device, args.port)
+    if args.plan_only:
+        return planned
+    console.say(console.page.rendered(planned))
+    with console.step(f"{args.signal} on {args.port}"):
+
+        def cut(log: ExcitationLog) -> None:
+            if out is not None:
+                log.save(out)
+                found = {"log": log.document()}
+                console.say(console.page.rendered(measure.log(found, device.units, log.port, f"{out}, cut short")))
+
+        log = excite(
+            made.plan,
+            args.port,
+            on_bench=on_bench,
+            baud=args.baud,
+            progress=console,
+            cut=cut,
+            on_silence=console.notice,
+        )
+    document["log"], onwards = log.document(), []
+    if out is not None:
+        log.save(out)
+        document["out"] = str(out)
+    complaint = f"{log.end}; {_excite_advice(log)}" if not log.whole else _excite_too_little(document["log"], device)
+    if out is not None and not complaint:
+        onwards.append(f"avc identify {quote(str(out))} --device {quote(args.device)} --out mine.toml")
+    title = f"{args.device}   {args.signal} on {log.port}"
+    answer = measure.log(document, device.units, title, str(out or ""), onwards)
+    said = f"avc: {log.port}: {complaint}" if complaint else ""
+    return replace(answer, code=1 if complaint else 0, complaint=said)
+
+
+def _excite_device(source: str) -> Device:
+    return load_device(source).device if is_device(source) else load_problem(source).device
+
+
+def _excite_plan(made: Excitation) -> dict[str, Any]:
+    from avc_casadi._util.json_values import plain
+    from avc_casadi._util.units import spoken_key
+
+    plan, found = made.plan, made.forecast
+    low, high = plan.band_hz
+    document: dict[str, Any] = plain(
+        {
+            "signal": plan.kind,
+            "seconds": plan.seconds,
+            "sample_time_s": plan.sample_time_s,
+            "lowest_hz": low,
+            "highest_hz": high,
+            "tones": len(plan.signal.step),
+            "peak_force_n": made.peak_force_n,
+            "crest_factor": made.crest,
+            "held_back_by": spoken_key(made.held_back_by),
+            "limits": {
+                "force_n": plan.max_force_n,
+                "speed_m_per_s": plan.max_speed_m_per_s,
+                "travel_m": plan.max_travel_m,
+            },
+            "centring": {"spring_n_per_m": plan.spring_n_per_m, "damper_ns_per_m": plan.damper_ns_per_m},
+            "devices": len(made.devices),
+            "forecast": {
+                "declared": {key: float(values[0, 0]) for key, values in vars(found).items()},
+                "worst": {key: float(values.max()) for key, values in vars(found).items()},
+            },
+        }
+    )
+    return document
+
+
+def _excite_too_little(log: Mapping[str, Any], device: Device) -> str:
+    """Describe why a log that was played to its end does not identify the device."""
+    from avc_casadi._util.units import spoken_key
+
+    steps = log["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
+    if steps >= _FEWEST_STEPS:
+        return ""
+    return (
+        f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand held it: free "
+        f"it, or give more {spoken_key('--force-n')}"
+    )
+
+
+def _excite_advice(log: ExcitationLog) -> str:
+    from avc_casadi._util.units import spoken_key
+
+    if "limit" in log.end:
+        return (
+            "the device is lighter, freer or otherwise held than declared: clear its way, widen [device.range], or "
+            f"give less {spoken_key('--force-n')}"
+        )
+    return "look at the link, then excite again"
+
+
+def add_identify(parser: argparse.ArgumentParser) -> None:
+    """Identify a device from logs of time, position and commanded force.
+
+    The device file that is written holds measured values, each with its source and, in [device.range], its 95 %
+    interval; it is used at once: device = "device.toml" in a problem file. What the logs do not identify is named, with
+    the log that would.
+    """
+    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npy, .npz or .mat (v5): records")
+    parser.add_argument("--out", metavar="FILE", help="write the device file (.toml)")
+    parser.add_argument(
+        "--device", metavar="BASE", help="device or problem: what the logs do not tell is taken from it"
+    )
+    add_log_layout(parser)
+    parser.add_argument(
+        "--added-mass",
+        metavar="KG,...",
+        help="known mass (kg.m2 on what turns) on the device, one of each log: tells the force's scale",
+    )
+    parser.add_argument(
+        "--known",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a value not to search for: mass_kg=0.1, or inertia_kgm2=1e-5",
+    )
+    parser.add_argument(
+        "--handle-radius-m",
+        type=positive,
+        metavar="R",
+        help="where the hand holds a device that turns, if BASE is not given",
+    )
+    parser.add_argument("--encoder-at", choices=("motor", "handle"), help="side of the resonance with the encoder")
+    parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
+    add_verbose(parser)
+
+
+def run_identify(args: argparse.Namespace, console: Console) -> Answer:
+    """Read, identify, write."""
+    out = output_file(args.out, "--out", (".toml",)) if args.out else None
+    page = output_file(args.report, "--report", (".html",)) if args.report else None
+    layout, masses, known = log_layout(args), _identify_masses(args), _identify_known(args)
+    base = load_known(args.device) if args.device else None
+    from avc_casadi._util.units import speak, spoken, units_for
+    from avc_casadi.identification.device import device_text
+    from avc_casadi.identification.identify import identify
+    from avc_casadi.identification.told import identification_document
+    from avc_casadi.present.rows.measure import identification
+
+    found = identify(
+        args.log,
+        layout=layout,
+        base=base,
+        known=known,
+        added_mass_kg=masses,
+        encoder_at=args.encoder_at,
+        flip_force=args.flip_force,
+        handle_radius_m=args.handle_radius_m,
+        progress=console,
+    )
+    if base is None:
+        speak(units_for(found.motion))
+    document: dict[str, Any] = identification_document(found)
+    written: list[str] = []
+    code, complaint = 0, ""
+    if found.device is None:
+        missing = ", ".join(key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates)
+        code = 1
+        complaint = f"avc: no device file: {missing} not identified; excite it in a log, or state it by --device BASE"
+    elif out is not None:
+        write_text(out, device_text(found.device), "--out")
+        written.append(str(out))
+    document["out"] = str(out) if out is not None and found.device is not None else None
+    written += [] if page is None else [str(page)]
+    answer = identification(document, found, spoken(), args.log, written)
+    if page is not None:
+        _identify_report(answer, found, page, console)
+    return replace(answer, code=code, complaint=complaint)
+
+
+def _identify_report(answer: Answer, found: Identification, page: Path, console: Console) -> None:
+    with console.step("page"):
+        from avc_casadi.cli._versions import package_versions
+        from avc_casadi.present.report import identification_html
+
+        write_text(page, identification_html(answer, found, package_versions()), "--report")
+
+
+def _identify_masses(args: argparse.Namespace) -> tuple[float, ...]:
+    if args.added_mass is None:
+        return ()
+    try:
+        masses = tuple(float(part) for part in args.added_mass.split(","))
+    except ValueError:
+        masses = (math.nan,)
+    if not all(0 <= mass <= 1e6 for mass in masses):
+        raise avc.InputError.of(
+            f"is {args.added_mass!r}; allowed: kilograms, at most 1e6, one of each log: 0,0.2", key="--added-mass"
+        )
+    if len(masses) != len(args.log):
+        logs = "one log" if len(args.log) == 1 else f"{len(args.log)} logs"
+        raise avc.InputError.of(
+            f"is {args.added_mass!r} for {logs}; allowed: kilograms, at most 1e6, one of each log: 0,0.2",
+            key="--added-mass",
+        )
+    return masses
+
+
+def _identify_known(args: argparse.Namespace) -> dict[str, float]:
+    known: dict[str, float] = {}
+    for text in args.known:
+        key, _, value = text.partition("=")
+        try:
+            known[key] = float(value)
+        except ValueError:
+            raise avc.InputError.of(f"is {text!r}; allowed: KEY=VALUE, as mass_kg=0.1", key="--known") from None
+    return known
+
+
+def add_diagnose(parser: argparse.ArgumentParser) -> None:
+    """Diagnose a log of a loop that buzzes: the nearest single cause, the evidence, the remedy.
+
+    Reads the logs that `avc identify` reads. Names one of: delay, too much damping, encoder limit cycle, resonance,
+    stiffness over the limit, hand let go, dropped ticks, halved rate, a force switched by a sign, two rates in one
+    loop; or says that nothing is wrong, or that it cannot tell, between which two, and the log that would decide.
+    """
+    parser.add_argument(
+        "log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npy, .npz or .mat (v5): one record each"
+    )
+    add_log_layout(parser)
+    parser.add_argument("--device", metavar="NAME|FILE", help="device or problem: what it was declared to be")
+    parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")
+    parser.add_argument("--coupling", metavar="FILE", help="coupling.json that was meant to run")
+    parser.add_argument(
+        "--stiffness", type=positive, metavar="N/m", help="stiffness that was meant to run (N.m/rad of what turns)"
+    )
+    parser.add_argument(
+        "--damping", type=positive, metavar="N.s/m", help="damping that was meant to run (N.m.s/rad of what turns)"
+    )
+    parser.add_argument("--plot", metavar="FILE", help="write a picture of each log (.png, .svg, .pdf)")
+    parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
+    add_verbose(parser)
+
+
+def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
+    """Read, diagnose, write."""
+    picture = output_file(args.plot, "--plot", PICTURES) if args.plot else None
+    page = output_file(args.report, "--report", (".html",)) if args.report else None
+    if args.coupling and (args.stiffness or args.damping):
+        raise avc.InputError.of("stands beside --stiffness or --damping; allowed: one of the two", key="--coupling")
+    if args.device and args.problem:
+        raise avc.InputError.of("stands beside --problem, which has a device; allowed: one of them", key="--device")
+    layout = log_layout(args)
+    device, hands = _diagnose_declared(args)
+    coupling = _diagnose_coupling(args.coupling)
+    from avc_casadi._util.units import spoken
+    from avc_casadi.identification.diagnosis.diagnose import diagnose
+    from avc_casadi.identification.diagnosis.told import diagnosis_document
+    from avc_casadi.present.rows.measure import diagnosis
+
+    found = [
+        diagnose(
+            log,
+            layout=layout,
+            device=device,
+            hands=hands,
+            coupling=coupling,
+            stiffness_n_per_m=args.stiffness,
+            damping_ns_per_m=args.damping,
+            flip_force=args.flip_force,
+            progress=console,
+        )
+        for log in args.log
+    ]
+    documents = [diagnosis_document(each) for each in found]
+    document: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
+    written = [] if picture is None else [str(path) for path in _diagnose_pictures(found, picture)]
+    written += [] if page is None else [str(page)]
+    healthy = all(each.verdict == "nothing wrong" for each in found)
+    code = 0 if healthy or all(each.cause for each in found) else 1
+    answer = diagnosis(document, found, spoken(), f"avc diagnose {' '.join(args.log)} -v", written)
+    if page is not None:
+        _diagnose_report(answer, found, page, console)
+    return replace(answer, code=code)
+
+
+def _diagnose_declared(args: argparse.Namespace) -> tuple[Device | None, Hands | None]:
+    if args.problem:
+        problem = load_problem(args.problem)
+        return problem.device, problem.hands
+    return (load_known(args.device).device if args.device else None), None
+
+
+def _diagnose_coupling(file: str | None) -> Coupling | None:
+    if file is None:
+        return None
+    return read_subject("diagnose", file)
+
+
+def _diagnose_pictures(found: list[Diagnosis], picture: Path) -> list[Path]:
+    from avc_casadi.present.figures.diagnosis import draw_diagnosis
+
+    written = []
+    for index, each in enumerate(found, start=1):
+        path = picture if len(found) == 1 else picture.with_stem(f"{picture.stem}-{index}")
+        write_figure(path, draw_diagnosis(each))
+        written.append(path)
+    return written
+
+
+def _diagnose_report(answer: Answer, found: list[Diagnosis], page: Path, console: Console) -> None:
+    with console.step("page"):
+        from avc_casadi.cli._versions import package_versions
+        from avc_casadi.present.report import diagnosis_html
+
+        write_text(page, diagnosis_html(answer, found, package_versions()), "--report")

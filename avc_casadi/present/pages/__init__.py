@@ -1,1 +1,0 @@
-"""Printed output of each command: a headline and rows, a file a group of commands."""

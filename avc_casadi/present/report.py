@@ -1,0 +1,297 @@
+"""Self-contained HTML reports: a verdict, and sections of rows and figures in one frame."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.text import number
+from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
+from avc_casadi.present.figures.layout import figure_png_svg, figure_svg, stacked
+from avc_casadi.present.row import Row, row
+from avc_casadi.present.rows.design import comparison, gain_rows
+from avc_casadi.present.rows.judge import levels, passivity, stability
+from avc_casadi.present.rows.recommend import verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from avc_casadi._util.progress import Progress
+    from avc_casadi._util.units import Units
+    from avc_casadi.design.comparison.comparison import Comparison
+    from avc_casadi.identification.diagnosis.model import Diagnosis
+    from avc_casadi.identification.model import Identification
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.present.row import Answer
+    from avc_casadi.recommendation.recommendation import Recommendation
+
+# Rows of the first screen.
+_FIRST = 10
+_OF_WALL = {
+    "rendered": "Rendered against wanted: stiffness by sinusoidal excitation, and simulated hands that press.",
+    "loop": "The loop opened at the actuator, with its margins, and the impact on the wall in the linear loop.",
+}
+_OF_PAPER = {
+    "boundaries": "The range of impedance that feels real, the desired impedance, and the wall without coupling.",
+    "perceived": "Perceived impedance with an enlarged part, the gains, and the real part that (12) constrains.",
+    "comparison": "Errors of the methods and the verdict at each frequency.",
+}
+Drawn = dict[str, tuple[bytes, "Picture"]]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure for a page.
+
+    Attributes:
+        caption: of the figure, also its alternative text.
+        wide: SVG text.
+        narrow: the same with its panels in one column, for a phone.
+    """
+
+    caption: str
+    wide: str
+    narrow: str
+
+    @classmethod
+    def of(cls, draw: Callable[..., Figure], result: Any, caption: str) -> tuple[bytes, Picture]:
+        """Draw a result wide and narrow, and return the wide one as the content of a PNG file too."""
+        png, wide = figure_png_svg(draw(result))
+        return png, cls(caption, wide, figure_svg(stacked(draw, result)))
+
+    def html(self) -> str:
+        """Return the figure with its pictures inside."""
+        wide, narrow = (
+            f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}" for svg in (self.wide, self.narrow)
+        )
+        return (
+            f'<figure><picture><source media="(max-width: 700px)" srcset="{narrow}"><img src="{wide}" '
+            f'alt="{escape(self.caption)}"></picture><figcaption>{escape(self.caption)}</figcaption></figure>'
+        )
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report: a heading, a sentence, figures and rows; folded up at first where it holds details."""
+
+    title: str
+    rows: Sequence[Row] = ()
+    pictures: Sequence[Picture] = ()
+    text: str = ""
+    folded: bool = False
+
+    def html(self, units: Units) -> str:
+        """Return it as HTML."""
+        text = f"<p>{escape(self.text)}</p>" if self.text else ""
+        body = "\n".join([text, *(one.html() for one in self.pictures), _rows_html(self.title, self.rows, units)])
+        if self.folded:
+            return f"<details>\n<summary>{escape(self.title)}</summary>\n{body}\n</details>"
+        return f"<h2>{escape(self.title)}</h2>\n{body}"
+
+
+def _rows_html(title: str, rows: Iterable[Row], units: Units) -> str:
+    lines = [
+        f'<tr><td class="{one.mark.name.lower()}">{escape(one.label)}</td><td>{escape(one.text(units))}</td></tr>'
+        for one in rows
+    ]
+    if not lines:
+        return ""
+    return (
+        f'<div class="wide" tabindex="0" role="region" aria-label="{escape(title)}">\n'
+        f"<table>{''.join(lines)}</table></div>"
+    )
+
+
+def page_html(
+    title: str,
+    source: str,
+    said: tuple[str, bool],
+    sections: Iterable[Section],
+    units: Units,
+    versions: Mapping[str, str],
+) -> str:
+    """Return a page: its title and source, a verdict and whether that is a yes, its sections, and the versions."""
+    text, good = said
+    parts = [f'<p class="verdict {"pass" if good else "fail"}">{escape(text)}</p>']
+    parts += [one.html(units) for one in sections]
+    made = _rows_html("versions", (row(name, version) for name, version in versions.items()), units)
+    frame = Template(Path(__file__).with_suffix(".html").read_text(encoding="utf-8"))
+    body = "\n\n".join(parts)
+    return frame.substitute(title=escape(title), source=escape(source), body=body, versions=made)
+
+
+def report_html(
+    answer: Answer,
+    problem: Problem,
+    pictures: Sequence[Picture],
+    versions: Mapping[str, str],
+    more: Sequence[Section] = (),
+) -> str:
+    """Return the report of a recommendation: verdict, one picture and ten rows first, then the rest of it."""
+    shown = [one for one in answer.rows if one.rank == 0 and one.label != "Written"]
+    details = [one for one in answer.rows if one.rank > 0]
+    certificate = answer.data["certificate"] or {}
+    claims: list[Row] = levels(certificate.get("levels", {}))
+    if problem.simulation is not None and certificate:
+        claims = stability(certificate)
+        if problem.simulation.tool_mass_kg is not None:
+            claims += passivity(certificate["passivity"], problem)
+    settings = [
+        row(problem.units.key(key), text)
+        for key, text in _settings(problem.model_dump(exclude={"name", "title", "source"}))
+    ]
+    sections = [
+        Section("What to deploy", shown[:_FIRST], pictures[:1]),
+        Section("Margins and time responses", shown[_FIRST:], pictures[1:]),
+        *more,
+        Section("Details", details, folded=True),
+        *([Section("Certificate", claims, folded=True)] if claims else []),
+        Section("Problem: every value of it", settings, folded=True),
+    ]
+    title = ": ".join(filter(None, (problem.name, problem.title)))
+    said = verdict(answer.data, shown)
+    return page_html(
+        title, problem.source, said, [one for one in sections if one.rows or one.pictures], problem.units, versions
+    )
+
+
+def paper_sections(
+    data: Mapping[str, Any], certificate: Mapping[str, Any], problem: Problem, drawn: Drawn, question: Sequence[Row]
+) -> list[Section]:
+    """Return the paper's question: closed form, CasADi and the exact optimum, and what the comparison is made of."""
+    text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
+    delivered = data["methods"][data["delivered"]]
+    every = gain_rows(delivered, len(data["frequency_hz"]))
+    errors = [
+        row(one.equation, f"printed {one.as_printed}; correct {one.correct}; effect: {one.effect}")
+        for one in PAPER_ERRORS
+    ]
+    return [
+        Section("The paper's question", question, [picture for _, picture in drawn.values()], text),
+        Section("Comparison of the methods", comparison(data, problem).rows, folded=True),
+        Section(f"Certificate of the gains of {data['delivered']}", levels(certificate["levels"]), folded=True),
+        Section(f"Gains: all rows of {data['delivered']}", every, folded=True),
+        Section("What is assumed", [row(one.what, str(one.assumed)) for one in ASSUMPTIONS], folded=True),
+        Section("Errors of the printed paper", errors, folded=True),
+    ]
+
+
+def wall_pictures(found: Recommendation) -> Drawn:
+    """Return the figures of a coupling to a wall; none without one."""
+    from avc_casadi.coupling import Coupling  # noqa: PLC0415 - with the simulators, in a process of its own
+    from avc_casadi.present.figures.deployed import draw_loop, draw_rendered  # noqa: PLC0415 - likewise
+    from avc_casadi.recommendation.deployed import deployed  # noqa: PLC0415 - likewise
+
+    if not isinstance(found.coupling, Coupling):
+        return {}
+    responses = deployed(found.coupling)
+    draws: dict[str, Callable[..., Figure]] = {"rendered": draw_rendered, "loop": draw_loop}
+    return {name: Picture.of(draw, responses, _OF_WALL[name]) for name, draw in draws.items()}
+
+
+def paper_pictures(found: Comparison) -> Drawn:
+    """Return the figures of the paper's question."""
+    from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison  # noqa: PLC0415 - as above
+    from avc_casadi.present.figures.perceived import draw_perceived  # noqa: PLC0415 - as above
+
+    draws = {"boundaries": draw_boundaries, "perceived": draw_perceived, "comparison": draw_comparison}
+    return {name: Picture.of(draw, found, _OF_PAPER[name]) for name, draw in draws.items()}
+
+
+def pair_pictures(found: Recommendation, progress: Progress) -> Drawn:
+    """Return the figures of a coupling to another end: the rendering, and of a simulation the stable couplings."""
+    from dataclasses import replace  # noqa: PLC0415 - as above
+
+    from avc_casadi.coupling import Coupling  # noqa: PLC0415 - as above
+    from avc_casadi.design.tool_region import tool_region  # noqa: PLC0415 - as above
+    from avc_casadi.present.figures.tool_impedance import draw_rendered_impedance  # noqa: PLC0415 - as above
+    from avc_casadi.present.figures.tool_region import draw_tool_region  # noqa: PLC0415 - as above
+    from avc_casadi.recommendation.tool_impedance import rendered_band  # noqa: PLC0415 - as above
+
+    drawn, coupling = {}, found.coupling
+    gains = None if coupling is None or isinstance(coupling, Coupling) else coupling.gains
+    if gains is not None:
+        band = rendered_band(found.problem, gains)
+        caption = "Rendered against wanted: device and other end as one body, and the coupling's spring."
+        drawn["rendered"] = Picture.of(draw_rendered_impedance, band, caption)
+    if found.problem.simulation is not None:
+        region = replace(tool_region(found.problem, progress), chosen=gains)
+        caption = "Springs and dampers that are stable with every corner hand, tool and contact, by engine rate."
+        drawn["region"] = Picture.of(draw_tool_region, region, caption)
+    return drawn
+
+
+def _settings(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Return every value of nested tables beside its dotted key, without those not given."""
+    rows = []
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            rows += _settings(value, f"{prefix}{key}.")
+        elif value is not None:
+            rows.append((f"{prefix}{key}", _value(value)))
+    return rows
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_value, value)) or "none"
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def identification_html(answer: Answer, found: Identification, versions: Mapping[str, str]) -> str:
+    """Return the report of an identification: its rows, log and model side by side, and the device file."""
+    from avc_casadi.identification.device import device_text  # noqa: PLC0415 - SciPy, which no other page needs
+    from avc_casadi.present.figures.identification import draw_correlations, draw_identification  # noqa: PLC0415
+
+    shown = found.shown[0]
+    caption = (
+        f"{shown.record}: the model on the commanded input, held near by a slow observer (a, b); frequency response "
+        "where input and motion are coherent (c, d); intervals (e); prediction error, white inside the grey band (f)"
+    )
+    together = "Correlations of the estimates: two numbers near +-1 are known together better than alone"
+    pictures = [
+        Picture.of(draw_identification, found, caption)[1],
+        Picture.of(draw_correlations, found, together)[1],
+    ]
+    text = "no device file: mass or damping was not identified" if found.device is None else device_text(found.device)
+    shown_rows = [one for one in answer.rows if one.rank == 0]
+    sections = [
+        Section("What the logs show", shown_rows, pictures[:1]),
+        Section("Notes", [one for one in answer.rows if one.rank > 0], pictures[1:]),
+        Section(
+            "Device file", [row(f"{place + 1}", line) for place, line in enumerate(text.splitlines())], folded=True
+        ),
+    ]
+    source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
+    title = "Device identified from its log" if found.device is None else found.device.title
+    said = (f"{len(found.estimates)} values identified, {len(found.refused)} not.", found.device is not None)
+    return page_html(title, source, said, sections, answer.units, versions)
+
+
+def diagnosis_html(answer: Answer, found: Sequence[Diagnosis], versions: Mapping[str, str]) -> str:
+    """Return the report of a diagnosis: its rows, and a picture of each log."""
+    from avc_casadi.present.figures.diagnosis import draw_diagnosis  # noqa: PLC0415 - as above
+    from avc_casadi.present.rows.measure import diagnosis  # noqa: PLC0415 - as above
+
+    caption = (
+        "the grey stretch is the oscillation (a); the position without the hand's slow motion, with its envelope (b); "
+        "commanded input against position in its middle (c); its spectrum, with the frequency of the loop model (d)"
+    )
+    sections = []
+    for one in found:
+        rows = diagnosis(answer.data, [one], answer.units, "", ()).rows
+        picture = Picture.of(draw_diagnosis, one, f"{one.source}: {caption}")[1]
+        sections += [
+            Section(one.source, [each for each in rows if each.rank == 0], [picture]),
+            Section("Evidence", [each for each in rows if each.rank > 0], folded=True),
+        ]
+    title = "Diagnosis of a log" if len(found) == 1 else f"Diagnosis of {len(found)} logs"
+    said = ("; ".join(one.conclusion for one in found), all(one.verdict == "nothing wrong" for one in found))
+    return page_html(title, ", ".join(one.source for one in found), said, sections, answer.units, versions)

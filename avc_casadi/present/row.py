@@ -1,0 +1,261 @@
+"""An answer: rows of values, each with its quantity; units, marks and layout are known here alone."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Literal, TextIO
+
+from avc_casadi._util.text import number, percent, quantity
+from avc_casadi._util.units import LINEAR, Units
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Quantity = Literal[
+    "stiffness",
+    "damping",
+    "mass",
+    "force",
+    "length",
+    "speed",
+    "time",
+    "frequency",
+    "energy",
+    "share",
+    "gain",
+    "phase",
+    "samples",
+    "number",
+]
+_UNITS = {
+    "stiffness": "N/m",
+    "damping": "N.s/m",
+    "mass": "kg",
+    "force": "N",
+    "length": "m",
+    "speed": "m/s",
+    "time": "s",
+    "frequency": "Hz",
+    "energy": "J",
+}
+SCHEMA = "avc/1"
+MOST_ROWS, MOST_LINES, WIDTH = 15, 22, 100
+"""Rows and lines of an answer on a terminal, and their length."""
+_NARROWEST = 60
+_COLOURS = {"✓": "32", "✗": "31", "!": "33"}
+_ASCII = str.maketrans({"✓": "+", "✗": "X", "·": ";", "±": "+"})
+
+
+class Mark(Enum):
+    """Verdict of a row."""
+
+    PASS = "✓"  # noqa: S105 - no password
+    FAIL = "✗"
+    CAUTION = "!"
+    NONE = " "
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number and what it measures, in SI units of a linear device."""
+
+    number: float | None
+    quantity: Quantity
+    digits: int = 3
+
+    def text(self, units: Units) -> str:
+        """Return the number with its unit for a device that slides or turns."""
+        value = self.number
+        if self.quantity in _UNITS:
+            return quantity(value, units.unit(_UNITS[self.quantity]), self.digits)
+        if self.quantity == "share":
+            return percent(value)
+        if self.quantity == "number":
+            return number(value, self.digits)
+        if value is None or math.isinf(value):
+            return "unlimited"
+        if self.quantity == "gain":
+            return f"{20 * math.log10(value):.1f} dB" if value > 0 else "-"
+        return f"{number(value, self.digits)} {'deg' if self.quantity == 'phase' else 'samples'}"
+
+
+Part = Value | str
+Parts = Part | None | Iterable["Parts"]
+
+
+def parts(*given: Parts) -> tuple[Part, ...]:
+    """Return values and texts in one sequence, without those that are empty."""
+    found: list[Part] = []
+    for one in given:
+        if isinstance(one, Value | str):
+            found += [one] if one != "" else []
+        elif one is not None:
+            found += parts(*one)
+    return tuple(found)
+
+
+# Stands between a number and its unit while lines are broken.
+_TIE = "\0"
+
+
+def text_of(values: Iterable[Part], units: Units, tie: str = " ") -> str:
+    """Return values and texts as one line."""
+    line = ""
+    for one in values:
+        text = one if isinstance(one, str) else one.text(units).replace(" ", tie)
+        close = not line or line.endswith("(") or text[:1] in {",", ";", ")", ":"}
+        line += text if close else f" {text}"
+    return line
+
+
+def listed(groups: Iterable[Parts], between: str = ",") -> tuple[Part, ...]:
+    """Return groups with a comma between them."""
+    found: list[Part] = []
+    for group in groups:
+        some = parts(group)
+        if some:
+            found += [between] if found else []
+            found += some
+    return tuple(found)
+
+
+def span(values: Iterable[float | None], of: Quantity) -> tuple[Part, ...]:
+    """Return the lowest and the highest value, or the only one."""
+    known = [one for one in values if one is not None]
+    low, high = min(known), max(known)
+    return (Value(low, of),) if low == high else (Value(low, of), "to", Value(high, of))
+
+
+def count(things: float) -> Value:
+    """Return a number of things."""
+    return Value(things, "number", 9)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A fact of an answer.
+
+    Attributes:
+        label: its subject.
+        values: numbers with their quantity, and words between them.
+        mark: whether it passes.
+        rank: 0 is printed, 1 with -v.
+    """
+
+    label: str
+    values: tuple[Part, ...]
+    mark: Mark = Mark.NONE
+    rank: int = 0
+
+    def text(self, units: Units) -> str:
+        """Return its values as one line."""
+        return text_of(self.values, units)
+
+
+def row(label: str, *values: Parts, mark: Mark = Mark.NONE, rank: int = 0) -> Row:
+    """Return a row of values and texts."""
+    return Row(label, parts(*values), mark, rank)
+
+
+def marked(passed: bool, otherwise: Mark = Mark.FAIL) -> Mark:
+    """Return the mark of a verdict."""
+    return Mark.PASS if passed else otherwise
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a command has found: the same rows on terminal, report, page and notebook, and JSON values.
+
+    Attributes:
+        kind: which answer.
+        data: JSON values in the names of a linear device.
+        title: its subject.
+        rows: its facts, the most important first.
+        commands: to type next.
+        units: of the device.
+        figures: what draws it, by name.
+        whole: whether it is printed at any length.
+        code: exit code: 0 done, 1 the answer is no.
+        complaint: reason of another code than 0.
+    """
+
+    kind: str
+    data: Mapping[str, Any]
+    title: tuple[Part, ...] = ()
+    rows: tuple[Row, ...] = ()
+    commands: tuple[str, ...] = ()
+    units: Units = LINEAR
+    figures: Mapping[str, Callable[[], Figure]] = field(default_factory=dict)
+    whole: bool = False
+    code: int = 0
+    complaint: str = ""
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document in the names of the device's motion."""
+        head = {"schema": SCHEMA, "kind": self.kind}
+        return self.units.document(head | {key: one for key, one in self.data.items() if key not in head})
+
+
+@dataclass(frozen=True)
+class Page:
+    """Properties of an output stream: longest line, whether marks have a colour, whether it takes ASCII alone."""
+
+    width: int = WIDTH
+    colour: bool = False
+    plain: bool = False
+
+    @classmethod
+    def of(cls, stream: TextIO | None) -> Page:
+        """Return the page of a stream; a colour only on a terminal and without NO_COLOR (https://no-color.org)."""
+        if stream is None:
+            return cls()
+        terminal = stream.isatty()
+        width = shutil.get_terminal_size((WIDTH, 24)).columns if terminal else WIDTH
+        colour = terminal and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+        try:
+            "✓✗·±".encode(stream.encoding or "utf-8")
+        except (UnicodeEncodeError, LookupError):
+            return cls(min(max(width, _NARROWEST), WIDTH), colour, plain=True)
+        return cls(min(max(width, _NARROWEST), WIDTH), colour)
+
+    def rendered(self, answer: Answer, *, verbose: bool = False) -> str:
+        """Return an answer as text; without verbose the last unmarked rows go while it is longer than a screen."""
+        rows = [one for one in answer.rows if verbose or one.rank == 0]
+        lines = self._lines(answer, rows)
+        while not (verbose or answer.whole) and (len(rows) > MOST_ROWS or len(lines) > MOST_LINES):
+            spare = [one for one in rows[1:] if one.mark is Mark.NONE]
+            if not spare:
+                break
+            rows.remove(spare[-1])
+            lines = self._lines(answer, rows)
+        text = "\n".join(lines)
+        return text.translate(_ASCII) if self.plain else text
+
+    def _lines(self, answer: Answer, rows: Sequence[Row]) -> list[str]:
+        label = max((len(one.label) for one in rows), default=0)
+        lines = [*_broken(answer.title, answer.units, self.width), ""] if answer.title else []
+        for one in rows:
+            first, *more = _broken(one.values, answer.units, self.width - label - 6) or [""]
+            lines.append(f"  {self._mark(one.mark)} {one.label:<{label}}  {first}".rstrip())
+            lines += [f"{'':{label + 6}}{line}" for line in more]
+        if answer.commands:
+            onwards = "    ".join(answer.commands)
+            between = "    " if len(onwards) + 8 <= self.width else f"\n{'':8}"
+            lines += ["", *f"  next: {between.join(answer.commands)}".split("\n")]
+        return lines
+
+    def _mark(self, mark: Mark) -> str:
+        colour = _COLOURS.get(mark.value) if self.colour else None
+        return mark.value if colour is None else f"\x1b[{colour}m{mark.value}\x1b[0m"
+
+
+def _broken(values: Iterable[Part], units: Units, width: int) -> list[str]:
+    """Return values and texts as lines; a number keeps its unit."""
+    lines = textwrap.wrap(text_of(values, units, _TIE), width, break_on_hyphens=False)
+    return [line.replace(_TIE, " ") for line in lines]

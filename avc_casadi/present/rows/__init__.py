@@ -1,0 +1,108 @@
+"""Results as answers: the rows that their command prints."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.json_values import plain
+from avc_casadi.claims.certificate import Certificate
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
+from avc_casadi.claims.zwidth import ZWidth
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.comparison.comparison import Comparison
+from avc_casadi.design.comparison.document import comparison_document
+from avc_casadi.design.scene_coupling import told_beside
+from avc_casadi.files.gain_file import gain_document
+from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.own_law.certificate import LawCertificate
+from avc_casadi.paper.errata import PAPER_ERRORS
+from avc_casadi.paper.realism import judge_realism
+from avc_casadi.present.row import Answer, Page
+from avc_casadi.present.rows import design, judge
+from avc_casadi.present.rows.own_law import own_law
+from avc_casadi.present.rows.recommend import recommendation
+from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.simulation.run import Run
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+
+@singledispatch
+def answer_of(result: object) -> Answer:
+    """Return the answer of `recommend`, `solve`, `certify`, `compare`, `simulate` or `zwidth`."""
+    raise NotImplementedError(f"no rows for {type(result).__name__}")
+
+
+def text_of(result: object) -> str:
+    """Return a result as its command prints it."""
+    return Page().rendered(answer_of(result))
+
+
+answer_of.register(Recommendation, recommendation)
+answer_of.register(LawCertificate, own_law)
+
+
+def _stated(result: GainSchedule | Run) -> Problem:
+    assert result.stated is not None  # noqa: S101 - another prints its line
+    return result.stated
+
+
+@answer_of.register
+def _solution(result: GainSchedule) -> Answer:
+    problem = _stated(result)
+    coupling = Coupling.of(problem, result) if result.usable.any() else None
+    return design.solution(solution_data(problem, result, coupling, None), problem)
+
+
+def solution_data(
+    problem: Problem, gains: GainSchedule, coupling: Coupling | None, certificate: Certificate | None
+) -> dict[str, Any]:
+    """Return the data of `solve`, with the certificate where one was made."""
+    found = gain_document(gains) | {
+        "certificate": {"levels": {}} if certificate is None else certificate.document(),
+        "realism": judge_realism(problem, gains.impedance, gains.usable).document(),
+        "passive_limit_n_per_m": plain(passive_limit_n_per_m(problem.device)),
+        "deployable": None if coupling is None else deployable(coupling).document(),
+    }
+    if gains.solver == "as-printed":
+        found["paper_errors"] = [vars(error) for error in PAPER_ERRORS]
+    return found
+
+
+@answer_of.register
+def _certificate(result: Certificate) -> Answer:
+    problem, gains = result.stated, result.gains
+    if isinstance(gains, GainSchedule):
+        coupling, notes = Coupling.of(problem, gains) if gains.usable.any() else None, holes(gains)
+    else:
+        coupling, notes = gains.on(problem), holes(gains.schedule)
+    verdict = {"pass": False} if coupling is None else deployable(coupling).document()
+    beside = {"gains": None, "notes": [*filter(None, [notes])], "proof_files": [], "deployable": verdict}
+    return judge.certificate(result.document() | beside, problem)
+
+
+@answer_of.register
+def _comparison(result: Comparison) -> Answer:
+    return design.comparison(comparison_document(result), result.stated)
+
+
+@answer_of.register
+def _run(result: Run) -> Answer:
+    return judge.scene(result.document() | told_beside(result), _stated(result))
+
+
+@answer_of.register
+def _walls(result: ZWidth) -> Answer:
+    return judge.walls(result.document(), result.stated)
+
+
+def holes(schedule: GainSchedule) -> str:
+    """Describe what runs at the frequencies without gains; empty where there are none, or no others."""
+    usable = schedule.usable
+    without = len(usable) - int(usable.sum())
+    if without in {0, len(usable)}:
+        return ""
+    return f"{without} of {len(usable)} frequencies have no gains: those of the rows beside them run there"

@@ -1,0 +1,526 @@
+"""Rows of judgements: certificates, regions of stable walls and pairs, simulated scenes, trials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from shlex import quote
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.text import sample_rows
+from avc_casadi.claims.stability.periodic import TOLERANCE
+from avc_casadi.model.effects import SaturationEffect
+from avc_casadi.model.registries import EFFECTS
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row
+from avc_casadi.present.rows.subject import (
+    RIGID,
+    SAFE_GAIN,
+    gain_margin,
+    hand,
+    headline,
+    name_of,
+    not_used,
+    notes,
+    pair,
+    passive_limit,
+)
+
+if TYPE_CHECKING:
+    from avc_casadi._util.units import Units
+    from avc_casadi.claims.stability.tool_loop import ToolLoops
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.problem import Problem
+
+# Name of each deployment claim, and the text of its failure.
+_CLAIMS = {
+    "hands": ("Corner hands", "with hands"),
+    "let-go": ("Released", "when released"),
+    "dead-zone": ("Dead zone", "in the dead zone"),
+    "detent": ("Detents", "on detents"),
+}
+_OUTCOMES = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
+_SETTLES = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}
+_WORDS = {"asymptotic": "settles", "held-by-friction": "settles by dry friction alone", "unstable": "does not settle"}
+# A force this near to its limit counts as limited; smaller travel, forces and energies are round-off.
+_AT_LIMIT, _ROUND_OFF = 0.97, 1e-12
+_CURVES = {
+    "passive-paper": "Passive, paper",
+    "passive-sampled-data": "Passive, sampled",
+    "passive-delayed": "Passive, 1 sample late",
+    "stable-released": "Stable, released",
+    "stable-hands": "Stable, all hands",
+}
+_ROWS = 16
+
+
+def certificate(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
+    """Return the answer of `certify` of a coupling to a wall; ``gains`` is None where they stand in no file."""
+    shown, file, verdict = shown or name_of(problem), data["gains"], data["deployable"]
+    rows = [
+        _verdict(verdict),
+        *_claims(verdict, data["levels"]["L5"]),
+        *(
+            row(one["title"].capitalize(), f"{one['outcome']}: {one['claim']}", mark=_OUTCOMES[one["outcome"]])
+            for one in data["levels"].values()
+            if one["outcome"]
+        ),
+        _per_frequency(data["levels"]),
+        passive_limit(data["passive_limit_n_per_m"]),
+        *notes(data["notes"]),
+        *([row("Written", ", ".join(data["proof_files"]))] if data["proof_files"] else []),
+        *levels(data["levels"]),
+    ]
+    if "claimed" in data:
+        claimed = data["levels"][data["claimed"]]
+        rows.append(row("Asked for", f"{claimed['title']}: {'met' if claimed['pass'] else 'not met'}", rank=1))
+    onwards = [] if verdict["pass"] else [f"avc recommend {quote(shown)} --out coupling.json"]
+    if file is not None:
+        onwards = [*(onwards or [f"avc export {quote(file)} --c DIR"]), f"avc certify {quote(file)} -v"]
+    complaint = "" if verdict["pass"] else f"avc: {problem.name}: {file} is not deployable"
+    return Answer(
+        "certify",
+        data,
+        headline(problem, file or shown),
+        tuple(rows),
+        tuple(onwards),
+        problem.units,
+        code=1 if complaint else 0,
+        complaint=complaint,
+    )
+
+
+def _verdict(verdict: Mapping[str, Any]) -> Row:
+    if verdict["pass"]:
+        return row("Deployable", "yes: linearly stable with every corner hand and released", mark=Mark.PASS)
+    failed = dict.fromkeys(_claim(one["name"])[1] for one in verdict.get("claims", ()) if not one["pass"])
+    why = f"not linearly stable {' and '.join(failed)}" if failed else "no row has gains"
+    return row("Deployable", f"no: {why}", mark=Mark.FAIL)
+
+
+def _claim(name: str) -> tuple[str, str]:
+    return _CLAIMS["detent" if name.startswith("detent") else name]
+
+
+def _claims(verdict: Mapping[str, Any], hands: Mapping[str, Any]) -> list[Row]:
+    """Return each claim with its worst spectral radius; of those on detents the worst alone."""
+    worst: dict[str, Mapping[str, Any]] = {}
+    for one in verdict.get("claims", ()):
+        label, _ = _claim(one["name"])
+        hardest = (not one["pass"], one["spectral_radius"] or 0.0)
+        if label not in worst or hardest > (not worst[label]["pass"], worst[label]["spectral_radius"] or 0.0):
+            worst[label] = one
+    rows = []
+    for label, one in worst.items():
+        if not one["pass"] or one["spectral_radius"] is None:
+            rows.append(row(label, one["sentence"], mark=marked(one["pass"])))
+            continue
+        less = None
+        if one["name"] == "hands" and hands["margin_ns_per_m"] is not None:
+            less = ("; stays stable down to", Value(hands["margin_ns_per_m"], "damping"), "less device damping")
+        radius = ("spectral radius", Value(one["spectral_radius"], "number", 5), "at most")
+        rows.append(row(label, radius, less, mark=Mark.PASS))
+    return rows
+
+
+def _per_frequency(found: Mapping[str, Any]) -> Row:
+    """Return the claims of the paper, which deployment does not need."""
+    others = {name: one for name, one in found.items() if not one["outcome"] and name != "L5"}
+    words = {"met": "pass", "not met": "fail", "not judged": "refused"}
+    told = []
+    for word, state in words.items():
+        names = [one["title"].removeprefix("passive ") for one in others.values() if _state(one) == state]
+        told += [f"{word}: {', '.join(names)}"] if names else []
+    return row("Passivity", "; ".join(told))
+
+
+def _state(level: Mapping[str, Any]) -> str:
+    return "refused" if level["refused"] else "pass" if level["pass"] else "fail"
+
+
+def levels(found: Mapping[str, Any]) -> list[Row]:
+    """Return each level of a certificate with its meaning and worst margin, of lower rank."""
+    rows = []
+    for name, one in found.items():
+        margin: tuple[Part, ...] = ()
+        if one["margin_ns_per_m"] is not None:
+            at = ("at", Value(one["frequency_hz"], "frequency")) if one["frequency_hz"] is not None else None
+            margin = parts(", margin", Value(one["margin_ns_per_m"], "damping"), at)
+        word = one.get("outcome") or _state(one)
+        rows.append(row(name, f"{one['title']}: {word}", margin, rank=1))
+        rows.append(row("", one["claim"], rank=1))
+    return rows
+
+
+def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
+    """Return the answer of `certify` of a coupling to a simulation: stability, and passivity apart."""
+    rows = [row("Coupling", pair(data)), *stability(data)]
+    # Where the tool is fixed the engine is no port.
+    if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
+        rows += passivity(data["passivity"], problem)
+    rows += [*not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
+    complaint = "" if data["stable"] else f"avc: {problem.name}: {data['coupling_file']} is not deployable"
+    return Answer(
+        "certify",
+        data,
+        headline(problem, shown),
+        tuple(rows),
+        units=problem.units,
+        code=1 if complaint else 0,
+        complaint=complaint,
+    )
+
+
+def stability(found: Mapping[str, Any]) -> list[Row]:
+    """Return whether all loops are stable, with their margins, and the worst of them."""
+    loops, margin, case, mode = found["loops"], found["gain_margin"], found["worst"], found["least_damped"]
+    tool = case["tool"]
+    touches: tuple[Part, ...] = ("free",)
+    if tool["contact_stiffness_n_per_m"] is None or tool["mass_kg"] is None:
+        touches = ("held rigidly",)
+    elif tool["contact_stiffness_n_per_m"] > 0:
+        touches = ("on", Value(tool["contact_stiffness_n_per_m"], "stiffness"))
+    what = ("fixed place",) if tool["mass_kg"] is None else ("tool of", Value(tool["mass_kg"], "mass"), ",", *touches)
+    step = ("; step", Value(case["step_s"], "time"))
+    radius = ("; spectral radius", Value(found["spectral_radius"], "number", 6), "a step")
+    worst = row("Worst loop", hand(case["hand"]), ";", what, step, radius)
+    if not found["stable"]:
+        return [row("Stability", "not all of", count(loops), "loops are stable", mark=Mark.FAIL), worst]
+    told = ("corner hands and released,", count(loops), "loops;", gain_margin(margin))
+    rows = [row("Stability", told, mark=marked(margin >= SAFE_GAIN, Mark.CAUTION)), worst]
+    if mode["damping_ratio"] < 1:
+        damped = (Value(mode["damping_ratio"], "number", 2), "at", Value(mode["frequency_hz"], "frequency"))
+        rows.append(row("Damping ratio", damped, "(least damped loop)"))
+    return rows
+
+
+def contacts(loops: ToolLoops, gains: ToolGains, problem: Problem) -> list[Row]:
+    """Return with whom the coupling is stable where the tool is free, on a spring and held rigidly, a row for each."""
+    radius = loops.radii(gains).max(axis=1)
+    stiff = [one.contact_stiffness_n_per_m for one in loops.tools]
+    names = {
+        "Tool free": [one == 0 for one in stiff],
+        "Tool on a spring": [0 < one < math.inf for one in stiff],
+        "Tool held": [math.isinf(one) for one in stiff],
+    }
+    if problem.simulation is not None and problem.simulation.tool_mass_kg is None:
+        names = {"Fixed place": [True]}
+    rows = []
+    for name, chosen in names.items():
+        if any(chosen):
+            hands, free = (bool((radius[chosen][:, part] < 1 - TOLERANCE).all()) for part in (slice(-1), -1))
+            told = "stable with every corner hand and released"
+            if not (hands and free):
+                words = [("stable" if good else "unstable") for good in (hands, free)]
+                told = f"{words[0]} with {'every corner' if hands else 'a'} hand, {words[1]} released"
+            rows.append(row(name, told, mark=marked(hands and free)))
+    return rows
+
+
+def passivity(found: Mapping[str, Any], problem: Problem) -> list[Row]:
+    """Return whether the engine's port is passive, and the engines to which that applies."""
+    if found["refused"]:
+        return [row("Engine's port", f"not judged: {found['refused']}", mark=Mark.CAUTION)]
+    margin = Value(None if found["margin_ns_per_m"] is None else abs(found["margin_ns_per_m"]), "damping")
+    told: tuple[Part, ...] = ("not passive: with the tool held in place the device is unstable",)
+    if found["passive"]:
+        told = ("passive with", margin, "to spare: stable with any passive engine, whatever its tool touches")
+    elif found["margin_ns_per_m"] is not None:
+        at = ("at", Value(found["frequency_hz"], "frequency"))
+        told = ("not passive: lacks", margin, *at, ",", *hand(found["hand"]))
+    if found["any_hand"] is not None:
+        told = (*told, f"; {'with' if found['any_hand'] else 'not with'} any passive hand (Llewellyn)")
+    rows = [row("Engine's port", told, mark=Mark.PASS if found["passive"] else Mark.NONE)]
+    if not found["engine_is_implicit"]:
+        integrator = "this integrator" if problem.simulation is None else problem.simulation.integrator
+        told_engine = (
+            f"{integrator} is none: it integrates the tool explicitly; Stability holds, for the declared tools"
+        )
+        rows.append(row("Passive engine", told_engine, mark=Mark.CAUTION if found["passive"] else Mark.NONE))
+    return rows
+
+
+def region(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
+    """Return the answer of `zwidth` of a problem with [simulation]: a row for each engine rate."""
+    shown, curves, damping, rows = shown or name_of(problem), data["curves"], data["damping_ns_per_m"], []
+    for one in curves:
+        told: tuple[Part, ...] = ("no coupling is stable",)
+        if one["stiffest_n_per_m"] is not None:
+            best = {
+                "stiffness_n_per_m": one["stiffest_n_per_m"],
+                "damping_ns_per_m": one["stiffest_with_ns_per_m"],
+                "local_damping_ns_per_m": one["stiffest_with_local_ns_per_m"],
+            }
+            told = ("stiffest", *pair(best))
+        label = Value(one["rate_hz"], "frequency").text(problem.units)
+        mark = Mark.NONE if one["stiffest_n_per_m"] is not None else Mark.FAIL
+        rows.append(row(label, told, ", as declared" if one["declared"] else "", mark=mark))
+    if drawn is not None:
+        rows.append(row("Drawn", drawn))
+    for at in sample_rows(len(damping), _ROWS // 2):
+        each = [(Value(one["rate_hz"], "frequency"), _stiffest(one["stiffness_n_per_m"][at])) for one in curves]
+        rows.append(row("Largest K", "with B", Value(damping[at], "damping"), ":", listed(each), rank=1))
+    onwards = (f"avc recommend {quote(shown)} --out coupling.json",)
+    return Answer("zwidth", data, headline(problem, shown), tuple(rows), onwards, problem.units)
+
+
+def _stiffest(stiffness_n_per_m: float | None) -> Part:
+    return Value(stiffness_n_per_m, "stiffness") if stiffness_n_per_m else "none"
+
+
+def walls(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
+    """Return the answer of `zwidth`: the walls that the device can render."""
+    shown, curves, damping = shown or name_of(problem), data["curves"], data["wall_damping_ns_per_m"]
+    met = [one["claim"] for one in curves.values() if one["wanted_wall"]]
+    if curves["stable-hands"]["wanted_wall"] and not curves["stable-released"]["wanted_wall"]:
+        met.append("unstable when released")
+    bare = f"this wall is {'; '.join(met)}" if met else "this wall is neither passive nor stable"
+    whole = len(met) == len(curves) and all(one["wanted_wall"] for one in curves.values())
+    rows = [row("Without coupling", bare, mark=marked(whole, Mark.CAUTION))]
+    if data["not_used"]:
+        unused = ", ".join(map(problem.units.key, data["not_used"]))
+        rows.append(row("Not used", f"{unused}: declared, and no part of these claims", mark=Mark.CAUTION))
+    for key, one in curves.items():
+        known = [(k, b) for k, b in zip(one["stiffness_n_per_m"], damping, strict=True) if k is not None]
+        told: tuple[Part, ...] = ("no wall",)
+        if known:
+            k, b = max(known)
+            ends = "; beyond it not looked at" if b == damping[-1] else ""
+            told = parts("up to", Value(k, "stiffness"), "with a wall damping of", Value(b, "damping"), ends)
+        # A device that is a sample later is another device.
+        rows.append(row(_CURVES[key], told, rank=1 if key == "passive-delayed" else 0))
+    rows += [*_constant(data), *_bounds(data), *notes(data["refused"], "Not judged")]
+    if drawn is not None:
+        rows.append(row("Drawn", drawn))
+    for at in sample_rows(len(damping), _ROWS):
+        each = [(_CURVES[key].lower(), _stiffest(one["stiffness_n_per_m"][at])) for key, one in curves.items()]
+        rows.append(row("Largest K", "with B", Value(damping[at], "damping"), ":", listed(each), rank=1))
+    if (found := data["llewellyn"]) is not None:
+        columns = (found["damping_ratio"], found["paper_kc_t_over_b_d"], found["sampled_data_kc_t_over_b_d"])
+        for ratio, paper, sampled in zip(*columns, strict=True):
+            pair_of = ("paper's hold", Value(paper, "number"), ", sampled-data hold", Value(sampled, "number"))
+            rows.append(row("Llewellyn", "k_c T/b_d with b_c/b_d", Value(ratio, "number"), ":", pair_of, rank=1))
+    onwards = (f"avc recommend {quote(shown)} --stiffest", f"avc zwidth {quote(shown)} -v")
+    return Answer("zwidth", data, headline(problem, shown), tuple(rows), onwards, problem.units)
+
+
+def _constant(data: Mapping[str, Any]) -> list[Row]:
+    """Return the best constant couplings: for this wall in both models, and of lower rank for any passive wall."""
+    rows = []
+    for one in data["static"]:
+        label, rank = f"Constant, {one['model'].removesuffix('-data')}", 0 if one["condition"] == "all" else 1
+        if not one["found"]:
+            rows.append(row(label, "no constant coupling is passive at all frequencies", rank=rank))
+            continue
+        b_p = one["contact_damping_ns_per_m"]
+        found = [("k", Value(one["stiffness_n_per_m"], "stiffness")), ("b", Value(one["damping_ns_per_m"], "damping"))]
+        found += [("b_p", Value(b_p, "damping"))] if b_p else []
+        what = ": passive at all frequencies, error" if rank == 0 else ": for any passive wall, error"
+        rows.append(row(label, listed(found), what, Value(one["error"], "share"), rank=rank))
+    return rows
+
+
+def _bounds(data: Mapping[str, Any]) -> list[Row]:
+    """Return the bounds of the literature, with their sources."""
+    rows = [passive_limit(data["passive_limit_n_per_m"])]
+    if data["passive_spring_n_per_m"] is not None:
+        spring, rule = Value(data["passive_spring_n_per_m"], "stiffness"), Value(data["rule_n_per_m"][0], "stiffness")
+        rows.append(row("Passive spring", spring, ", 2 b/((1 + 2 d) T) (Diolaiti et al. 2006)"))
+        rows.append(row("Linear rule", rule, "at B = 0, (b + b_h + B)/(T/2 + t_d) (Gil, Hulin et al. 2009)"))
+    if data["encoder_limit_n_per_m"] is not None:
+        limit = Value(data["encoder_limit_n_per_m"], "stiffness")
+        rows.append(row("Encoder limit", limit, "for a passive wall, 2 f_c/Delta (Abbott and Okamura 2005)"))
+    return rows
+
+
+def scene(data: Mapping[str, Any], problem: Problem, shown: str = "", drawn: str | None = None) -> Answer:
+    """Return the answer of `simulate`, of a coupling to a wall or to a simulation."""
+    shown, tool = shown or name_of(problem), "local_damping_ns_per_m" in data
+    written = [f"{data['trace']} and its manifest"] if data["trace"] is not None else []
+    written += [] if drawn is None else [drawn]
+    end, swing = _kept(data["mean_force_n"]), _kept(data["position_peak_to_peak_m"])
+    rows = [row("Outcome", _outcome(data), f"({data['steps']} samples)", mark=_mark(data))]
+    rows.append(row("Coupling", f"{data['coupling']}:", pair(data)) if tool else _coupling(data, problem))
+    rows += [
+        _rendered(data, problem),
+        *([] if tool else [_hardness(data)]),
+        row("At the end", Value(end, "force"), ",", Value(swing, "length"), "peak to peak"),
+        row("Ripple", Value(_kept(data["force_ripple_n"]), "force"), "rms between 20 and 500 Hz"),
+        row("Energy", Value(_kept(data["energy_generated_j"]), "energy"), "given out beyond that taken in"),
+        *_without_guard(data),
+        *(_other(one) for one in data.get("against", ())),
+        *notes(data.get("notes", ())),
+    ]
+    if data.get("left_out"):
+        left = f"declared, but not listed in the scene: {', '.join(map(problem.units.key, data['left_out']))}"
+        rows.append(row("Left out", left, mark=Mark.CAUTION))
+    if written:
+        rows.append(row("Written", ", ".join(written)))
+    rows += explanation(data)
+    if "criterion" in data:
+        rows.append(row("Criterion", data["criterion"], rank=1))
+    settles = data["stable"]
+    complaint = "" if settles else f"avc: {problem.name}: the device {outcome(data)}"
+    onwards = () if tool else (f"avc simulate {quote(shown)} --explain",)
+    return Answer(
+        "simulate",
+        data,
+        headline(problem, shown),
+        tuple(rows),
+        onwards,
+        problem.units,
+        code=1 if complaint else 0,
+        complaint=complaint,
+    )
+
+
+def outcome(data: Mapping[str, Any]) -> str:
+    """Return the outcome for the one simulated hand."""
+    kinds = [one if isinstance(one, str) else one["kind"] for one in data["effects"]]
+    held = any(EFFECTS[kind].role == "hand" for kind in kinds)
+    return f"{_WORDS[data['outcome']]}{' with this hand' if held else ''}"
+
+
+def _outcome(data: Mapping[str, Any]) -> str:
+    free = ", without need of dry friction" if data["outcome"] == "asymptotic" else ""
+    return f"{outcome(data)}{free}{'; buzzes' if data['buzzing'] else ''}"
+
+
+def _mark(data: Mapping[str, Any]) -> Mark:
+    mark = _SETTLES[data["outcome"]]
+    return Mark.CAUTION if mark is Mark.PASS and data["buzzing"] else mark
+
+
+def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
+    b, k, b_p = (data[key] for key in ("damping_ns_per_m", "stiffness_n_per_m", "contact_damping_ns_per_m"))
+    if data["coupling"] == "none":
+        return row("Coupling", "none: the wall itself")
+    found: list[Any] = [("contact damper b_p", Value(b_p, "damping"))] if b_p else []
+    if k is None or k >= RIGID * problem.environment.stiffness_n_per_m:
+        found.append("wall rendered directly")
+    else:
+        found += [("spring k", Value(k, "stiffness")), ("damper b", Value(b, "damping")) if b else None]
+    read: tuple[Part, ...] = ()
+    if data["gains_from_hz"] is not None:
+        adapts = any(effect["kind"] == "adaptation" for effect in data["effects"])
+        read = parts("; at first" if adapts else ";", "the table at", Value(data["gains_from_hz"], "frequency"))
+    return row("Coupling", f"{data['coupling']}:", listed(found), read)
+
+
+def _rendered(data: Mapping[str, Any], problem: Problem) -> Row:
+    sensed, wall = data["apparent_stiffness_n_per_m"], problem.environment.stiffness_n_per_m
+    if sensed is None:
+        return row("Rendered", "no stiffness: the scene does not end in steady contact")
+    kinds = {one if isinstance(one, str) else one["kind"] for one in data["effects"]}
+    beside = ", with the slope of the detents" if "detent" in kinds else ""
+    share = f"({100 * sensed / wall:.2g} % of the wall)" if wall and problem.simulation is None else ""
+    told = parts(Value(sensed, "stiffness"), "at the sensor", share, beside)
+    own = [one.force_n for one in problem.scene.effects if isinstance(one, SaturationEffect)]
+    limit = own[0] if own and own[0] is not None else problem.device.max_force_n
+    if "saturation" not in kinds or limit is None or data["mean_force_n"] < _AT_LIMIT * limit:
+        return row("Rendered", told)
+    return row("Rendered", told, "; ends at the limit of", Value(limit, "force"), mark=Mark.CAUTION)
+
+
+def _hardness(data: Mapping[str, Any]) -> Row:
+    hardness = data["rate_hardness_n_per_m"]
+    if hardness is None:
+        return row("Rate-hardness", "none: no contact, or too few samples in it")
+    return row("Rate-hardness", Value(hardness, "stiffness"), "at contact")
+
+
+def _without_guard(data: Mapping[str, Any]) -> list[Row]:
+    free = data.get("without_guard")
+    if free is None:
+        return []
+    swing = Value(_kept(free["position_peak_to_peak_m"]), "length")
+    return [row("No guard", f"{_WORDS[free['outcome']]},", swing, "peak to peak", mark=_SETTLES[free["outcome"]])]
+
+
+def _other(one: Mapping[str, Any]) -> Row:
+    sensed = one["apparent_stiffness_n_per_m"]
+    swing, energy = (
+        Value(_kept(one["position_peak_to_peak_m"]), "length"),
+        Value(_kept(one["energy_generated_j"]), "energy"),
+    )
+    what = f"{_WORDS[one['outcome']]}{', buzzes' if one['buzzing'] else ''}:"
+    stiffness = "no stiffness" if sensed is None else Value(sensed, "stiffness")
+    told = (what, stiffness, ",", swing, "peak to peak,", energy, "given out")
+    return row(f"With {one['coupling']}", told, mark=_mark(one))
+
+
+def _kept(value: float | None) -> float | None:
+    """Return a value; 0 for a rounding residue."""
+    return 0.0 if value is not None and abs(value) < _ROUND_OFF else value
+
+
+def explanation(data: Mapping[str, Any], rank: int = 1) -> list[Row]:
+    """Return what each effect adds to a sample: states, instructions and time."""
+    if "states" not in data or "absent" not in data:
+        return []
+    rows = []
+    for one in data["effects"]:
+        states = (count(one["states"]), "states,")
+        made = ("the only mass",) if one["instructions"] is None else (count(one["instructions"]), "instructions,")
+        cost = _cost(one["ns_per_step"], data["scatter_ns"])
+        rows.append(row(f"Effect {one['kind']}", states, made, cost, rank=rank))
+    whole = (count(data["states"]), "states,", count(data["instructions"]), "instructions,")
+    rows.append(row("Whole sample", whole, f"{data['ns_per_step']:.0f} ns", rank=rank))
+    rows.append(row("States", ", ".join(data["state_names"]), rank=rank))
+    return [*rows, row("Absent", ", ".join(data["absent"]), rank=rank)]
+
+
+def _cost(cost_ns: float | None, scatter_ns: float) -> str:
+    """Return a cost in ns, or an upper bound within the scatter of the clock."""
+    if cost_ns is None:
+        return "-"
+    return f"{cost_ns:.0f} ns" if cost_ns > scatter_ns else f"below {max(scatter_ns, 1):.0f} ns"
+
+
+def screening(data: Mapping[str, Any], problem: Problem, shown: str) -> Answer:
+    """Return the answer of `simulate --screen`: a row for each effect that the scene needs."""
+    together, tolerance = data["together"], Value(data["tolerance"], "share")
+    all_effects = f"{_WORDS[data['outcome']]}, coupling {data['coupling']}"
+    rows = [row("All effects", all_effects, mark=_SETTLES[data["outcome"]])]
+    rows += [
+        row(f"No {one['kind']}", _changes(one, problem.units), f", {_WORDS[one['outcome']]}: needed")
+        for one in data["effects"]
+        if one["needed"]
+    ]
+    if data["essential"]:
+        rows.append(row("Only mass", f"cannot be left out: {', '.join(data['essential'])}"))
+    if together is None:
+        rows.append(row("Not needed", "none at a tolerance of", tolerance))
+    else:
+        rows.append(row("Not needed", "at a tolerance of", tolerance, f": {', '.join(data['unneeded'])}"))
+        rows.append(row("Without these", _changes(together, problem.units), f", {_WORDS[together['outcome']]}"))
+    rows += notes(data["notes"])
+    for one in data["effects"]:
+        saves = ("; saves", count(one["instructions"]), "instructions,", _cost(one["ns_per_step"], data["scatter_ns"]))
+        rows.append(row(f"No {one['kind']}", _changes(one, problem.units), f", {one['outcome']}", saves, rank=1))
+    onwards = (f"avc simulate {quote(shown)} --screen -v",)
+    return Answer("screen", data, headline(problem, shown), tuple(rows), onwards, problem.units)
+
+
+def _changes(found: Mapping[str, Any], units: Units) -> tuple[Part, ...]:
+    """Return relative changes, rms over the run for position and force."""
+    names = ("position", "force", "stiffness")
+    return listed((units.key(name), Value(found[f"{name}_change"], "share")) for name in names)
+
+
+def trial(data: Mapping[str, Any], units: Units, shown: str) -> Answer:
+    """Return the answer of `trial`: how many simulated hands settle."""
+    hands, rests, moving = data["hands"], data["at_rest"], data["moving"]
+    low, high = (f"{100 * end:.4g}" for end in data["at_rest_interval"])
+    interval = f"hands in every motion ({100 * data['confidence']:g} % interval {low} to {high} %)"
+    rows = [
+        row("Settle", count(rests), "of", count(hands), interval, mark=marked(rests == hands, Mark.CAUTION)),
+        row("By motion", listed((name, count(one)) for name, one in data["by_motion"].items())),
+        row("Simulated", ", ".join(data["effects"])),
+    ]
+    if moving:
+        more = " and others" if hands - rests > len(moving) else ""
+        numbers = f"by their number in the draw: {', '.join(map(str, moving))}{more}"
+        rows.append(row("Do not settle", numbers, mark=Mark.FAIL))
+    friction = "" if data["friction"] else ", without dry friction"
+    title = f"{shown}   coupling {data['coupling']} · {hands} hands, seed {data['seed']}{friction}"
+    return Answer("trial", data, (title,), tuple(rows), units=units)

@@ -1,0 +1,241 @@
+"""Rows of looks: what a problem or a device file means, the catalogue, the installation, accuracy, table 1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from shlex import quote
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.units import Units
+from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, count, listed, marked, parts, row, span
+from avc_casadi.present.rows.subject import headline, name_of, not_used, notes, passive_limit
+from avc_casadi.recommendation.preconditions import asked_of_others, not_judged
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# Quantity of a key of a linear device by its ending, the longest first.
+_QUANTITIES: dict[str, Quantity] = {
+    "_ns_per_m": "damping",
+    "_n_per_m": "stiffness",
+    "_m_per_s": "speed",
+    "_kg": "mass",
+    "_hz": "frequency",
+    "_n": "force",
+    "_m": "length",
+    "_s": "time",
+}
+# Values of a device on the first screen.
+_MOST_VALUES = 9
+_EXCHANGES = {
+    "on-time": "the device is given the state that the engine's step began with",
+    "late": "the device is given the state of the step before",
+    "ahead": "the device is given the state that the step has just made",
+    "held-force": "the engine computes the coupling, and the device holds its output for a step",
+}
+_NO_RIGHT = "no right to open it: add yourself to its group (dialout)"
+
+
+def problem(data: Mapping[str, Any], stated: Problem, shown: str = "") -> Answer:
+    """Return the answer of `check` of a problem: what it asks for, its other end, what is unusual."""
+    shown = shown or name_of(stated)
+    rows = [row("Valid", data["title"] or "yes", mark=Mark.PASS)]
+    if stated.simulation is not None:
+        rows += [*_engine(stated), *not_used(data["not_used"])]
+    elif stated.follower is not None:
+        rows += [*_follower(stated), *not_used(data["not_used"])]
+    else:
+        rows += _wall(data, stated)
+    rows += notes((f"{one['key']} {one['message']}" for one in data["warnings"]), "Warning")
+    if data["source"]:
+        rows.append(row("Source", data["source"], rank=1))
+    # Where nothing is deployable whatever the gains, its row says so.
+    none = any(one["key"] == "avc recommend" for one in data["warnings"])
+    onwards = () if none else (f"avc recommend {quote(shown)} --out coupling.json",)
+    return Answer("check", data, headline(stated, shown), tuple(rows), onwards, stated.units)
+
+
+def _wall(data: Mapping[str, Any], stated: Problem) -> list[Row]:
+    band = span((data["lowest_hz"], data["highest_hz"]), "frequency")
+    nyquist = ("; Nyquist", Value(data["nyquist_hz"], "frequency"))
+    rows = [
+        row("Asked for", f"structure {data['structure']}, model {data['model']}, scope {data['scope']}"),
+        row("Frequencies", count(data["frequencies"]), ",", band, nyquist),
+        passive_limit(data["passive_limit_n_per_m"]),
+    ]
+    if data["declared"]:
+        rows.append(row("Declared", ", ".join(map(stated.units.key, data["declared"]))))
+    rows += notes((f"{what}: no recommendation is judged with it" for what in not_judged(data["not_used"])), "Not used")
+    return rows + notes(asked_of_others(data["not_used"]), "Not used", Mark.NONE)
+
+
+def _engine(stated: Problem) -> list[Row]:
+    tool, t = stated.simulation, stated.device.sample_time_s
+    assert tool is not None  # noqa: S101 - asked of problems with one
+    what: tuple[Part, ...] = ("none: the spring leads to a place that the engine sets",)
+    if tool.tool_mass_kg is not None:
+        low, high = tool.contact_stiffness_n_per_m
+        damping = (", damping", *span(tool.tool_damping_ns_per_m, "damping"))
+        springs = (
+            () if tool.rigid and low == 0 else ("springs of", *span((low,) if tool.rigid else (low, high), "stiffness"))
+        )
+        touches = ("; touches rigid objects", ("and", springs) if springs else None)
+        what = parts(span(tool.tool_mass_kg, "mass"), damping, touches)
+    late = f", {tool.steps_late} steps late" if tool.steps_late else ""
+    samples = (",", Value(max(tool.step_s) / t, "samples", 4), f"of the device; {tool.integrator}")
+    rows = [
+        row("Tool", what),
+        row("Engine", "a step every", span(tool.step_s, "time"), samples),
+        row("Exchange", f"{tool.exchange}{late}: {_EXCHANGES[tool.exchange]}"),
+    ]
+    if tool.scale != 1:
+        rows.append(row("Scales", f"position {tool.position_scale:g}, force {tool.force_scale:g} times the device's"))
+    return rows
+
+
+def _follower(stated: Problem) -> list[Row]:
+    far = stated.follower
+    assert far is not None  # noqa: S101 - asked of problems with one
+    there, back = (span(one, "time") for one in (far.delay_s, far.return_delay_s or far.delay_s))
+    values = (Value(far.mass_kg, "mass"), ",", Value(far.damping_ns_per_m, "damping"))
+    rate = (",", Value(1 / far.sample_time_s, "frequency"), ", delay", Value(far.delay_samples, "samples"))
+    lost = (";", Value(far.jitter, "share"), "of jitter,", Value(far.lost_share, "share"), "of the messages lost")
+    sent = f", {far.force} is sent back" if far.architecture == "position-force" else ""
+    end = ("a rigid object",) if far.rigid else ("a spring of", Value(far.contact_stiffness_n_per_m[1], "stiffness"))
+    rows = [
+        row("Follower", values, rate),
+        row("Link", there, "there,", back, "back", lost),
+        row("Architecture", f"{far.architecture}{sent}"),
+        row("Touches", "nothing, up to", end),
+    ]
+    if (far.position_scale, far.force_scale) != (1, 1):
+        rows.append(row("Scales", f"position {far.position_scale:g}, force {1 / far.force_scale:g} times the leader's"))
+    return rows
+
+
+def device(data: Mapping[str, Any], units: Units) -> Answer:
+    """Return the answer of `check` of a device file: a value each with its range and grade."""
+    sources, ranges = data["sources"], data["range"]
+    rows: list[Row] = []
+    for key, value in data["values"].items():
+        ends = ranges.get(key)
+        between = ("(", _value(key, ends[0]), "to", _value(key, ends[1]), ")") if isinstance(ends, list) else None
+        grade = f", {sources[key]['grade']}" if key in sources else ""
+        rows.append(row(units.key(key), _value(key, value), between, grade, rank=0 if len(rows) < _MOST_VALUES else 1))
+    rows.insert(0, row("Valid", data["title"] or "yes", mark=Mark.PASS))
+    gaps = [gap for gap in data["gaps"] if units.inner(gap) not in data["values"]]
+    if gaps:
+        rows.append(row("Not known", ", ".join(map(units.key, gaps)), mark=Mark.CAUTION))
+    rows += [row(units.key(key), f"{one['grade']}, {one['source']}", rank=1) for key, one in sources.items()]
+    if data["sdk_example"] is not None:
+        example = {key: one for key, one in data["sdk_example"].items() if key != "source"}
+        told = ", ".join(f"{units.key(key)} {one}" for key, one in example.items())
+        rows.append(row("SDK example", f"{told}; {data['sdk_example']['source']}", rank=1))
+    onwards = (f'in a problem file: device = "{data["referred_as"]}"',)
+    return Answer("check", data, (f"{data['device']}   device file",), tuple(rows), onwards, units)
+
+
+def _value(key: str, value: Any) -> tuple[Part, ...]:
+    """Return a value with the quantity of its key's ending."""
+    if isinstance(value, Mapping):
+        return listed((name.replace("_", " "), _value(name, one)) for name, one in value.items())
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return (str(value),)
+    of = (
+        None if key.endswith("radius_m") else next((_QUANTITIES[one] for one in _QUANTITIES if key.endswith(one)), None)
+    )
+    if of is None:
+        return (Value(value, "number"),)
+    return (Value(value, of),)
+
+
+def catalogue(data: Mapping[str, Any], folder: str) -> Answer:
+    """Return the answer of `list`."""
+    rows = [row(one["name"], one["title"]) for one in data["problems"]]
+    rows += [row(f"devices/{one['name']}", one["title"]) for one in data["devices"]]
+    told = (f'in a problem file: device = "NAME"; files to copy from: {folder}',)
+    return Answer("list", data, ("problems and devices of the catalogue",), tuple(rows), told, whole=True)
+
+
+def installation(data: Mapping[str, Any], ports: Sequence[Row]) -> Answer:
+    """Return the answer of `doctor`: working solvers, packages, compilers, ports."""
+    solvers, programs = data["solvers"], data["programs"]
+    missing = [name for name, place in programs.items() if not place]
+    told = ", ".join(f"{name} {'solves' if solves else 'does NOT solve'}" for name, solves in solvers.items())
+    emulator = "installed" if data["emulator"] else "absent; pip install 'avc-casadi[emulator]'"
+    writable = "writable" if data["folder_writable"] else "NOT writable"
+    rows = [
+        row("Solvers", told, mark=marked(all(solvers.values()))),
+        row("Packages", ", ".join(f"{name} {version}" for name, version in data["packages"].items())),
+        row("Programs", ", ".join(name for name in programs if programs[name]) or "none"),
+        *([row("Absent", ", ".join(missing), mark=Mark.CAUTION)] if missing else []),
+        row("Emulator", emulator, mark=marked(data["emulator"], Mark.CAUTION)),
+        *ports,
+        row("This folder", writable, mark=marked(data["folder_writable"])),
+        *(row(name, place or "absent", rank=1) for name, place in programs.items()),
+    ]
+    bad = ", ".join(name for name, solves in solvers.items() if not solves)
+    complaint = f"avc: {bad} does not solve; install casadi again: pip install --force-reinstall casadi" if bad else ""
+    title = (f"{data['executable']} on {data['platform']}",)
+    return Answer("doctor", data, title, tuple(rows), ("avc doctor -v",), code=1 if bad else 0, complaint=complaint)
+
+
+def ports(found: Sequence[Mapping[str, Any]], *, asked: bool) -> list[Row]:
+    """Return the serial ports, a row each; with ``asked`` the device behind each."""
+    rows = []
+    for port in found:
+        own = f"serial number {port['serial_number']}" if port["serial_number"] else ""
+        told = [port["description"], own, "may be opened" if port["accessible"] else _NO_RIGHT]
+        if asked and (behind := port["avc_device"]) is not None:
+            number = behind["unique_id"] or "without a number"
+            told.append(f"avc device {number}, coupling {behind['coupling_id'] or 'none'}")
+        elif asked:
+            told.append("no avc device")
+        mark = marked(port["accessible"], Mark.CAUTION)
+        rows.append(row(port["device"], ", ".join(filter(None, told)), mark=mark))
+    return rows or [row("Serial ports", "none")]
+
+
+def accuracy(data: Mapping[str, Any]) -> Answer:
+    """Return the answer of `accuracy`: time and error of each solver."""
+    rows = []
+    for one in data["solvers"]:
+        to = "" if one["tolerance"] is None else f"{one['tolerance']:g}"
+        by = f"{one['solver'] or ''} {to}".strip()
+        seconds = (Value(one["seconds_per_frequency"], "time"), "a frequency")
+        excess = ("; excess error", Value(one["excess_error"], "number", 2), "median,")
+        worst = (Value(one["largest_excess_error"], "number", 2), "at most; optimal at")
+        notable = f"{', fastest of its accuracy' if one['pareto'] else ''}{', default' if one['default'] else ''}"
+        shown = 0 if one["pareto"] or one["default"] else 1
+        told = (f"{by}:" if by else "", seconds, excess, worst, Value(one["optimal_share"], "share"), notable)
+        rows.append(row(one["method"], told, rank=shown))
+    title = (f"{data['problem']}   error of |Z_h| beyond the optimum of `exact`, relative to |Z_h_ds|",)
+    return Answer("accuracy", data, title, tuple(rows), (f"avc accuracy {data['problem']} -v",))
+
+
+def table1(data: Mapping[str, Any]) -> Answer:
+    """Return the answer of `table1`: the paper's table with simulated hands of both sets."""
+    hands, rows = data["hands"], []
+    for name, found in (("A", data["rows"]), ("B", data["rows_set_b"])):
+        for one in found:
+            paper, stable, felt = one["paper"] or {}, one["stable"], one["apparent_stiffness_n_per_m"]
+            told: list[Any] = [f"{one['coupling']}: stable" if stable is not None else f"{one['coupling']}: not tried"]
+            if stable is not None:
+                low, high = Value(one["stable_low"], "share"), Value(one["stable_high"], "share")
+                told += [count(stable), "of", count(hands), "(95 %", low, "to", high, ")"]
+            told += [f", paper {paper['stable']}"] if "stable" in paper else []
+            told += [] if one["asymptotic"] is None else [",", count(one["asymptotic"]), "without friction"]
+            told += [] if felt is None else [", felt", Value(felt, "stiffness")]
+            told += [] if one["matched"] is None else [", nearer", count(one["matched"])]
+            told += [] if one["unable"] is None else [", unable", count(one["unable"])]
+            told += [] if paper.get("matched") is None else [f"(paper {paper['matched']}/{paper['unable']})"]
+            wall = Value(one["stiffness_n_per_m"], "stiffness").text(Units("linear"))
+            rows.append(row(f"Set {name}, {one['ve']}, {wall}", told))
+    title = f"Table 1 of the paper with {hands} simulated hands, seed {data['seed']}; of 10 people in the paper"
+    rows += [
+        row("Set A", "mass 0.05 to 0.3 kg, damping 3 to 20 N.s/m, stiffness 200 to 800 N/m"),
+        row("Set B", "five-parameter stylus hands within measured ranges"),
+        row("Stable", "residual speed below 5 mm/s in press, tap and hold"),
+        row("Nearer", "to the continuous wall than the schedule, by a Weber fraction of 0.1; unable: no difference"),
+    ]
+    return Answer("table1", data, (title,), tuple(rows), whole=True)

@@ -1,0 +1,282 @@
+"""The answer of `recommend`: a coupling to a wall, a simulation or a follower, with its analysis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi._util.json_values import plain
+from avc_casadi._util.printed import Printed
+from avc_casadi.claims.stability.margins import OpenLoop
+from avc_casadi.claims.stability.transient import transients
+from avc_casadi.coupling import Coupling
+from avc_casadi.files.coupling_file import coupling_document
+from avc_casadi.files.other_end_coupling_file import other_end_document
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M
+from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
+from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
+from avc_casadi.recommendation.generate import static_stiffness_n_per_m
+from avc_casadi.recommendation.rebound import rebound
+from avc_casadi.recommendation.ripple import ripple
+from avc_casadi.recommendation.shaken import shaken
+from avc_casadi.simulation.population.coupling_trial import CouplingTrial
+
+if TYPE_CHECKING:
+    from avc_casadi.claims.stability.bilateral import BilateralCase
+    from avc_casadi.claims.stability.periodic import Mode
+    from avc_casadi.claims.stability.tool_loop import ToolCase
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.recommendation.beyond_file import Withstood
+    from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom
+    from avc_casadi.recommendation.perturbed_devices import PerturbedDevices
+    from avc_casadi.recommendation.sensitivity import Help
+    from avc_casadi.recommendation.tool_impedance import Felt
+    from avc_casadi.recommendation.tool_sensitivity import ToolHelp
+    from avc_casadi.simulation.population.bilateral_trial import BilateralTrial
+    from avc_casadi.simulation.population.tool_trial import ToolTrial
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Analysis of a spring and damper to a simulation or a follower.
+
+    Attributes:
+        stiffest: the limit: the stiffest K that is linearly stable with every hand and contact, with its B.
+        worst: the loop with the largest spectral radius at the limit.
+        loops: number of loops judged.
+        gain_margin: common gain margin of K and B; None without a coupling.
+        mode: the least damped oscillation of all loops; None without a coupling.
+        felt: impedance rendered at the handle; empty without a coupling.
+        set_by: which hands do not settle with the next stiffer K that was tried; empty where none was.
+        mismatch_stable: whether devices a tenth off and a quarter of a sample late are linearly stable too.
+        local_dampers_ns_per_m: range of the damper in the device's local loop that keeps K and B stable.
+        least_tool_mass_kg: the lightest tool with which the same K is stable with some B.
+        slowest_step_s: the longest step of the engine with which it is.
+        exchanges: with which exchanges it is.
+        searched_to: ends of these searches.
+        passivity_margin_ns_per_m: of the two-port for any operator and environment, 0 or more is passive; None where
+            the condition is not known.
+        passive_damping_ns_per_m: damping that passivity requires of each device with the same gains.
+    """
+
+    stiffest: ToolGains
+    worst: ToolCase | BilateralCase
+    loops: int
+    gain_margin: float | None = None
+    mode: Mode | None = None
+    felt: tuple[Felt, ...] = ()
+    set_by: str = ""
+    mismatch_stable: bool | None = None
+    local_dampers_ns_per_m: tuple[float, float] | None = None
+    least_tool_mass_kg: float | None = None
+    slowest_step_s: float | None = None
+    exchanges: Mapping[str, bool] = field(default_factory=dict)
+    searched_to: Mapping[str, float] = field(default_factory=dict)
+    passivity_margin_ns_per_m: float | None = None
+    passive_damping_ns_per_m: float | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Recommendation(Printed):
+    """The coupling to deploy and its analysis.
+
+    Attributes:
+        problem: the problem as stated.
+        coupling: certified and tried; None where no coupling is deployable.
+        deployable: whether the coupling may be loaded into the device.
+        reason: one sentence: why this one, or why none.
+        trial: result with simulated hands; None without a coupling.
+        helps: sensitivity of the stiffness limit of a spring and damper.
+        assumed: assumptions.
+        not_used: declared keys that the analysis does not use.
+        considered: number of couplings judged.
+        pair: analysis of a coupling to a simulation or a follower; None of a wall.
+        confirmed: result with hands of [hands] outside the selection; None where nothing was chosen.
+        off_file: result of the corner hands on devices perturbed by a tenth; None without a coupling or where every
+            value of the device has a range.
+        beyond_file: results with one unmodelled effect each: lighter device, missed samples, extra resonance.
+        rest: limit-cycle freedom with every hand, making and breaking contact; None without a coupling.
+        stiffest_wall_n_per_m: the stiffest wall found that is linearly stable with every corner hand and released.
+        plain_wall_n_per_m: that of a plain spring and damper by linear stability alone.
+        with_friction_n_per_m: rendered stiffness of the stiffest one tried if settling by the declared dry friction
+            sufficed; None without any.
+
+    Example:
+        >>> found = avc.recommend("spring", hands=10)
+        >>> found.deployable, found.trial.hands
+        (True, 10)
+    """
+
+    problem: Problem
+    coupling: Coupling | ToolCoupling | TeleoperatorCoupling | None
+    deployable: bool
+    reason: str
+    trial: CouplingTrial | ToolTrial | BilateralTrial | None = None
+    helps: tuple[Help | ToolHelp, ...] = ()
+    assumed: tuple[str, ...] = ()
+    not_used: tuple[str, ...] = ()
+    considered: int = 1
+    pair: Pair | None = None
+    confirmed: CouplingTrial | None = None
+    off_file: PerturbedDevices | None = None
+    beyond_file: tuple[Withstood, ...] = ()
+    rest: LimitCycleFreedom | None = None
+    stiffest_wall_n_per_m: float = 0.0
+    plain_wall_n_per_m: float = 0.0
+    with_friction_n_per_m: float | None = None
+
+    def __repr__(self) -> str:
+        return f"Recommendation({self.problem.name!r}: {self.coupling!r}; {self.reason})"
+
+    @property
+    def end(self) -> str:
+        """What the coupling leads to: wall, simulation or follower."""
+        if self.problem.simulation is not None:
+            return "simulation"
+        return "follower" if self.problem.follower is not None else "wall"
+
+    def data(self) -> dict[str, Any]:
+        """Return JSON values, computed once: of a wall what is felt, settling and margins; of another end the pair."""
+        return self._data
+
+    @cached_property
+    def _data(self) -> dict[str, Any]:
+        found: dict[str, Any] = plain(
+            {
+                "problem": self.problem.name,
+                "end": self.end,
+                "deployable": self.deployable,
+                "reason": self.reason,
+                "trial": None if self.trial is None else self.trial.document(),
+                "certificate": None if self.coupling is None else dict(self.coupling.certificate or {}),
+                "what_would_help": [vars(one) for one in self.helps],
+                "considered": self.considered,
+                "assumed": list(self.assumed),
+                "not_used": list(self.not_used),
+                **(self._of_wall() if self.pair is None else self._of_pair(self.pair)),
+            }
+        )
+        return found
+
+    def _of_wall(self) -> dict[str, Any]:
+        coupling = self.coupling
+        whole = isinstance(coupling, Coupling)
+        return {
+            "rest": None if self.rest is None else self.rest.document(),
+            "coupling": coupling_document(coupling) if isinstance(coupling, Coupling) else None,
+            "felt": self.felt(),
+            "transient": _transient(coupling) if isinstance(coupling, Coupling) else {},
+            "margins": self.margins() if whole else {},
+            "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
+            "plain_wall_n_per_m": self.plain_wall_n_per_m,
+            "with_friction_n_per_m": self.with_friction_n_per_m,
+            "confirmed": None if self.confirmed is None else self.confirmed.counts(),
+            "simulated": self._simulated(),
+            "off_file": None if self.off_file is None else self.off_file.document(),
+            "beyond_file": [vars(one) for one in self.beyond_file],
+        }
+
+    def _simulated(self) -> dict[str, int] | None:
+        """Return the counts of all simulated hands, those outside the selection among them."""
+        trials = [one.counts() for one in (self.trial, self.confirmed) if isinstance(one, CouplingTrial)]
+        keys = ("hands", "at_rest", "at_rest_without_friction", "quiet")
+        return {key: sum(one[key] for one in trials) for key in keys} if trials else None
+
+    def _of_pair(self, pair: Pair) -> dict[str, Any]:
+        coupling, tried = self.coupling, self.trial and self.trial.document()
+        pressed = None if not tried else tried["rendered_stiffness_n_per_m"]
+        return {
+            "coupling": None if coupling is None or isinstance(coupling, Coupling) else other_end_document(coupling),
+            "felt": {
+                "stiffness_n_per_m": pressed,
+                "on_stiffest_contact_n_per_m": _in_series(pressed, self.problem),
+                "at": [asdict(one) for one in pair.felt],
+            },
+            "pair": {
+                **{key: value for key, value in vars(pair).items() if key not in {"felt", "mode", "worst", "stiffest"}},
+                "gains": None if coupling is None or isinstance(coupling, Coupling) else vars(coupling.gains),
+                "in_scene": vars(coupling.in_scene) if isinstance(coupling, ToolCoupling) else None,
+                "at_follower": vars(coupling.at_follower) if isinstance(coupling, TeleoperatorCoupling) else None,
+                "stiffest": vars(pair.stiffest),
+                "least_damped": None if pair.mode is None else asdict(pair.mode),
+                "limited_by": asdict(pair.worst),
+            },
+        }
+
+    def felt(self) -> dict[str, Any]:
+        """Return what is rendered: stiffness, impedance error against the physical wall, tap, vibration."""
+        coupling, trial = self.coupling, self.trial
+        if not isinstance(coupling, Coupling) or trial is None:
+            return {"stiffness_n_per_m": None, "share_of_wall": None}
+        device, tried = self.problem.device, trial.document()
+        springy = self.problem.environment.stiffness_n_per_m > 0
+        sensed = tried["stiffness_n_per_m"]["median"] if springy else None
+        static, damping = static_stiffness_n_per_m(coupling), coupling.table.at_rest.contact_damping_ns_per_m
+        motion = shaken(coupling, static)
+        step, damping = device.encoder_resolution_m, damping + self.problem.environment.damping_ns_per_m
+        return {
+            "stiffness_n_per_m": sensed,
+            "stiffness_at_handle_n_per_m": None if sensed is None else _at_handle(device, sensed),
+            "share_of_wall": tried["share_of_wall"] if springy else None,
+            "complex_error": motion.errors(),
+            "stiffness_in_motion_n_per_m": motion.stiffnesses(),
+            # A wall never pulls, so that of a sine a damper renders the half.
+            "damping_in_motion_ns_per_m": {
+                hz: one / (math.pi * float(hz)) for hz, one in motion.stiffnesses().items() if not springy
+            },
+            "shaken": {"depth_m": motion.depth_m, "amplitude_m": motion.amplitude_m},
+            "tap_force_n": tried["tap_force_n"],
+            "tap_depth_m": tried["tap_depth_m"],
+            "edge_m": contact_onset_m(coupling) if springy else {},
+            "edge_force_n": NOTICED_N * device.metres_per_unit,
+            "rebound": rebound(coupling) if springy else {},
+            "vibration": tried["felt_vibration"],
+            "friction_n": device.coulomb_friction_n,
+            "rest_error_m": device.coulomb_friction_n / sensed if sensed else None,
+            "encoder_step_n": {"spring": static * step, "damping": damping * step / device.sample_time_s},
+            "ripple": vars(ripple(coupling, trial.seed)),
+        }
+
+    def margins(self) -> dict[str, Any]:
+        """Return the stability margins at the actuator: released, and the smallest with a corner hand.
+
+        Gain margins as factors, up and down, phase margin in degrees, delay margin in samples; None without a limit;
+        empty without a coupling to a wall.
+        """
+        if not isinstance(self.coupling, Coupling):
+            return {}
+        found = zip(("released", "worst_hand"), OpenLoop.of(self.coupling).margins(), strict=True)
+        margins: dict[str, Any] = plain({who: vars(one) for who, one in found})
+        return margins
+
+
+def _transient(coupling: Coupling) -> dict[str, Any]:
+    """Return how the linear loop in contact settles; a settling time is None where an oscillation does not decay."""
+    found = zip(("released", "worst_hand"), transients(coupling), strict=True)
+    return {
+        who: vars(one) | {"settling_s": one.settling_s if math.isfinite(one.settling_s) else None} for who, one in found
+    }
+
+
+def _at_handle(device: Device, stiffness_n_per_m: float) -> float:
+    """Return the stiffness at the handle: with an encoder at the motor, the structure's compliance adds."""
+    mode = device.resonance
+    if mode is None or device.encoder_at == "handle":
+        return stiffness_n_per_m
+    reduced = device.mass_kg * mode.mass_ratio * (1 - mode.mass_ratio)
+    spring = reduced * (2 * math.pi * mode.frequency_hz) ** 2
+    return stiffness_n_per_m * spring / (stiffness_n_per_m + spring)
+
+
+def _in_series(pressed_n_per_m: float | None, problem: Problem) -> float | None:
+    """Return the stiffness on the stiffest contact that is declared; None where that is rigid."""
+    end = problem.simulation or problem.follower
+    if end is None or not pressed_n_per_m:
+        return None
+    contact = end.contact_stiffness_n_per_m[1]
+    return None if contact >= RIGID_N_PER_M or contact == 0 else 1 / (1 / pressed_n_per_m + 1 / contact)
