@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import avc_casadi
+from avc_casadi.cli._verbs import MODULES
 
 ROOT = Path(__file__).parents[2]
 _ROOTS = (ROOT, ROOT / "hardware", ROOT / "tests", ROOT / "tests" / "benchmarks")
@@ -115,5 +116,5 @@ def start_of(command: str) -> Path:
     if found := re.search(r"-m (tests\.benchmarks\.\w+)", command):
         return ROOT / Path(*found[1].split(".")).with_suffix(".py")
     if found := re.match(r"avc (\w+)", command):
-        return ROOT / "avc_casadi" / "cli" / f"_{found[1]}.py"
+        return ROOT / "avc_casadi" / "cli" / f"{MODULES[found[1]]}.py"
     raise ValueError(f"no file stands behind the command {command!r}")
