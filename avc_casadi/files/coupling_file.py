@@ -34,11 +34,11 @@ from avc_casadi.files.other_end_coupling_file import TELEOPERATOR_SCHEMA, TOOL_S
 from avc_casadi.files.problem_document import problem_document
 from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.files.rotary_keys import in_keys_of
+from avc_casadi.model import quantity as q
 from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.findings import checked
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.quantity import Mass, Rate, Table, Wait, shown
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.model.schedule import GainSchedule
 
@@ -63,14 +63,14 @@ _LACKS = (
 )
 
 
-class RuntimeDocument(Table):
+class RuntimeDocument(q.Table):
     """What runs beside the gains, as a file states it."""
 
     estimator: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
-    hold_s: Wait = 0.2
-    slew_per_s: Rate | None = 20.0
+    hold_s: q.Wait = 0.2
+    slew_per_s: q.Rate | None = 20.0
     passive: bool = True
-    observer_mass_kg: Mass | None = None
+    observer_mass_kg: q.Mass | None = None
     guard: Literal["passivity-controller", "energy-tank"] | None = None
     state_feedback: StateFeedbackEffect | None = None
 
@@ -161,7 +161,7 @@ def read_file(path: str | Path) -> Coupling | GainSchedule:
         if document.get("schema") == COUPLING_SCHEMA or "problem_file" in document:
             return _from_document(document, path)
         if document.get("schema", SCHEMA) != SCHEMA:
-            message = f"is {shown(document['schema'])}; allowed: {shown(SCHEMA)}, {shown(COUPLING_SCHEMA)}"
+            message = f"is {q.shown(document['schema'])}; allowed: {q.shown(SCHEMA)}, {q.shown(COUPLING_SCHEMA)}"
             raise InputError.of(message, file=str(path), key="schema")
         return schedule_of_document(document, path)
 
@@ -211,7 +211,7 @@ def same_problem(one: Problem, other: Problem) -> bool:
 
 def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
     if document.get("schema") != COUPLING_SCHEMA:
-        message = f"is {shown(document.get('schema'))}, but a problem is in the file; allowed: {shown(COUPLING_SCHEMA)}"
+        message = f"is {q.shown(document.get('schema'))}, beside a problem; allowed: {q.shown(COUPLING_SCHEMA)}"
         raise InputError.of(message, file=str(path), key="schema")
     found = checked(CouplingDocument, {key: value for key, value in document.items() if key != "schema"})
     if isinstance(found, list):
@@ -238,7 +238,7 @@ def _check_whole(coupling: Coupling, found: CouplingDocument, path: Path) -> Non
     again = "make it again: avc recommend P --out FILE, or avc solve P --out FILE"
     faults = []
     if found.id != coupling.id:
-        message = f"is {shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since; {again}"
+        message = f"is {q.shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since; {again}"
         faults.append(Fault(str(path), None, "id", message))
     beside = GainTable.of(coupling.schedule)(coupling.table.frequency_hz)
     if not np.allclose(beside, coupling.table.gains, rtol=1e-9, atol=0.0):
@@ -246,7 +246,7 @@ def _check_whole(coupling: Coupling, found: CouplingDocument, path: Path) -> Non
     document = coupling_document(coupling)
     for key in CouplingDocument.follow:
         if getattr(found, key) != document[key]:
-            message = f"is not that of problem_file and gains, {shown(document[key])}; {again}"
+            message = f"is not that of problem_file and gains, {q.shown(document[key])}; {again}"
             faults.append(Fault(str(path), None, key, message))
     if faults:
         raise InputError(faults)

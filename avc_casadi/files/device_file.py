@@ -13,9 +13,8 @@ from avc_casadi.files.catalogue import device_names, device_path, require_source
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.rotary_keys import COUNTS, Border, overridden
 from avc_casadi.files.toml_text import tables_of, text_of
+from avc_casadi.model import quantity as q
 from avc_casadi.model.device import Device, radius_findings
-from avc_casadi.model.quantity import Damping, Finding, Stiffness, Table, Text, dotted, refusal, refuse, shown
-from avc_casadi.model.quantity import Path as KeyPath
 
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
 
@@ -26,14 +25,14 @@ _QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTIT
 _NEED_NOT_BE_SAID = {"amplifier_damping_ratio"}
 
 
-class Source(Table):
+class Source(q.Table):
     """Source and grade of a value and its range."""
 
-    source: Text
+    source: q.Text
     grade: Grade
 
 
-class Sources(Table):
+class Sources(q.Table):
     """The source of each value that a device file states."""
 
     mass_kg: Source | None = None
@@ -50,22 +49,22 @@ class Sources(Table):
     resonance: Source | None = None
 
 
-class SdkExample(Table):
+class SdkExample(q.Table):
     """Example limits shipped with an SDK; neither of a datasheet nor part of the device."""
 
-    source: Text
-    max_stiffness_n_per_m: Stiffness | None = None
-    max_damping_ns_per_m: Damping | None = None
-    wall_stiffness_n_per_m: Stiffness | None = None
+    source: q.Text
+    max_stiffness_n_per_m: q.Stiffness | None = None
+    max_damping_ns_per_m: q.Damping | None = None
+    wall_stiffness_n_per_m: q.Stiffness | None = None
 
 
 def _gaps(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list | tuple) or any(name not in _QUANTITIES for name in value):
-        raise refusal(f"is {shown(value)}; allowed: a list of {', '.join(_QUANTITIES)}")
+        raise q.refusal(f"is {q.shown(value)}; allowed: a list of {', '.join(_QUANTITIES)}")
     return tuple(value)
 
 
-class DeviceFile(Table):
+class DeviceFile(q.Table):
     """A device of the catalogue or of a user.
 
     Attributes:
@@ -77,8 +76,8 @@ class DeviceFile(Table):
         sdk_example: limits shipped with an SDK.
     """
 
-    name: Text = ""
-    title: Text = ""
+    name: q.Text = ""
+    title: q.Text = ""
     device: Device
     gaps: Annotated[tuple[str, ...], BeforeValidator(_gaps)] = ()
     sources: Sources = Sources()
@@ -86,10 +85,10 @@ class DeviceFile(Table):
 
     @model_validator(mode="after")
     def _sourced(self) -> Self:
-        refuse([*radius_findings(self.device), *self._findings()])
+        q.refuse([*radius_findings(self.device), *self._findings()])
         return self
 
-    def _findings(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[q.Finding]:
         """Require a source of every value, every gap named and its value graded assumed; or no sources at all."""
         if not {"sources", "gaps"} & self.model_fields_set:
             return
@@ -103,7 +102,7 @@ class DeviceFile(Table):
             if source is not None and not stated:
                 yield ("sources", key), "is the source of a value that is not given; allowed: beside the value"
             if stated and source is not None and key in self.gaps and source.grade != "assumed":
-                yield ("sources", key, "grade"), f'is {shown(source.grade)}, but {key} is a gap; allowed: "assumed"'
+                yield ("sources", key, "grade"), f'is {q.shown(source.grade)}, but {key} is a gap; allowed: "assumed"'
 
 
 def load_device(source: str | Path) -> DeviceFile:
@@ -147,7 +146,7 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     if isinstance(found, DeviceFile):
         return found
     lines = KeyLines(text.replace("\r\n", "\n"))
-    raise InputError([Fault(file, lines[key], dotted(key), message) for key, message in found])
+    raise InputError([Fault(file, lines[key], q.dotted(key), message) for key, message in found])
 
 
 def device_catalogue() -> tuple[DeviceFile, ...]:
@@ -155,7 +154,7 @@ def device_catalogue() -> tuple[DeviceFile, ...]:
     return tuple(map(load_device, device_names()))
 
 
-def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | Finding:
+def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | q.Finding:
     """Return the tables of a problem file in the common keys, with the devices that they refer to."""
     table, bases = tables.get("device"), dict[str, Any]()
     own: Any = {} if isinstance(table, str) else table
@@ -176,12 +175,12 @@ def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | Find
     return border
 
 
-def _referred(table: str | Mapping[str, Any], folder: Path | None, name: str) -> dict[str, Any] | Finding:
+def _referred(table: str | Mapping[str, Any], folder: Path | None, name: str) -> dict[str, Any] | q.Finding:
     """Return the device that a table refers to, or the fault of the reference."""
-    key: KeyPath = (name,) if isinstance(table, str) else (name, "from")
+    key: q.Path = (name,) if isinstance(table, str) else (name, "from")
     named = table if isinstance(table, str) else table["from"]
     if not isinstance(named, str):
-        return key, f"is {shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
+        return key, f"is {q.shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
     path = device_path(named, folder)
     if isinstance(path, str):
         return key, path
@@ -190,5 +189,5 @@ def _referred(table: str | Mapping[str, Any], folder: Path | None, name: str) ->
     except (OSError, ValueError):  # too long for a path, or with a NUL in it
         found = False
     if not found:
-        return key, f"is {shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
+        return key, f"is {q.shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
     return load_device(path).device.model_dump(exclude_unset=True)

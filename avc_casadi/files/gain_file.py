@@ -22,22 +22,10 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.files import read_text
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.units import LINEAR, ROTARY, Units
+from avc_casadi.model import quantity as q
 from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.findings import checked
 from avc_casadi.model.problem import Model, Structure
-from avc_casadi.model.quantity import (
-    FREQUENCIES_HZ,
-    LARGEST_DAMPING_NS_PER_M,
-    LARGEST_STIFFNESS_N_PER_M,
-    MOST_FREQUENCIES,
-    Finding,
-    Quantity,
-    Table,
-    dotted,
-    refusal,
-    refuse,
-    shown,
-)
 from avc_casadi.model.runtime import StateFeedback
 from avc_casadi.model.schedule import GainSchedule, Status
 
@@ -54,7 +42,7 @@ _NEXT_STEP = "give a coupling file: avc recommend P --out FILE writes one, and a
 class _Column:
     """Validator of a value for each row; null, a row without, becomes NaN."""
 
-    one: Quantity
+    one: q.Quantity
 
     @property
     def allowed(self) -> str:
@@ -62,44 +50,44 @@ class _Column:
 
     def __call__(self, value: Any) -> FloatArray:
         if not isinstance(value, list):
-            raise refusal(f"is {shown(value)}; allowed: {self.allowed}")
-        if len(value) > MOST_FREQUENCIES:
-            raise refusal(f"has {len(value)} rows; allowed: at most {MOST_FREQUENCIES}")
-        found, faults = np.full(len(value), np.nan), list[Finding]()
+            raise q.refusal(f"is {q.shown(value)}; allowed: {self.allowed}")
+        if len(value) > q.MOST_FREQUENCIES:
+            raise q.refusal(f"has {len(value)} rows; allowed: at most {q.MOST_FREQUENCIES}")
+        found, faults = np.full(len(value), np.nan), list[q.Finding]()
         for row, number in enumerate(value):
             try:
                 found[row] = np.nan if number is None else self.one(number)
             except PydanticCustomError as error:
                 faults.append(((row,), error.message()))
-        refuse(faults)
+        q.refuse(faults)
         return found
 
 
 def _line(value: Any) -> str:
     if not isinstance(value, str) or not value.isprintable():
-        raise refusal(f"is {shown(value)}; allowed: text in one line")
+        raise q.refusal(f"is {q.shown(value)}; allowed: text in one line")
     return value
 
 
-_Any = Quantity("", 1e-300, 1e300, signed=True)
+_Any = q.Quantity("", 1e-300, 1e300, signed=True)
 _Line = Annotated[str, BeforeValidator(_line)]
 _Values = np.ndarray[Any, Any]
-_Hz = Annotated[_Values, BeforeValidator(_Column(Quantity("Hz", *FREQUENCIES_HZ, zero=False)))]
-_Damping = Annotated[_Values, BeforeValidator(_Column(Quantity("N.s/m", 1e-300, LARGEST_DAMPING_NS_PER_M)))]
-_Stiffness = Annotated[_Values, BeforeValidator(_Column(Quantity("N/m", 1e-300, LARGEST_STIFFNESS_N_PER_M)))]
+_Hz = Annotated[_Values, BeforeValidator(_Column(q.Quantity("Hz", *q.FREQUENCIES_HZ, zero=False)))]
+_Damping = Annotated[_Values, BeforeValidator(_Column(q.Quantity("N.s/m", 1e-300, q.LARGEST_DAMPING_NS_PER_M)))]
+_Stiffness = Annotated[_Values, BeforeValidator(_Column(q.Quantity("N/m", 1e-300, q.LARGEST_STIFFNESS_N_PER_M)))]
 _Signed = Annotated[_Values, BeforeValidator(_Column(_Any))]
-_SampleTime = Annotated[float, BeforeValidator(Quantity("s", 1e-300, 1e300, zero=False))]
+_SampleTime = Annotated[float, BeforeValidator(q.Quantity("s", 1e-300, 1e300, zero=False))]
 
 
 def _texts(value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
-        raise refusal(f"is {shown(value)}; allowed: a list of texts")
+        raise q.refusal(f"is {q.shown(value)}; allowed: a list of texts")
     return tuple(value)
 
 
 def _flags(value: Any) -> Any:
     if value is not None and not (isinstance(value, list) and all(isinstance(one, bool) for one in value)):
-        raise refusal(f"is {shown(value)}; allowed: a list of true and false")
+        raise q.refusal(f"is {q.shown(value)}; allowed: a list of true and false")
     return value and np.array(value)
 
 
@@ -107,7 +95,7 @@ Texts = Annotated[tuple[str, ...], BeforeValidator(_texts)]
 _Flags = Annotated[Any, BeforeValidator(_flags)]
 
 
-class GainTableDocument(Table):
+class GainTableDocument(q.Table):
     """Rows of gains as columns; a row without gains has null in both."""
 
     model_config = ConfigDict(arbitrary_types_allowed=True)
@@ -125,15 +113,15 @@ class GainTableDocument(Table):
     @model_validator(mode="after")
     def _rows_go_together(self) -> Self:
         rows = len(self.frequency_hz)
-        refuse(
+        q.refuse(
             ((key,), f"has {len(value)} values; allowed: {rows}, as frequency_hz")
             for key, value in self
             if (isinstance(value, np.ndarray) or (value and key in {"status", "reason"})) and len(value) != rows
         )
-        refuse(self._findings())
+        q.refuse(self._findings())
         return self
 
-    def _findings(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[q.Finding]:
         frequency = self.frequency_hz
         if len(frequency) == 0:
             yield ("frequency_hz",), "is empty; allowed: at least one row"
@@ -171,7 +159,7 @@ class GainDocument(GainTableDocument):
     notes: Texts = ()
     state_feedback: StateFeedbackEffect | None = None
 
-    def _findings(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[q.Finding]:
         yield from super()._findings()
         present, contact = self.present, self.contact_damping_ns_per_m
         if self.sample_time_s is not None:
@@ -193,11 +181,11 @@ class GainDocument(GainTableDocument):
         known = {one.value: one for one in Status}
         for row, value in enumerate(self.status or ()):
             if value not in known:
-                yield ("status", row), f"is {shown(value)}; allowed: {', '.join(known)}"
+                yield ("status", row), f"is {q.shown(value)}; allowed: {', '.join(known)}"
             elif known[value].has_gains != present[row] and np.isnan(self.damping_ns_per_m[row]) != present[row]:
                 has = "has gains" if present[row] else "has no gains"
                 allowed = ", ".join(name for name, one in known.items() if one.has_gains)
-                message = f"is {shown(value)} and the row {has}: that contradicts itself; allowed with gains: {allowed}"
+                message = f"is {q.shown(value)} but the row {has}; allowed with gains: {allowed}"
                 yield ("status", row), message
         if self.state_feedback is not None:
             try:
@@ -212,16 +200,16 @@ def feedback_of(table: StateFeedbackEffect | None) -> StateFeedback | None:
 
 
 def faults_of(
-    findings: Sequence[Finding], file: str, lines: Sequence[int] | None = None, prefix: tuple[str, ...] = ()
+    findings: Sequence[q.Finding], file: str, lines: Sequence[int] | None = None, prefix: tuple[str, ...] = ()
 ) -> list[Fault]:
     """Return faults of a document; one of a row names its line where the file has a line for each row."""
     found = []
     for path, message in findings:
         if len(path) == 2 and isinstance(path[1], int):
             line = None if lines is None else lines[path[1]]
-            found.append(Fault(file, line, dotted((*prefix, path[0])), f"row {path[1] + 1}: {message}"))
+            found.append(Fault(file, line, q.dotted((*prefix, path[0])), f"row {path[1] + 1}: {message}"))
         else:
-            found.append(Fault(file, None, dotted((*prefix, *path)), message))
+            found.append(Fault(file, None, q.dotted((*prefix, *path)), message))
     return found
 
 
@@ -363,11 +351,11 @@ def _is_deep(document: Any) -> bool:
 def _json_table(value: Any) -> Any:
     """Return a table that is kept unchanged, or refuse what no JSON file holds."""
     if not isinstance(value, Mapping | None):
-        raise refusal("must be a table or null")
+        raise q.refusal("must be a table or null")
     try:
         json.dumps(value, allow_nan=False)
     except ValueError:
-        raise refusal("holds a number that is not finite; allowed: JSON values") from None
+        raise q.refusal("holds a number that is not finite; allowed: JSON values") from None
     return value
 
 
@@ -379,15 +367,15 @@ def read_csv(path: Path) -> GainSchedule:
     faults: list[Fault] = []
     reader = csv.reader(io.StringIO(read_text(path, _MAX_BYTES, _NEXT_STEP)))
     try:
-        lines = [(reader.line_num, cells) for cells in islice(reader, MOST_FREQUENCIES + 2)]
+        lines = [(reader.line_num, cells) for cells in islice(reader, q.MOST_FREQUENCIES + 2)]
     except csv.Error as error:
         raise InputError.of(f"is not CSV ({error}); {_NEXT_STEP}", file=str(path)) from error
     header = tuple(ROTARY.inner(cell.strip()) for cell in lines[0][1]) if lines else ()
     if header not in {_CSV_HEADER, (*_CSV_HEADER, CONTACT)}:
         message = f"header is {','.join(header) or 'missing'}; allowed: {','.join(_CSV_HEADER)}[,{CONTACT}]"
         raise InputError([Fault(str(path), 1, "", message)])
-    if len(lines) > MOST_FREQUENCIES + 1:
-        raise InputError.of(f"has more rows than a gain table; allowed: at most {MOST_FREQUENCIES}", file=str(path))
+    if len(lines) > q.MOST_FREQUENCIES + 1:
+        raise InputError.of(f"has more rows than a gain table; allowed: at most {q.MOST_FREQUENCIES}", file=str(path))
     rows: list[tuple[int, list[float]]] = []
     for number, cells in lines[1:]:
         if not cells:

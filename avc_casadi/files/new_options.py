@@ -11,7 +11,6 @@ class Option:
 
     key: str
     option: str
-    unit: str
     text: str
     examples: tuple[str, str]
     turning: str = ""
@@ -24,28 +23,21 @@ class Option:
         return self.option, self.turning or self.option
 
 
-RADIUS = Option("device.handle_radius_m", "--radius", "m", "radius at which a hand holds what turns", ("20 mm",) * 2)
-MASS = Option("device.mass_kg", "--mass", "kg", "mass or inertia", ("120 g", "300 g.cm2"), "--inertia")
+RADIUS = Option("device.handle_radius_m", "--radius", "radius at which a hand holds what turns", ("20 mm",) * 2)
+MASS = Option("device.mass_kg", "--mass", "mass or inertia", ("120 g", "300 g.cm2"), "--inertia")
 DAMPING = Option(
     "device.damping_ns_per_m",
     "--damping",
-    "N.s/m",
     "viscous damping",
     ("0.8 N.s/m", "0.1 mN.m.s/rad"),
     cost="taken as 0, the cautious end: what it damps is not counted on",
 )
 RATE = Option(
-    "device.sample_time_s",
-    "--rate",
-    "s",
-    "sampling rate of the loop, or its sample time",
-    ("1 kHz",) * 2,
-    default="1 kHz",
+    "device.sample_time_s", "--rate", "sampling rate of the loop, or its sample time", ("1 kHz",) * 2, default="1 kHz"
 )
 DELAY = Option(
     "device.delay_samples",
     "--delay",
-    "samples",
     "delay from measurement to force, on top of the hold",
     ("2 ms", "1 sample"),
     default="1 sample",
@@ -58,7 +50,6 @@ OPTIONS = (
     Option(
         "device.coulomb_friction_n",
         "--friction",
-        "N",
         "dry friction",
         ("0.1 N", "2 mN.m"),
         cost="taken as 0, the cautious end: hands are asked to settle without it",
@@ -66,7 +57,6 @@ OPTIONS = (
     Option(
         "device.encoder_resolution_m",
         "--encoder",
-        "m",
         "step of the encoder, or counts on a way",
         ("55 um, or 450 dpi", "4096 counts"),
         cost="taken as exact: buzz between two steps is not seen",
@@ -74,7 +64,6 @@ OPTIONS = (
     Option(
         "device.max_force_n",
         "--max-force",
-        "N",
         "largest force or torque of the actuator",
         ("8 N", "200 mN.m"),
         "--max-torque",
@@ -83,34 +72,23 @@ OPTIONS = (
     Option(
         "device.amplifier_bandwidth_hz",
         "--amplifier",
-        "Hz",
         "bandwidth of the amplifier",
         ("1 kHz",) * 2,
         cost="taken as ideal: the loop may buzz with a lag that is there",
     ),
-    Option("environment.stiffness_n_per_m", "--wall", "N/m", "stiffness of the wall", ("3 kN/m", "1 N.m/rad")),
+    Option("environment.stiffness_n_per_m", "--wall", "stiffness of the wall", ("3 kN/m", "1 N.m/rad")),
     Option(
-        "environment.damping_ns_per_m",
-        "--wall-damping",
-        "N.s/m",
-        "damping of the wall",
-        ("0 N.s/m", "0 N.m.s/rad"),
-        default="0",
+        "environment.damping_ns_per_m", "--wall-damping", "damping of the wall", ("0 N.s/m", "0 N.m.s/rad"), default="0"
     ),
 )
 HANDS = (
-    Option("hands.mass_kg", "--hand-mass", "kg", "mass or inertia of what holds it", ("0.5 to 2 kg", "1 to 9 g.m2")),
+    Option("hands.mass_kg", "--hand-mass", "mass or inertia of what holds it", ("0.5 to 2 kg", "1 to 9 g.m2")),
     Option(
-        "hands.damping_ns_per_m",
-        "--hand-damping",
-        "N.s/m",
-        "damping of what holds it",
-        ("5 to 40 N.s/m", "0.1 to 1 N.m.s/rad"),
+        "hands.damping_ns_per_m", "--hand-damping", "damping of what holds it", ("5 to 40 N.s/m", "0.1 to 1 N.m.s/rad")
     ),
     Option(
         "hands.stiffness_n_per_m",
         "--hand-stiffness",
-        "N/m",
         "stiffness of what holds it",
         ("200 to 2000 N/m", "5 to 50 N.m/rad"),
     ),

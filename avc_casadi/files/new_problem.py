@@ -18,7 +18,7 @@ from avc_casadi.files.new_options import DAMPING, DELAY, HANDS, HOLDS, OPTIONS, 
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import parse_problem
 from avc_casadi.model.hands import FINGERTIP
-from avc_casadi.model.quantity import read_quantity
+from avc_casadi.model.quantity import read_quantity, unit_of_key
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import MotionKind, Units
@@ -151,7 +151,10 @@ class NewProblem:
         """Return a value in SI units; None where unknown."""
         if self._kept(option):
             return self._base_value(option)
-        typed, unit = " ".join(self.typed.get(option.key, option.default).split()), self._unit(option)
+        typed, unit = (
+            " ".join(self.typed.get(option.key, option.default).split()),
+            unit_of_key(self.outer(option).rpartition(".")[2], self.units),
+        )
         allowed = f"allowed: a value in {unit}, for example {self._example(option)}"
         if not typed:
             if option.cost and option.key not in self.typed:
@@ -181,9 +184,6 @@ class NewProblem:
             period = period if isinstance(period, float) and period > 0 else 1e-3
             samples = float(f"{read_quantity(typed, 's') / period:.12g}")
         return int(samples) if samples.is_integer() else samples
-
-    def _unit(self, option: Option) -> str:
-        return option.unit if option is RADIUS else self.units.unit(option.unit)
 
     def _example(self, option: Option) -> str:
         return option.examples[not self.units.linear]

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.findings import checked
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.quantity import Table, dotted
-
-_T = TypeVar("_T", bound=Table)
+from avc_casadi.model.quantity import dotted
 
 
 def dump_problem(problem: Problem) -> str:
@@ -52,14 +50,6 @@ def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str =
     if isinstance(found, list):
         prefix = f"{key}." if key else ""
         raise InputError([Fault(file, None, f"{prefix}{dotted(path)}", message) for path, message in found])
-    return found
-
-
-def effect_of(table: type[_T], document: Mapping[str, Any], *, file: str, key: str) -> _T:
-    """Read the table of one effect from JSON values."""
-    found = checked(table, document)
-    if isinstance(found, list):
-        raise InputError([Fault(file, None, f"{key}.{dotted(path)}", message) for path, message in found])
     return found
 
 

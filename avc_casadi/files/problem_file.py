@@ -10,10 +10,10 @@ from typing import Any, TypeVar, cast
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
-from avc_casadi._util.units import in_its_units
 from avc_casadi.files.catalogue import catalogue_names, catalogue_path, require_source
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
+from avc_casadi.files.rotary_keys import in_keys_of
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.quantity import Finding, dotted, shown
@@ -103,14 +103,15 @@ def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
 
 
 def of_problem(function: F) -> F:
-    """Decorate a function of a problem: it takes its file or name as well, and speaks in the units of its device."""
-    speaks = in_its_units(function)
+    """Decorate a function of a problem: it takes its file or name as well, and its faults name keys as that does."""
 
     @wraps(function)
-    def told(problem: AnyProblem, *args: Any, **options: Any) -> Any:
-        return speaks(as_problem(problem), *args, **options)
+    def of_any(problem: AnyProblem, *args: Any, **options: Any) -> Any:
+        found = as_problem(problem)
+        with in_keys_of(found.units):
+            return function(found, *args, **options)
 
-    return cast("F", told)
+    return cast("F", of_any)
 
 
 def with_wall(problem: AnyProblem) -> Problem:

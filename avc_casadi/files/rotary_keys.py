@@ -10,31 +10,21 @@ from typing import Any, TypeVar
 
 from pydantic_core import PydanticCustomError
 
-from avc_casadi._errors import InputError
+from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.units import LINEAR, Units, units_for
+from avc_casadi.model import quantity as q
 from avc_casadi.model.findings import UNKNOWN, checked
-from avc_casadi.model.quantity import (
-    Finding,
-    Path,
-    Quantity,
-    Table,
-    Whole,
-    power_at_handle,
-    read_quantity,
-    shown,
-    unit_of_key,
-)
 
 COUNTS = "encoder_counts_per_turn"
 """Key of a file in place of `encoder_resolution_rad`."""
 CAPSTAN = "capstan_radius_m"
 """Key of a rotary device with a linear handle: metres per radian."""
-_COUNTS = Quantity("counts", 8, 1e9, zero=False)
-_DETENTS = Whole(1, 100_000)
-_RADIUS = Quantity("m", 2e-3, 10, zero=False)
+_COUNTS = q.Quantity("counts", 8, 1e9, zero=False)
+_DETENTS = q.Whole(1, 100_000)
+_RADIUS = q.Quantity("m", 2e-3, 10, zero=False)
 # Replaces a faulty value, so that the rest of the file is checked.
 _SOME_RADIUS_M = 0.01
-M = TypeVar("M", bound=Table)
+M = TypeVar("M", bound=q.Table)
 
 
 @contextmanager
@@ -43,8 +33,13 @@ def in_keys_of(units: Units) -> Iterator[None]:
     try:
         yield
     except InputError as error:
+        if units.linear:
+            raise
         faults = [replace(one, key=units.key(one.key), message=units.words(one.message)) for one in error.faults]
         raise InputError(faults) from error
+    except UnsupportedError as error:
+        error.key, error.args = units.key(error.key), tuple(units.words(str(one)) for one in error.args)
+        raise
 
 
 class Border:
@@ -53,14 +48,14 @@ class Border:
     def __init__(self) -> None:
         self.tables: dict[str, Any] = {}
         self.device = self.rest = LINEAR
-        self._findings: dict[Path, str] = {}
-        self._written: dict[Path, Path] = {(): ()}
+        self._findings: dict[q.Path, str] = {}
+        self._written: dict[q.Path, q.Path] = {(): ()}
 
-    def fault(self, path: Path, message: str) -> None:
+    def fault(self, path: q.Path, message: str) -> None:
         """Add a fault at a path of the file."""
         self._findings.setdefault(path, message)
 
-    def checked(self, model: type[M], name: str) -> M | list[Finding]:
+    def checked(self, model: type[M], name: str) -> M | list[q.Finding]:
         """Return the tables as a model, or all faults, each at its path in the file."""
         found = checked(model, self.tables, name)
         faults = dict(self._findings)
@@ -71,13 +66,13 @@ class Border:
                 faults[place] = text
         return list(faults.items()) if faults or isinstance(found, list) else found
 
-    def _in_file(self, path: Path, message: str) -> Finding:
+    def _in_file(self, path: q.Path, message: str) -> q.Finding:
         units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
         known = next(length for length in range(len(path), -1, -1) if path[:length] in self._written)
         rest = (units.key(part) if isinstance(part, str) else part for part in path[known:])
         return (*self._written[path[:known]], *rest), units.words(message)
 
-    def inner(self, value: Any, units: Units, path: Path, written: Path) -> Any:
+    def inner(self, value: Any, units: Units, path: q.Path, written: q.Path) -> Any:
         """Return a value of the file with the common keys; texts of quantities are read in their units."""
         if isinstance(value, list):
             return [self.inner(item, units, (*path, index), (*written, index)) for index, item in enumerate(value)]
@@ -91,7 +86,7 @@ class Border:
                 if units.key(key) in value:
                     continue
             self._written[*path, name] = place
-            unit = unit_of_key(key, units)
+            unit = q.unit_of_key(key, units)
             inner[name] = self.inner(_typed(item, unit) if unit else item, units, (*path, name), place)
         return inner
 
@@ -104,7 +99,7 @@ class Border:
         units = units_for("rotary" if motion == "rotary" else "linear")
         if base and motion != before:
             self.fault(
-                (table, "motion"), f'is {shown(motion)}, and that of `from` is "{before}"; allowed: that, or none'
+                (table, "motion"), f'is {q.shown(motion)}, and that of `from` is "{before}"; allowed: that, or none'
             )
         own = self.inner(device, units, (table,), (table,))
         if not units.linear:
@@ -128,7 +123,7 @@ class Border:
             if number := self._valid(_DETENTS, count, ("detent", "per_turn")):
                 detent["pitch_m"] = 2 * math.pi / number
 
-    def _counted(self, device: dict[str, Any], path: Path) -> None:
+    def _counted(self, device: dict[str, Any], path: q.Path) -> None:
         """Replace encoder counts by the angle of a step, in the range too, where the ends change places."""
         count = None
         if COUNTS in device:
@@ -140,22 +135,22 @@ class Border:
             place = (*path, "range", COUNTS)
             ends = self._replaced(ranges, COUNTS, "encoder_resolution_m", (*path, "range"))
             if not isinstance(ends, list) or len(ends) != 2:
-                self.fault(place, f"is {shown(ends)}; allowed: two numbers, [lowest, highest]")
+                self.fault(place, f"is {q.shown(ends)}; allowed: two numbers, [lowest, highest]")
             elif all(self._valid(_COUNTS, end, place) for end in ends):
                 if not ends[0] <= ends[1] or (count is not None and not ends[0] <= count <= ends[1]):
                     self.fault(
-                        place, f"is {shown(ends)}; allowed: [lowest, highest] that hold {COUNTS} = {shown(count)}"
+                        place, f"is {q.shown(ends)}; allowed: [lowest, highest] that hold {COUNTS} = {q.shown(count)}"
                     )
                 ranges["encoder_resolution_m"] = sorted(2 * math.pi / float(end) for end in ends)
 
-    def _replaced(self, table: dict[str, Any], key: str, name: str, path: Path) -> Any:
+    def _replaced(self, table: dict[str, Any], key: str, name: str, path: q.Path) -> Any:
         """Take a key out of a table, whose place in the file that of another key then is."""
         if name in table:
             self.fault((*path, key), f"stands beside {self._written[*path, name][-1]}; allowed: one of the two")
         self._written[*path, name] = (*path, key)
         return table.pop(key)
 
-    def _valid(self, allowed: Quantity | Whole, value: Any, place: Path) -> float | None:
+    def _valid(self, allowed: q.Quantity | q.Whole, value: Any, place: q.Path) -> float | None:
         try:
             return allowed(value)
         except PydanticCustomError as error:
@@ -178,7 +173,7 @@ def _typed(value: Any, unit: str) -> Any:
     if isinstance(value, list):
         return [_typed(item, unit) for item in value]
     try:
-        return read_quantity(value, unit) if isinstance(value, str) and not _is_number(value) else value
+        return q.read_quantity(value, unit) if isinstance(value, str) and not _is_number(value) else value
     except ValueError:
         return value
 
@@ -196,7 +191,7 @@ def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:
     return {
         key: at_handle(value, radius_m)
         if isinstance(value, Mapping)
-        else _scaled(value, power_at_handle(key), radius_m)
+        else _scaled(value, q.power_at_handle(key), radius_m)
         for key, value in device.items()
         if key not in {"motion", "handle_radius_m"}
     }

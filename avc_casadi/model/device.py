@@ -10,43 +10,13 @@ from pydantic import BeforeValidator, model_serializer, model_validator
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.units import MotionKind, Units, units_for
-from avc_casadi.model.quantity import (
-    Damping,
-    DampingInterval,
-    DampingRatio,
-    DampingRatioInterval,
-    DelayInterval,
-    DelaySamples,
-    Finding,
-    Force,
-    ForceInterval,
-    ForceLimit,
-    ForceLimitInterval,
-    FrequencyInterval,
-    Hertz,
-    Length,
-    LengthInterval,
-    LoopDampingRatio,
-    LoopDampingRatioInterval,
-    Mass,
-    MassInterval,
-    MassShare,
-    MassShareInterval,
-    Position,
-    Quantity,
-    Radius,
-    SampleTime,
-    Table,
-    plain,
-    refuse,
-    shown,
-)
+from avc_casadi.model import quantity as q
 
-_Pitch = Annotated[float, BeforeValidator(Quantity("m", 1e-6, 10, zero=False))]
-_Width = Annotated[float, BeforeValidator(Quantity("", 1e-2, 1, zero=False))]
+_Pitch = Annotated[float, BeforeValidator(q.Quantity("m", 1e-6, 10, zero=False))]
+_Width = Annotated[float, BeforeValidator(q.Quantity("", 1e-2, 1, zero=False))]
 
 
-class Detent(Table):
+class Detent(q.Table):
     """Valleys at equal distances: F = force sin(2 pi u/width), u from the nearest valley, as a share of the pitch.
 
     Beyond half the width there is no force. The steepest slope, 2 pi force/(width pitch), is that of a spring in the
@@ -60,11 +30,11 @@ class Detent(Table):
         damping_ns_per_m: of a damper beside it, everywhere.
     """
 
-    force_n: ForceLimit
+    force_n: q.ForceLimit
     pitch_m: _Pitch
     width: _Width = 1.0
-    centre_m: Position = 0.0
-    damping_ns_per_m: Damping = 0.0
+    centre_m: q.Position = 0.0
+    damping_ns_per_m: q.Damping = 0.0
 
     @property
     def slope_n_per_m(self) -> float:
@@ -76,7 +46,7 @@ CURRENT_LOOP_DAMPING_RATIO = 0.7
 """Default for an amplifier of order 2."""
 
 
-class Resonance(Table):
+class Resonance(q.Table):
     """A structural resonance: motor and handle, two shares of the device's mass, joined by a spring.
 
     The frequency is that of the two against each other, the device free; the mass ratio is that of the handle to the
@@ -88,36 +58,36 @@ class Resonance(Table):
         mass_ratio: share of the handle in the device's mass.
     """
 
-    frequency_hz: Hertz
-    damping_ratio: DampingRatio
-    mass_ratio: MassShare
+    frequency_hz: q.Hertz
+    damping_ratio: q.DampingRatio
+    mass_ratio: q.MassShare
 
 
-class ResonanceRange(Table):
+class ResonanceRange(q.Table):
     """Ranges of the resonance's values."""
 
-    frequency_hz: FrequencyInterval | None = None
-    damping_ratio: DampingRatioInterval | None = None
-    mass_ratio: MassShareInterval | None = None
+    frequency_hz: q.Pair[q.Hertz] | None = None
+    damping_ratio: q.Pair[q.DampingRatio] | None = None
+    mass_ratio: q.Pair[q.MassShare] | None = None
 
 
-class DeviceRange(Table):
+class DeviceRange(q.Table):
     """Ranges of the device's values: each value [lowest, highest] about the nominal one, or None."""
 
-    mass_kg: MassInterval | None = None
-    damping_ns_per_m: DampingInterval | None = None
-    delay_samples: DelayInterval | None = None
-    coulomb_friction_n: ForceInterval | None = None
-    encoder_resolution_m: LengthInterval | None = None
-    position_noise_rms_m: LengthInterval | None = None
-    amplifier_bandwidth_hz: FrequencyInterval | None = None
-    amplifier_damping_ratio: LoopDampingRatioInterval | None = None
-    max_force_n: ForceLimitInterval | None = None
-    backlash_m: LengthInterval | None = None
+    mass_kg: q.Pair[q.Mass] | None = None
+    damping_ns_per_m: q.Pair[q.Damping] | None = None
+    delay_samples: q.Pair[q.DelaySamples] | None = None
+    coulomb_friction_n: q.Pair[q.Force] | None = None
+    encoder_resolution_m: q.Pair[q.Length] | None = None
+    position_noise_rms_m: q.Pair[q.Length] | None = None
+    amplifier_bandwidth_hz: q.Pair[q.Hertz] | None = None
+    amplifier_damping_ratio: q.Pair[q.LoopDampingRatio] | None = None
+    max_force_n: q.Pair[q.ForceLimit] | None = None
+    backlash_m: q.Pair[q.Length] | None = None
     resonance: ResonanceRange = ResonanceRange()
 
 
-class Device(Table):
+class Device(q.Table):
     """The haptic device; 0 and None mean absent.
 
     All values of a rotary device are rotational: kg.m2 in `mass_kg`, N.m.s/rad in `damping_ns_per_m`, N.m in
@@ -145,19 +115,19 @@ class Device(Table):
     """
 
     motion: MotionKind = "linear"
-    handle_radius_m: Radius | None = None
-    mass_kg: Mass
-    damping_ns_per_m: Damping
-    sample_time_s: SampleTime = 1e-3
-    delay_samples: DelaySamples = 0
-    coulomb_friction_n: Force = 0.0
-    encoder_resolution_m: Length = 0.0
-    position_noise_rms_m: Length = 0.0
-    amplifier_bandwidth_hz: Hertz | None = None
+    handle_radius_m: q.Radius | None = None
+    mass_kg: q.Mass
+    damping_ns_per_m: q.Damping
+    sample_time_s: q.SampleTime = 1e-3
+    delay_samples: q.DelaySamples = 0
+    coulomb_friction_n: q.Force = 0.0
+    encoder_resolution_m: q.Length = 0.0
+    position_noise_rms_m: q.Length = 0.0
+    amplifier_bandwidth_hz: q.Hertz | None = None
     amplifier_order: Literal[1, 2] = 1
-    amplifier_damping_ratio: LoopDampingRatio = CURRENT_LOOP_DAMPING_RATIO
-    max_force_n: ForceLimit | None = None
-    backlash_m: Length = 0.0
+    amplifier_damping_ratio: q.LoopDampingRatio = CURRENT_LOOP_DAMPING_RATIO
+    max_force_n: q.ForceLimit | None = None
+    backlash_m: q.Length = 0.0
     resonance: Resonance | None = None
     encoder_at: Literal["motor", "handle"] = "motor"
     held: Literal["grip", "stylus", "fingertip"] = "grip"
@@ -175,10 +145,10 @@ class Device(Table):
 
     @model_validator(mode="after")
     def _ranges_hold_their_values(self) -> Self:
-        refuse(self._findings())
+        q.refuse(self._findings())
         return self
 
-    def _findings(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[q.Finding]:
         for ranges, nominal, path in (
             (self.range, self, ("range",)),
             (self.range.resonance, self.resonance, ("range", "resonance")),
@@ -188,11 +158,14 @@ class Device(Table):
                 if not isinstance(interval, tuple):
                     continue
                 if value is None:
-                    yield (*path, key), f"is {shown(interval)}, but {key} is missing; allowed: beside a value in it"
+                    yield (*path, key), f"is {q.shown(interval)}, but {key} is missing; allowed: beside a value in it"
                 elif not interval[0] <= value <= interval[1]:
-                    yield (*path, key), f"is {shown(interval)}; allowed: an interval that holds {key} = {shown(value)}"
+                    yield (
+                        (*path, key),
+                        f"is {q.shown(interval)}; allowed: one that holds {key} = {q.shown(value)}",
+                    )
                 elif key == "mass_kg" and interval[0] == 0 < interval[1]:
-                    yield (*path, key), f"is {shown(interval)}; allowed: from above 0, or nothing is there to hold"
+                    yield (*path, key), f"is {q.shown(interval)}; allowed: from above 0, or nothing is there to hold"
         if self.resonance is not None and self.mass_kg == 0:
             yield ("mass_kg",), "is 0, but resonance divides it; allowed: above 0, or no resonance"
 
@@ -208,7 +181,7 @@ class Device(Table):
         return kept
 
 
-def radius_findings(device: Device) -> Iterator[Finding]:
+def radius_findings(device: Device) -> Iterator[q.Finding]:
     """Yield the fault of a radius: required where a device turns, as forces are felt there; else without meaning."""
     if device.motion == "rotary" and device.handle_radius_m is None:
         message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"
@@ -223,7 +196,7 @@ def whole_delay(delay_samples: float, what: str) -> int:
     if whole == delay_samples:
         return whole
     raise UnsupportedError(
-        f"device.delay_samples is {plain(delay_samples)}: {what} takes whole samples only. Fractions are taken by the "
+        f"device.delay_samples is {q.plain(delay_samples)}: {what} takes whole samples only. Fractions are for the "
         "pointwise methods (direct, exact, closed-form), by the certificate levels L0, L1, L3 and L5, and by scenes; "
         f"or round the delay up to {whole + 1}",
         key="device.delay_samples",

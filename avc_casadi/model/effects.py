@@ -6,32 +6,10 @@ when the scene is built.
 
 from typing import Any, Literal
 
-from avc_casadi.model.quantity import (
-    Damping,
-    DampingRatio,
-    DelaySamples,
-    Entries,
-    EntryRows,
-    Force,
-    ForceLimit,
-    Hertz,
-    Length,
-    LoopDampingRatio,
-    Mass,
-    MassRatio,
-    Place,
-    Places,
-    Rate,
-    Seed,
-    Share,
-    Stiffness,
-    Table,
-    Threshold,
-    Wait,
-)
+from avc_casadi.model import quantity as q
 
 
-class EffectTable(Table):
+class EffectTable(q.Table):
     """An effect of a scene: the keys of one [[scene.effects]].
 
     Attributes:
@@ -51,9 +29,9 @@ class HandEffect(EffectTable):
     """
 
     kind: Literal["hand"] = "hand"
-    mass_kg: Mass | None = None
-    damping_ns_per_m: Damping | None = None
-    stiffness_n_per_m: Stiffness | None = None
+    mass_kg: q.Mass | None = None
+    damping_ns_per_m: q.Damping | None = None
+    stiffness_n_per_m: q.Stiffness | None = None
 
 
 class StylusHandEffect(EffectTable):
@@ -70,11 +48,11 @@ class StylusHandEffect(EffectTable):
     """
 
     kind: Literal["stylus-hand"] = "stylus-hand"
-    mass_kg: Mass = 0.21
-    grip_damping_ns_per_m: Damping = 1.3
-    grip_stiffness_n_per_m: Stiffness = 575.0
-    arm_damping_ns_per_m: Damping = 11.0
-    arm_stiffness_n_per_m: Stiffness = 170.0
+    mass_kg: q.Mass = 0.21
+    grip_damping_ns_per_m: q.Damping = 1.3
+    grip_stiffness_n_per_m: q.Stiffness = 575.0
+    arm_damping_ns_per_m: q.Damping = 11.0
+    arm_stiffness_n_per_m: q.Stiffness = 170.0
 
 
 class WallEffect(EffectTable):
@@ -86,8 +64,8 @@ class WallEffect(EffectTable):
     """
 
     kind: Literal["wall"] = "wall"
-    damping_ns_per_m: Damping | None = None
-    stiffness_n_per_m: Stiffness | None = None
+    damping_ns_per_m: q.Damping | None = None
+    stiffness_n_per_m: q.Stiffness | None = None
 
 
 class EnvironmentEffect(EffectTable):
@@ -99,8 +77,8 @@ class EnvironmentEffect(EffectTable):
     """
 
     kind: Literal["environment"] = "environment"
-    damping_ns_per_m: Damping | None = None
-    stiffness_n_per_m: Stiffness | None = None
+    damping_ns_per_m: q.Damping | None = None
+    stiffness_n_per_m: q.Stiffness | None = None
 
 
 class SimulationEffect(EffectTable):
@@ -116,12 +94,12 @@ class SimulationEffect(EffectTable):
     """
 
     kind: Literal["simulation"] = "simulation"
-    stiffness_n_per_m: Stiffness | None = None
-    damping_ns_per_m: Damping = 0.0
-    local_damping_ns_per_m: Damping = 0.0
-    contact_stiffness_n_per_m: Stiffness | None = None
-    dropped_share: Share = 0.0
-    seed: Seed = 0
+    stiffness_n_per_m: q.Stiffness | None = None
+    damping_ns_per_m: q.Damping = 0.0
+    local_damping_ns_per_m: q.Damping = 0.0
+    contact_stiffness_n_per_m: q.Stiffness | None = None
+    dropped_share: q.Share = 0.0
+    seed: q.Seed = 0
 
 
 class DetentEffect(EffectTable):
@@ -138,7 +116,7 @@ class CoulombFrictionEffect(EffectTable):
     """
 
     kind: Literal["coulomb-friction"] = "coulomb-friction"
-    force_n: Force | None = None
+    force_n: q.Force | None = None
 
 
 class ViscousFrictionEffect(EffectTable):
@@ -149,7 +127,7 @@ class ViscousFrictionEffect(EffectTable):
     """
 
     kind: Literal["viscous-friction"] = "viscous-friction"
-    damping_ns_per_m: Damping | None = None
+    damping_ns_per_m: q.Damping | None = None
 
 
 class ResonanceEffect(EffectTable):
@@ -162,9 +140,9 @@ class ResonanceEffect(EffectTable):
     """
 
     kind: Literal["resonance"] = "resonance"
-    frequency_hz: Hertz | None = None
-    damping_ratio: DampingRatio | None = None
-    mass_ratio: MassRatio | None = None
+    frequency_hz: q.Hertz | None = None
+    damping_ratio: q.DampingRatio | None = None
+    mass_ratio: q.MassRatio | None = None
 
 
 class BacklashEffect(EffectTable):
@@ -175,7 +153,7 @@ class BacklashEffect(EffectTable):
     """
 
     kind: Literal["backlash"] = "backlash"
-    gap_m: Length | None = None
+    gap_m: q.Length | None = None
 
 
 class EncoderEffect(EffectTable):
@@ -187,7 +165,7 @@ class EncoderEffect(EffectTable):
     """
 
     kind: Literal["encoder"] = "encoder"
-    resolution_m: Length | None = None
+    resolution_m: q.Length | None = None
     at: Literal["motor", "handle"] | None = None
 
 
@@ -200,8 +178,8 @@ class NoiseEffect(EffectTable):
     """
 
     kind: Literal["noise"] = "noise"
-    rms_m: Length | None = None
-    seed: Seed = 0
+    rms_m: q.Length | None = None
+    seed: q.Seed = 0
 
 
 class NotchEffect(EffectTable):
@@ -214,9 +192,9 @@ class NotchEffect(EffectTable):
     """
 
     kind: Literal["notch"] = "notch"
-    frequency_hz: Hertz
-    depth: Share = 0.0
-    width: Threshold = 0.5
+    frequency_hz: q.Hertz
+    depth: q.Share = 0.0
+    width: q.Threshold = 0.5
 
 
 class ObserverEffect(EffectTable):
@@ -231,9 +209,9 @@ class ObserverEffect(EffectTable):
     """
 
     kind: Literal["observer"] = "observer"
-    mass_kg: Mass | None = None
-    resolution_m: Length | None = None
-    ahead_samples: DelaySamples | None = None
+    mass_kg: q.Mass | None = None
+    resolution_m: q.Length | None = None
+    ahead_samples: q.DelaySamples | None = None
 
 
 class StateFeedbackEffect(EffectTable):
@@ -251,14 +229,14 @@ class StateFeedbackEffect(EffectTable):
     """
 
     kind: Literal["state-feedback"] = "state-feedback"
-    state: EntryRows
-    force_m_per_n: Entries
-    innovation: Entries
-    feedback: Entries
-    positions: Places
-    measures: Place = 0
-    dead_zone_m: Length = 0.0
-    face_m: Length = 0.0
+    state: q.EntryRows
+    force_m_per_n: q.Entries
+    innovation: q.Entries
+    feedback: q.Entries
+    positions: q.Places
+    measures: q.Place = 0
+    dead_zone_m: q.Length = 0.0
+    face_m: q.Length = 0.0
 
 
 class DelayEffect(EffectTable):
@@ -269,7 +247,7 @@ class DelayEffect(EffectTable):
     """
 
     kind: Literal["delay"] = "delay"
-    samples: DelaySamples | None = None
+    samples: q.DelaySamples | None = None
 
 
 class JitterEffect(EffectTable):
@@ -282,9 +260,9 @@ class JitterEffect(EffectTable):
     """
 
     kind: Literal["jitter"] = "jitter"
-    rms_s: Wait
-    seed: Seed = 0
-    dropped_share: Share = 0.0
+    rms_s: q.Wait
+    seed: q.Seed = 0
+    dropped_share: q.Share = 0.0
 
 
 class AmplifierEffect(EffectTable):
@@ -297,9 +275,9 @@ class AmplifierEffect(EffectTable):
     """
 
     kind: Literal["amplifier"] = "amplifier"
-    bandwidth_hz: Hertz | None = None
+    bandwidth_hz: q.Hertz | None = None
     order: Literal[1, 2] | None = None
-    damping_ratio: LoopDampingRatio | None = None
+    damping_ratio: q.LoopDampingRatio | None = None
 
 
 class SaturationEffect(EffectTable):
@@ -310,7 +288,7 @@ class SaturationEffect(EffectTable):
     """
 
     kind: Literal["saturation"] = "saturation"
-    force_n: ForceLimit | None = None
+    force_n: q.ForceLimit | None = None
 
 
 class EstimatorEffect(EffectTable):
@@ -334,8 +312,8 @@ class AdaptationEffect(EffectTable):
     """
 
     kind: Literal["adaptation"] = "adaptation"
-    hold_s: Wait = 0.0
-    slew_per_s: Rate | None = None
+    hold_s: q.Wait = 0.0
+    slew_per_s: q.Rate | None = None
     passive: bool = True
 
 

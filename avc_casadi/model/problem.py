@@ -14,33 +14,10 @@ from pydantic import BaseModel, Field, model_validator
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.printed import short
 from avc_casadi._util.units import Units
+from avc_casadi.model import quantity as q
 from avc_casadi.model.device import Detent, Device, radius_findings
 from avc_casadi.model.findings import checked
 from avc_casadi.model.follower import Follower
-from avc_casadi.model.quantity import (
-    RADII_M,
-    Damping,
-    DampingInterval,
-    Factor,
-    Finding,
-    Frequencies,
-    FrequencyInterval,
-    Hertz,
-    MassInterval,
-    Points,
-    Slope,
-    Stiffness,
-    StiffnessInterval,
-    Table,
-    Text,
-    Threshold,
-    Weight,
-    dotted,
-    plain,
-    power_at_handle,
-    refuse,
-    shown,
-)
 from avc_casadi.model.robustness import Robustness
 from avc_casadi.model.scene import MOTIONS, Scene
 from avc_casadi.model.virtual_tool import VirtualTool
@@ -60,7 +37,7 @@ Objective = Literal["magnitude", "complex", "perceptual"]
 Required = Literal["none", "jnd", "bounds"]
 
 
-class Impedance(Table):
+class Impedance(q.Table):
     """A damper and a spring side by side, b + k/s.
 
     Attributes:
@@ -68,11 +45,11 @@ class Impedance(Table):
         stiffness_n_per_m: spring k.
     """
 
-    damping_ns_per_m: Damping
-    stiffness_n_per_m: Stiffness
+    damping_ns_per_m: q.Damping
+    stiffness_n_per_m: q.Stiffness
 
 
-class Boundaries(Table):
+class Boundaries(q.Table):
     """The range of realistic impedance; its mean is the desired impedance   (10)."""
 
     upper: Impedance
@@ -80,15 +57,15 @@ class Boundaries(Table):
 
     @model_validator(mode="after")
     def _upper_is_above(self) -> Self:
-        refuse(
-            (("upper", key), f"is {shown(upper)}, below the lower bound {shown(lower)}; allowed: at least that")
+        q.refuse(
+            (("upper", key), f"is {q.shown(upper)}, below the lower bound {q.shown(lower)}; allowed: at least that")
             for (key, upper), (_, lower) in zip(self.upper, self.lower, strict=True)
             if upper < lower
         )
         return self
 
 
-class GainBox(Table):
+class GainBox(q.Table):
     """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
 
     Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
@@ -105,20 +82,20 @@ class GainBox(Table):
 
     structure: Structure = "series"
     contact: Contact = "clip-last"
-    damping_ns_per_m: DampingInterval = (0.0, 1e4)
-    stiffness_n_per_m: StiffnessInterval = (0.0, 1e7)
-    contact_damping_ns_per_m: DampingInterval = (0.0, 0.0)
+    damping_ns_per_m: q.Pair[q.Damping] = (0.0, 1e4)
+    stiffness_n_per_m: q.Pair[q.Stiffness] = (0.0, 1e7)
+    contact_damping_ns_per_m: q.Pair[q.Damping] = (0.0, 0.0)
 
     @model_validator(mode="after")
     def _series_has_no_contact_damper(self) -> Self:
         interval = self.contact_damping_ns_per_m
         if self.structure == "series" and interval != (0, 0):
-            message = f'is {shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
-            refuse([(("contact_damping_ns_per_m",), message)])
+            message = f'is {q.shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
+            q.refuse([(("contact_damping_ns_per_m",), message)])
         return self
 
 
-class Stability(Table):
+class Stability(q.Table):
     """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12).
 
     Attributes:
@@ -130,11 +107,11 @@ class Stability(Table):
 
     model: Model = "paper"
     scope: Scope = "pointwise"
-    band_factor: Factor = 2.0
-    margin_ns_per_m: Damping = 0.0
+    band_factor: q.Factor = 2.0
+    margin_ns_per_m: q.Damping = 0.0
 
 
-class Realism(Table):
+class Realism(q.Table):
     """Error measure, just-noticeable difference as a share of |Z|, and the requirement on every row of gains.
 
     Required: nothing; |Z_h - Z_h_ds| <= jnd |Z_h_ds|; or |Z_h| between those of the boundaries. The methods direct and
@@ -148,11 +125,11 @@ class Realism(Table):
     """
 
     objective: Objective = "magnitude"
-    jnd: Threshold = 0.10
+    jnd: q.Threshold = 0.10
     require: Required = "none"
 
 
-class ScheduleSettings(Table):
+class ScheduleSettings(q.Table):
     """Smoothness of the joint schedule over ln(frequency), and the terms of its cost.
 
     A slope limit of None is no limit. Outside `interaction_hz` the error weighs a tenth. The contact damping penalty
@@ -166,14 +143,14 @@ class ScheduleSettings(Table):
         contact_damping_penalty: weight of the mean of (b_p/|Z_h_ds|)^2.
     """
 
-    slope_penalty: Weight = 1e-3
-    slope_limit: Slope | None = None
-    hand_damping_ns_per_m: Damping = 0.0
-    interaction_hz: FrequencyInterval | None = None
-    contact_damping_penalty: Weight = 1e-6
+    slope_penalty: q.Weight = 1e-3
+    slope_limit: q.Slope | None = None
+    hand_damping_ns_per_m: q.Damping = 0.0
+    interaction_hz: q.Pair[q.Hertz] | None = None
+    contact_damping_penalty: q.Weight = 1e-6
 
 
-class Hands(Table):
+class Hands(q.Table):
     """The set of hands, each value [lowest, highest]: corners and draws of it are used.
 
     With `let_go` the released device belongs to the set, as is required for deployment.
@@ -185,13 +162,13 @@ class Hands(Table):
         let_go: whether the released device (no operator) belongs to the set.
     """
 
-    mass_kg: MassInterval = (0.05, 0.3)
-    damping_ns_per_m: DampingInterval = (3.0, 20.0)
-    stiffness_n_per_m: StiffnessInterval = (200.0, 800.0)
+    mass_kg: q.Pair[q.Mass] = (0.05, 0.3)
+    damping_ns_per_m: q.Pair[q.Damping] = (3.0, 20.0)
+    stiffness_n_per_m: q.Pair[q.Stiffness] = (200.0, 800.0)
     let_go: bool = False
 
 
-class Frequency(Table):
+class Frequency(q.Table):
     """The frequencies of interaction: a range, or the list `values_hz` in its place.
 
     Attributes:
@@ -202,18 +179,18 @@ class Frequency(Table):
         values_hz: a list in place of all four.
     """
 
-    start_hz: Hertz = 1.0
-    stop_hz: Hertz = 450.0
-    points: Points = 200
+    start_hz: q.Hertz = 1.0
+    stop_hz: q.Hertz = 450.0
+    points: q.Points = 200
     spacing: Literal["log", "linear"] = "log"
-    values_hz: Frequencies | None = None
+    values_hz: q.Frequencies | None = None
 
     @model_validator(mode="after")
     def _range_or_list(self) -> Self:
-        refuse(self._findings())
+        q.refuse(self._findings())
         return self
 
-    def _findings(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[q.Finding]:
         if self.values_hz is not None:
             for key in ("start_hz", "stop_hz", "points", "spacing"):
                 if key in self.model_fields_set:
@@ -221,13 +198,13 @@ class Frequency(Table):
             for index, (one, two) in enumerate(itertools.pairwise(self.values_hz), start=1):
                 if two <= one:
                     fault = "repeats" if two == one else "is below"
-                    message = f"is {shown(two)} and {fault} the one before, {shown(one)}; allowed: increasing values"
+                    message = f"is {q.shown(two)} and {fault} {q.shown(one)} before it; allowed: increasing values"
                     yield ("values_hz", index), message
         elif self.points > 1 and self.stop_hz < self.start_hz:
-            message = f"is {shown(self.stop_hz)}{self.origin('stop_hz')}, below start_hz = {shown(self.start_hz)}"
+            message = f"is {q.shown(self.stop_hz)}{self.origin('stop_hz')}, below start_hz = {q.shown(self.start_hz)}"
             yield ("stop_hz",), f"{message}; allowed: at least that"
         elif self.points > 1 and self.stop_hz - self.start_hz < _SMALLEST_STEP * self.stop_hz * (self.points - 1):
-            message = f"is {self.points}, too many between {shown(self.start_hz)} and {shown(self.stop_hz)} Hz"
+            message = f"is {self.points}, too many between {q.shown(self.start_hz)} and {q.shown(self.stop_hz)} Hz"
             yield ("points",), f"{message}; allowed: 1 for start_hz alone, or a wider range"
 
     def origin(self, key: str) -> str:
@@ -261,11 +238,11 @@ def _merged(table: Any, change: Any) -> Any:
     return given | {key: _merged(given.get(key), value) for key, value in change.items()}
 
 
-def defaults_at(model: type[Table], radius_m: float) -> dict[str, Any]:
+def defaults_at(model: type[q.Table], radius_m: float) -> dict[str, Any]:
     """Return the defaults of a table, for a linear device at a radius, as those of the device that turns."""
     found: dict[str, Any] = {}
     for key, field in model.model_fields.items():
-        scale = radius_m ** -power_at_handle(key)
+        scale = radius_m ** -q.power_at_handle(key)
         if scale != 1 and isinstance(field.default, float):
             found[key] = scale * field.default
         elif scale != 1 and isinstance(field.default, tuple) and any(field.default):
@@ -273,7 +250,7 @@ def defaults_at(model: type[Table], radius_m: float) -> dict[str, Any]:
     return found
 
 
-class Problem(Table):
+class Problem(q.Table):
     """A problem: device, wall, hands, coupling and requirements, as in a problem file.
 
     Attributes:
@@ -295,9 +272,9 @@ class Problem(Table):
         5.0
     """
 
-    name: Text = ""
-    title: Text = ""
-    source: Text = ""
+    name: q.Text = ""
+    title: q.Text = ""
+    source: q.Text = ""
     device: Device
     environment: Impedance
     boundaries: Boundaries = Field(
@@ -328,7 +305,7 @@ class Problem(Table):
         radius = device.get("handle_radius_m") if isinstance(device, Mapping) else None
         if isinstance(radius, bool) or not isinstance(radius, int | float) or device.get("motion") != "rotary":
             return tables
-        if not RADII_M[0] <= radius <= RADII_M[1]:
+        if not q.RADII_M[0] <= radius <= q.RADII_M[1]:
             return tables  # the radius is the fault to report, not its consequences
         found = {**tables}
         for key, model in (("hands", Hands), ("coupling", GainBox)):
@@ -342,10 +319,10 @@ class Problem(Table):
 
     @model_validator(mode="after")
     def _tables_go_together(self) -> Self:
-        refuse(self._findings())
+        q.refuse(self._findings())
         return self
 
-    def _findings(self) -> Iterator[Finding]:
+    def _findings(self) -> Iterator[q.Finding]:
         """Yield the faults between tables."""
         yield from radius_findings(self.device)
         yield from self._below_nyquist()
@@ -357,14 +334,14 @@ class Problem(Table):
             )
             yield ("realism", "require"), message
         if self.scene.duration_s < period:
-            message = f"is {shown(self.scene.duration_s)}; allowed: at least a sample, device.sample_time_s = {period}"
+            message = f"is {q.shown(self.scene.duration_s)}; allowed: device.sample_time_s = {period} or more"
             yield ("scene", "duration_s"), message
         for index, effect in enumerate(self.scene.effects):
             if effect.kind == "saturation" and getattr(effect, "force_n", None) is None and not self.device.max_force_n:
                 message = "is missing, and device.max_force_n too; allowed: one of the two"
                 yield ("scene", "effects", index, "force_n"), message
         if self.simulation is not None and self.simulation.step_s[0] < period * (1 - 1e-9):
-            message = f"is {shown(self.simulation.step_s)}; allowed: device.sample_time_s = {shown(period)} or more"
+            message = f"is {q.shown(self.simulation.step_s)}; allowed: device.sample_time_s = {q.shown(period)} or more"
             yield ("simulation", "step_s"), message
         if self.simulation is not None and self.follower is not None:
             yield ("follower",), "stands beside [simulation]; allowed: one of them"
@@ -374,7 +351,7 @@ class Problem(Table):
         if self.follower is not None:
             yield from self._follower_findings(self.follower)
 
-    def _below_nyquist(self) -> Iterator[Finding]:
+    def _below_nyquist(self) -> Iterator[q.Finding]:
         """Yield the frequencies at which the Tustin map is infinite."""
         band, period = self.frequency, self.device.sample_time_s
         ends = ("start_hz",) if band.points == 1 else ("start_hz", "stop_hz")
@@ -383,26 +360,26 @@ class Problem(Table):
             places = [((end,), getattr(band, end), band.origin(end)) for end in ends]
         else:
             places = [(("values_hz", index), value, "") for index, value in enumerate(band.values_hz)]
-        limit, seconds = plain(0.5 / period), ""
+        limit, seconds = q.plain(0.5 / period), ""
         if period > LONGEST_USUAL_S:
-            seconds = f"; sample_time_s is in seconds: {plain(period)} ms is {plain(period / 1000)}"
+            seconds = f"; sample_time_s is in seconds: {q.plain(period)} ms is {q.plain(period / 1000)}"
         for place, value, origin in places:
             if value * period >= 0.5:
-                nyquist = f"the Nyquist frequency {limit} Hz of sample_time_s = {shown(period)}"
-                message = f"is {shown(value)}{origin}, at or above {nyquist}"
+                nyquist = f"the Nyquist frequency {limit} Hz of sample_time_s = {q.shown(period)}"
+                message = f"is {q.shown(value)}{origin}, at or above {nyquist}"
                 yield ("frequency", *place), f"{message}; allowed: below {limit} Hz{seconds}"
 
-    def _follower_findings(self, follower: Follower) -> Iterator[Finding]:
+    def _follower_findings(self, follower: Follower) -> Iterator[q.Finding]:
         leader = self.device
         if follower.motion != leader.motion:
-            message = f"is {shown(follower.motion)}, and device.motion is {shown(leader.motion)}; allowed: the same"
+            message = f"is {q.shown(follower.motion)}, and device.motion is {q.shown(leader.motion)}; allowed: the same"
             yield ("follower", "motion"), message
         # Every pending sample is a state: long delays take minutes, then memory.
         longest = MOST_LINK_SAMPLES * min(leader.sample_time_s, follower.sample_time_s)
         for key in ("delay_s", "return_delay_s"):
             delay = getattr(follower, key)
             if delay is not None and delay[1] > longest * (1 + 1e-9):
-                message = f"is {shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {plain(longest)} s"
+                message = f"is {q.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
                 yield ("follower", key), message
 
     def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
@@ -425,7 +402,7 @@ class Problem(Table):
             self.name,
         )
         if isinstance(found, list):
-            raise InputError([Fault(self.name or "problem", None, dotted(path), message) for path, message in found])
+            raise InputError([Fault(self.name or "problem", None, q.dotted(path), message) for path, message in found])
         return found
 
     def __repr__(self) -> str:

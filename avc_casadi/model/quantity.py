@@ -12,7 +12,7 @@ import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 from pydantic_core import PydanticCustomError
@@ -399,19 +399,8 @@ Substeps = Annotated[int, BeforeValidator(Whole(1, 1000))]
 Points = Annotated[int, BeforeValidator(Whole(1, MOST_FREQUENCIES))]
 Seed = Annotated[int, BeforeValidator(Whole(0, 2**32 - 1))]
 
-MassInterval = Annotated[tuple[Mass, Mass], BeforeValidator(_pair), AfterValidator(ordered)]
-DampingInterval = Annotated[tuple[Damping, Damping], BeforeValidator(_pair), AfterValidator(ordered)]
-StiffnessInterval = Annotated[tuple[Stiffness, Stiffness], BeforeValidator(_pair), AfterValidator(ordered)]
-FrequencyInterval = Annotated[tuple[Hertz, Hertz], BeforeValidator(_pair), AfterValidator(ordered)]
-ForceInterval = Annotated[tuple[Force, Force], BeforeValidator(_pair), AfterValidator(ordered)]
-ForceLimitInterval = Annotated[tuple[ForceLimit, ForceLimit], BeforeValidator(_pair), AfterValidator(ordered)]
-LengthInterval = Annotated[tuple[Length, Length], BeforeValidator(_pair), AfterValidator(ordered)]
-DampingRatioInterval = Annotated[tuple[DampingRatio, DampingRatio], BeforeValidator(_pair), AfterValidator(ordered)]
-LoopDampingRatioInterval = Annotated[
-    tuple[LoopDampingRatio, LoopDampingRatio], BeforeValidator(_pair), AfterValidator(ordered)
-]
-MassShareInterval = Annotated[tuple[MassShare, MassShare], BeforeValidator(_pair), AfterValidator(ordered)]
-DelayInterval = Annotated[tuple[DelaySamples, DelaySamples], BeforeValidator(_pair), AfterValidator(ordered)]
+One = TypeVar("One", bound=float)
+Pair = Annotated[tuple[One, One], BeforeValidator(_pair), AfterValidator(ordered)]
 Entry = Annotated[float, BeforeValidator(Quantity("", 1e-30, 1e12, signed=True))]
 Entries = Annotated[tuple[Entry, ...], BeforeValidator(sequence)]
 EntryRows = Annotated[tuple[Entries, ...], BeforeValidator(sequence)]

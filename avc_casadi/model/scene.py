@@ -6,23 +6,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError
 from pydantic_core import PydanticCustomError
 
+from avc_casadi.model import quantity as q
 from avc_casadi.model.effects import EffectTable
-from avc_casadi.model.quantity import (
-    Amplitude,
-    Hertz,
-    Position,
-    Span,
-    Speed,
-    Substeps,
-    Table,
-    one_of,
-    refusal,
-    shown,
-)
 from avc_casadi.model.registries import EFFECTS, METHODS
 
 
-class _Motion(Table):
+class _Motion(q.Table):
     """Motion of the hand's target along the axis of the device; the wall begins at 0 and lies at x > 0.
 
     Attributes:
@@ -31,9 +20,9 @@ class _Motion(Table):
         speed_m_per_s: its speed.
     """
 
-    start_m: Position = -0.01
-    end_m: Position = 0.01
-    speed_m_per_s: Speed = 0.07
+    start_m: q.Position = -0.01
+    end_m: q.Position = 0.01
+    speed_m_per_s: q.Speed = 0.07
 
 
 class Press(_Motion):
@@ -51,8 +40,8 @@ class Tap(_Motion):
     """
 
     kind: Literal["tap"] = "tap"
-    frequency_hz: Hertz = 2.0
-    rest_s: Span = 1.0
+    frequency_hz: q.Hertz = 2.0
+    rest_s: q.Span = 1.0
 
 
 class Hold(_Motion):
@@ -71,9 +60,9 @@ class Stroke(_Motion):
     """
 
     kind: Literal["stroke"] = "stroke"
-    frequency_hz: Hertz = 1.0
-    amplitude_m: Amplitude = 0.005
-    rest_s: Span = 1.0
+    frequency_hz: q.Hertz = 1.0
+    amplitude_m: q.Amplitude = 0.005
+    rest_s: q.Span = 1.0
 
 
 class Free(_Motion):
@@ -86,9 +75,9 @@ class Free(_Motion):
     """
 
     kind: Literal["free"] = "free"
-    frequency_hz: Hertz = 1.0
-    amplitude_m: Amplitude = 0.005
-    rest_s: Span = 1.0
+    frequency_hz: q.Hertz = 1.0
+    amplitude_m: q.Amplitude = 0.005
+    rest_s: q.Span = 1.0
 
 
 MOTIONS: dict[str, type[_Motion]] = {"press": Press, "tap": Tap, "hold": Hold, "stroke": Stroke, "free": Free}
@@ -106,7 +95,7 @@ class _Couplings:
     def __call__(self, value: Any) -> str:
         """Return the name, or refuse it."""
         if not isinstance(value, str) or value not in self.choices:
-            raise refusal(f"is {shown(value)}; allowed: {one_of(self.choices, value)}")
+            raise q.refusal(f"is {q.shown(value)}; allowed: {q.one_of(self.choices, value)}")
         return value
 
 
@@ -117,7 +106,7 @@ Integrator = Literal["exact", "projected", "rk4"]
 def _effects(value: Any) -> tuple[Any, ...]:
     """Return the effects of a scene, each read by the keys of its kind; all faults are reported at once."""
     if not isinstance(value, list | tuple):
-        raise refusal(f"is {shown(value)}; allowed: one [[scene.effects]] for each effect")
+        raise q.refusal(f"is {q.shown(value)}; allowed: one [[scene.effects]] for each effect")
     found: list[Any] = []
     faults: list[Any] = []
     for index, one in enumerate(value):
@@ -138,7 +127,7 @@ def _effects(value: Any) -> tuple[Any, ...]:
     return tuple(found)
 
 
-class Scene(Table):
+class Scene(q.Table):
     """The simulated scene: motion of the hand's target, coupling and effects.
 
     Attributes:
@@ -151,10 +140,10 @@ class Scene(Table):
         effects: these alone; none listed: a hand, a wall and all that the device declares.
     """
 
-    duration_s: Span = 3.0
+    duration_s: q.Span = 3.0
     coupling: CouplingChoice = "static"
-    interaction_hz: Hertz | None = None
+    interaction_hz: q.Hertz | None = None
     integrator: Integrator = "exact"
-    substeps: Substeps = 1
+    substeps: q.Substeps = 1
     motion: Motion = Press()
     effects: Annotated[tuple[SerializeAsAny[EffectTable], ...], BeforeValidator(_effects)] = ()

@@ -8,23 +8,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator
 
-from avc_casadi.model.quantity import (
-    LARGEST_DAMPING_NS_PER_M,
-    LARGEST_STIFFNESS_N_PER_M,
-    Quantity,
-    Stiffness,
-    Table,
-    Whole,
-    ordered,
-    refusal,
-    shown,
-)
+from avc_casadi.model import quantity as q
 
 ToolIntegrator = Literal["semi-implicit", "explicit", "implicit-damping", "implicit"]
 Exchange = Literal["on-time", "late", "ahead", "held-force"]
 Interval = tuple[float, float]
 
-RIGID_N_PER_M = LARGEST_STIFFNESS_N_PER_M
+RIGID_N_PER_M = q.LARGEST_STIFFNESS_N_PER_M
 """A contact of this stiffness counts as rigid: the tool stops at it."""
 
 LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, LONGEST_STEP_S = 1e-9, 1e6, 10.0
@@ -35,7 +25,7 @@ LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, LONGEST_STEP_S = 1e-9, 1e6, 10.0
 class Ends:
     """Validator of a number, or of [lowest, highest]; both become a pair."""
 
-    one: Quantity
+    one: q.Quantity
     unbounded: bool = False
 
     @property
@@ -48,8 +38,8 @@ class Ends:
         if not isinstance(value, list | tuple):
             return (self._end(value), self._end(value))
         if len(value) != 2:
-            raise refusal(f"is {shown(value)}; allowed: a number, or two, [lowest, highest]")
-        return ordered((self._end(value[0]), self._end(value[1])))
+            raise q.refusal(f"is {q.shown(value)}; allowed: a number, or two, [lowest, highest]")
+        return q.ordered((self._end(value[0]), self._end(value[1])))
 
     def _end(self, value: Any) -> float:
         if self.unbounded and isinstance(value, float) and value == math.inf:
@@ -57,15 +47,15 @@ class Ends:
         return self.one(value)
 
 
-_Masses = Annotated[Interval, BeforeValidator(Ends(Quantity("kg", LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
-_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
-_Steps = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
-_Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
-_Late = Annotated[int, BeforeValidator(Whole(0, 8))]
+_Masses = Annotated[Interval, BeforeValidator(Ends(q.Quantity("kg", LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
+_Dampings = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M)))]
+_Contacts = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+_Steps = Annotated[Interval, BeforeValidator(Ends(q.Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
+_Scale = Annotated[float, BeforeValidator(q.Quantity("", 1e-6, 1e6, zero=False))]
+_Late = Annotated[int, BeforeValidator(q.Whole(0, 8))]
 
 
-class VirtualTool(Table):
+class VirtualTool(q.Table):
     """The table [simulation]: a tool that an engine moves, joined to the device by a spring K and a damper B.
 
     Every T the device holds F = -(K (x - x_s) + B (v - v_s)), x_s and v_s its data of the tool; every step the
@@ -101,7 +91,7 @@ class VirtualTool(Table):
     contact_damping_ns_per_m: _Dampings | None = None
     position_scale: _Scale = 1.0
     force_scale: _Scale = 1.0
-    stiffness_n_per_m: Stiffness | None = None
+    stiffness_n_per_m: q.Stiffness | None = None
 
     @property
     def scale(self) -> float:
