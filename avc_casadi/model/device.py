@@ -160,10 +160,7 @@ class Device(q.Table):
                 if value is None:
                     yield (*path, key), f"is {q.shown(interval)}, but {key} is missing; allowed: beside a value in it"
                 elif not interval[0] <= value <= interval[1]:
-                    yield (
-                        (*path, key),
-                        f"is {q.shown(interval)}; allowed: one that holds {key} = {q.shown(value)}",
-                    )
+                    yield ((*path, key), f"is {q.shown(interval)}; allowed: one that holds {key} = {q.shown(value)}")
                 elif key == "mass_kg" and interval[0] == 0 < interval[1]:
                     yield (*path, key), f"is {q.shown(interval)}; allowed: from above 0, or nothing is there to hold"
         if self.resonance is not None and self.mass_kg == 0:
