@@ -24,8 +24,8 @@ from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_hardware import BoardLimits, Connection, TableImage
+from avc_hardware.codegen.boards import ARM_INSTALL
 from avc_hardware.codegen.build import HOST_INSTALL, build_host
-from avc_hardware.codegen.firmware import ARM_INSTALL
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.session import RefusedError
 

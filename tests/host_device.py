@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import Float32Array
-from avc_hardware.codegen.figures import BoardLimits
+from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
 
 _ROOM = 8192
 # Counts: where a device stands that nobody has put anywhere, out of contact.
 BEFORE_WALL = -100
-
-
-class _Limits(ctypes.Structure):
-    _fields_ = [(field.name, ctypes.c_float) for field in fields(BoardLimits)]
 
 
 class State(ctypes.Structure):
@@ -41,14 +37,23 @@ class State(ctypes.Structure):
 class HostCore:
     """One device."""
 
-    def __init__(self, library: Path, limits: BoardLimits | None = None) -> None:
-        """Load the library that `build.build_host` made."""
+    def __init__(
+        self,
+        library: Path,
+        limits: BoardLimits | None = None,
+        figures: RuntimeFigures | None = None,
+        *,
+        bound: bool = True,
+    ) -> None:
+        """Load the library that `build.build_host` made; figures are at the limits' sample time and encoder."""
         self._c = ctypes.CDLL(str(library))
         self._c.avc_host_new.restype = ctypes.c_void_p
         self._c.avc_host_read.restype = ctypes.c_size_t
         self._c.avc_host_image.restype = ctypes.c_size_t
         self.limits = limits or BoardLimits()
-        self._limits = _Limits.from_buffer_copy(self.limits.packed())
+        time_s, step_m = self.limits.sample_time_s, self.limits.metres_per_count
+        made = replace(figures or RuntimeFigures(), sample_time_s=time_s, metres_per_count=step_m)
+        self._config, self._bound = Config(self.limits, made).packed(), bound
         self._device: ctypes.c_void_p | None = None
         self._boots = 0
         self.reset()
@@ -57,7 +62,7 @@ class HostCore:
         """Start anew: the table is gone."""
         self.free()
         self._boots += 1
-        self._device = ctypes.c_void_p(self._c.avc_host_new(ctypes.byref(self._limits), 0, self._boots))
+        self._device = ctypes.c_void_p(self._c.avc_host_new(self._config, int(self._bound), self._boots))
 
     def free(self) -> None:
         """Give the memory back."""

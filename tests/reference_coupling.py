@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi.model.gains import interpolate
+from avc_casadi.simulation.emit import SINGLE, Precision
 from avc_hardware.codegen.coupling_program import coupling_program
-from avc_hardware.codegen.operations import SINGLE, Precision
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 from avc_hardware.codegen.tick_program import GAINS, states_at_rest
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from avc_casadi.coupling import Coupling
-    from avc_hardware.codegen.float_program import FloatProgram
+    from avc_casadi.simulation.emit import FloatProgram
 
 Columns = dict[str, Any]
 

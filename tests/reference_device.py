@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import BoolArray, Float32Array
 from avc_casadi.model.runtime import StateFeedback
+from avc_casadi.simulation.emit import FloatProgram
 from avc_casadi.simulation.runtime.observer import state_feedback_step
 from avc_casadi.simulation.runtime.step import Step
 from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures
-from avc_hardware.codegen.float_program import FloatProgram
 from avc_hardware.codegen.tick_program import GAINS, RuntimeProgram, runtime_programs
 from avc_hardware.link.table import TableImage, lookup
 

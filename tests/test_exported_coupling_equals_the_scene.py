@@ -16,7 +16,7 @@ from avc_casadi import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.effects import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.runtime import Runtime
-from avc_hardware.codegen.operations import PRECISIONS
+from avc_casadi.simulation.emit import PRECISIONS
 
 SEEDS = range(22)
 

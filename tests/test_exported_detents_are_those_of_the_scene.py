@@ -14,8 +14,8 @@ from reference_coupling import ReferenceCoupling
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
 from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, WallEffect
+from avc_casadi.simulation.emit import PRECISIONS
 from avc_hardware import TableImage
-from avc_hardware.codegen.operations import PRECISIONS
 
 # Nothing beside the gains; a table; observer and tank; a controller; state feedback.
 SEEDS = (0, 1, 2, 7, 16)

@@ -279,7 +279,7 @@ def test_on_the_emulated_board_a_glitch_ends_in_a_ramp() -> None:
     assert bench.machine.drives
     pressed = bench.codes[-1]
     at = len(bench.codes)
-    bench.run(0.001, 1300)
+    bench.run(0.001, 1350)
     bench.run(0.1, 300)
     assert max(bench.codes[at:]) <= pressed
     assert (bench.codes[-1], bench.machine.drives) == (2048, False)

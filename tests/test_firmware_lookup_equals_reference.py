@@ -14,7 +14,8 @@ from avc_casadi._util.arrays import Float32Array
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.gains import single_ln as ln
-from avc_hardware import TableImage
+from avc_hardware import BoardLimits, RuntimeFigures, TableImage
+from avc_hardware.codegen.figures import Config
 from avc_hardware.link.table import lookup
 
 positive = st.floats(2.0**-20, 2.0**20, width=32)
@@ -39,7 +40,7 @@ def device_lookup(made: Coupling, frequency: Float32Array) -> Float32Array:
     table = ctypes.create_string_buffer(32 + 256 * 16 + 256 * 4 + 513 * 2 + 256)
     image = TableImage.of(made).image
     ctypes.memmove(table, image, len(image))
-    library.avc_table_prepare(table)
+    library.avc_table_prepare(table, Config(BoardLimits(), RuntimeFigures()).packed())
     near = ctypes.c_uint32()
     found = [library.avc_host_lookup(table, float(f), ctypes.byref(near)) for f in frequency]
     return np.array([(g.b, g.k, g.b_p) for g in found], dtype=np.float32)

@@ -38,7 +38,7 @@ def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
     own = board(tmp_path / "own")
     (own / "board.c").write_text((own / "board.c").read_text() + "\n/* mine */\n")
     names = set()
-    for target in ("stm32f405", str(own)):
+    for target in ("netduinoplus2", str(own)):
         built = build_firmware(made.problem, target, tmp_path / target[-3:])
         assert built.build.encode() in built.files[0].read_bytes()
         names.add(built.build)
@@ -63,7 +63,7 @@ def test_flags_of_a_board_do_not_undo_exact_floats(tmp_path: Path) -> None:
     ("old", "new", "told"),
     [
         ('"arm-none-eabi-gcc"', '"arm-none-eabi-gccc"', r"compiler: is 'arm-none-eabi-gccc', which is no program"),
-        ("estimator =", "estimater =", r"estimater: is unknown; allowed: title, .*estimator"),
+        ("estimator =", "estimater =", r"estimater: is unknown"),
         ("origin = 0x00000000", "origin = 0x10", r"flash\.origin: .*multiple of 256"),
         ("origin = 0x20000000", "origin = 0x20000002", r"memory\.origin: .*multiple of 8"),
         ("bytes = 0x4000\n", "bytes = 0x4001\n", r"memory\.bytes: .*multiple of 4"),
@@ -85,7 +85,7 @@ def test_a_manifest_in_place_of_its_folder_is_told(tmp_path: Path) -> None:
 def test_a_rate_that_no_port_divides_to_is_refused(
     tmp_path: Path, baud: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["firmware", "reference-r1", "--board", "stm32f405", "--out", str(tmp_path / "f"), "--baud", baud]
+    asked = ["firmware", "reference-r1", "--board", "netduinoplus2", "--out", str(tmp_path / "f"), "--baud", baud]
     assert main(asked) == 2
     assert "--baud: is " in capsys.readouterr().err
 
@@ -100,7 +100,7 @@ def test_a_stream_tells_refused_messages_from_lost_ones() -> None:
 @pytest.mark.thorough
 def test_the_rate_of_the_line_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
-    asked = ["firmware", "reference-r1", "--board", "stm32f405", "--out", str(tmp_path / "f"), "--baud", "921600"]
+    asked = ["firmware", "reference-r1", "--board", "netduinoplus2", "--out", str(tmp_path / "f"), "--baud", "921600"]
     assert main(asked) == 0
     text = capsys.readouterr().out
     assert "avc push --baud 921600" in text
@@ -115,13 +115,13 @@ def knob(**more: object) -> Coupling:
 @pytest.mark.thorough
 def test_detents_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UnsupportedError, match="detent has no place in the table"):
-        build_firmware(knob(), "stm32f405", tmp_path)
+        build_firmware(knob(), "netduinoplus2", tmp_path)
 
 
 @pytest.mark.thorough
 def test_a_knobs_firmware_is_told_in_its_units(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     require("arm-none-eabi-gcc")
-    asked = ["firmware", "knob", "--board", "stm32f405", "--out", str(tmp_path / "f")]
+    asked = ["firmware", "knob", "--board", "netduinoplus2", "--out", str(tmp_path / "f")]
     assert main([*asked, "--json"]) == 0
     text = capsys.readouterr().out
     assert json.loads(text)["limits"]["radians_per_count"] == pytest.approx(2 * 3.14159265358979 / 16384)

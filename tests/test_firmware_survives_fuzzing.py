@@ -11,11 +11,28 @@ import pytest
 from hardware_bench import require, run, scratch
 
 from avc_casadi import UnsupportedError
-from avc_hardware.codegen.build import build_fuzzer
+from avc_hardware.codegen.build import HOST_INSTALL, compile_with, compiler, generate, options_of
+from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
 
 CORPUS = (Path(__file__).parent / "hardware_corpus.txt").read_text(encoding="utf-8").split()
 SECONDS = int(os.environ.get("AVC_FUZZ_SECONDS", "4"))
 INSTALL = "apt-get install -y --no-install-recommends clang libclang-rt-dev"
+
+
+LIMITS = BoardLimits(max_acceleration_m_per_s2=1e6, max_energy_j=1.0, max_overruns=3.0)
+
+
+def build_fuzzer(*, cc: str = "clang", replay: bool = False) -> Path:
+    """Build the fuzzer with sanitizers, or a program that runs the files it is given."""
+    program, made = scratch() / ("replay" if replay else "fuzz"), scratch() / "fuzz-generated"
+    sources = generate(made, Config(LIMITS, RuntimeFigures(estimator="zero-crossing")), bound=True)
+    sources.append(Path(__file__).with_name("hardware_fuzz.c"))
+    sanitize = (
+        ["-fsanitize=address,undefined", "-DAVC_FUZZ_REPLAY"] if replay else ["-fsanitize=fuzzer,address,undefined"]
+    )
+    options = [*options_of(made, "fuzz"), "-g", *sanitize, "-fno-sanitize-recover=all"]
+    compile_with([compiler(cc, HOST_INSTALL), *options, *map(str, sources), "-o", str(program)])
+    return program
 
 
 def corpus_folder() -> Path:
@@ -29,7 +46,7 @@ def corpus_folder() -> Path:
 @pytest.mark.thorough
 def test_kept_corpus_runs_clean_under_sanitizers() -> None:
     require("gcc")
-    program = build_fuzzer(scratch(), cc="gcc", replay=True)
+    program = build_fuzzer(cc="gcc", replay=True)
     assert len(CORPUS) > 100
     run(str(program), *(str(path) for path in sorted(corpus_folder().iterdir())))
 
@@ -38,7 +55,7 @@ def test_kept_corpus_runs_clean_under_sanitizers() -> None:
 def test_search_finds_nothing_new_that_harms(tmp_path: Path) -> None:
     require("clang")
     try:
-        program = build_fuzzer(scratch())
+        program = build_fuzzer()
     except UnsupportedError as error:
         if os.environ.get("HIL_REQUIRE") == "all":
             raise

@@ -14,8 +14,10 @@ from avc_casadi import InputError, LinkError, NotDeployableError, UnsupportedErr
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import TableImage, check_runs_on
+from avc_hardware import Connection, RuntimeFigures, TableImage, check_runs_on
+from avc_hardware.codegen.figures import Config
 from avc_hardware.link.faults import Reason, Refusal
+from avc_hardware.link.session import RefusedError
 
 
 def test_table_larger_than_the_device_is_refused_by_it() -> None:
@@ -41,7 +43,7 @@ def test_host_names_every_limit_that_is_passed() -> None:
     assert "damping b" in text
     assert "stiffness k" in text
     assert "sample time" in text
-    assert "wall's stiffness is 20000 N/m" in text
+    assert "wall's stiffness is 20000" in text
     assert "contact damping" not in text
     assert core.image() is None
 
@@ -52,7 +54,7 @@ def test_safe_gains_are_judged_as_those_of_the_coupling_are() -> None:
     core = HostCore(host_library(), unwatched(max_force_n=8.0))
     with pytest.raises(NotDeployableError, match="reference-r1 by safe gains: not deployable"):
         avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 3e3))
-    with pytest.raises(InputError, match=r"safe: has a contact damper of 4 N\.s/m; allowed: b and k"):
+    with pytest.raises(InputError, match=r"safe\.contact_damping_ns_per_m: is 4"):
         avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 100.0, 4.0))
     assert core.image() is None
     avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 100.0))
@@ -63,10 +65,10 @@ def test_safe_gains_are_judged_as_those_of_the_coupling_are() -> None:
     ("given", "said"),
     [
         ({"safe": (2.0, 500.0)}, r"safe: is \(2\.0, 500\.0\); allowed: Gains\("),
-        ({"safe": Gains(1.0, np.inf)}, r"safe\.stiffness_n_per_m: is inf N/m; allowed: 0 to 1e\+08 N/m"),
-        ({"safe": Gains(0.0, 1e38)}, r"safe\.stiffness_n_per_m: is 1e\+38 N/m"),
-        ({"safe": Gains(0.0, 1e39)}, r"safe\.stiffness_n_per_m: is 1e\+39 N/m"),
-        ({"safe": Gains(1e39, 1e39)}, r"safe\.damping_ns_per_m: is 1e\+39 N\.s/m; allowed: 0 to 100000 N\.s/m"),
+        ({"safe": Gains(1.0, np.inf)}, r"safe\.stiffness_n_per_m: is inf; allowed: 0 to 1e\+08"),
+        ({"safe": Gains(0.0, 1e38)}, r"safe\.stiffness_n_per_m: is 1e\+38"),
+        ({"safe": Gains(0.0, 1e39)}, r"safe\.stiffness_n_per_m: is 1e\+39"),
+        ({"safe": Gains(1e39, 1e39)}, r"safe\.damping_ns_per_m: is 1e\+39; allowed: 0 to 100000"),
         ({"deadline_s": np.nan}, r"deadline_s: is nan; allowed: above 0 s"),
         ({"deadline_s": 0.0}, r"deadline_s: is 0\.0; allowed: above 0 s"),
         ({"port": None}, r"port: is None; allowed: "),
@@ -135,8 +137,6 @@ def test_what_the_firmware_has_not_is_refused_before_a_port_is_opened(runtime: R
     ("runtime", "named"),
     [
         (Runtime(estimator="zero-crossing"), "estimator is fused, the coupling's zero-crossing"),
-        (Runtime(hold_s=0.3), r"hold_s is 0\.2, the coupling's 0\.3"),
-        (Runtime(slew_per_s=None), r"slew_per_s is 20\.0, the coupling's None"),
         (Runtime(passive=False), "passive is True, the coupling's False"),
     ],
 )
@@ -149,12 +149,33 @@ def test_settings_of_another_firmware_are_refused_by_name_where_they_matter(runt
     assert push(constant, HostLink(core)).readback_equal
 
 
-def test_guard_limit_must_be_that_of_the_device_where_there_is_a_guard() -> None:
-    guard = Runtime(guard="passivity-controller")
-    assert push(coupling(5, runtime=guard, damping_ns_per_m=2.0), HostLink(host_core())).readback_equal
-    with pytest.raises(UnsupportedError, match=r"guard_damping_ns_per_m is 2\.0, the coupling's 1\.5"):
-        push(coupling(5, runtime=guard, damping_ns_per_m=1.5), HostLink(host_core()))
-    assert push(coupling(5, damping_ns_per_m=1.5), HostLink(host_core())).notes == ()
+def test_settings_of_the_coupling_come_with_it_and_those_of_the_device_stay() -> None:
+    """Hold, slew and the guard's limit are sent and read back; a bound device keeps its limits for ever."""
+    core = host_core()
+    runtime = Runtime(hold_s=0.3, slew_per_s=None, guard="passivity-controller")
+    found = push(coupling(5, runtime=runtime, damping_ns_per_m=1.5), HostLink(core)).device
+    assert (found.figures.hold_s, found.figures.slew_per_s, found.figures.guard_damping_ns_per_m) == (0.3, None, 1.5)
+    assert (found.bound, found.limits) == (True, unwatched())
+    other = Config(unwatched(max_force_n=8.0), found.figures)
+    connection = Connection(HostLink(core))
+    for config, told in ((other.packed(), "of another device"), (other.packed()[:-1] + b"?", "the checksum")):
+        with pytest.raises(LinkError, match=told):
+            connection.run(connection.session.push(replace(image(5), config=config), connection.device))
+        assert Connection(HostLink(core)).device.config_crc32 == found.config_crc32
+    assert push(coupling(5), HostLink(core)).device.figures.hold_s == 0.2
+
+
+def test_a_device_without_a_configuration_of_its_own_takes_any_that_is_sound() -> None:
+    core = HostCore(host_library(), unwatched(), bound=False)
+    made = coupling(5, sample_time_s=5e-4, encoder_resolution_m=1e-5, max_force_n=8.0)
+    found = push(made, HostLink(core)).device
+    assert (found.sample_time_s, found.metres_per_count, found.max_force_n) == (5e-4, 1e-5, 8.0)
+    broken = Config(replace(found.limits, max_force_n=float("inf")), found.figures)
+    with pytest.raises(RefusedError, match="the configuration is outside the device's limits"):
+        Connection(HostLink(core)).configure(broken)
+    Connection(HostLink(core)).configure(Config(unwatched(), RuntimeFigures()))
+    assert core.state().has_table == 0
+    assert (core.tick(np.full(20, 500, dtype=np.int32))[0] == 0).all()
 
 
 def test_a_coupling_without_a_force_limit_is_told_where_its_trial_took_more() -> None:
@@ -162,5 +183,5 @@ def test_a_coupling_without_a_force_limit_is_told_where_its_trial_took_more() ->
     link = HostLink(HostCore(host_library(), replace(unwatched(), max_force_n=8.0)))
     assert push(free.with_trial({"tap_force_n": 7.0}), link).notes == ()
     (note,) = push(free.with_trial({"tap_force_n": 18.2}), link).notes
-    assert "limits the force at 8 N" in note
-    assert "a tap took 18.2 N" in note
+    assert "limits the force at 8," in note
+    assert "a tap took 18.2;" in note

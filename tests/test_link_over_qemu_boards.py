@@ -19,7 +19,7 @@ from avc_hardware.codegen.build import build_image
 @pytest.fixture
 def port(tmp_path: Path) -> Iterator[str]:
     require("qemu-system-arm", "arm-none-eabi-gcc")
-    image = build_image("netduinoplus2", scratch())
+    image = build_image(out=scratch())
     program = shutil.which("qemu-system-arm")
     assert program is not None
     log = tmp_path / "qemu.log"

@@ -194,7 +194,7 @@ def test_numbers_for_sofa_are_the_certified_step_in_its_implicit_solver(mass):
         (("stream", "c.json", "--port", "emulator"), "simulate, run, check and export know a [simulation]"),
         (("trial", "c.json"), "simulate, run, check and export know a [simulation]"),
         (
-            ("firmware", "c.json", "--board", "stm32f405", "--out", "o"),
+            ("firmware", "c.json", "--board", "netduinoplus2", "--out", "o"),
             "simulate, run, check and export know a [simulation]",
         ),
         (("export", "c.json", "--c", "o", "--problem", "soft"), "--problem: does not apply to this coupling"),

@@ -20,7 +20,7 @@ from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, EmulatedBoard, StreamResult, TableImage
-from avc_hardware.codegen.firmware import IMAGE
+from avc_hardware.codegen.boards import IMAGE
 from avc_hardware.codegen.image import read_elf
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason
@@ -269,8 +269,7 @@ def test_a_tick_at_any_instruction_of_a_heartbeat_sees_it_whole() -> None:
 
 def test_a_commit_told_twice_does_not_end_the_transfer_of_another_host() -> None:
     core = host_core()
-    push(COUPLINGS[0], HostLink(core))
-    old, new = TableImage.of(COUPLINGS[0]), TableImage.of(COUPLINGS[1])
+    old, new = push(COUPLINGS[0], HostLink(core)), TableImage.of(COUPLINGS[1])
     asked(core, Kind.BEGIN, m.begin(2, new.table_id, new.crc32, len(new.rows)), m.Acknowledged, session=2)
     asked(core, Kind.COMMIT, m.commit(1, old.table_id, old.crc32), m.Committed)
     chunk = m.chunk(2, new.table_id, 0, new.image)

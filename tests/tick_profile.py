@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from host_device import BEFORE_WALL
 
-from avc_hardware.codegen.firmware import IMAGE
+from avc_hardware.codegen.boards import IMAGE
 from avc_hardware.codegen.image import read_elf
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.emulator.machine import CLOCK_HZ

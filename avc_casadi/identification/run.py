@@ -23,7 +23,8 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.identification.linear import TAPS, entries_of
 from avc_casadi.identification.terms import DRAG, FRICTION
-from avc_casadi.simulation.native import LANES_HEAD, compiler, in_lanes, library
+from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
+from avc_casadi.simulation.native import compiler, library
 
 _LEVEL = FRICTION.index("coulomb_friction_n")
 _ASYMMETRY = FRICTION.index("damping_asymmetry_ns_per_m")
@@ -58,13 +59,7 @@ class Sample:
 
 @lru_cache(maxsize=16)
 def sample(states: int, cuts: int, stribeck: bool) -> Sample:
-    """Return the functions of a sample.
-
-    Args:
-        states: number n of states.
-        cuts: number of evaluations of the velocity inside a sample.
-        stribeck: whether friction depends on the velocity.
-    """
+    """Return the functions of a sample of n states, with so many evaluations of the velocity inside it."""
     count = entries_of(states, cuts)
     x, inputs = ca.SX.sym("x", states), ca.SX.sym("inputs", TAPS + 2)
     entries, parts = ca.SX.sym("entries", count), ca.SX.sym("friction", len(FRICTION))

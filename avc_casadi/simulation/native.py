@@ -11,7 +11,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import lru_cache
@@ -22,6 +22,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.parallel import processors
+from avc_casadi.simulation.emit import LANES_HEAD, in_lanes
 
 if TYPE_CHECKING:
     from avc_casadi.simulation.compile import CompiledScene
@@ -37,75 +38,6 @@ LANES = 16
 _FLAGS = ("-O1", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared", "-w")
 # The machine's own vectors; not every compiler has this option.
 _VECTORS = "-march=native"
-
-# Instructions in C; names in capitals are the macros below.
-_OPERATIONS = {
-    "ASSIGN": "{0}",
-    "ADD": "{0} + {1}",
-    "SUB": "{0} - {1}",
-    "MUL": "{0} * {1}",
-    "DIV": "{0} / {1}",
-    "NEG": "-{0}",
-    "SQ": "{0} * {0}",
-    "TWICE": "SPREAD(2.) * {0}",
-    "INV": "SPREAD(1.) / {0}",
-    "LT": "ONE({0} < {1})",
-    "LE": "ONE({0} <= {1})",
-    "EQ": "ONE({0} == {1})",
-    "NE": "ONE({0} != {1})",
-    "NOT": "ONE({0} == 0.)",
-    "AND": "ONE(({0} != 0.) & ({1} != 0.))",
-    "OR": "ONE(({0} != 0.) | ({1} != 0.))",
-    "IF_ELSE_ZERO": "(Lanes)((Bits){1} & ({0} != 0.))",
-    "SIGN": "PICK({0} < 0., SPREAD(-1.), PICK({0} > 0., SPREAD(1.), {0}))",
-    "FABS": "(Lanes)((Bits){0} & 0x7fffffffffffffffLL)",
-    "FMAX": "LARGER({0}, {1})",
-    "FMIN": "SMALLER({0}, {1})",
-    "CONSTPOW": "each_pow({0}, {1})",
-}
-_OF_ONE = (
-    *("floor", "ceil", "sqrt", "log", "log1p", "exp", "expm1", "erf"),
-    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
-)
-_OF_TWO = ("fmax", "fmin", "pow", "fmod", "remainder", "atan2", "copysign", "hypot")
-_OPERATIONS |= {name.upper(): f"each_{name}({{0}})" for name in _OF_ONE}
-_OPERATIONS |= {name.upper(): f"each_{name}({{0}}, {{1}})" for name in _OF_TWO if name.upper() not in _OPERATIONS}
-
-_HEAD = """
-#include <math.h>
-#if defined(__AVX512F__)
-#define WIDTH 8
-#elif defined(__AVX__)
-#define WIDTH 4
-#else
-#define WIDTH 2
-#endif
-typedef double Lanes __attribute__((vector_size(8 * WIDTH)));
-typedef long long Bits __attribute__((vector_size(8 * WIDTH)));
-/* Takes 0 away, which changes no number, not even -0. */
-#define SPREAD(number) ((number) - (Lanes){0})
-#define ONE(yes) ((Lanes)((yes) & (Bits)SPREAD(1.)))
-#define PICK(yes, this, that) ((Lanes)(((yes) & (Bits)(this)) | (~(yes) & (Bits)(that))))
-#define EACH(name) static inline Lanes each_##name(Lanes a) { \\
-  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i]); return r; }
-#define EACH_PAIR(name) static inline Lanes each_##name(Lanes a, Lanes b) { \\
-  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i], b[i]); return r; }
-"""
-# Of two zeros this library returns the second; others may choose by sign.
-_PAIRS = """
-#if defined(__x86_64__) && defined(__GLIBC__)
-#define LARGER(a, b) PICK(((a) > (b)) | ((b) != (b)), a, b)
-#define SMALLER(a, b) PICK(((a) < (b)) | ((b) != (b)), a, b)
-#else
-#define LARGER(a, b) each_fmax(a, b)
-#define SMALLER(a, b) each_fmin(a, b)
-#endif
-"""
-
-LANES_HEAD = "\n".join(
-    [_HEAD, *(f"EACH({name})" for name in _OF_ONE), *(f"EACH_PAIR({name})" for name in _OF_TWO), _PAIRS]
-)
-"""Head of the C of functions in lanes: `Lanes` of `WIDTH` numbers, and their operations."""
 
 _SAMPLE = """
 static inline void sample(const Lanes* restrict now, const double* restrict u, const Lanes* restrict p,
@@ -243,37 +175,6 @@ def compile_ahead(scene: CompiledScene) -> None:
 def _compiled(function: Any, speeds: int) -> Future[ctypes.CDLL]:
     """Start to compile the loop of a sample, cached: the text of its C takes as long as some runs."""
     return _begun(_code(function, speeds), compiler())
-
-
-@lru_cache(maxsize=1)
-def _names() -> dict[int, str]:
-    import casadi as ca  # noqa: PLC0415
-
-    return {getattr(ca, name): name.removeprefix("OP_") for name in dir(ca) if name.startswith("OP_")}
-
-
-def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
-    """Return the C of a function in lanes, to follow `LANES_HEAD`."""
-    lines, names = [], _names()
-    for index in range(function.n_instructions()):
-        name, taken, to = (
-            names[function.instruction_id(index)],
-            function.instruction_input(index),
-            function.instruction_output(index),
-        )
-        if name == "INPUT":
-            which, element = taken
-            value = given[which].format(element)
-        elif name == "CONST":
-            value = f"SPREAD({float(function.instruction_constant(index)).hex()})"
-        elif name == "OUTPUT":
-            lines.append(f"{results[to[0]].format(to[1])} = w{taken[0]};")
-            continue
-        else:
-            value = _OPERATIONS[name].format(*(f"w{one}" for one in taken))
-        lines.append(f"w{to[0]} = {value};")
-    work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
-    return "\n  ".join([f"Lanes {work};", *lines])
 
 
 def _code(function: Any, speeds: int) -> str:

@@ -1,16 +1,11 @@
-"""The hardware side: a link to the device, code generation, an emulated board; the firmware in C beside them.
-
-`push` sends the table of a coupling, `stream` sends its gains live, `monitor` watches the device, `excite` plays
-an excitation and logs it, `export_c` writes C for other firmware. A port is a device path or ``emulator``, the real
-firmware image on an emulated board.
-"""
+"""The hardware side: a link to the device, code generation, an emulated board; the firmware in C beside them."""
 
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from avc_hardware.codegen.device_firmware import BOARDS as BOARDS
-    from avc_hardware.codegen.device_firmware import BuiltFirmware as BuiltFirmware
-    from avc_hardware.codegen.device_firmware import build_firmware as build_firmware
+    from avc_hardware.codegen.build import BOARDS as BOARDS
+    from avc_hardware.codegen.build import BuiltFirmware as BuiltFirmware
+    from avc_hardware.codegen.build import build_firmware as build_firmware
     from avc_hardware.codegen.export import export_c as export_c
     from avc_hardware.codegen.figures import BoardLimits as BoardLimits
     from avc_hardware.codegen.figures import RuntimeFigures as RuntimeFigures
@@ -64,7 +59,7 @@ if TYPE_CHECKING:
 else:
     # Imported at first use: few of them need CasADi, pyserial or Unicorn.
     _HOMES = {
-        "codegen.device_firmware": ("BOARDS", "BuiltFirmware", "build_firmware"),
+        "codegen.build": ("BOARDS", "BuiltFirmware", "build_firmware"),
         "codegen.export": ("export_c",),
         "codegen.figures": ("BoardLimits", "RuntimeFigures"),
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),

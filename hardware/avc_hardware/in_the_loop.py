@@ -1,11 +1,4 @@
-"""Hardware in the loop: the plant of a scene in Python, the firmware image on the emulated core, in lock step.
-
-At every tick the plant moves by one sample under the firmware's output force (12 bits), and the encoder gives its
-position. The link stays open meanwhile: couplings may be pushed while the hand presses. Nothing depends on the
-computer's clock.
-
-In a trial a coupling is pushed into the emulated board, then a hand presses the wall.
-"""
+"""Hardware in the loop: the plant of a scene in Python, the firmware image on the emulated core, in lock step."""
 
 from __future__ import annotations
 
@@ -16,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi import InputError, UnsupportedError
-from avc_casadi._util.units import FORCE, N_PER_M, NEWTON, in_its_units, spoken_key
 from avc_casadi.coupling import Coupling, require_coupling
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import HandEffect, WallEffect
@@ -29,9 +21,9 @@ from avc_casadi.simulation.effects.sensing import Delay
 from avc_casadi.simulation.judge import judge
 from avc_casadi.simulation.motion import target_of
 from avc_casadi.simulation.population.motions import TRIAL_S, course_of
-from avc_hardware.codegen.figures import board_limits
+from avc_hardware.codegen.figures import board_limits, device_config
 from avc_hardware.emulator.bench import BenchPlant, force_of_code
-from avc_hardware.emulator.board import EmulatedBoard, emulated_board
+from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.connection import Connection
 from avc_hardware.link.device import DeviceStatus
@@ -54,14 +46,7 @@ _FIRMWARE_KINDS = frozenset({"wall", "encoder", "state-feedback", "estimator", "
 
 @dataclass
 class LoopTrace:
-    """Trace of every tick since the motion began; lists grow with time.
-
-    Attributes:
-        position_m: true position of the device.
-        velocity_m_per_s: true velocity.
-        force_n: on the output of the firmware, held from this tick to the next.
-        held_m_per_s: true velocity of the handle, where that is another body; else empty.
-    """
+    """Trace of every tick since the motion began; lists grow with time."""
 
     position_m: list[float] = field(default_factory=list)
     velocity_m_per_s: list[float] = field(default_factory=list)
@@ -70,24 +55,10 @@ class LoopTrace:
 
 
 class FirmwareInTheLoop:
-    """A device with a hand on it, driven by the firmware image.
-
-    Attributes:
-        trace: so far.
-        board: the emulated board, a link.
-        connection: the open link to it.
-    """
+    """A device with a hand on it, driven by the firmware image."""
 
     def __init__(self, of: Coupling | Problem) -> None:
-        """Build the plant of the problem's scene, start the firmware, and open the link; no table runs yet.
-
-        Args:
-            of: a coupling, whose settings the firmware gets; or a problem. Sample time, encoder and force limit are
-                those of its device; by default 2 um and 50 N.
-
-        Raises:
-            UnsupportedError: the scene has an effect that the bench does not have, or the firmware cannot run so.
-        """
+        """Build the plant of the problem's scene, start the firmware, and open the link; no table runs yet."""
         problem = of.problem if isinstance(of, Coupling) else of
         limits = board_limits(problem.device)
         effects = build_effects(problem)
@@ -108,13 +79,11 @@ class FirmwareInTheLoop:
         self._sample = -1  # the motion has not begun
         self._limits = limits
         self.trace = LoopTrace()
-        self.board = self._board(of)
+        self.board = EmulatedBoard(limits=limits, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
         self.connection = Connection(self.board, session=1)
-
-    def _board(self, of: Coupling | Problem) -> EmulatedBoard:
-        if isinstance(of, Coupling):
-            return emulated_board(of, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
-        return EmulatedBoard(limits=self._limits, encoder=lambda _: self._encoder(), on_force_code=self._actuate)
+        self.connection.configure(device_config(problem.device))
+        # Its encoder and its output are those of this device, whatever a coupling was made for.
+        self.connection.device = replace(self.connection.device, bound=True)
 
     def push(self, coupling: Coupling) -> PushResult:
         """Push a coupling; the plant moves meanwhile."""
@@ -163,23 +132,14 @@ def _check(problem: Problem, effects: tuple[SceneEffect, ...], limits: BoardLimi
     for effect in effects:
         if isinstance(effect, Saturation) and effect.force_n != limits.max_force_n:
             raise UnsupportedError(
-                f"{problem.name}: the scene limits the {FORCE} at {effect.force_n:g} {NEWTON}, the board at "
-                f"{limits.max_force_n:g} {NEWTON}; set {spoken_key('device.max_force_n')} instead"
+                f"{problem.name}: the scene's saturation has force_n = {effect.force_n:g}, the board "
+                f"{limits.max_force_n:g}; set device.max_force_n instead"
             )
 
 
 @dataclass(frozen=True)
 class LoopResult:
-    """Result of a press on the wall.
-
-    Attributes:
-        seconds: duration of the press.
-        judgement: figures of the last half second, by the criteria of scenes.
-        peak_force_n: largest force on the output.
-        left_out: effects of the problem's scene that the bench lacks.
-        push: its result.
-        status: of the device at the end.
-    """
+    """Result of a press on the wall."""
 
     seconds: float
     judgement: Judgement
@@ -203,13 +163,13 @@ class LoopResult:
         """The result in one line."""
         if self.status.faults:
             word = DeviceFault(self.status.faults).word
-            return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no {FORCE}: {word}"
+            return f"with a hand for {self.seconds:g} s it STOPPED ITSELF and gives no force: {word}"
         stiffness = self.apparent_stiffness_n_per_m
         felt = (
-            f", {stiffness:.4g} {N_PER_M} at the sensor in the end" if self.at_rest and math.isfinite(stiffness) else ""
+            f", apparent stiffness {stiffness:.4g} at the sensor" if self.at_rest and math.isfinite(stiffness) else ""
         )
         rest = "settled" if self.at_rest else "DID NOT SETTLE"
-        return f"with a hand for {self.seconds:g} s it {rest}; at most {self.peak_force_n:.3g} {NEWTON}{felt}"
+        return f"with a hand for {self.seconds:g} s it {rest}; peak force {self.peak_force_n:.3g}{felt}"
 
     def document(self) -> dict[str, Any]:
         """Return the figures: JSON values only."""
@@ -230,24 +190,8 @@ class LoopResult:
         }
 
 
-@in_its_units
 def tried_in_the_loop(coupling: Coupling, *, seconds: float | None = None, device: Device | None = None) -> LoopResult:
-    """Push a coupling into an emulated board of its device, and press the wall with the central hand of ``[hands]``.
-
-    The hand moves as the problem's scene says; of the scene's effects those of the plant apply. Dry friction is left
-    out, which would only stabilise.
-
-    Args:
-        coupling: to be run, at its own sample time, encoder and force limit.
-        seconds: duration; None is that of the scene, and as much more as a hand alone oscillates with a heavy device,
-            where it still moves then.
-        device: the true one; None is the one that the coupling was made for.
-
-    Raises:
-        InputError: it is not a coupling, or the duration is not a finite time above 0.
-        FirmwareLacksError: the coupling needs features that the firmware lacks.
-        MissingExtraError: the emulator is not installed.
-    """
+    """Push a coupling into an emulated board of its device, and press the wall with the central hand of ``[hands]``."""
     require_coupling(coupling)
     scene = coupling.problem.scene
     lasts = scene.duration_s if seconds is None else seconds

@@ -27,9 +27,8 @@ from tick_profile import TickCount, tick_instructions
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TableImage
-from avc_hardware.codegen.boards import TARGETS
+from avc_hardware.codegen.boards import IMAGE
 from avc_hardware.codegen.build import build_image
-from avc_hardware.codegen.firmware import IMAGE
 from avc_hardware.link.connection import DEFAULT_BAUD
 from avc_hardware.link.messages import Kind
 
@@ -63,7 +62,7 @@ def motion(tick: int) -> int:
 def wire(folder: Path, baud: int) -> dict[str, Any]:
     """Push, round trip and stream at one rate of the virtual wire."""
     made = coupling(200, largest=LARGEST)
-    image = IMAGE if baud == DEFAULT_BAUD else build_image("netduinoplus2", folder, baud=baud)
+    image = IMAGE if baud == DEFAULT_BAUD else build_image(out=folder, baud=baud)
     board = EmulatedBoard(image, motion_m=out_of_wall)
     result = push(made, board, baud=baud)
     trips = []
@@ -134,15 +133,11 @@ def observers() -> dict[str, Any]:
     return found
 
 
-def sizes(folder: Path) -> dict[str, Any]:
-    """Flash and memory of every board."""
-    boards = {}
-    for target in TARGETS:
-        image = IMAGE if target == IMAGE.stem else build_image(target, folder)
-        report = run("arm-none-eabi-size", str(image)).decode()
-        text, data, bss = (int(part) for part in report.splitlines()[1].split()[:3])
-        boards[target] = {"flash": text + data, "memory": data + bss}
-    return {"boards": boards}
+def sizes() -> dict[str, Any]:
+    """Flash and memory of the packaged image."""
+    report = run("arm-none-eabi-size", str(IMAGE)).decode()
+    text, data, bss = (int(part) for part in report.splitlines()[1].split()[:3])
+    return {"boards": {IMAGE.stem: {"flash": text + data, "memory": data + bss}}}
 
 
 def main() -> None:
@@ -161,7 +156,7 @@ def main() -> None:
             "wire": {str(baud): wire(folder, baud) for baud in (DEFAULT_BAUD, 921600)},
             **ticks(),
             "observers": observers(),
-            **sizes(folder),
+            **sizes(),
         }
     RESULTS.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 

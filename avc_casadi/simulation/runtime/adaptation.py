@@ -23,7 +23,6 @@ charged to a change of gains. The damper stores nothing, so that b and b_p may c
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from avc_casadi.simulation.runtime.step import Expr, Step, StepBuilder
@@ -51,7 +50,7 @@ def hold_step(sample_time_s: float, settings: HoldSettings) -> Step:
     frequency, age = builder.state("frequency_hz"), builder.state("age_s", settings.hold_s)
     known = ca.if_else(frequency > 0, frequency, rest)
     older = ca.fmin(age + sample_time_s, settings.hold_s)
-    share = min(1.0, sample_time_s / settings.decay_s) if settings.decay_s > 0 else 1.0
+    share = ca.fmin(1.0, sample_time_s / settings.decay_s) if settings.decay_s > 0 else 1.0
     falling = known + share * (rest - known)
     lost = ca.if_else(age < settings.hold_s, known, falling)
     following = ca.if_else(valid, estimate, lost)
@@ -121,13 +120,13 @@ def _anchored(
     touching, rest = builder.input("touching"), builder.input("rest_stiffness_n_per_m")
     anchor, mean = builder.state("anchor_m"), builder.state("mean_deflection_m")
 
-    mean += (1 - math.exp(-sample_time_s / settings.mean_s)) * (deflection - mean)
+    mean += (1 - ca.exp(-sample_time_s / settings.mean_s)) * (deflection - mean)
     # g = -mean * missing.
     missing = ca.fmax(rest / (k + _SOFTEST_N_PER_M) - 1, 0)
     held = (deflection - anchor) * (k_before / (ca.fmax(k_before, k) + _TINY))
     moved = deflection - held
     carried = -mean * ca.fmax(missing - builder.state("missing"), 0)
-    step = carried - (1 - math.exp(-sample_time_s / settings.return_s)) * (moved + carried + mean * missing)
+    step = carried - (1 - ca.exp(-sample_time_s / settings.return_s)) * (moved + carried + mean * missing)
     cost = 0.5 * k * step * (step - 2 * held)
     there = ca.fmax(filled, 0)
     # The energy is convex in the step: a fraction of it costs at most that fraction.

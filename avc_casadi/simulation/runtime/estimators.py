@@ -71,9 +71,11 @@ def _resonator(
     builder: StepBuilder, name: str, signal: Expr, centre_hz: float, sample_time_s: float
 ) -> tuple[Expr, Expr, Expr]:
     """Return the sine and cosine of the phase's advance in this tick, times the power, and the power."""
-    decay = math.exp(-math.tau * centre_hz * sample_time_s / _QUALITY)
+    import casadi as ca  # noqa: PLC0415
+
+    decay = ca.exp(-math.tau * centre_hz * sample_time_s / _QUALITY)
     turn = math.tau * centre_hz * sample_time_s
-    real, imaginary = decay * math.cos(turn), decay * math.sin(turn)
+    real, imaginary = decay * ca.cos(turn), decay * ca.sin(turn)
     gain = 1.0 - decay
     coming: tuple[Expr, Expr] = (signal, 0.0)
     before: tuple[Expr, Expr] = (0.0, 0.0)
@@ -206,7 +208,7 @@ def adaptive_notch_step(sample_time_s: float, settings: EstimatorSettings) -> St
     builder = StepBuilder()
     signal = band_passed(builder, builder.input("velocity_m_per_s"), settings, sample_time_s)
     low, high = (math.tau * hz * sample_time_s for hz in (settings.low_hz, settings.top_hz(sample_time_s)))
-    start = math.sqrt(low * high)
+    start = ca.sqrt(low * high)
     turn = builder.state("turn_rad", start)
     inphase, quadrature = builder.state("inphase_m_per_s"), builder.state("quadrature_m_per_s")
     left_over, whole = builder.state("left_over_power"), builder.state("power")

@@ -42,11 +42,11 @@ def band_passed(builder: StepBuilder, velocity: Expr, settings: EstimatorSetting
     import casadi as ca  # noqa: PLC0415
 
     mean = builder.state("mean_m_per_s")
-    slow = 1.0 - math.exp(-math.tau * 0.5 * settings.low_hz * sample_time_s)
+    slow = 1.0 - ca.exp(-math.tau * 0.5 * settings.low_hz * sample_time_s)
     seen = ca.fmin(ca.fmax(velocity, -settings.fastest_m_per_s), settings.fastest_m_per_s)
     builder.follow("mean_m_per_s", mean + slow * (seen - mean))
     signal = seen - mean
-    fast = 1.0 - math.exp(-math.tau * settings.top_hz(sample_time_s) * sample_time_s)
+    fast = 1.0 - ca.exp(-math.tau * settings.top_hz(sample_time_s) * sample_time_s)
     for name in ("smoothed_m_per_s", "twice_smoothed_m_per_s"):
         before = builder.state(name)
         signal = before + fast * (signal - before)

@@ -119,6 +119,8 @@ class StepBuilder:
             [ca.SX(column([self._next[key] for key in self._states])), ca.SX(column(list(self._outputs.values())))],
             ["state", "input", "parameter"],
             ["next", "output"],
+            # Numbers may be symbols of what surrounds the step.
+            {"allow_free": True},
         )
         return Step(
             name=name,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
 from avc_casadi._util.units import FORCE, M_PER_S, N_PER_M, NEWTON, NS_PER_M
-from avc_hardware.codegen.operations import DOUBLE, PRECISIONS, Precision
+from avc_casadi.simulation.emit import DOUBLE, PRECISIONS, Precision
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -76,11 +76,7 @@ _WIDE_ENOUGH = """
 
 
 def checked(precision: str, name: str) -> Precision:
-    """Return a precision by name.
-
-    Raises:
-        InputError: no such precision, or a name invalid in C.
-    """
+    """Return a precision by name."""
     if precision not in PRECISIONS:
         raise InputError.of(f"is {precision!r}; allowed: {', '.join(PRECISIONS)}", key="precision")
     if not _NAME.fullmatch(name):

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from avc_casadi.claims.deployable import Deployable
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
+    from avc_casadi.simulation.emit import Precision
     from avc_hardware.codegen.coupling_program import CouplingProgram
-    from avc_hardware.codegen.operations import Precision
 
 _HEADER = """\
 /* A virtual coupling with its wall, made by avc-casadi; do not edit.

@@ -1,8 +1,4 @@
-"""A whole coupling as programs of one precision: from measured position to force, by the scene's own effects.
-
-Constant gains are one program. Gains that follow the frequency are two, cut at the table: `before` gives the frequency
-of the look-up, `after` takes the gains. Both reuse the code of the scene.
-"""
+"""A whole coupling as programs of one precision: from measured position to force, by the scene's own effects."""
 
 from __future__ import annotations
 
@@ -20,9 +16,8 @@ from avc_casadi.simulation.effects.computation import Adaptation, Estimator, Gua
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.effects.sensing import Delay
 from avc_casadi.simulation.effects.wall import Detents, Wall
+from avc_casadi.simulation.emit import SINGLE, FloatProgram, Precision
 from avc_casadi.simulation.tick import Tick
-from avc_hardware.codegen.float_program import FloatProgram
-from avc_hardware.codegen.operations import SINGLE, Precision
 from avc_hardware.codegen.tick_program import GAINS, AnyTable
 
 if TYPE_CHECKING:
@@ -35,17 +30,7 @@ FORCES = ("command_n", "force_n")
 
 @dataclass(frozen=True)
 class CouplingProgram:
-    """One tick of a coupling.
-
-    Attributes:
-        states: names.
-        initial: state before the first tick with the device at 0, at +1 and at -1, which identifies the positions.
-        before: position_m and states -> frequency_hz, seen_m (the position as the coupling takes it), and the next
-            values of the states of the names `early`; None for constant gains.
-        after: position_m or seen_m, wanted gains, states -> command_n (before the limit), force_n and the next values
-            of all other states.
-        early: states that `before` carries on.
-    """
+    """One tick of a coupling."""
 
     states: tuple[str, ...]
     initial: tuple[tuple[float, float, float], ...]
@@ -55,11 +40,7 @@ class CouplingProgram:
 
 
 def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> CouplingProgram:
-    """Build the program of a coupling at its own sample time.
-
-    Raises:
-        InputError: the wall gives no force, or the observer has no encoder step to look between.
-    """
+    """Build the program of a coupling at its own sample time."""
     wall = coupling.wall
     if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
         raise InputError.of(
@@ -75,10 +56,7 @@ def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> Coupl
 
 
 def _computer(coupling: Coupling) -> Iterator[SceneEffect]:
-    """Select what runs on the control computer, by the rules of scenes, in the order of the loop.
-
-    The actuator's limit comes before the delay: commands are what the actuator can do.
-    """
+    """Select what runs on the control computer, by the rules of scenes, in the order of the loop."""
     problem, constant = coupling.problem, coupling.table.constant
     device = problem.device
     listed: list[Effect] = [HandEffect(), WallEffect(), *coupling.runtime.effects(constant=constant)]

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.units import in_its_units
 from avc_casadi.claims.deployable import require_deployable
+from avc_casadi.simulation.emit import SINGLE, Precision
 from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
 from avc_hardware.codegen.coupling_header import coupling_header
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
-from avc_hardware.codegen.operations import SINGLE, Precision
 from avc_hardware.codegen.sensor_rule import SensorBounds, believed_c
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
@@ -226,24 +226,7 @@ def export_c(
     name: str = NAME,
     unsafe: bool = False,
 ) -> dict[str, str]:
-    """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
-
-    The whole coupling at its own sample time: observer, estimator, adaptation and table where it has them, wall,
-    contact damper, guard, force limit. Bit for bit `ReferenceCoupling`. Names and comments are those of the device:
-    ``torque_nm`` and ``position_rad`` for a rotary one.
-
-    Args:
-        coupling: any; its runtime needs no support by the packaged firmware.
-        precision: ``single`` (float) or ``double``, for processors that have it in hardware.
-        name: prefix of the files, functions, types and macros (in capitals); two couplings of two names link into one
-            program.
-        unsafe: whether a coupling that is not deployable is written too.
-
-    Raises:
-        NotDeployableError: it is not stable with every hand of ``[hands]`` and released.
-        InputError: another precision, a name invalid in C, a wall without force, an observer without an
-            encoder step for its dead zone, a gain too large for single precision, or two rows that become one in it.
-    """
+    """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = checked(precision, name)
     verdict = require_deployable(coupling, unsafe=unsafe)
     rows = single_rows(coupling) if chosen is SINGLE else coupling.table.rows

@@ -1,78 +1,82 @@
-"""Figures of a firmware: the limits of its board, the parameters of its control tick."""
+"""Configuration of a firmware: the limits of its board, the figures of its control tick, and the numbers they make."""
 
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, fields, replace
+import zlib
+from dataclasses import astuple, dataclass, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
 
-
 # In the order of HELLO.
 ESTIMATOR_NUMBERS = ("zero-crossing", "spectral-peak", "adaptive-notch", "fused")
+NO_SLEW_PER_S = 1e30
+"""Stands for no limit of the slew: no gain is changed by it, and single precision holds it times any gain."""
 
 
 @dataclass(frozen=True)
 class RuntimeFigures:
-    """Parameters for which a firmware is generated.
-
-    Attributes:
-        sample_time_s: T.
-        metres_per_count: of the encoder; sets the estimator's floor.
-        estimator: method.
-        hold_s: hold time of a lost estimate.
-        slew_per_s: largest relative change of a gain, a second; None for no limit.
-        passive: whether gains change without creating energy, with anchor and tank.
-        guard_damping_ns_per_m: most that the guard adds: the device's own damping.
-        hand_m_per_unit: travel of the hand per unit of position: 1, or the handle radius of a rotary device; the
-            estimator's motion threshold applies there.
-    """
+    """What the numbers of the control tick are made of; estimator and passive change are of its program."""
 
     sample_time_s: float = 1e-3
     metres_per_count: float = 2e-6
     estimator: str = "fused"
     hold_s: float = 0.2
-    slew_per_s: float | None = 20.0
+    slew_per_s: float | None = 20.0  # None: no limit
     passive: bool = True
-    guard_damping_ns_per_m: float = 2.0
-    hand_m_per_unit: float = 1.0
+    guard_damping_ns_per_m: float = 2.0  # most that the guard adds: the device's own damping
+    hand_m_per_unit: float = 1.0  # of the position: 1, or the handle radius, where the threshold of motion applies
+
+    def packed(self) -> bytes:
+        """Return the bytes of the firmware's `avc_figures_t`."""
+        slew = NO_SLEW_PER_S if self.slew_per_s is None else self.slew_per_s
+        number = ESTIMATOR_NUMBERS.index(self.estimator)
+        values = (self.hold_s, slew, self.guard_damping_ns_per_m, self.hand_m_per_unit)
+        return struct.pack("<4fHH", *values, number, self.passive)
 
 
 @dataclass(frozen=True)
 class BoardLimits:
-    """Limits of a board; the values of the netduinoplus2 board.
-
-    Attributes:
-        sample_time_s: T.
-        metres_per_count: of the encoder.
-        max_force_n: of the output.
-        max_damping_ns_per_m: of b, of the wall too.
-        max_stiffness_n_per_m: of k, of the wall too.
-        max_contact_damping_ns_per_m: of b_p.
-        max_speed_m_per_s: above it a fault is latched; 0, here and below: not monitored.
-        max_acceleration_m_per_s2: above it the encoder has jumped.
-        max_energy_j: largest net energy that a coupling may deliver within about a second.
-        stuck_swing_n: force oscillations of this size, four of them without one count, indicate a stuck encoder.
-        max_overruns: ticks in a row that took longer than T.
-    """
+    """Limits of a board; by default those of the boards. The last five latch a fault beyond them; 0: not watched."""
 
     sample_time_s: float = 1e-3
     metres_per_count: float = 2e-6
-    max_force_n: float = 50.0
-    max_damping_ns_per_m: float = 1e5
-    max_stiffness_n_per_m: float = 1e8
+    max_force_n: float = 50.0  # full scale of the output
+    max_damping_ns_per_m: float = 1e5  # of the wall too
+    max_stiffness_n_per_m: float = 1e8  # of the wall too
     max_contact_damping_ns_per_m: float = 1e4
     max_speed_m_per_s: float = 3.0
-    max_acceleration_m_per_s2: float = 1000.0
-    max_energy_j: float = 0.2
-    stuck_swing_n: float = 12.5
-    max_overruns: float = 5.0
+    max_acceleration_m_per_s2: float = 1000.0  # beyond it the encoder has jumped
+    max_energy_j: float = 0.2  # that a coupling may give out within about a second
+    stuck_swing_n: float = 12.5  # a force that swings so, four times without one count: the encoder is stuck
+    max_overruns: float = 5.0  # in a row
 
     def packed(self) -> bytes:
         """Return the bytes of the firmware's `avc_limits_t`."""
-        return struct.pack(f"<{len(fields(self))}f", *(getattr(self, field.name) for field in fields(self)))
+        return struct.pack("<11f", *astuple(self))
+
+    @property
+    def unwatched(self) -> BoardLimits:
+        """The same without faults of motion."""
+        names = ("max_speed_m_per_s", "max_acceleration_m_per_s2", "max_energy_j", "stuck_swing_n", "max_overruns")
+        return replace(self, **dict.fromkeys(names, 0.0))
+
+
+@dataclass(frozen=True)
+class Config:
+    """The firmware's `avc_config_t`: what a board is told, with or without a table."""
+
+    limits: BoardLimits
+    figures: RuntimeFigures
+
+    def packed(self) -> bytes:
+        """Return its bytes, the checksum of the rest first; UnsupportedError for a sample time without a program."""
+        from avc_hardware.codegen.tick_program import tick_numbers  # noqa: PLC0415 - it needs CasADi
+
+        rest = self.limits.packed() + self.figures.packed() + tick_numbers(self.figures).astype("<f4").tobytes()
+        return struct.pack("<I", zlib.crc32(rest)) + rest
 
 
 def actuator_m_per_s2(device: Device) -> float:
@@ -101,3 +105,10 @@ def board_limits(device: Device) -> BoardLimits:
         # hands and stops strike too
         max_acceleration_m_per_s2=max(usual.max_acceleration_m_per_s2 / reach, 4 * actuator_m_per_s2(device)),
     )
+
+
+def device_config(device: Device) -> Config:
+    """Return the configuration of a device without a coupling."""
+    limits = board_limits(device)
+    figures = RuntimeFigures(limits.sample_time_s, limits.metres_per_count, hand_m_per_unit=device.metres_per_unit)
+    return Config(limits, figures)

@@ -10,7 +10,7 @@ import numpy as np
 
 from avc_casadi import InputError, NotDeployableError, UnsupportedError
 from avc_casadi.coupling import require_coupling
-from avc_hardware.codegen.figures import RuntimeFigures, board_limits
+from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures, board_limits
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import Float32Array
@@ -22,11 +22,7 @@ FEEDBACK_STATES = 8
 
 
 def wall_alone(coupling: Coupling) -> None:
-    """Refuse detents, which a table does not hold; the exported source does.
-
-    Raises:
-        UnsupportedError: the problem has some.
-    """
+    """Refuse detents, which a table does not hold; the exported source does."""
     if coupling.problem.detent is not None:
         message = (
             f"{coupling.problem.name}: detent has no place in the table that is pushed; export the whole as C: avc "
@@ -36,11 +32,7 @@ def wall_alone(coupling: Coupling) -> None:
 
 
 def single_rows(coupling: Coupling) -> Float32Array:
-    """Return the rows of a coupling in single precision, shape (n, 4).
-
-    Raises:
-        InputError: a value beyond single precision, or two rows that become one in it.
-    """
+    """Return the rows of a coupling in single precision, shape (n, 4)."""
     feedback = coupling.runtime.state_feedback
     with np.errstate(over="ignore", under="ignore"):
         rows = coupling.table.single()
@@ -70,14 +62,7 @@ GUARD = "passivity-controller"
 
 
 class FirmwareLacksError(NotDeployableError, UnsupportedError):
-    """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1).
-
-    Example:
-        >>> try:
-        ...     avc_hardware.check_runs_on(coupling)
-        ... except avc.NotDeployableError as error:
-        ...     print(error)
-    """
+    """A coupling needs features that the device's firmware lacks, and is refused (command line: exit code 1)."""
 
 
 class RunningFirmware(Protocol):
@@ -93,18 +78,19 @@ class RunningFirmware(Protocol):
         """Figures of its control tick."""
         ...
 
+    @property
+    def limits(self) -> BoardLimits:
+        """Limits built in, or last sent."""
+        ...
+
+    @property
+    def bound(self) -> bool:
+        """Whether it keeps its limits and its handle."""
+        ...
+
 
 def check_runs_on(coupling: Coupling, device: RunningFirmware | None = None) -> None:
-    """Refuse a coupling that needs features that the firmware lacks.
-
-    Args:
-        coupling: to be run.
-        device: its settings are compared too, as far as the coupling depends on them; None skips that.
-
-    Raises:
-        FirmwareLacksError: names everything that the firmware lacks, and the remedy.
-        InputError: it is not a coupling.
-    """
+    """Refuse a coupling that needs features that the firmware lacks."""
     require_coupling(coupling)
     runtime = coupling.runtime
     lacks = []
@@ -139,12 +125,11 @@ def _lacks_of_feedback(coupling: Coupling, most: int) -> list[str]:
 
 
 def _other_settings(coupling: Coupling, device: RunningFirmware) -> list[str]:
+    """Return what the device's program, or its handle where it keeps its own, has otherwise for gains that vary."""
     wanted, has = figures_of(coupling), device.figures
-    asked = []
-    if not coupling.table.constant:
-        asked += ["estimator", "hold_s", "slew_per_s", "passive", "hand_m_per_unit"]
-    if coupling.runtime.guard is not None:
-        asked.append("guard_damping_ns_per_m")
+    if coupling.table.constant:
+        return []
+    asked = ["estimator", "passive", *(["hand_m_per_unit"] if device.bound else [])]
     return [
         f"its {name} is {getattr(has, name)}, the coupling's {getattr(wanted, name)}"
         for name in asked
@@ -156,6 +141,20 @@ def _same(one: Any, other: Any) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         return math.isclose(one, other, rel_tol=1e-6)
     return bool(one == other)
+
+
+def config_for(coupling: Coupling, device: RunningFirmware) -> Config:
+    """Return the configuration for a coupling on a device: a bound one keeps its limits and its handle."""
+    wanted, has = figures_of(coupling), device.figures
+    limits = device.limits if device.bound else board_limits(coupling.problem.device)
+    reach = has.hand_m_per_unit if device.bound else wanted.hand_m_per_unit
+    figures = replace(has, sample_time_s=limits.sample_time_s, metres_per_count=limits.metres_per_count)
+    figures = replace(figures, hand_m_per_unit=reach)
+    if not coupling.table.constant:
+        figures = replace(figures, hold_s=wanted.hold_s, slew_per_s=wanted.slew_per_s)
+    if coupling.runtime.guard is not None:
+        figures = replace(figures, guard_damping_ns_per_m=wanted.guard_damping_ns_per_m)
+    return Config(limits, figures)
 
 
 def figures_of(coupling: Coupling) -> RuntimeFigures:

@@ -1,16 +1,13 @@
-"""A firmware image: segments of an ELF file, its symbols, patched values, files for flashing."""
+"""A firmware image: segments of an ELF file, its symbols, files for flashing."""
 
 from __future__ import annotations
 
 import importlib
-import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import MissingExtraError, UnsupportedError
-from avc_casadi._util.units import METRE
-from avc_hardware.codegen.figures import ESTIMATOR_NUMBERS, BoardLimits, RuntimeFigures
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,41 +26,14 @@ class Segment:
 
 @dataclass(frozen=True)
 class Image:
-    """A firmware image.
-
-    Attributes:
-        segments: to load.
-        symbols: name to (address, size); function addresses without the Thumb bit.
-    """
+    """A firmware image."""
 
     segments: tuple[Segment, ...]
     symbols: dict[str, tuple[int, int]]
 
-    def patched(self, symbol: str, data: bytes) -> Image:
-        """Return the image with other bytes at a symbol.
-
-        Raises:
-            UnsupportedError: no such symbol of this size is loaded; the image is an older one.
-        """
-        address, size = self.symbols.get(symbol, (0, 0))
-        for index, segment in enumerate(self.segments):
-            at = address - segment.address
-            if size == len(data) and 0 <= at <= len(segment.data) - size:
-                changed = segment.data[:at] + data + segment.data[at + size :]
-                parts = (*self.segments[:index], Segment(segment.address, changed), *self.segments[index + 1 :])
-                return replace(self, segments=parts)
-        raise UnsupportedError(
-            f"the image has no {len(data)} bytes of {symbol}; build it anew: python -m avc_hardware.codegen.build"
-        )
-
 
 def read_elf(path: Path) -> Image:
-    """Read a 32-bit little-endian image of an ARM processor.
-
-    Raises:
-        UnsupportedError: it is something else.
-        MissingExtraError: pyelftools is not installed.
-    """
+    """Read a 32-bit little-endian image of an ARM processor."""
     try:
         elffile: Any = importlib.import_module("elftools.elf.elffile")
         exceptions: Any = importlib.import_module("elftools.common.exceptions")
@@ -129,53 +99,3 @@ def _records(image: Image) -> Iterator[bytes]:
 def _record(address: int, kind: int, data: bytes) -> bytes:
     content = bytes([len(data), *address.to_bytes(2, "big"), kind]) + data
     return content + bytes([-sum(content) & 0xFF])
-
-
-_FIGURES = struct.Struct("<4fHH")
-
-
-def image_for(image: Image, limits: BoardLimits, figures: RuntimeFigures) -> Image:
-    """Return the packaged image with limits and figures in place of its own.
-
-    Raises:
-        UnsupportedError: it has no program for them.
-    """
-    if (figures.sample_time_s, figures.metres_per_count) != (limits.sample_time_s, limits.metres_per_count):
-        raise UnsupportedError(
-            f"the board ticks every {limits.sample_time_s:g} s with steps of {limits.metres_per_count:g} {METRE}, its "
-            f"tick is made for {figures.sample_time_s:g} s and {figures.metres_per_count:g} {METRE}; give both the same"
-        )
-    if limits != BoardLimits():
-        image = image.patched("hal_limits", limits.packed())
-    return image if figures == RuntimeFigures() else _with_figures(image, figures)
-
-
-def _with_figures(image: Image, figures: RuntimeFigures) -> Image:
-    from avc_hardware.codegen.tick_program import constants  # noqa: PLC0415 - it needs CasADi
-
-    built = RuntimeFigures()
-    if figures.estimator != built.estimator:
-        raise _other("estimator", figures.estimator, built.estimator)
-    if not figures.passive:
-        raise _other("passive", figures.passive, built.passive)
-    if figures.slew_per_s is None:
-        raise _other("slew_per_s", "none", "any number")
-    for symbol, numbers in constants(figures).items():
-        image = image.patched(symbol, numbers.astype("<f4").tobytes())
-    packed = _FIGURES.pack(
-        figures.hold_s,
-        figures.slew_per_s,
-        figures.guard_damping_ns_per_m,
-        figures.hand_m_per_unit,
-        ESTIMATOR_NUMBERS.index(figures.estimator),
-        figures.passive,
-    )
-    return image.patched("avc_figures", packed)
-
-
-def _other(name: str, value: object, allowed: object) -> UnsupportedError:
-    return UnsupportedError(
-        f"the packaged firmware has no program for {name} {value}; allowed: {allowed}; export the coupling for "
-        "firmware of your own: avc export",
-        key=f"runtime.{name}",
-    )

@@ -10,7 +10,7 @@ from avc_hardware.codegen.c_frame import WORDS
 if TYPE_CHECKING:
     from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
-    from avc_hardware.codegen.operations import Precision
+    from avc_casadi.simulation.emit import Precision
 
 FADE_S = 0.05
 """Fade time of a force, down and up: long for a sample, short for a hand."""
@@ -74,18 +74,7 @@ class Loops(Protocol):
 
 
 def verdict(problem: Problem, loops: Loops, gains: ToolGains, *, unsafe: bool, also: str = "") -> str:
-    """Judge gains on the loops of their own problem, independent of any certificate; return a sentence.
-
-    Args:
-        problem: for the message.
-        loops: of the problem.
-        gains: K, N/m, and dampers, N.s/m, at the device.
-        unsafe: whether gains that are not stable are written too.
-        also: further validity of the loops.
-
-    Raises:
-        NotDeployableError: a loop is not stable.
-    """
+    """Judge gains on the loops of their own problem, independent of any certificate; return a sentence."""
     if loops.stable_over_ranges(gains):
         return f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released{also}"
     radius, case = loops.radius(gains)

@@ -1,7 +1,4 @@
-"""Plausibility of positions in exported C: one rule for walls, tools and teleoperators; bounds, text, C code.
-
-A position that no hand can cause is a sensor fault. The states of a law would take it for a motion.
-"""
+"""Plausibility of positions in exported C: one rule for walls, tools and teleoperators; bounds, text, C code."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from avc_hardware.codegen.figures import actuator_m_per_s2, board_limits
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_hardware.codegen.operations import Precision
+    from avc_casadi.simulation.emit import Precision
 
 FARTHEST_M = 1e6
 """Larger positions count as infinite, and single precision might end."""
@@ -36,18 +33,7 @@ _MOST_SAMPLES = 2**16 - 1
 
 @dataclass(frozen=True)
 class SensorBounds:
-    """Bounds of a position about its prediction, in the device's own units.
-
-    Attributes:
-        fastest_m_per_s: largest speed of the handle, by the radius of a rotary one.
-        outside_m_per_s2: acceleration of the handle by a hand alone.
-        acceleration_m_per_s2: above it the encoder has jumped: as monitored by firmware, `board_limits`.
-        jump_m: farthest from the position before; the fastest and a step of the encoder at both ends.
-        outside_m: largest change of movement outside the wall; a hand's, steps and noise.
-        change_m: the same inside, where actuator and hand act.
-        leaving_m: the same outside as long as the last forces act.
-        leaving_samples: outside for so many samples they act no more: delay, hold and lag are over.
-    """
+    """Bounds of a position about its prediction, in the device's own units."""
 
     fastest_m_per_s: float
     outside_m_per_s2: float

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.units import in_its_units
 from avc_casadi.claims.stability.bilateral import BilateralLoops
+from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
-from avc_hardware.codegen.operations import Precision
 from avc_hardware.codegen.other_end_export import FADE_S, eased_c, verdict
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 from avc_hardware.codegen.teleoperator_header import teleoperator_header
@@ -150,20 +150,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
 def export_teleoperator_c(
     coupling: TeleoperatorCoupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
-    """Return a coupling between two devices as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
-
-    Both ends: spring, dampers, force limit, scales, plausibility of a message, watchdog of the link.
-
-    Args:
-        coupling: of a problem with [follower].
-        precision: ``single`` (float) or ``double``.
-        name: prefix of the files, functions, types and macros (in capitals).
-        unsafe: whether a coupling that is not stable is written too.
-
-    Raises:
-        NotDeployableError: a loop of the problem is not stable with it.
-        InputError: another precision, or a name invalid in C.
-    """
+    """Return a coupling between two devices as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = checked(precision, name)
     judged = verdict(
         coupling.problem,

@@ -133,13 +133,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m);
 
 
 def teleoperator_header(coupling: TeleoperatorCoupling, verdict: str, made: Mapping[str, str]) -> str:
-    """Return the header; every text passes the allow-list of comments.
-
-    Args:
-        coupling: to be described.
-        verdict: a sentence.
-        made: literals that the source has too, and after which silence a link is lost.
-    """
+    """Return the header; every text passes the allow-list of comments."""
     problem, follower, gains, far = coupling.problem, coupling.follower, coupling.gains, coupling.at_follower
     device = problem.device
     to_follower, to_leader = follower.delays_s[-1]

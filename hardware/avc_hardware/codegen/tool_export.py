@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.units import FORCE, in_its_units
 from avc_casadi.claims.stability.tool_loop import ToolLoops
+from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
-from avc_hardware.codegen.operations import Precision
 from avc_hardware.codegen.other_end_export import FADE_S, eased_c, verdict
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 from avc_hardware.codegen.tool_header import MISSED_STEPS, tool_header
@@ -143,21 +143,7 @@ _TARGET = """\
 def export_tool_c(
     coupling: ToolCoupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
-    """Return a coupling to a simulation as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name.
-
-    The device's end in each of its samples (spring, damper, damper of its own loop, force limit, scales, watchdog of
-    the engine) and the engine's end in each of its steps. Names and comments are those of the device.
-
-    Args:
-        coupling: of a problem with [simulation].
-        precision: ``single`` (float) or ``double``.
-        name: prefix of the files, functions, types and macros (in capitals).
-        unsafe: whether a coupling that is not stable is written too.
-
-    Raises:
-        NotDeployableError: a loop of the problem is not stable with it.
-        InputError: another precision, or a name invalid in C.
-    """
+    """Return a coupling to a simulation as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = checked(precision, name)
     judged = verdict(coupling.problem, ToolLoops(coupling.problem), coupling.gains, unsafe=unsafe)
     words, numbers = _words(coupling.tool, chosen), _numbers(coupling, chosen)

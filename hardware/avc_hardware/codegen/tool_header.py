@@ -143,13 +143,7 @@ _SOLVED = {
 
 
 def tool_header(coupling: ToolCoupling, verdict: str, made: Mapping[str, str]) -> str:
-    """Return the header; every text passes the allow-list of comments.
-
-    Args:
-        coupling: to be described.
-        verdict: a sentence.
-        made: literals and names that the source has too.
-    """
+    """Return the header; every text passes the allow-list of comments."""
     problem, tool, gains, scene = coupling.problem, coupling.tool, coupling.gains, coupling.in_scene
     device = problem.device
     bounds = SensorBounds.of(device)

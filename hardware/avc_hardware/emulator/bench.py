@@ -1,8 +1,4 @@
-"""A device on an emulated board: linear mechanics, dry friction with sticking, delay, encoder and noise.
-
-Left out are backlash, friction that depends on speed
-or direction, gravity, cable and gear ripple, heat.
-"""
+"""A device on an emulated board: linear mechanics, dry friction with sticking, delay, encoder and noise."""
 
 from __future__ import annotations
 
@@ -43,23 +39,12 @@ class _Part:
 
 
 class BenchPlant:
-    """A device that moves from sample to sample under the force that has arrived.
-
-    Attributes:
-        state: position and velocity of the device first, shape (states,).
-    """
+    """A device that moves from sample to sample under the force that has arrived."""
 
     def __init__(
         self, plant: LinearPlant, sample_time_s: float, *, friction_n: float = 0.0, delay_samples: float = 0.0
     ) -> None:
-        """Discretise exactly, but for friction within a sixteenth of a sample.
-
-        Args:
-            plant: the linear part.
-            sample_time_s: T.
-            friction_n: Coulomb friction on the motor, sticking and sliding alike.
-            delay_samples: from command to force; may be fractional.
-        """
+        """Discretise exactly, but for friction within a sixteenth of a sample."""
         whole = int(delay_samples)
         late = delay_samples - whole
         self._friction_n = friction_n
@@ -83,11 +68,7 @@ class BenchPlant:
         self._asked = [*self._asked[1:], force_n]
 
     def advance(self, target: FloatArray) -> None:
-        """Move by one sample.
-
-        Args:
-            target: position and velocity of the hand's target, shape (2,).
-        """
+        """Move by one sample."""
         older, newer = self._asked[:2]
         for whole, parts, is_newer in self._halves:
             force = newer if is_newer else older
@@ -103,14 +84,7 @@ class BenchPlant:
 
 
 def _friction(before: float, free: float, ease: float, most_n: float) -> float:
-    """Return the mean friction over a part, against +x: sliding, or stopping inside and sticking or reversing.
-
-    Args:
-        before: velocity at the beginning.
-        free: velocity at the end without friction.
-        ease: change of velocity by 1 N.
-        most_n: largest friction.
-    """
+    """Return the mean friction over a part, against +x: sliding, or stopping inside and sticking or reversing."""
     held = min(max((free - before) / ease, -most_n), most_n)
     if before == 0:
         return held
@@ -128,12 +102,7 @@ def _parts(plant: LinearPlant, seconds: float, count: int) -> list[_Part]:
 
 
 class BenchDevice:
-    """A device without a hand on it: `count` reads its encoder, once a tick, `hold` drives its actuator.
-
-    Attributes:
-        plant: the mechanics.
-        travel_m, speed_m_per_s: true positions and velocities at every tick so far.
-    """
+    """A device without a hand on it: `count` reads its encoder, once a tick, `hold` drives its actuator."""
 
     def __init__(self, device: Device, *, seed: int = 0) -> None:
         """Put a device at rest at 0."""
@@ -167,11 +136,7 @@ class BenchDevice:
         self.plant.hold(force_n)
 
     def board(self) -> EmulatedBoard:
-        """Return the firmware image on an emulated board with this device on it.
-
-        Raises:
-            MissingExtraError: the emulator is not installed.
-        """
+        """Return the firmware image on an emulated board with this device on it."""
         return EmulatedBoard(
             limits=self.limits,
             encoder=lambda _: self.count(),

@@ -7,10 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from avc_hardware.codegen.figures import BoardLimits, RuntimeFigures, board_limits
-from avc_hardware.codegen.firmware import IMAGE
-from avc_hardware.codegen.firmware_fit import check_runs_on, figures_of
-from avc_hardware.codegen.image import image_for, read_elf
+from avc_hardware.codegen.boards import IMAGE
+from avc_hardware.codegen.figures import BoardLimits, board_limits
+from avc_hardware.codegen.firmware_fit import check_runs_on
+from avc_hardware.codegen.image import read_elf
 from avc_hardware.emulator.machine import CLOCK_HZ, Machine
 
 if TYPE_CHECKING:
@@ -29,48 +29,27 @@ def tapping_hand(time_s: float) -> float:
 
 
 class EmulatedBoard:
-    """A `ByteLink` to the firmware: time passes only while waiting for an answer.
-
-    Attributes:
-        limits: of the board.
-    """
+    """A `ByteLink` to the firmware: time passes only while waiting for an answer."""
 
     def __init__(
         self,
         image: Path = IMAGE,
         *,
         limits: BoardLimits | None = None,
-        figures: RuntimeFigures | None = None,
         motion_m: Callable[[float], float] = tapping_hand,
         encoder: Callable[[int], int] | None = None,
         on_force_code: Callable[[int], None] = lambda _: None,
         slice_cycles: int = CLOCK_HZ // 1000,
         on_instruction: Callable[[int], None] | None = None,
     ) -> None:
-        """Start the firmware.
-
-        Args:
-            image: ELF file of the netduinoplus2 board.
-            limits: sample time, encoder and limits; None are those of the image.
-            figures: of the control tick; None are those of the limits.
-            motion_m: position of the encoder at a time, metres.
-            encoder: in place of that, position in counts at a cycle; called once a tick.
-            on_force_code: takes the 12-bit code of the force output at every tick.
-            slice_cycles: see `Machine`.
-            on_instruction: see `Machine`.
-
-        Raises:
-            UnsupportedError: the image has no program for these figures.
-            MissingExtraError: Unicorn is not installed.
-        """
+        """Start the firmware; encoder and output are those of some limits, which a push tells it."""
         self.limits = limits or BoardLimits()
-        wanted = figures or RuntimeFigures(self.limits.sample_time_s, self.limits.metres_per_count)
 
         def counts(cycle: int) -> int:
             return round(motion_m(cycle / CLOCK_HZ) / self.limits.metres_per_count)
 
         self.machine = Machine(
-            image_for(read_elf(image), self.limits, wanted),
+            read_elf(image),
             encoder=encoder or counts,
             actuator=on_force_code,
             slice_cycles=slice_cycles,
@@ -104,15 +83,9 @@ class EmulatedBoard:
 
 
 def emulated_board(coupling: Coupling, **options: Any) -> EmulatedBoard:
-    """Return a fresh emulated board with the sample time, encoder, force and settings of a coupling.
-
-    Args:
-        coupling: to be pushed.
-        options: of `EmulatedBoard`.
-
-    Raises:
-        FirmwareLacksError: the packaged image has no program for it.
-        MissingExtraError: the emulator is not installed.
-    """
+    """Return a fresh emulated board of a coupling's device; a hand taps about the face that the coupling renders."""
     check_runs_on(coupling)
-    return EmulatedBoard(limits=board_limits(coupling.problem.device), figures=figures_of(coupling), **options)
+    device, feedback = coupling.problem.device, coupling.runtime.state_feedback
+    face_m = 0.0 if feedback is None else feedback.face_m
+    motion = {"motion_m": lambda time_s: tapping_hand(time_s) / device.metres_per_unit - face_m}
+    return EmulatedBoard(limits=board_limits(device), **(motion | options))

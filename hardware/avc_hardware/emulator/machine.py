@@ -1,9 +1,4 @@
-"""An emulated STM32F405: core by Unicorn; SysTick, interrupts and peripherals here.
-
-Time is counted in cycles of the core's clock. A slice of the main loop runs until the next event (timer, byte received,
-byte sent) and takes the time until then; waiting for an interrupt or for the transmitter ends the slice. Interrupts run
-to their end in no time. Nothing depends on the host's clock: the same bytes and positions give the same run.
-"""
+"""An emulated STM32F405: core by Unicorn; SysTick, interrupts and peripherals here."""
 
 from __future__ import annotations
 
@@ -34,16 +29,14 @@ _COUNTED = 1 << 16
 BY_WATCHDOG, BY_POWER_ON, BY_BROWN_OUT = 1 << 29, 1 << 27, 1 << 25
 _FORGET = 1 << 24
 _SLOW_HZ = 32_000
+# The encoder's counter has 16 bits and is read once a tick: a place far from where it was switched on takes some ticks.
+_AT_ONCE = 1 << 14
 # An interrupt handler that runs for longer than this hangs: ten sample times.
 _HANDLER_LIMIT = 1_680_000
 
 
 class Machine:
-    """The board: `run_until` advances time; bytes and positions go in, bytes and forces come out.
-
-    Attributes:
-        enabled: whether the enable line is closed.
-    """
+    """The board: `run_until` advances time; bytes and positions go in, bytes and forces come out."""
 
     def __init__(
         self,
@@ -54,18 +47,7 @@ class Machine:
         slice_cycles: int = CLOCK_HZ // 1000,
         on_instruction: Callable[[int], None] | None = None,
     ) -> None:
-        """Load an image and reset the core.
-
-        Args:
-            image: of the netduinoplus2 board.
-            encoder: position in counts at a cycle; read once a tick.
-            actuator: takes the 12-bit code of the force output, once a tick.
-            slice_cycles: the main loop is interrupted at the latest after so many instructions (tests make it small).
-            on_instruction: takes the address of every instruction; slow.
-
-        Raises:
-            MissingExtraError: Unicorn is not installed.
-        """
+        """Load an image and reset the core."""
         try:
             # On import it ignores any fault of a copy of its library, Ctrl-C included.
             with HeldInterrupt():
@@ -99,11 +81,7 @@ class Machine:
         self.reset()
 
     def reset(self, why: int = BY_POWER_ON | BY_BROWN_OUT) -> None:
-        """Start the firmware anew; memory outside .data and .bss keeps its content, time goes on.
-
-        Args:
-            why: bits of RCC_CSR; power-on by default.
-        """
+        """Start the firmware anew; memory outside .data and .bss keeps its content, time goes on."""
         for segment in self._image.segments:
             self._core.mem_write(segment.address, segment.data)
         stack, entry = struct.unpack("<II", self._core.mem_read(_FLASH, 8))
@@ -119,6 +97,7 @@ class Machine:
         self._data = 0
         self._next_tick: int | None = None
         self._counted = False
+        self._count = 0
         self._in_main = False
         self._next_byte = self.cycle
         self._transmit_free = self.cycle
@@ -240,7 +219,9 @@ class Machine:
                 self._status &= ~(_RECEIVED | _OVERRUN)
                 return self._data
             case 0x40010424:
-                return self._encoder(self.cycle) & 0xFFFF
+                ahead = self._encoder(self.cycle) - self._count
+                self._count += max(-_AT_ONCE, min(ahead, _AT_ONCE))
+                return self._count & 0xFFFF
             case 0x40020410:
                 return 0 if self.enabled else 1
             case 0xE000E010:

@@ -46,11 +46,7 @@ class SerialLink:
     """A serial port through pyserial, exclusive to this process."""
 
     def __init__(self, port: str, baud: int) -> None:
-        """Open ``port`` (a device path or a pyserial URL) at ``baud`` bits a second.
-
-        Raises:
-            PortError: it cannot be opened; with advice.
-        """
+        """Open ``port`` (a device path or a pyserial URL) at ``baud`` bits a second."""
         self._name = port
         try:
             self._port = serial.serial_for_url(

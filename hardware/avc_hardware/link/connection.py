@@ -15,32 +15,24 @@ from typing import TYPE_CHECKING, Self, TypeVar
 from serial.tools import list_ports as tools
 
 from avc_casadi import InputError, LinkError, PortError
-from avc_hardware.codegen.firmware import ARM_INSTALL, image_sha256
+from avc_hardware.codegen.boards import ARM_INSTALL, image_sha256
 from avc_hardware.emulator.board import EmulatedBoard, emulated_board
 from avc_hardware.link.bytes import ByteLink, SerialLink
 from avc_hardware.link.device import Device
 from avc_hardware.link.frames import DELIMITER, Decoder
 from avc_hardware.link.messages import HeartbeatSeen, Kind, Log, Message, heartbeat, parse
 from avc_hardware.link.session import Answer, Exchange, NoAnswerError, Session
+from avc_hardware.link.table import TableImage
 from avc_hardware.link.telemetry import Telemetry
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
+    from avc_hardware.codegen.figures import Config
 
 
 @dataclass(frozen=True)
 class Port:
-    """A serial port.
-
-    Attributes:
-        device: path to give as ``--port``.
-        description: of the operating system.
-        manufacturer: None where unknown.
-        vendor_id: USB vendor, None for a port that is not USB.
-        product_id: USB product.
-        serial_number: of the USB device, independent of the socket.
-        accessible: whether this user may open it.
-    """
+    """A serial port."""
 
     device: str
     description: str
@@ -69,11 +61,7 @@ def list_ports() -> tuple[Port, ...]:
 
 
 def find_port(serial_number: str) -> str:
-    """Return the present path of the USB device with this serial number; it may change with every plugging in.
-
-    Raises:
-        PortError: it is not connected.
-    """
+    """Return the present path of the USB device with this serial number; it may change with every plugging in."""
     ports = list_ports()
     for port in ports:
         if port.serial_number == serial_number:
@@ -84,16 +72,7 @@ def find_port(serial_number: str) -> str:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Facts about the installation, and advice.
-
-    Attributes:
-        emulator: version of Unicorn, or None: then ``--port emulator`` is not available.
-        image_sha256: of the packaged firmware image.
-        c_compiler: path of gcc, clang or cc, or None.
-        arm_compiler: path of the cross compiler, or None.
-        ports: serial ports.
-        advice: what to install or change; empty where complete.
-    """
+    """Facts about the installation, and advice."""
 
     emulator: str | None
     image_sha256: str
@@ -165,22 +144,7 @@ class Connection:
         on_wait: Callable[[], None] | None = None,
         on_silence: Callable[[str], None] | None = None,
     ) -> None:
-        """Take over a link and send HELLO.
-
-        Args:
-            link: bytes; closed with this connection.
-            baud: bits a second, for time-outs.
-            deadline_s: longest that one dialogue may last, on the link's clock; default 15 s and four times the
-                time of a full table on the wire.
-            session: number of this host; random by default.
-            on_log: receives the firmware's lines of text.
-            on_wait: called when a table waits for the device to be released.
-            on_silence: called once with the awaited answer and the time, where the device does not answer at once.
-
-        Raises:
-            InputError: a deadline that is none.
-            LinkError: no answer, or firmware of another version.
-        """
+        """Take over a link and send HELLO."""
         if not (deadline_s is None or deadline_s > 0):
             link.close()
             raise InputError.of(f"is {deadline_s}; allowed: above 0 s, or None for the usual", key="deadline_s")
@@ -229,15 +193,7 @@ class Connection:
             return result
 
     def run(self, dialogue: Generator[Exchange, Answer, T], *, deadline_s: float | None = None) -> T:
-        """Run a dialogue to its end.
-
-        Args:
-            dialogue: of ``self.session``.
-            deadline_s: instead of the connection's.
-
-        Raises:
-            LinkError: it failed, or lasted longer than the deadline.
-        """
+        """Run a dialogue to its end."""
         allowed_s = self._deadline_s if deadline_s is None else deadline_s
         end = self.link.now_s() + allowed_s
         try:
@@ -252,27 +208,17 @@ class Connection:
             result: T = stop.value
             return result
 
+    def configure(self, config: Config) -> None:
+        """Send a configuration without a table, after which none runs."""
+        self.device = self.run(self.session.push(TableImage.alone(config), self.device)).device
+
     def heartbeat(self, within_s: float) -> str:
-        """Send a heartbeat with the time to the next one, without which the device fades its force.
-
-        Args:
-            within_s: longest time to the next heartbeat, at most 5 s; 0 ends the supervision.
-
-        Returns:
-            Mode of the device: table, ramp or safe.
-
-        Raises:
-            LinkError: no answer.
-        """
+        """Send a heartbeat with the time to the next one, without which the device fades its force."""
         ticks = math.ceil(within_s / self.device.sample_time_s)
         return self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(ticks), HeartbeatSeen)).mode
 
     def let_force_fall(self) -> None:
-        """End the heartbeats: the force falls to 0 within 0.1 s; returns after that.
-
-        Raises:
-            LinkError: no answer.
-        """
+        """End the heartbeats: the force falls to 0 within 0.1 s; returns after that."""
         self.run(self.session.ask(Kind.HEARTBEAT, heartbeat(1), HeartbeatSeen))
         end = self.link.now_s() + RAMP_S + 3 * self.device.sample_time_s
         while (left := end - self.link.now_s()) > 0:
@@ -290,11 +236,7 @@ class Connection:
         return self._waiting.popleft()
 
     def telemetry(self, timeout_s: float) -> Telemetry | None:
-        """Return the next message that the device has pushed; None when none comes in time.
-
-        Raises:
-            LinkError: unplugged.
-        """
+        """Return the next message that the device has pushed; None when none comes in time."""
         until = self.link.now_s() + timeout_s
         while not self._telemetry:
             left = until - self.link.now_s()
@@ -327,20 +269,7 @@ class Connection:
 
 
 def open_link(port: str | ByteLink, *, baud: int = DEFAULT_BAUD, coupling: Coupling | None = None) -> ByteLink:
-    """Open a port.
-
-    Args:
-        port: a device path, a pyserial URL, ``usb:`` and the serial number of a USB device wherever it is plugged in,
-            ``emulator`` for the firmware image on an emulated board, a fresh one, or an open link, which is returned.
-        baud: rate of a serial port.
-        coupling: for which the emulated board is made: its sample time, encoder, force limit and settings.
-
-    Raises:
-        InputError: no port, a rate that no serial port has, or another than that of the emulated board.
-        PortError: it is not connected or cannot be opened.
-        UnsupportedError: the emulated board cannot be made for this coupling.
-        MissingExtraError: the emulator is wanted and not installed.
-    """
+    """Open a port."""
     if isinstance(port, ByteLink):
         return port
     if not isinstance(port, str):

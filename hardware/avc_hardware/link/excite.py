@@ -17,9 +17,10 @@ from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import write_file
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M, Units, in_its_units
+from avc_casadi._util.units import Units
 from avc_casadi.identification.excitation.plan import Plan
 from avc_casadi.identification.excitation.signal import FULL
+from avc_hardware.codegen.figures import device_config
 from avc_hardware.emulator.bench import BenchDevice, code_of_force, force_of_code
 from avc_hardware.link import messages as m
 from avc_hardware.link.connection import DEFAULT_BAUD, EMULATOR, Connection, open_link
@@ -55,21 +56,7 @@ _ANSWER_BYTES, _ANSWER_RECORDS, _THINKS_S = 1050, 246, 0.02
 
 @dataclass(frozen=True, eq=False)
 class ExcitationLog:
-    """Log of an excitation.
-
-    Attributes:
-        plan: as played.
-        port: of the device.
-        end: how it ended, in words.
-        whole: whether it played to the end.
-        start_tick: device tick of the first record.
-        index: of each record since then, shape (records,); it jumps where records were lost.
-        position_m: as measured, shape (records,).
-        force_n: along +position, from this tick to the next, the centring included, shape (records,).
-        lost: records that the host came too late for.
-        output_n: step of the output to which the forces are rounded; 0 where they are as commanded, with an unknown
-            rounding.
-    """
+    """Log of an excitation."""
 
     plan: Plan
     port: str
@@ -109,22 +96,18 @@ class ExcitationLog:
         """Names and units in which it is printed."""
         return self.plan.units
 
-    @in_its_units
     def csv(self) -> str:
         """Return the log as `avc identify` reads it: tick, time, position, force; remarks after '#'."""
         plan = self.plan
         columns = "position_um,force_N" if plan.units.linear else "angle_urad,torque_Nm"
         time_ms = 1e3 * plan.sample_time_s * self.index
         given = (
-            f"given, in steps of {self.output_n:.4g} {NEWTON},"
-            if self.output_n
-            else "commanded, before the output rounds it,"
+            f"given, in steps of {self.output_n:.4g}," if self.output_n else "commanded, before the output rounds it,"
         )
         head = (
             f"# avc excite: {plan.kind}, {plan.band_hz[0]:.4g} to {plan.band_hz[1]:.4g} Hz; {self.end}\n"
-            f"# the {FORCE} is all that was {given} along +position, with the centring: a spring of "
-            f"{plan.spring_n_per_m:.4g} {N_PER_M} and a damper of {plan.damper_ns_per_m:.4g} {NS_PER_M} to where "
-            "it began\n"
+            f"# the force is all that was {given} along +position, with the centring to where it began: "
+            f"spring {plan.spring_n_per_m:.4g}, damper {plan.damper_ns_per_m:.4g} (SI)\n"
             f"tick,time_ms,{columns}\n"
         )
         rows = zip(self.start_tick + self.index, time_ms, 1e6 * self.position_m, self.force_n, strict=True)
@@ -133,18 +116,13 @@ class ExcitationLog:
         )
 
     def save(self, path: Path) -> None:
-        """Write the log as CSV.
-
-        Raises:
-            InputError: it cannot be written.
-        """
+        """Write the log as CSV."""
         try:
             write_file(path, self.csv())
         except OSError as error:
             raise InputError.of(f"cannot be written ({error.strerror})", file=str(path)) from error
 
 
-@in_its_units
 def excite(
     plan: Plan,
     port: str | ByteLink,
@@ -155,31 +133,14 @@ def excite(
     cut: Callable[[ExcitationLog], None] | None = None,
     on_silence: Callable[[str], None] | None = None,
 ) -> ExcitationLog:
-    """Play a plan on a device and read the records.
-
-    The device checks force, speed and travel at every tick by itself. After the end, an exceeded limit, a second
-    without the host or a stop there is no force, until a coupling is pushed; a running coupling is removed.
-
-    Args:
-        plan: of `plan_excitation`.
-        port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        on_bench: the device on the emulated board.
-        baud: rate of a serial port.
-        progress: of the records.
-        cut: receives the records up to Ctrl-C, before it is raised.
-        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
-
-    Raises:
-        InputError: the link is too slow for the plan.
-        KeyboardInterrupt: Ctrl-C; the device is stopped.
-        LinkError: no device, refused, lost during the excitation, or not the device of the plan.
-        MissingExtraError: ``emulator`` without its extra.
-    """
+    """Play a plan on a device and read the records."""
     if port == EMULATOR and on_bench is not None:
         link: ByteLink = BenchDevice(on_bench).board()
     else:
         link = open_link(port, baud=baud)
     with Connection(link, baud=baud, on_silence=on_silence) as connection:
+        if port == EMULATOR and on_bench is not None:
+            connection.configure(device_config(on_bench))
         _check_device(plan, connection.device, link.name)
         _check_rate(plan, connection.device, baud)
         log = excite_over(connection, plan, progress=progress, cut=cut)
@@ -294,16 +255,14 @@ def _check_rate(plan: Plan, device: Device, baud: int) -> None:
 
 def _check_device(plan: Plan, device: Device, name: str) -> None:
     faults = []
-    for what, wanted, found, unit in (
-        ("a sample time", plan.sample_time_s, device.sample_time_s, "s"),
-        ("encoder steps", plan.metres_per_count, device.metres_per_count, METRE),
+    for what, wanted, found in (
+        ("a sample time", plan.sample_time_s, device.sample_time_s),
+        ("encoder steps", plan.metres_per_count, device.metres_per_count),
     ):
         if not np.isclose(wanted, found, rtol=1e-5):
-            faults.append(f"the plan is for {what} of {wanted:g} {unit}, the device has {found:g} {unit}")
+            faults.append(f"the plan is for {what} of {wanted:g}, the device has {found:g}")
     if plan.max_force_n > device.max_force_n * (1 + 1e-6):
-        faults.append(
-            f"the plan asks for {plan.max_force_n:g} {NEWTON}, the device gives {device.max_force_n:g} {NEWTON}"
-        )
+        faults.append(f"the plan has max_force_n = {plan.max_force_n:g}, the device gives {device.max_force_n:g}")
     if len(plan.signal.step) > device.capacity_tones:
         faults.append(f"the plan has {len(plan.signal.step)} tones, the device holds {device.capacity_tones}")
     if faults:

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from avc_casadi._util.units import FORCE, MASS, Wording
 from avc_hardware.link.frames import PROTOCOL_VERSION
 
 
 class DeviceFault(IntFlag):
-    """Faults latched until they are cleared; HEARTBEAT alone ends by itself.
-
-    Example:
-        >>> [fault.word for fault in DeviceFault(5)]
-        ['encoder jumped', 'too fast']
-    """
+    """Faults latched until they are cleared; HEARTBEAT alone ends by itself."""
 
     JUMP = 1
     STUCK = 2
@@ -33,7 +26,7 @@ class DeviceFault(IntFlag):
     @property
     def word(self) -> str:
         """Return the faults in a few words, separated by commas."""
-        return ", ".join(str(_WORDS[fault]) for fault in type(self)(self))
+        return ", ".join(_WORDS[fault] for fault in type(self)(self))
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -41,25 +34,21 @@ class DeviceFault(IntFlag):
         return tuple(f"{_WORDS[fault]}: {_ADVICE[fault]}" for fault in type(self)(self))
 
 
-_WORDS: Mapping[DeviceFault, str | Wording] = {
+_WORDS = {
     DeviceFault.JUMP: "encoder jumped",
     DeviceFault.STUCK: "encoder stuck",
     DeviceFault.SPEED: "too fast",
     DeviceFault.ENERGY: "too much energy",
-    DeviceFault.NOT_FINITE: Wording.of(lambda: f"{FORCE} not a number"),
+    DeviceFault.NOT_FINITE: "force not a number",
     DeviceFault.OVERRUN: "ticks too long",
     DeviceFault.DISABLED: "enable line open",
     DeviceFault.WATCHDOG: "reset by the watchdog",
     DeviceFault.BROWN_OUT: "supply sank",
     DeviceFault.HEARTBEAT: "host silent",
 }
-_ADVICE: Mapping[DeviceFault, str | Wording] = {
-    DeviceFault.JUMP: Wording.of(
-        lambda: f"between two ticks it moved as nothing of this {MASS} can; look at its wires, shield and supply"
-    ),
-    DeviceFault.STUCK: Wording.of(
-        lambda: f"no count came though the {FORCE} swung; look at its wires, or for what blocks the device"
-    ),
+_ADVICE = {
+    DeviceFault.JUMP: "between two ticks it moved as nothing of this mass can; look at its wires, shield and supply",
+    DeviceFault.STUCK: "no count came though the force swung; look at its wires, or for what blocks the device",
     DeviceFault.SPEED: "the device was faster than its limit; look for an unstable coupling, or a hand that let go",
     DeviceFault.ENERGY: "the coupling gave out more than it got; it does not hold this device (avc diagnose)",
     DeviceFault.NOT_FINITE: "the observer or the gains went beyond all bounds; push another coupling",
@@ -70,7 +59,7 @@ _ADVICE: Mapping[DeviceFault, str | Wording] = {
     DeviceFault.HEARTBEAT: "no heartbeat in time; send them again, and let go of the device",
 }
 
-INTERFACE_VERSION = 10  # of the messages' meaning
+INTERFACE_VERSION = 11  # of the messages' meaning
 _REFUSED = struct.Struct("<HHI")
 
 
@@ -104,6 +93,7 @@ class Reason(IntEnum):
     FAULT = 25
     FLAGS = 29
     OTHER_COUPLING = 30
+    BOARD = 31
 
 
 _SENTENCES = {
@@ -120,7 +110,7 @@ _SENTENCES = {
     Reason.LIMIT: "{row} is outside the device's limits",
     Reason.SAMPLE_TIME: "the table was designed for another sample time than the device's",
     Reason.WALL: "the table has no wall, or one outside the device's limits",
-    Reason.FORCE: "the table was designed for more {force} than the device gives, or its limit is no {force}",
+    Reason.FORCE: "the table was designed for more force than the device gives, or its limit is no force",
     Reason.COUPLING: "the table does not name its coupling",
     Reason.IN_CONTACT: "the device is in contact; the table takes over when it is let go",
     Reason.MODE: "the device does not run its table now (mode {detail}); nothing is kept for later",
@@ -128,6 +118,7 @@ _SENTENCES = {
     Reason.FLAGS: "{row} has a flag that the firmware does not know, which is older than this program; update it",
     Reason.OTHER_COUPLING: "the gains are those of another coupling than {detail:08x}, which the device runs; push "
     "theirs first",
+    Reason.BOARD: "the configuration is of another device or program than the firmware is built for: avc firmware",
     Reason.HOLD: "it would hold too long; allowed: at most {detail} ticks",
     Reason.STALE: "gains with a number not above {detail} came late",
     Reason.INTERFACE: "the firmware has interface version {detail}, this program {interface}; use one release for both",
@@ -141,6 +132,7 @@ _PLACES = {
     0xFFFE: "the state feedback",
     0xFFFD: "the plan of the excitation",
     0xFFFC: "a limit",
+    0xFFFB: "the configuration",
 }
 
 
@@ -159,7 +151,6 @@ class Refusal:
             row=_PLACES.get(self.detail, f"row {self.detail}"),
             own=PROTOCOL_VERSION,
             interface=INTERFACE_VERSION,
-            force=FORCE,
             fault=DeviceFault(self.detail).word if self.reason is Reason.FAULT else "",
         )
 

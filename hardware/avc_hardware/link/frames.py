@@ -17,14 +17,7 @@ MAX_PAYLOAD = MAX_CONTENT - _HEADER.size - _CRC.size
 
 @dataclass(frozen=True)
 class Frame:
-    """One message on the wire.
-
-    Attributes:
-        type: message type, 0 to 255.
-        sequence: number that the answer repeats, 0 to 65535.
-        payload: at most ``MAX_PAYLOAD`` bytes.
-        version: of the protocol.
-    """
+    """One message on the wire."""
 
     type: int
     sequence: int

@@ -35,6 +35,7 @@ class Kind(IntEnum):
     CLEAR = 0x0D
     SUBSCRIBE = 0x0E
     LIMITS = 0x11
+    CONFIG = 0x12
     TELEMETRY = 0xFD
     LOG = 0xFE
     REFUSED = 0xFF
@@ -81,6 +82,13 @@ class Readback:
 
 
 @dataclass(frozen=True)
+class ConfigRead:
+    """The configuration in force, its checksum first."""
+
+    data: bytes
+
+
+@dataclass(frozen=True)
 class HeartbeatSeen:
     """The device saw the heartbeat at tick ``ticks``."""
 
@@ -117,17 +125,7 @@ class Excited:
 
 @dataclass(frozen=True)
 class Records:
-    """A part of the records of an excitation.
-
-    Attributes:
-        number: of the excitation.
-        state: of the excitation.
-        start_tick: tick of its first record.
-        made: number of records so far.
-        first: index of the first record here.
-        counts: encoder.
-        units: force along +position, of the plan's largest divided by 32767.
-    """
+    """A part of the records of an excitation."""
 
     number: int
     state: int
@@ -169,6 +167,7 @@ Message = (
     | Acknowledged
     | Committed
     | Readback
+    | ConfigRead
     | HeartbeatSeen
     | ClearAsked
     | GainsTaken
@@ -199,6 +198,11 @@ def begin(session: int, table_id: int, crc32: int, rows: int, states: int = 0) -
 def chunk(session: int, table_id: int, offset: int, data: bytes) -> bytes:
     """Payload of CHUNK."""
     return _CHUNK.pack(session, table_id, offset) + data
+
+
+def config(session: int, table_id: int, data: bytes) -> bytes:
+    """Payload of CONFIG: the configuration that a table brings; an empty one asks for that in force."""
+    return _TWO.pack(session, table_id) + data
 
 
 def commit(session: int, table_id: int, crc32: int) -> bytes:
@@ -268,6 +272,10 @@ def _clear(payload: bytes) -> ClearAsked:
     return ClearAsked(faults, MODES[mode])
 
 
+def _config(payload: bytes) -> ConfigRead | Acknowledged:
+    return _acknowledged(payload) if len(payload) == _TWO.size else ConfigRead(payload)
+
+
 def _acknowledged(payload: bytes) -> Acknowledged:
     return Acknowledged(*_TWO.unpack(payload))
 
@@ -279,6 +287,7 @@ _PARSERS: dict[int, Callable[[bytes], Message]] = {
     Kind.ABORT | REPLY: _acknowledged,
     Kind.COMMIT | REPLY: lambda payload: Committed(*_THREE.unpack(payload)),
     Kind.READBACK | REPLY: _readback,
+    Kind.CONFIG | REPLY: _config,
     Kind.STATUS | REPLY: DeviceStatus.read,
     Kind.HEARTBEAT | REPLY: _heartbeat,
     Kind.CLEAR | REPLY: _clear,

@@ -13,7 +13,6 @@ from typing import Any, Self
 
 from avc_casadi import InputError, LinkError, UnsupportedError
 from avc_casadi._util.interrupt import HeldInterrupt
-from avc_casadi._util.units import FORCE, MM, N_PER_M, NEWTON, Wording
 from avc_hardware.emulator.board import EmulatedBoard
 from avc_hardware.link import messages as m
 from avc_hardware.link.bytes import ByteLink
@@ -46,25 +45,7 @@ def monitor(
     on_end: Callable[[DeviceStatus], None] | None = None,
     on_silence: Callable[[str], None] | None = None,
 ) -> Generator[TelemetrySample, None, None]:
-    """Yield telemetry, a record every so many ticks, until ``seconds`` are over or the caller stops.
-
-    Args:
-        port: device path, pyserial URL, ``usb:NUMBER``, ``emulator``, or an open link.
-        rate_hz: records a second, rounded to whole ticks; those that the line is too slow for are counted as `lost`.
-        seconds: duration; without it for ever.
-        heartbeat_s: longest interval of the heartbeat; when it ends, or the host falls silent or is killed, the force
-            falls to 0 within 0.1 s and the device waits for a heartbeat (mode safe). None sends no heartbeat.
-        baud: rate of a serial port.
-        reconnect_s: how long to wait for a device that was unplugged; with ``usb:NUMBER`` on any socket. Another one
-            in its place is not watched.
-        on_device: receives the device's HELLO, at the beginning and after each reconnection.
-        on_end: receives its state at the end, after the force has fallen.
-        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
-
-    Raises:
-        InputError: a rate or a heartbeat out of range.
-        LinkError: no device, or unplugged for longer.
-    """
+    """Yield telemetry, a record every so many ticks, until ``seconds`` are over or the caller stops."""
     if not (math.isfinite(rate_hz) and rate_hz > 0):
         raise InputError.of(f"{rate_hz:g} Hz; allowed: a finite rate above 0", key="rate_hz")
     if heartbeat_s is not None and not 0 < heartbeat_s <= LONGEST_HEARTBEAT_S:
@@ -174,32 +155,19 @@ def pause(seconds: float) -> Generator[Exchange, Answer, None]:
 # Drawing takes tens of milliseconds, in which no record is read: they wait on the line.
 _EVERY_S = 0.2
 _KEPT = 20_000
-_ROWS: tuple[tuple[str | Wording, Callable[[TelemetrySample], float]], ...] = (
-    (Wording.of(lambda: f"position, {MM}"), lambda sample: 1e3 * sample.position_m),
-    (Wording.of(lambda: f"{FORCE} out of the wall, {NEWTON}"), lambda sample: sample.force_n),
-    (Wording.of(lambda: f"stiffness k, {N_PER_M}"), lambda sample: sample.stiffness_n_per_m),
+_ROWS: tuple[tuple[str, Callable[[TelemetrySample], float]], ...] = (
+    ("position", lambda sample: sample.position_m),
+    ("force out of the wall", lambda sample: sample.force_n),
+    ("stiffness k", lambda sample: sample.stiffness_n_per_m),
     ("interaction frequency, Hz", lambda sample: sample.frequency_hz),
 )
 
 
 class LivePlot:
-    """A live plot of samples; use as a context manager.
-
-    Attributes:
-        figure: the matplotlib figure.
-        closed: whether the user has closed the window.
-    """
+    """A live plot of samples; use as a context manager."""
 
     def __init__(self, *, span_s: float = 10.0, figure: Any = None) -> None:
-        """Open the window.
-
-        Args:
-            span_s: seconds shown.
-            figure: to draw into in place of a window.
-
-        Raises:
-            UnsupportedError: this machine has no display, or matplotlib no way to open a window.
-        """
+        """Open the window."""
         self.closed = False
         self._span_s = span_s
         self._samples: deque[TelemetrySample] = deque(maxlen=_KEPT)
@@ -210,7 +178,7 @@ class LivePlot:
         self._axes = self.figure.subplots(len(_ROWS), 1, sharex=True)
         self._lines = [axes.plot([], [], linewidth=1)[0] for axes in self._axes]
         for axes, (label, _) in zip(self._axes, _ROWS, strict=True):
-            axes.set_ylabel(str(label), fontsize="small")
+            axes.set_ylabel(label, fontsize="small")
             axes.grid(visible=True, alpha=0.3)
         self._axes[-1].set_xlabel("time since the device started, s")
 

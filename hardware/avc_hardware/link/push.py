@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi import Fault, InputError, LinkError
-from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_hardware.codegen.figures import board_limits
-from avc_hardware.codegen.firmware_fit import check_runs_on
+from avc_hardware.codegen.figures import BoardLimits, board_limits
+from avc_hardware.codegen.firmware_fit import check_runs_on, config_for
 from avc_hardware.link.connection import DEFAULT_BAUD, Connection, open_link
 from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.table import TableImage
@@ -27,23 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PushResult:
-    """Result of a push.
-
-    Attributes:
-        port: as given.
-        coupling_id: name of the coupling, 8 hexadecimal digits.
-        table_id: name of the table, made from its content.
-        rows: that the device now has.
-        crc32: of the table's bytes.
-        readback_equal: whether the bytes read back are those sent.
-        attempts: number of starts of the transfer.
-        seconds: by the link's clock (virtual for the emulator), from opening the port to the end of the read-back.
-        rounding_max: largest relative change of a gain by rounding to single precision.
-        left_out: rows of the schedule without usable gains.
-        max_force_n: present force limit of the device.
-        notes: differences of the device from the certified loop, a sentence each.
-        device: its HELLO.
-    """
+    """Result of a push."""
 
     port: str
     coupling_id: str
@@ -79,7 +62,6 @@ class PushResult:
         }
 
 
-@in_its_units
 def push(
     coupling: Coupling,
     port: str | ByteLink,
@@ -93,33 +75,7 @@ def push(
     on_wait: Callable[[], None] | None = None,
     on_silence: Callable[[str], None] | None = None,
 ) -> PushResult:
-    """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks.
-
-    It takes over out of contact, where it begins with no force; a device that is pressed into its wall for 10 s keeps
-    its old table.
-
-    Args:
-        coupling: to be run.
-        port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
-        baud: rate of a serial port.
-        safe: gains after a lost heartbeat, b and k, judged as the coupling's are; None is no force.
-        deadline_s: longest duration on the link's clock.
-        unsafe: whether a coupling that is not deployable, or was made for a higher force than the device's, is sent
-            too.
-        device_id: number of the intended device's chip; another device is refused.
-        on_log: receives the firmware's lines of text.
-        on_wait: called when the table waits for the device to be released.
-        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
-
-    Raises:
-        NotDeployableError: it is not stable with every hand of ``[hands]`` and released, or its safe gains are not.
-        InputError: the table cannot be sent, no port, or safe gains that are none, beyond what a board takes, or with a
-            contact damper, which no firmware keeps.
-        FirmwareLacksError: the coupling needs features that the firmware lacks.
-        LinkError: no device, refused, or lost during the transfer; the device then runs its old table or the new one,
-            whole.
-        MissingExtraError: ``emulator`` without its extra.
-    """
+    """Send the table of a coupling, with its wall; the device swaps it in whole between two control ticks."""
     require_deployable(coupling, unsafe=unsafe)
     if safe is not None:
         _require_safe(coupling, safe, unsafe=unsafe)
@@ -146,12 +102,14 @@ def push_over(
     """Push over an open connection; a force limit above the device's becomes the device's where unsafe."""
     start = connection.link.now_s() if start_s is None else start_s
     device = connection.device
-    table = TableImage.of(coupling, safe=safe)
-    if unsafe and table.max_force_n > device.max_force_n:
-        table = replace(table, max_force_n=device.max_force_n)
     check_runs_on(coupling, device)
-    check_limits(coupling, table, device, connection.link.name)
+    config = config_for(coupling, device)
+    table = replace(TableImage.of(coupling, safe=safe), config=config.packed())
+    if unsafe and table.max_force_n > config.limits.max_force_n:
+        table = replace(table, max_force_n=config.limits.max_force_n)
+    check_limits(coupling, table, config.limits, device.capacity_rows, connection.link.name)
     upload = connection.run(connection.session.push(table, device))
+    device = upload.device
     return PushResult(
         port=connection.link.name,
         coupling_id=coupling.id,
@@ -165,7 +123,7 @@ def push_over(
         left_out=int(np.count_nonzero(~coupling.schedule.usable)),
         max_force_n=min(table.max_force_n or device.max_force_n, device.lowered_force_n),
         notes=_notes(coupling, device),
-        device=upload.device,
+        device=device,
     )
 
 
@@ -174,24 +132,24 @@ def _require_safe(coupling: Coupling, safe: Gains, *, unsafe: bool) -> None:
     if not isinstance(safe, Gains):
         raise InputError.of(
             f"is {safe!r}; allowed: Gains(damping_ns_per_m, stiffness_n_per_m) of avc_casadi.model.gains, or None for "
-            f"no {FORCE}",
+            "no force",
             key="safe",
         )
     board = board_limits(coupling.problem.device)
     limits = {
-        "damping_ns_per_m": (board.max_damping_ns_per_m, NS_PER_M),
-        "stiffness_n_per_m": (board.max_stiffness_n_per_m, N_PER_M),
+        "damping_ns_per_m": board.max_damping_ns_per_m,
+        "stiffness_n_per_m": board.max_stiffness_n_per_m,
     }
     faults = [
-        Fault("", None, f"safe.{name}", f"is {value:g} {unit}; allowed: 0 to {most:g} {unit}, what a board takes")
-        for name, (most, unit) in limits.items()
+        Fault("", None, f"safe.{name}", f"is {value:g}; allowed: 0 to {most:g}, what a board takes")
+        for name, most in limits.items()
         if not 0 <= (value := getattr(safe, name)) <= most
     ]
     if faults:
         raise InputError(faults)
     if safe.contact_damping_ns_per_m:
         raise InputError.of(
-            f"has a contact damper of {safe.contact_damping_ns_per_m:g} {NS_PER_M}; allowed: b and k", key="safe"
+            f"is {safe.contact_damping_ns_per_m:g}; allowed: 0, b and k alone", key="safe.contact_damping_ns_per_m"
         )
     if safe.damping_ns_per_m or safe.stiffness_n_per_m:
         require_deployable(Coupling.constant(coupling.problem, safe, "safe gains"), unsafe=unsafe)
@@ -211,29 +169,28 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
     notes = []
     if device.faults:
         word = DeviceFault(device.faults).word
-        notes.append(f"the device gives no {FORCE} until its faults are cleared (avc device --clear): {word}")
+        notes.append(f"the device gives no force until its faults are cleared (avc device --clear): {word}")
     force, step = coupling.max_force_n, coupling.problem.device.encoder_resolution_m
     tapped = float((coupling.trial or {}).get("tap_force_n") or 0.0)
     if force is None and tapped > device.max_force_n:
         notes.append(
-            f"the device limits the {FORCE} at {device.max_force_n:g} {NEWTON}, the coupling was made without a limit, "
-            f"and in its trial a tap took {tapped:.3g} {NEWTON}; give {spoken_key('device.max_force_n')} and make it "
-            "again"
+            f"the device limits the force at {device.max_force_n:g}, the coupling was made without a limit, and in its "
+            f"trial a tap took {tapped:.3g}; give device.max_force_n and make it again"
         )
     if force is not None and force > device.max_force_n * (1 + 1e-6):
         notes.append(
-            f"the device limits the {FORCE} at {device.max_force_n:g} {NEWTON}, the coupling was made for {force:g} "
-            f"{NEWTON}; its certificate does not know the lower limit"
+            f"the device limits the force at {device.max_force_n:g}, the coupling was made for {force:g}; its "
+            "certificate does not know the lower limit"
         )
     if device.lowered_force_n < min(device.max_force_n, force or device.max_force_n) * (1 - 1e-6):
         notes.append(
-            f"the device's {FORCE} is limited to {device.lowered_force_n:g} {NEWTON} at run time; raise it when the "
-            f"first touch was good: avc device {spoken_key('--force-n')} F"
+            f"the device's force is limited to {device.lowered_force_n:g} at run time; raise it when the first touch "
+            "was good: avc device --force-n F"
         )
     if step and step < device.metres_per_count * (1 - 1e-6):
         notes.append(
-            f"the device's encoder has steps of {device.metres_per_count:g} {METRE}, the coupling was made for "
-            f"{step:g} {METRE}; its trial does not know the coarser steps"
+            f"the device's encoder has steps of {device.metres_per_count:g}, the coupling was made for {step:g}; its "
+            "trial does not know the coarser steps"
         )
     return tuple(notes)
 
@@ -242,12 +199,8 @@ def _notes(coupling: Coupling, device: Device) -> tuple[str, ...]:
 _ROUNDED = 1 + 1e-6
 
 
-def check_limits(coupling: Coupling, table: TableImage, device: Device, port: str) -> None:
-    """Refuse a table that the device would refuse, with every reason.
-
-    Raises:
-        LinkError: sample time, rows, gains, wall or force limit outside what the device reports.
-    """
+def check_limits(coupling: Coupling, table: TableImage, device: BoardLimits, capacity_rows: int, port: str) -> None:
+    """Refuse a table that the device would refuse, with every reason."""
     faults = []
     if not math.isclose(table.sample_time_s, device.sample_time_s, rel_tol=1e-5):
         faults.append(
@@ -255,45 +208,44 @@ def check_limits(coupling: Coupling, table: TableImage, device: Device, port: st
             f"{device.sample_time_s:.6g} s; solve with device.sample_time_s = {device.sample_time_s:.6g}, or build "
             "firmware for the coupling's: avc firmware"
         )
-    if len(table.rows) > device.capacity_rows:
+    if len(table.rows) > capacity_rows:
         faults.append(
-            f"the coupling has {len(table.rows)} rows, the device holds {device.capacity_rows}; make a coupling of "
-            f"fewer rows (frequency.points = {device.capacity_rows}): what runs is what was certified"
+            f"the coupling has {len(table.rows)} rows, the device holds {capacity_rows}; make a coupling of "
+            f"fewer rows (frequency.points = {capacity_rows}): what runs is what was certified"
         )
     limits = (
-        ("damping b", NS_PER_M, device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),
-        ("stiffness k", N_PER_M, device.max_stiffness_n_per_m, "coupling.stiffness_n_per_m"),
-        ("contact damping b_p", NS_PER_M, device.max_contact_damping_ns_per_m, "coupling.contact_damping_ns_per_m"),
+        ("damping b", device.max_damping_ns_per_m, "coupling.damping_ns_per_m"),
+        ("stiffness k", device.max_stiffness_n_per_m, "coupling.stiffness_n_per_m"),
+        ("contact damping b_p", device.max_contact_damping_ns_per_m, "coupling.contact_damping_ns_per_m"),
     )
-    for column, (name, unit, most, key) in enumerate(limits, start=1):
+    for column, (name, most, key) in enumerate(limits, start=1):
         over = np.flatnonzero(table.rows[:, column] > np.float32(most))
         if len(over):
             worst = over[np.argmax(table.rows[over, column])]
             faults.append(
-                f"{name} is {table.rows[worst, column]:.6g} {unit} at {table.rows[worst, 0]:.4g} Hz "
-                f"({len(over)} of {len(table.rows)} rows above the device's {most:.6g} {unit}); narrow {key}"
+                f"{name} is {table.rows[worst, column]:.6g} at {table.rows[worst, 0]:.4g} Hz "
+                f"({len(over)} of {len(table.rows)} rows above the device's {most:.6g}); narrow {key}"
             )
     faults += _wall_faults(coupling, device)
     if table.max_force_n > device.max_force_n * _ROUNDED:
         faults.append(
-            f"the coupling was made for a {FORCE} limit of {table.max_force_n:g} {NEWTON}, the device gives "
-            f"{device.max_force_n:g} {NEWTON}; solve with {spoken_key('device.max_force_n')} = {device.max_force_n:g}, "
-            "or push with --unsafe"
+            f"the coupling was made for a force limit of {table.max_force_n:g}, the device gives "
+            f"{device.max_force_n:g}; solve with device.max_force_n = {device.max_force_n:g}, or push with --unsafe"
         )
     if faults:
         raise LinkError(f"{port}: not sent: " + "; ".join(faults))
 
 
-def _wall_faults(coupling: Coupling, device: Device) -> list[str]:
+def _wall_faults(coupling: Coupling, device: BoardLimits) -> list[str]:
     wall = coupling.wall
     if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
-        return [f"the coupling has no wall; give {spoken_key('environment.stiffness_n_per_m')}"]
+        return ["the coupling has no wall; give environment.stiffness_n_per_m"]
     limits = (
-        ("damping", wall.damping_ns_per_m, device.max_damping_ns_per_m, NS_PER_M),
-        ("stiffness", wall.stiffness_n_per_m, device.max_stiffness_n_per_m, N_PER_M),
+        ("damping", wall.damping_ns_per_m, device.max_damping_ns_per_m),
+        ("stiffness", wall.stiffness_n_per_m, device.max_stiffness_n_per_m),
     )
     return [
-        f"the wall's {name} is {value:.6g} {unit}, the device's limit {most:.6g} {unit}; lower environment.{name}_*"
-        for name, value, most, unit in limits
+        f"the wall's {name} is {value:.6g}, the device's limit {most:.6g}; lower environment.{name}_*"
+        for name, value, most in limits
         if value > most
     ]

@@ -1,8 +1,4 @@
-"""Session: the host's side of every dialogue as a pure state machine, without I/O and without time.
-
-A dialogue is a generator: it yields what to send and how long to wait, and is sent the answer, or None when the wait
-ended without one. `_connection` runs dialogues over a link; tests run them by hand.
-"""
+"""Session: the host's side of every dialogue as a pure state machine, without I/O and without time."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ from typing import TypeVar
 
 from avc_casadi import LinkError
 from avc_hardware.link import messages as m
-from avc_hardware.link.device import Device, require_same
+from avc_hardware.link.device import Device, DeviceStatus, require_same
 from avc_hardware.link.faults import INTERFACE_VERSION, Reason, Refusal
 from avc_hardware.link.frames import DELIMITER, Frame, encode
 from avc_hardware.link.messages import Kind, Message
@@ -62,15 +58,7 @@ Answer = tuple[int, Message] | None
 
 @dataclass(frozen=True)
 class Upload:
-    """Result of a push.
-
-    Attributes:
-        device: as HELLO described it.
-        image: the table read back.
-        attempts: number of starts of the transfer.
-        ticks: tick of the swap.
-        waited: ticks that the table waited for the end of contact.
-    """
+    """Result of a push."""
 
     device: Device
     image: bytes
@@ -83,13 +71,7 @@ class Session:
     """Numbers and repeats the messages of one host."""
 
     def __init__(self, number: int, *, timeout_s: float, on_wait: Callable[[], None] | None = None) -> None:
-        """Start a session.
-
-        Args:
-            number: random, identifies this host.
-            timeout_s: longest wait for an answer; more than a full window takes on the wire.
-            on_wait: called once when a table waits for the device to be released.
-        """
+        """Start a session."""
         self.number = number
         self.timeout_s = timeout_s
         self.on_wait = on_wait
@@ -171,6 +153,10 @@ class Session:
                     device = again
                 committed = yield from self._transfer(table, device)
                 table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
+                config = table.config
+                if config:
+                    config = (yield from self.ask(Kind.CONFIG, b"", m.ConfigRead)).data
+                    device = yield from self.hello()
             except RefusedError as error:
                 if error.refusal.reason not in _ANEW:
                     raise
@@ -178,7 +164,7 @@ class Session:
                 if error.refusal.reason is Reason.BUSY:
                     yield from _wait(BUSY_WAIT_S)
             else:
-                if table_id == table.table_id and image == table.image:
+                if (image, config) == (table.image, table.config) and table_id in {table.table_id, 0}:
                     return Upload(device, image, attempt, committed.ticks, committed.waited)
                 failure = LinkError("the table read back differs from the one sent; another host may have pushed")
         raise LinkError(f"the table was not taken after {ATTEMPTS} attempts: {failure}") from failure
@@ -187,6 +173,8 @@ class Session:
         image, table_id, crc32 = table.image, table.table_id, table.crc32
         begin = m.begin(self.number, table_id, crc32, len(table.rows), table.states)
         begun = yield from self.ask(Kind.BEGIN, begin, m.Acknowledged)
+        if table.config and table.config[:4] != device.config_crc32.to_bytes(4, "little"):
+            yield from self.ask(Kind.CONFIG, m.config(self.number, table_id, table.config), m.Acknowledged)
         yield from self._chunks(image, table_id, begun.received, device)
         return (yield from self._commit(table))
 
@@ -206,10 +194,19 @@ class Session:
         device = yield from self.hello()  # it may have been released at the last moment
         if (device.table_id, device.table_crc32) == (table.table_id, table.crc32):
             return (yield from self.ask(Kind.COMMIT, payload, m.Committed))
+        status = yield from self.ask(Kind.STATUS, b"", DeviceStatus)
         raise InContactError(
-            f"the device was in contact all the time ({CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s), where no other "
-            "coupling takes over; it runs what it ran before: let go of it, out of the wall, and push again"
+            f"{self._why_it_waits(table, status)} for {CONTACT_TRIALS * CONTACT_WAIT_S:.0f} s, and no coupling takes "
+            "over there; it runs what it ran before: let go of it, out of the wall, and push again"
         )
+
+    def _why_it_waits(self, table: TableImage, status: DeviceStatus) -> str:
+        """Return what the takeover waited for."""
+        if status.contact:
+            return "the device was in contact with the wall that it runs"
+        face = 0.0 if table.feedback is None else table.feedback.face_m
+        ahead = ", where the observer of the new coupling sees its face" if face else ""
+        return f"the device stood at {status.position_m:.4g}, inside the new wall, which begins at {-face:.4g}{ahead},"
 
     def _chunks(self, image: bytes, table_id: int, received: int, device: Device) -> Generator[Exchange, Answer, None]:
         """Keep the device's window full; after a loss go back to the first missing byte."""

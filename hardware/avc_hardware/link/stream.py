@@ -11,7 +11,6 @@ import numpy as np
 
 from avc_casadi import InputError, LinkError
 from avc_casadi._util.arrays import Float32Array, FloatArray
-from avc_casadi._util.units import in_its_units
 from avc_casadi.claims.deployable import require_deployable
 from avc_hardware.codegen.firmware_fit import check_runs_on
 from avc_hardware.link import messages as m
@@ -43,19 +42,7 @@ _LEAST_WAIT_S = 2e-3
 
 @dataclass(frozen=True)
 class StreamSample:
-    """One SET_GAINS and its answer.
-
-    Attributes:
-        number: of the message.
-        time_s: since the start, link's clock.
-        frequency_hz: the device's estimate in the answer; NaN at rest or without an answer.
-        lookup_hz: frequency of the device's look-up; the next gains are those for it.
-        damping_ns_per_m: b sent.
-        stiffness_n_per_m: k sent.
-        contact_damping_ns_per_m: b_p sent.
-        force_n: output in the answer; NaN without one.
-        round_trip_s: NaN without an answer.
-    """
+    """One SET_GAINS and its answer."""
 
     number: int
     time_s: float
@@ -70,24 +57,7 @@ class StreamSample:
 
 @dataclass(frozen=True)
 class StreamResult:
-    """A whole stream.
-
-    Attributes:
-        port: as given.
-        rate_hz: requested.
-        seconds: duration, link's clock.
-        sent: SET_GAINS messages.
-        taken: accepted ones.
-        late: refused by the device as older than another.
-        lost: without an answer within their period.
-        fell_back: number of fallbacks to the table during the stream (by the device's counter).
-        round_trip_s: median.
-        round_trip_max_s: largest.
-        samples: every message.
-        push: of the table underneath.
-        status: of the device after the stream has expired: back on its table.
-        faults: a sentence each: gains lost, the device on another table, or restarted.
-    """
+    """A whole stream."""
 
     port: str
     rate_hz: float
@@ -105,7 +75,6 @@ class StreamResult:
     faults: tuple[str, ...]
 
 
-@in_its_units
 def stream(
     coupling: Coupling,
     port: str | ByteLink,
@@ -117,25 +86,7 @@ def stream(
     on_sample: Callable[[StreamSample], None] | None = None,
     on_silence: Callable[[str], None] | None = None,
 ) -> StreamResult:
-    """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated.
-
-    Args:
-        coupling: whose table is pushed and streamed from.
-        port: device path, pyserial URL, ``emulator`` for a fresh board made for the coupling, or an open link.
-        rate_hz: messages a second, 1 to 100.
-        seconds: duration.
-        baud: rate of a serial port.
-        unsafe: whether a coupling that is not deployable, or was made for a higher force than the device's, is sent
-            too.
-        on_sample: called after each message.
-        on_silence: called once with the awaited answer and the time, where the device does not answer at once.
-
-    Raises:
-        NotDeployableError: it is not stable with every hand of ``[hands]`` and released.
-        InputError: rate or duration out of range, or the table cannot be sent.
-        FirmwareLacksError: the coupling needs features that the firmware lacks.
-        LinkError: no device, refused, unplugged.
-    """
+    """Push the coupling, then send its gains live for a time; a message that is late or lost is not repeated."""
     if not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
         raise InputError.of(f"{rate_hz:g} Hz; allowed: {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", key="rate_hz")
     if not (math.isfinite(seconds) and seconds > 0):

@@ -21,18 +21,11 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.runtime import StateFeedback
+    from avc_hardware.codegen.figures import Config
 
 
 def lookup(rows: Float32Array, frequency_hz: ArrayLike) -> Float32Array:
-    """Return gains at frequencies: linear in ln(frequency), the end rows beyond the ends, the first row where NaN.
-
-    Args:
-        rows: shape (n, 4), single precision: frequency_hz, b, k, b_p, rising in frequency.
-        frequency_hz: any shape.
-
-    Returns:
-        b, k, b_p along a last axis of 3, single precision.
-    """
+    """Return gains at frequencies: linear in ln(frequency), the end rows beyond the ends, the first row where NaN."""
     return interpolate(rows, frequency_hz, ln)
 
 
@@ -47,24 +40,7 @@ FEEDBACK_HEADER = struct.Struct("<HHff")
 
 @dataclass(frozen=True)
 class TableImage:
-    """A table ready to be sent.
-
-    Attributes:
-        rows: single precision, shape (n, 4): frequency_hz, b, k, b_p; rising in frequency.
-        sample_time_s: of the design.
-        wall_damping_ns_per_m: b_e of the one-sided wall at position 0 behind the coupling.
-        wall_stiffness_n_per_m: k_e.
-        coupling_id: name of the coupling, 32 bits.
-        max_force_n: limit of the force, at most the board's; 0 is the board's own.
-        safe_damping_ns_per_m: b after a lost heartbeat.
-        safe_stiffness_n_per_m: k after a lost heartbeat; 0 means no force.
-        guard: whether the firmware's passivity controller is active.
-        damped: whether b_p is in use.
-        varies: whether the gains follow the frequency.
-        clips_last: the contact law: clip-last; otherwise gated.
-        rounding_max: largest relative change of a gain by rounding to single precision.
-        feedback: observer and feedback, with a single row; None without.
-    """
+    """A table ready to be sent."""
 
     rows: Float32Array
     sample_time_s: float
@@ -80,19 +56,11 @@ class TableImage:
     clips_last: bool = False
     rounding_max: float = 0.0
     feedback: StateFeedback | None = None
+    config: bytes = b""  # that it is sent with; empty leaves the device its own
 
     @classmethod
     def of(cls, coupling: Coupling, *, safe: Gains | None = None) -> TableImage:
-        """Take the table of a coupling, row by row, with its wall, guard and force limit.
-
-        Args:
-            coupling: to be run.
-            safe: gains after a lost heartbeat; None is no force.
-
-        Raises:
-            InputError: a value beyond single precision, or two rows that become one in it.
-            UnsupportedError: detents.
-        """
+        """Take the table of a coupling, row by row, with its wall, guard and force limit."""
         wall_alone(coupling)
         feedback = coupling.runtime.state_feedback
         rows = single_rows(coupling)
@@ -114,6 +82,11 @@ class TableImage:
             feedback=feedback,
         )
 
+    @classmethod
+    def alone(cls, config: Config) -> TableImage:
+        """Return a configuration without a table."""
+        return cls(np.zeros((0, 4), dtype=np.float32), 0.0, 0.0, 0.0, 0, config=config.packed())
+
     @property
     def states(self) -> int:
         """Number of observer states; 0 without feedback."""
@@ -122,6 +95,8 @@ class TableImage:
     @property
     def image(self) -> bytes:
         """The bytes that are sent, checked and read back."""
+        if not len(self.rows):
+            return b""
         flags = FLAG_DAMPED * self.damped | FLAG_VARIES * self.varies | FLAG_GUARD * self.guard
         flags |= FLAG_CLIPS * self.clips_last | self.states << STATES_BIT
         header = HEADER.pack(
@@ -145,7 +120,7 @@ class TableImage:
     @property
     def table_id(self) -> int:
         """Name of the table, from its content: the same table has the same name."""
-        return int.from_bytes(hashlib.sha256(self.image).digest()[:4], "little") or 1
+        return int.from_bytes(hashlib.sha256(self.config + self.image).digest()[:4], "little") or 1
 
 
 def _feedback_image(feedback: StateFeedback | None) -> bytes:

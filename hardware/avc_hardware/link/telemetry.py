@@ -1,9 +1,4 @@
-"""Telemetry: records of a device at its own ticks, and the host's log of them.
-
-A log is written continuously, so that a killed program leaves a readable file. Both formats count the force along
-+position (of a rotary device: the torque along +angle), as logs of `avc excite` do and `avc identify` and `avc
-diagnose` expect; samples count it out of the wall, against +position.
-"""
+"""Telemetry: records of a device at its own ticks, and the host's log of them."""
 
 from __future__ import annotations
 
@@ -28,24 +23,7 @@ _RECORD = struct.Struct("<Ii7fI4B")
 
 @dataclass(frozen=True)
 class Record:
-    """The state of a device at the end of a tick, as sent.
-
-    Attributes:
-        ticks: since the device started.
-        encoder_count: raw position.
-        velocity_m_per_s: backward difference over one tick.
-        force_n: output, positive out of the wall.
-        frequency_hz: estimate of the interaction frequency; NaN at rest.
-        damping_ns_per_m: present b.
-        stiffness_n_per_m: present k.
-        contact_damping_ns_per_m: present b_p.
-        energy_j: delivered by the hand (positive) since the start.
-        faults: codes of `DeviceFault`.
-        mode: table | ramp | safe | fault.
-        streaming: whether streamed gains are active.
-        contact: whether the device is in contact with the wall.
-        has_table: whether there is a table.
-    """
+    """The state of a device at the end of a tick, as sent."""
 
     ticks: int
     encoder_count: int
@@ -65,16 +43,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Telemetry:
-    """A telemetry message.
-
-    Attributes:
-        number: of the message since the subscription began; a lost one leaves a gap.
-        dropped: records since then that the line was too slow for.
-        every: ticks from one record to the next.
-        boot_id: changes with each start.
-        coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
-        records: in the order of their ticks.
-    """
+    """A telemetry message."""
 
     number: int
     dropped: int
@@ -97,15 +66,7 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class TelemetrySample(Record):
-    """A record with the host's derived values.
-
-    Attributes:
-        time_s: ticks in seconds, by the device's sample time.
-        position_m: positive into the wall.
-        coupling_id: of the running coupling, 8 hexadecimal digits; empty without one.
-        boot_id: changes with each start.
-        lost: records missing before this one.
-    """
+    """A record with the host's derived values."""
 
     time_s: float
     position_m: float
@@ -182,21 +143,7 @@ class TelemetryLog(Protocol):
 
 
 def open_log(path: Path, motion: MotionKind = "linear") -> TelemetryLog:
-    """Open a log: ``.csv``, or ``.mcap`` for Foxglove, PlotJuggler and the like (JSON messages on topic ``/avc``).
-
-    Args:
-        path: file to write; existing content is lost.
-        motion: of the device; a rotary one's columns are angles in urad, torques in N.m and so on.
-
-    Raises:
-        InputError: another ending, or the file cannot be written.
-        MissingExtraError: ``.mcap`` without the extra ``mcap``.
-
-    Example:
-        >>> with avc_hardware.open_log(Path("log.csv")) as log:  # doctest: +SKIP
-        ...     for sample in avc_hardware.monitor("/dev/ttyACM0", rate_hz=200, seconds=10):
-        ...         log.write(sample)
-    """
+    """Open a log: ``.csv``, or ``.mcap`` for Foxglove, PlotJuggler and the like (JSON messages on topic ``/avc``)."""
     if path.suffix not in LOG_ENDINGS:
         raise InputError.of(f"allowed: a name that ends in {' or '.join(LOG_ENDINGS)}", file=str(path))
     columns, new = _columns(motion), not path.exists()

@@ -15,7 +15,7 @@ static inline uintptr_t semihost(uint32_t operation, const uintptr_t *parameters
 
 static inline void start_ticks(void)
 {
-    systick_start((uint32_t)((float)BOARD_CLOCK_HZ * hal_limits.sample_time_s + 0.5f));
+    systick_start();
 }
 
 static inline void hold_ticks(void)

@@ -11,9 +11,11 @@
 #define SYSTICK_VALUE REGISTER(0xE000E018u)
 #define SYSTICK_COUNTED (1u << 16)
 
-static inline void systick_start(uint32_t cycles)
+void hal_set_sample_time(void);
+
+static inline void systick_start(void)
 {
-    SYSTICK_RELOAD = cycles - 1u;
+    hal_set_sample_time();
     SYSTICK_VALUE = 0u;
     SYSTICK_CONTROL = 7u; /* processor clock, interrupt, on */
 }

@@ -1,5 +1,5 @@
-/* A board without enable line, amplifier enable, watchdog, reset cause, a number of its own and a timer that tells of a
- * tick too late. */
+/* A board without enable line, amplifier enable, watchdog, reset cause, a number of its own, a timer that tells of a
+ * tick too late and one that can be set anew. */
 #include "hal.h"
 
 __attribute__((weak)) bool hal_enabled(void)
@@ -29,4 +29,8 @@ __attribute__((weak)) void hal_unique(uint8_t id[12])
 __attribute__((weak)) bool hal_tick_is_due(void)
 {
     return false;
+}
+
+__attribute__((weak)) void hal_set_sample_time(void)
+{
 }

@@ -5,10 +5,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "avc_table.h"
+#include "avc_config.h"
 
-/* The board's own figures: sample time, encoder, limits. */
-extern const avc_limits_t hal_limits;
+/* Sample time, encoder and limits in force; those of a bound board never change. */
+const avc_limits_t *hal_limits(void);
 
 void hal_start(void);               /* clocks, pins, serial port with receive interrupt, timer of one sample time */
 int32_t hal_encoder_count(void);    /* position in counts, positive into the wall */
@@ -22,6 +22,7 @@ uint32_t hal_reset_faults(void);   /* AVC_FAULT_WATCHDOG or AVC_FAULT_BROWN_OUT 
 void hal_feed_watchdog(void);      /* within 50 ms; hal_start starts it */
 void hal_unique(uint8_t id[12]);   /* the number of this chip that no other has; left alone where it has none */
 bool hal_tick_is_due(void);        /* at the end of a tick: the next one should have begun already */
+void hal_set_sample_time(void);    /* that of hal_limits has changed */
 
 void serial_handler(void);          /* the receive interrupt: gives each byte to avc_on_byte */
 

@@ -7,6 +7,11 @@ static avc_device_t device;
 /* Kept over a reset (not over a loss of power): tells the host that the device has started anew. */
 static uint32_t boots __attribute__((section(".noinit")));
 
+const avc_limits_t *hal_limits(void)
+{
+    return &device.control.config.limits;
+}
+
 void avc_on_byte(uint8_t byte)
 {
     avc_device_receive(&device, byte);
@@ -15,7 +20,12 @@ void avc_on_byte(uint8_t byte)
 void avc_on_tick(void)
 {
     device.control.fault.disabled = hal_enabled() ? 0u : (uint32_t)AVC_FAULT_DISABLED;
-    hal_apply_force(avc_device_tick(&device, hal_encoder_count()));
+    const float sample_time_s = hal_limits()->sample_time_s;
+    const float force_n = avc_device_tick(&device, hal_encoder_count());
+    if (avc_bits(sample_time_s) != avc_bits(hal_limits()->sample_time_s)) {
+        hal_set_sample_time();
+    }
+    hal_apply_force(force_n);
     hal_drive(avc_control_drives(&device.control));
     if (hal_tick_is_due()) {
         device.control.state.overruns++; /* the next tick came due before this one had ended */
@@ -30,7 +40,7 @@ void avc_on_byte_lost(void)
 int main(void)
 {
     boots++;
-    avc_device_init(&device, &hal_limits, 0u, boots);
+    avc_device_init(&device, &avc_built_in, avc_bound, boots);
     hal_unique(device.unique);
     avc_control_fault(&device.control, hal_reset_faults());
     hal_start();

@@ -14,15 +14,24 @@ static float not_a_number(void)
     return x;
 }
 
-void avc_control_init(avc_control_t *control, const avc_limits_t *limits)
+void avc_control_relimit(avc_control_t *control)
+{
+    const avc_limits_t *limits = &control->config.limits;
+    control->rate_hz = 1.0f / limits->sample_time_s;
+    control->lowered = (avc_lowered_t){limits->max_force_n, limits->max_speed_m_per_s, limits->max_energy_j};
+    control->blind = 2u;
+    avc_fault_init(&control->fault, limits);
+}
+
+void avc_control_init(avc_control_t *control, const avc_config_t *config, bool bound)
 {
     memset(control, 0, sizeof *control);
-    control->limits = *limits;
-    control->rate_hz = 1.0f / limits->sample_time_s;
+    control->config = *config;
+    control->next = *config;
+    control->bound = bound;
     control->scale = 1.0f;
     control->state.frequency_hz = not_a_number();
-    control->lowered = (avc_lowered_t){limits->max_force_n, limits->max_speed_m_per_s, limits->max_energy_j};
-    avc_fault_init(&control->fault, limits);
+    avc_control_relimit(control);
 }
 
 bool avc_control_drives(const avc_control_t *c)
@@ -69,11 +78,11 @@ static void estimate(avc_control_t *c, const avc_table_t *table, float x)
     }
     if (!c->estimates) {
         c->estimates = true;
-        avc_estimate_start(&c->estimate, x);
+        avc_estimate_start(&c->estimate, x, c->config.number);
     }
     const avc_estimate_in_t seen = {x, lowest_hz};
     avc_estimate_out_t found;
-    avc_estimate_step(&c->estimate, &seen, &found);
+    avc_estimate_step(&c->estimate, &seen, &found, c->config.number);
     s->frequency_hz = avc_bits(found.valid) != 0u ? found.estimate_hz : not_a_number();
     s->lookup_hz = found.frequency_hz;
 }
@@ -81,7 +90,7 @@ static void estimate(avc_control_t *c, const avc_table_t *table, float x)
 static float excite(avc_control_t *c, float x, int32_t encoder_count)
 {
     if (c->excite.state != AVC_EXCITE_RUNS) {
-        avc_excite_start(&c->excite, &c->limits, encoder_count, c->state.ticks);
+        avc_excite_start(&c->excite, &c->config.limits, encoder_count, c->state.ticks);
         c->state.has_table = 0u; /* no force after it until a table is pushed anew */
         c->state.contact = 0u;
     }
@@ -96,19 +105,20 @@ float avc_control_tick(avc_control_t *c, int32_t encoder_count)
     }
     avc_state_t *s = &c->state;
     int32_t moved = (int32_t)((uint32_t)encoder_count - (uint32_t)s->encoder_count); /* wraps rightly */
-    const float x = (float)encoder_count * c->limits.metres_per_count;
-    if (c->swap_wanted != 0u) {
-        avc_swap(c, x); /* the only place where the table changes */
+    if (c->swap_wanted != 0u) { /* the only place where table and configuration change */
+        avc_swap(c, (float)encoder_count * c->next.limits.metres_per_count);
     }
+    const float x = (float)encoder_count * c->config.limits.metres_per_count;
     int32_t watched = moved;
-    if (s->ticks < 2u) {
+    if (c->blind != 0u) {
+        c->blind--;
         watched = 0;
         moved = c->started ? moved : 0;
         c->started = true;
     }
     const avc_table_t *table = &c->tables[c->active];
     __asm__("" : "+r"(table)); /* otherwise each access begins from c and the index anew: 30 instructions */
-    const float step = (float)moved * c->limits.metres_per_count;
+    const float step = (float)moved * c->config.limits.metres_per_count;
     s->encoder_count = encoder_count;
     s->position_m = x;
     s->velocity_m_per_s = step * c->rate_hz;

@@ -58,7 +58,7 @@ typedef struct {
 
 /* What the tick reads every time comes first: near the start a load takes one instruction. */
 typedef struct {
-    avc_limits_t limits;
+    avc_config_t config; /* in force */
     float rate_hz; /* 1/T */
     float scale;   /* of the force: ramps to 0 when the heartbeat is lost */
     float previous_force;
@@ -81,7 +81,9 @@ typedef struct {
     uint32_t heartbeat_left;
     bool silent;  /* the host, for longer than it said */
     bool clipped; /* at the tick before, so that the stored energy is not what the force says */
+    bool bound;
     bool started;
+    uint32_t blind; /* ticks in which no movement is judged yet */
     bool estimates; /* the frequency, as long as gains follow it */
     bool begun;     /* the coupling, since it rested last */
     bool steadies;  /* it runs with gains that stay: without estimate, look-up and adaptation */
@@ -91,6 +93,7 @@ typedef struct {
     uint32_t away;        /* of these the last ones, out of the new wall */
     uint32_t swap_tick;   /* the tick that took the running table over */
     uint32_t swap_waited; /* ticks that it had waited */
+    avc_config_t next; /* of the table that comes */
     avc_stream_t stream[2];
     volatile uint32_t stream_slot;
 
@@ -105,7 +108,10 @@ typedef struct {
 /* Longest time that streamed gains or a heartbeat may hold, in ticks. */
 uint32_t avc_longest_hold(const avc_control_t *control);
 
-void avc_control_init(avc_control_t *control, const avc_limits_t *limits);
+void avc_control_init(avc_control_t *control, const avc_config_t *config, bool bound);
+
+/* Other limits are in force: those lowered at run time are gone. */
+void avc_control_relimit(avc_control_t *control);
 
 /* Codes of all faults, that of a silent host among them. */
 uint32_t avc_faults(const avc_control_t *control);

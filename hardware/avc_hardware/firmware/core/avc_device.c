@@ -3,7 +3,6 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "avc_figures.h"
 #include "avc_link.h"
 
 #ifndef AVC_BUILD
@@ -35,7 +34,8 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_INTERFACE, AVC_INTERFACE_VERSION);
         return;
     }
-    const avc_limits_t *limits = &device->control.limits;
+    const avc_limits_t *limits = &device->control.config.limits;
+    const avc_figures_t *figures = &device->control.config.figures;
     const avc_table_t *table = avc_running(device);
     const avc_table_header_t *header = &table->image.header;
     const bool has_table = device->control.state.has_table != 0u;
@@ -45,7 +45,6 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put16(&a, AVC_WINDOW);
     avc_put16(&a, AVC_CHUNK_MAX);
     avc_put(&a, avc_build, sizeof avc_build);
-    avc_put32(&a, device->serial);
     avc_put32(&a, device->boot_id);
     avc_put_float(&a, limits->sample_time_s);
     avc_put_float(&a, limits->metres_per_count);
@@ -57,12 +56,12 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, has_table ? table->crc32 : 0u);
     avc_put16(&a, has_table ? header->rows : 0u);
     avc_put16(&a, device->transfer.open ? 1u : 0u);
-    avc_put_float(&a, avc_figures.hold_s);
-    avc_put_float(&a, avc_figures.slew_per_s);
-    avc_put_float(&a, avc_figures.guard_damping_ns_per_m);
-    avc_put_float(&a, avc_figures.hand_m_per_unit);
-    avc_put16(&a, avc_figures.estimator);
-    avc_put16(&a, avc_figures.passive);
+    avc_put_float(&a, figures->hold_s);
+    avc_put_float(&a, figures->slew_per_s);
+    avc_put_float(&a, figures->guard_damping_ns_per_m);
+    avc_put_float(&a, figures->hand_m_per_unit);
+    avc_put16(&a, figures->estimator);
+    avc_put16(&a, figures->passive);
     avc_put16(&a, AVC_STATES_MAX);
     avc_put16(&a, has_table ? avc_states(header) : 0u);
     avc_put16(&a, AVC_TONES_MAX);
@@ -79,6 +78,9 @@ static void on_hello(avc_device_t *device, const avc_request_t *request)
     avc_put32(&a, avc_faults(&device->control));
     avc_put_lowered(&a, &device->control.lowered);
     avc_put(&a, device->unique, sizeof device->unique);
+    avc_put32(&a, device->control.config.crc32);
+    avc_put16(&a, device->control.bound ? 1u : 0u);
+    avc_put16(&a, 0u);
     avc_send(&a);
 }
 
@@ -172,7 +174,7 @@ static void on_limits(avc_device_t *device, const avc_request_t *request)
     avc_control_t *control = &device->control;
     avc_lowered_t wanted = {avc_get_float(&request->payload[0]), avc_get_float(&request->payload[4]),
                             avc_get_float(&request->payload[8])};
-    if (!avc_lowered_check(&wanted, &control->limits)) {
+    if (!avc_lowered_check(&wanted, &control->config.limits)) {
         avc_refuse(device, request->sequence, AVC_REFUSED_LIMIT, AVC_AT_LIMITS);
         return;
     }
@@ -196,7 +198,7 @@ static void on_set_gains(avc_device_t *device, const avc_request_t *request)
     const uint32_t ticks = avc_get32(&request->payload[4]);
     const avc_gains_t gains = {avc_get_float(&request->payload[8]), avc_get_float(&request->payload[12]),
                                avc_get_float(&request->payload[16])};
-    const avc_reason_t reason = avc_gains_check(&gains, &device->control.limits);
+    const avc_reason_t reason = avc_gains_check(&gains, &device->control.config.limits);
     if (reason != AVC_OK) {
         avc_refuse(device, request->sequence, reason, number);
         return;
@@ -269,6 +271,7 @@ static const avc_handler_t handlers[] = {
     {AVC_MESSAGE_CLEAR, 4, 4, on_clear},
     {AVC_MESSAGE_SUBSCRIBE, 8, 8, avc_on_subscribe},
     {AVC_MESSAGE_LIMITS, 12, 12, on_limits},
+    {AVC_MESSAGE_CONFIG, 0, 8 + sizeof(avc_config_t), avc_on_config},
 };
 
 static void on_frame(avc_device_t *device)
@@ -320,12 +323,11 @@ bool avc_device_poll(avc_device_t *device)
     return avc_push_telemetry(device) || did;
 }
 
-void avc_device_init(avc_device_t *device, const avc_limits_t *limits, uint32_t serial, uint32_t boot_id)
+void avc_device_init(avc_device_t *device, const avc_config_t *config, bool bound, uint32_t boot_id)
 {
     memset(device, 0, sizeof *device);
-    avc_control_init(&device->control, limits);
+    avc_control_init(&device->control, config, bound);
     avc_decoder_reset(&device->decoder);
-    device->serial = serial;
     device->boot_id = boot_id;
     const char note[] = "avc device ready";
     avc_answer_t a = avc_answer(device, AVC_MESSAGE_LOG, 0u);

@@ -16,7 +16,7 @@
 
 enum {
     AVC_PROTOCOL_VERSION = 1,
-    AVC_INTERFACE_VERSION = 10,
+    AVC_INTERFACE_VERSION = 11,
     AVC_WINDOW = 1536,     /* bytes that the host may have on the way */
     AVC_CHUNK_MAX = 512, /* table bytes in one message */
     AVC_UNIQUE_SIZE = 12 /* bytes of the number that no other chip has; 0 where there is none */
@@ -38,6 +38,7 @@ typedef enum {
     AVC_MESSAGE_CLEAR = 0x0D,
     AVC_MESSAGE_SUBSCRIBE = 0x0E,
     AVC_MESSAGE_LIMITS = 0x11,
+    AVC_MESSAGE_CONFIG = 0x12,
     AVC_MESSAGE_REPLY = 0x80, /* set in the answer to each of the above */
     AVC_MESSAGE_TELEMETRY = 0xFD,
     AVC_MESSAGE_LOG = 0xFE,
@@ -66,7 +67,6 @@ typedef struct {
     uint8_t content[AVC_CONTENT_MAX]; /* the answer being built */
     uint8_t encoded[AVC_FRAME_MAX];
     uint32_t boot_id;
-    uint32_t serial;
     uint8_t unique[AVC_UNIQUE_SIZE];
     volatile uint32_t rx_overruns;
     uint32_t frames_good;
@@ -77,7 +77,7 @@ typedef struct {
     bool stream_seen;
 } avc_device_t;
 
-void avc_device_init(avc_device_t *device, const avc_limits_t *limits, uint32_t serial, uint32_t boot_id);
+void avc_device_init(avc_device_t *device, const avc_config_t *config, bool bound, uint32_t boot_id);
 
 /* From the receive interrupt. */
 void avc_device_receive(avc_device_t *device, uint8_t byte);

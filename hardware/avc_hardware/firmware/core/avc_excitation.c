@@ -37,7 +37,7 @@ void avc_on_excite(avc_device_t *device, const avc_request_t *request)
     avc_plan_t plan;
     memset(&plan, 0, sizeof plan);
     memcpy(&plan, request->payload, request->size);
-    avc_reason_t reason = avc_plan_check(&plan, &device->control.limits);
+    avc_reason_t reason = avc_plan_check(&plan, &device->control.config.limits);
     if (reason == AVC_OK && plan.max_force_n > avc_most_force(&device->control)) {
         reason = AVC_REFUSED_LIMIT;
     }

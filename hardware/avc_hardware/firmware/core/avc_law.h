@@ -72,9 +72,9 @@ static inline avc_steady_gated_out_t avc_couple(avc_control_t *c, const avc_tabl
     };
     avc_couple_out_t out;
     if (clips) {
-        avc_couple_clips_step(&c->couple, &in, &out);
+        avc_couple_clips_step(&c->couple, &in, &out, c->config.number);
     } else {
-        avc_couple_gated_step(&c->couple, &in, &out);
+        avc_couple_gated_step(&c->couple, &in, &out, c->config.number);
     }
     s->gains = (avc_gains_t){out.damping_ns_per_m, out.stiffness_n_per_m, out.contact_damping_ns_per_m};
     return (avc_steady_gated_out_t){out.force_n, out.tool_m, out.stored_j};
@@ -120,7 +120,7 @@ static inline float avc_law(avc_control_t *c, const avc_table_t *table, float x,
     if ((header->flags & AVC_TABLE_GUARD) != 0u) {
         const avc_guard_in_t watched = {.position_m = position_m, .force_n = force, .stored_j = out.stored_j};
         avc_guard_out_t guarded;
-        avc_guard_step(&c->guard, &watched, &guarded);
+        avc_guard_step(&c->guard, &watched, &guarded, c->config.number);
         force = guarded.guarded_n;
     }
     force = force * c->scale;

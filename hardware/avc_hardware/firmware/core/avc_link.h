@@ -43,6 +43,7 @@ void avc_on_chunk(avc_device_t *device, const avc_request_t *request);
 void avc_on_commit(avc_device_t *device, const avc_request_t *request);
 void avc_on_abort(avc_device_t *device, const avc_request_t *request);
 void avc_on_readback(avc_device_t *device, const avc_request_t *request);
+void avc_on_config(avc_device_t *device, const avc_request_t *request);
 bool avc_watch_commit(avc_device_t *device);
 
 static inline uint32_t avc_get32(const uint8_t *from)

@@ -9,7 +9,7 @@ static const float ramp_s = 0.1f;
 void avc_control_fault(avc_control_t *c, uint32_t codes)
 {
     if (codes != 0u) {
-        avc_fault_raise(&c->fault, codes, c->state.ticks, c->previous_force, c->limits.sample_time_s);
+        avc_fault_raise(&c->fault, codes, c->state.ticks, c->previous_force, c->config.limits.sample_time_s);
         c->state.mode = AVC_MODE_FAULT;
     }
 }
@@ -75,7 +75,7 @@ void avc_leave_or_return(avc_control_t *c, float x)
             c->state.heartbeats_missed++;
         }
     } else if (c->state.mode == AVC_MODE_RAMP) {
-        c->scale = c->scale - c->limits.sample_time_s / ramp_s;
+        c->scale = c->scale - c->config.limits.sample_time_s / ramp_s;
         if (c->scale <= 0.0f) {
             c->scale = 0.0f;
             c->state.mode = AVC_MODE_SAFE;

@@ -1,8 +1,10 @@
 #include <stddef.h>
 
+#include "avc_crc32.h"
 #include "avc_lookup.h"
 
 _Static_assert(sizeof(avc_table_header_t) == 32, "the table header travels as 32 bytes");
+_Static_assert(sizeof(avc_config_t) == 68u + 4u * AVC_NUMBERS, "a configuration travels without padding");
 _Static_assert(sizeof(avc_row_t) == 16, "a row travels as 16 bytes");
 _Static_assert(offsetof(avc_image_t, feedback) == 48, "the state feedback follows the only row");
 _Static_assert(offsetof(avc_feedback_t, number) == 12, "12 bytes of the state feedback come before its matrices");
@@ -14,7 +16,7 @@ static const float frequency_max_hz = 1e6f;
 
 avc_reason_t avc_size_check(uint32_t rows, uint32_t states)
 {
-    if (rows == 0u || rows > AVC_ROWS_MAX) {
+    if (rows > AVC_ROWS_MAX || (rows == 0u && states != 0u)) {
         return AVC_REFUSED_ROWS;
     }
     if (states > AVC_STATES_MAX || (states != 0u && rows != 1u)) {
@@ -25,6 +27,9 @@ avc_reason_t avc_size_check(uint32_t rows, uint32_t states)
 
 uint32_t avc_image_size(uint32_t rows, uint32_t states)
 {
+    if (rows == 0u) {
+        return 0u;
+    }
     uint32_t size = (uint32_t)sizeof(avc_table_header_t) + rows * (uint32_t)sizeof(avc_row_t);
     if (states != 0u) {
         size += (uint32_t)offsetof(avc_feedback_t, number) + states * (states + 3u) * (uint32_t)sizeof(float);
@@ -35,6 +40,48 @@ uint32_t avc_image_size(uint32_t rows, uint32_t states)
 static int within(float x, float most)
 {
     return x >= 0.0f && x <= most; /* false for NaN */
+}
+
+static bool same(const void *one, const void *other, size_t size)
+{
+    const uint8_t *a = one;
+    const uint8_t *b = other;
+    while (size != 0u && *a == *b) {
+        a++;
+        b++;
+        size--;
+    }
+    return size == 0u;
+}
+
+avc_reason_t avc_config_check(const avc_config_t *config, const avc_config_t *now, bool bound)
+{
+    if (avc_crc32(0, (const uint8_t *)&config->limits, sizeof *config - sizeof config->crc32) != config->crc32) {
+        return AVC_REFUSED_CRC;
+    }
+    const float *limit = &config->limits.sample_time_s;
+    for (uint32_t i = 0; i < sizeof config->limits / sizeof *limit; i++) {
+        if (!avc_is_finite(limit[i]) || limit[i] < 0.0f || (i < 6u && limit[i] == 0.0f)) {
+            return AVC_REFUSED_LIMIT; /* the first six have no 0 for "not watched" */
+        }
+    }
+    if (config->limits.sample_time_s < 1e-5f || config->limits.sample_time_s > 0.1f) {
+        return AVC_REFUSED_LIMIT;
+    }
+    for (uint32_t i = 0; i < AVC_NUMBERS; i++) {
+        if (!avc_is_finite(config->number[i])) {
+            return AVC_REFUSED_NOT_FINITE;
+        }
+    }
+    const avc_figures_t *figures = &config->figures;
+    if (figures->estimator != now->figures.estimator || figures->passive != now->figures.passive) {
+        return AVC_REFUSED_BOARD; /* another program */
+    }
+    if (bound && (!same(&config->limits, &now->limits, sizeof now->limits) ||
+                  avc_bits(figures->hand_m_per_unit) != avc_bits(now->figures.hand_m_per_unit))) {
+        return AVC_REFUSED_BOARD; /* another device */
+    }
+    return AVC_OK;
 }
 
 avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limits)
@@ -145,7 +192,7 @@ avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limit
     return AVC_OK;
 }
 
-void avc_table_prepare(avc_table_t *table)
+void avc_table_prepare(avc_table_t *table, const avc_config_t *config)
 {
     for (uint32_t i = 0; i < table->image.header.rows; i++) {
         table->ln_frequency[i] = avc_ln(table->image.row[i].frequency_hz);
@@ -177,14 +224,14 @@ void avc_table_prepare(avc_table_t *table)
                                           .wanted_contact_damping_ns_per_m = row->contact_damping_ns_per_m,
                                           .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
                                           .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m};
-        avc_steady_clips_settle(&table->steady.clips, &in);
+        avc_steady_clips_settle(&table->steady.clips, &in, config->number);
     } else {
         const avc_steady_gated_in_t in = {.wanted_damping_ns_per_m = row->damping_ns_per_m,
                                           .wanted_stiffness_n_per_m = row->stiffness_n_per_m,
                                           .wanted_contact_damping_ns_per_m = row->contact_damping_ns_per_m,
                                           .wall_damping_ns_per_m = header->wall_damping_ns_per_m,
                                           .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m};
-        avc_steady_gated_settle(&table->steady.gated, &in);
+        avc_steady_gated_settle(&table->steady.gated, &in, config->number);
     }
 }
 

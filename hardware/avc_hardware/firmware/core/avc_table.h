@@ -6,6 +6,7 @@
 #include <stdint.h>
 #include <string.h>
 
+#include "avc_config.h"
 #include "avc_steady_clips.h"
 #include "avc_steady_gated.h"
 
@@ -97,21 +98,6 @@ typedef struct {
     float contact_damping_ns_per_m;
 } avc_gains_t;
 
-typedef struct {
-    float sample_time_s;
-    float metres_per_count;
-    float max_force_n;
-    float max_damping_ns_per_m;
-    float max_stiffness_n_per_m;
-    float max_contact_damping_ns_per_m;
-    /* Beyond these a fault is latched; 0: not watched. */
-    float max_speed_m_per_s;
-    float max_acceleration_m_per_s2;
-    float max_energy_j;  /* that a coupling may give out, a second, without having got it */
-    float stuck_swing_n; /* of a force under which an encoder moves */
-    float max_overruns;  /* in a row */
-} avc_limits_t;
-
 /* Why a table or a message is refused; the host turns each into a sentence. */
 typedef enum {
     AVC_OK = 0,
@@ -141,11 +127,12 @@ typedef enum {
     AVC_REFUSED_HOLD = 24,
     AVC_REFUSED_FAULT = 25,
     AVC_REFUSED_FLAGS = 29,
-    AVC_REFUSED_OTHER_COUPLING = 30
+    AVC_REFUSED_OTHER_COUPLING = 30,
+    AVC_REFUSED_BOARD = 31
 } avc_reason_t;
 
 /* What a refusal names in place of a row. */
-enum { AVC_AT_HEADER = 0xFFFF, AVC_AT_FEEDBACK = 0xFFFE, AVC_AT_EXCITATION = 0xFFFD, AVC_AT_LIMITS = 0xFFFC };
+enum { AVC_AT_HEADER = 0xFFFF, AVC_AT_FEEDBACK = 0xFFFE, AVC_AT_EXCITATION = 0xFFFD, AVC_AT_LIMITS = 0xFFFC, AVC_AT_CONFIG = 0xFFFB };
 
 /* Number of states of a table's observer; 0 without one. */
 static inline uint32_t avc_states(const avc_table_header_t *header)
@@ -153,7 +140,7 @@ static inline uint32_t avc_states(const avc_table_header_t *header)
     return (uint32_t)header->flags >> AVC_TABLE_STATES;
 }
 
-/* Whether a table may have so many rows and states; avc_image_size is for those alone. */
+/* Whether a table may have so many rows and states; avc_image_size is for those alone. None are a configuration alone. */
 avc_reason_t avc_size_check(uint32_t rows, uint32_t states);
 
 uint32_t avc_image_size(uint32_t rows, uint32_t states);
@@ -182,10 +169,13 @@ static inline float avc_force_limit(const avc_table_header_t *header, const avc_
 /* Check gains against the device's limits. */
 avc_reason_t avc_gains_check(const avc_gains_t *gains, const avc_limits_t *limits);
 
+/* Whether a board that runs now may run so: a checksum, its own program, its own limits where it is bound. */
+avc_reason_t avc_config_check(const avc_config_t *config, const avc_config_t *now, bool bound);
+
 /* Check a received image; at_row says where it fails. */
 avc_reason_t avc_image_check(const avc_image_t *image, const avc_limits_t *limits, uint16_t *at_row);
 
 /* Fill what the tick needs beside the image. */
-void avc_table_prepare(avc_table_t *table);
+void avc_table_prepare(avc_table_t *table, const avc_config_t *config);
 
 #endif

@@ -65,7 +65,7 @@ bool avc_out_of_wall(const avc_table_t *table, float x)
 
 static void limit_force(avc_control_t *c)
 {
-    const float tables = avc_force_limit(&c->tables[c->active].image.header, &c->limits);
+    const float tables = avc_force_limit(&c->tables[c->active].image.header, &c->config.limits);
     c->most_n = c->lowered.force_n < tables ? c->lowered.force_n : tables;
 }
 
@@ -78,7 +78,7 @@ void avc_adopt_limits(avc_control_t *c)
     }
     c->lowered = c->wanted;
     limit_force(c);
-    avc_fault_limit(&c->fault, &c->limits, c->wanted.speed_m_per_s, c->wanted.energy_j);
+    avc_fault_limit(&c->fault, &c->config.limits, c->wanted.speed_m_per_s, c->wanted.energy_j);
     c->limits_wanted = 0u;
 }
 
@@ -95,12 +95,19 @@ void avc_swap(avc_control_t *c, float x)
     c->waited = 0u;
     c->away = 0u;
     c->active = 1u - c->active;
+    if (c->next.crc32 != c->config.crc32) {
+        c->config = c->next;
+        c->estimates = false;
+        if (!c->bound) {
+            avc_control_relimit(c);
+        }
+    }
     limit_force(c);
     c->near = 0u;
     c->stream_fresh = 0u;
     c->stream_left = 0u;
     avc_rest(c, x);
-    c->state.has_table = 1u;
+    c->state.has_table = c->tables[c->active].image.header.rows != 0u ? 1u : 0u;
     c->state.swaps++;
     c->swap_wanted = 0u;
 }

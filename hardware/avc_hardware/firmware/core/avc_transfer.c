@@ -53,6 +53,10 @@ void avc_on_begin(avc_device_t *device, const avc_request_t *request)
         return;
     }
     const uint32_t size = avc_image_size(rows, states);
+    if (!transfer->open || transfer->session != session || transfer->table_id != table_id) { /* not the same once more */
+        device->control.next = device->control.config; /* unless another one is sent */
+        memset(&shadow(device)->image.header, 0, sizeof shadow(device)->image.header);
+    }
     transfer->open = true;
     transfer->session = session;
     transfer->table_id = table_id;
@@ -75,6 +79,39 @@ static bool in_transfer(avc_device_t *device, const avc_request_t *request)
         return false;
     }
     return true;
+}
+
+/* Empty: the configuration in force; otherwise that of the transfer that is open. */
+void avc_on_config(avc_device_t *device, const avc_request_t *request)
+{
+    avc_control_t *control = &device->control;
+    avc_transfer_t *transfer = &device->transfer;
+    if (request->size == 0u) {
+        avc_answer_t a = avc_answer(device, AVC_MESSAGE_CONFIG | AVC_MESSAGE_REPLY, request->sequence);
+        avc_put(&a, &control->config, sizeof control->config);
+        avc_send(&a);
+        return;
+    }
+    if (request->size != 8u + sizeof(avc_config_t)) {
+        avc_refuse(device, request->sequence, AVC_REFUSED_SIZE, 8u + sizeof(avc_config_t));
+        return;
+    }
+    if (!in_transfer(device, request)) {
+        return;
+    }
+    transfer->last_tick = control->state.ticks;
+    if (!transfer->committing) {
+        avc_config_t config;
+        memcpy(&config, &request->payload[8], sizeof config);
+        const avc_reason_t reason = avc_config_check(&config, &control->config, control->bound);
+        if (reason != AVC_OK) {
+            transfer->open = false;
+            avc_refuse(device, request->sequence, reason, AVC_AT_CONFIG);
+            return;
+        }
+        control->next = config;
+    }
+    acknowledge(device, AVC_MESSAGE_CONFIG, request->sequence);
 }
 
 void avc_on_chunk(avc_device_t *device, const avc_request_t *request)
@@ -148,8 +185,10 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
         avc_refuse(device, request->sequence, AVC_REFUSED_CRC, crc32);
         return;
     }
-    uint16_t row;
-    const avc_reason_t reason = avc_image_check(&table->image, &device->control.limits, &row);
+    uint16_t row = AVC_AT_HEADER;
+    const avc_config_t *config = &device->control.next;
+    const bool alone = transfer->size == 0u; /* a configuration, and no table */
+    const avc_reason_t reason = alone ? AVC_OK : avc_image_check(&table->image, &config->limits, &row);
     if (reason != AVC_OK) {
         transfer->open = false;
         avc_refuse(device, request->sequence, reason, row);
@@ -157,7 +196,9 @@ void avc_on_commit(avc_device_t *device, const avc_request_t *request)
     }
     table->id = table_id;
     table->crc32 = crc32;
-    avc_table_prepare(table);
+    if (!alone) {
+        avc_table_prepare(table, config);
+    }
     transfer->committing = true;
     transfer->commit_sequence = request->sequence;
     transfer->commit_tick = transfer->last_tick;

@@ -6,7 +6,7 @@
 #include "avc_device.h"
 #include "avc_lookup.h"
 
-avc_device_t *avc_host_new(const avc_limits_t *limits, uint32_t serial, uint32_t boot_id);
+avc_device_t *avc_host_new(const avc_config_t *config, int bound, uint32_t boot_id);
 void avc_host_free(avc_device_t *device);
 void avc_host_write(avc_device_t *device, const uint8_t *data, size_t size);
 size_t avc_host_read(avc_device_t *device, uint8_t *out, size_t room);
@@ -24,11 +24,11 @@ avc_gains_t avc_host_lookup(const avc_table_t *table, float frequency_hz, uint32
 size_t avc_host_size(void);
 size_t avc_host_state_offset(void);
 
-avc_device_t *avc_host_new(const avc_limits_t *limits, uint32_t serial, uint32_t boot_id)
+avc_device_t *avc_host_new(const avc_config_t *config, int bound, uint32_t boot_id)
 {
     avc_device_t *device = malloc(sizeof *device);
     if (device != NULL) {
-        avc_device_init(device, limits, serial, boot_id);
+        avc_device_init(device, config, bound != 0, boot_id);
     }
     return device;
 }

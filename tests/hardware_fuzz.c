@@ -12,10 +12,6 @@
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
-static const avc_limits_t limits = {1e-3f, 2e-6f, 50.0f, 1e5f, 1e8f, 1e4f, 3.0f, 1e6f, 1.0f, 12.5f, 3.0f};
-
-static const uint32_t canary = 0xA5A5A5A5u; /* stands behind the buffers, as the serial number */
-
 static avc_device_t device;
 
 static void must(bool holds, const char *what)
@@ -30,11 +26,13 @@ static void check(void)
 {
     const avc_control_t *control = &device.control;
     const avc_transfer_t *transfer = &device.transfer;
-    must(device.boot_id == 1u && device.serial == canary, "nothing is written beyond the buffer of an answer");
+    const avc_limits_t limits = control->config.limits;
+    must(device.boot_id == 1u && device.unique[0] == 0u, "nothing is written beyond the buffer of an answer");
     must(device.decoder.size <= AVC_CONTENT_MAX, "a frame fits its buffer");
     must(transfer->received <= transfer->size && transfer->size <= sizeof(avc_image_t), "a transfer fits its table");
     must(device.rx.written - device.rx.read <= AVC_RING_SIZE, "the receive ring holds what it can");
     must(device.tx.written - device.tx.read <= AVC_RING_SIZE, "the transmit ring holds what it can");
+    must(avc_config_check(&control->config, &control->config, false) == AVC_OK, "the configuration is whole");
     must(control->active < 2u && control->stream_slot < 2u, "one of two is active");
     must(avc_is_finite(control->state.force_n), "the force is a number");
     must(control->state.force_n <= limits.max_force_n && control->state.force_n >= -limits.max_force_n,
@@ -114,7 +112,7 @@ static void upload(const uint8_t *data, size_t size)
     const uint32_t states = size > 4u && (data[4] & 1u) != 0u ? data[4] / 2u % (AVC_STATES_MAX + 1u) : 0u;
     const uint32_t rows = size > 3u && states == 0u ? 1u + data[3] : 1u;
     image.header.rows = (uint16_t)rows;
-    image.header.sample_time_s = limits.sample_time_s;
+    image.header.sample_time_s = device.control.config.limits.sample_time_s;
     image.header.flags = (uint16_t)((size > 0u ? data[0] & 15u : 0u) | states << AVC_TABLE_STATES);
     image.header.wall_stiffness_n_per_m = 1e4f;
     image.header.coupling_id = 7u;
@@ -149,6 +147,21 @@ static void upload(const uint8_t *data, size_t size)
     }
     const uint32_t commit[3] = {1u, crc, crc};
     message(AVC_MESSAGE_COMMIT, (const uint8_t *)commit, sizeof commit);
+}
+
+/* A configuration for the transfer that is open, with some of its bytes from the input and a right checksum. */
+static void configure(const uint8_t *data, size_t size)
+{
+    static uint8_t payload[8 + sizeof(avc_config_t)];
+    avc_config_t config = device.control.config;
+    for (size_t i = 0; i + 1u < size; i += 2u) {
+        ((uint8_t *)&config)[data[i] % sizeof config] = data[i + 1u];
+    }
+    config.crc32 = avc_crc32(0, (const uint8_t *)&config.limits, sizeof config - sizeof config.crc32);
+    const uint32_t head[2] = {device.transfer.session, device.transfer.table_id};
+    memcpy(payload, head, sizeof head);
+    memcpy(&payload[8], &config, sizeof config);
+    message(AVC_MESSAGE_CONFIG, payload, sizeof payload);
 }
 
 /* A chunk of the transfer that is open, at any offset and of any length. */
@@ -215,7 +228,7 @@ static void wild_readback(const uint8_t *data, size_t size)
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    avc_device_init(&device, &limits, canary, 1u);
+    avc_device_init(&device, &avc_built_in, size % 2u == 0u, 1u);
     drain();
     if (size == 0u) {
         return 0;
@@ -233,6 +246,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         length = length < size - at ? length : size - at;
         if (kind < 0xC0u) {
             message(kind % 20u, &data[at], length);
+        } else if (kind < 0xC4u) {
+            configure(&data[at], length);
         } else if (kind < 0xC8u) {
             wild_chunk(&data[at], length);
         } else if (kind < 0xCCu) {

@@ -1,0 +1,443 @@
+"""CasADi's instructions as C and as numpy: scalars of one precision with equal bits in both, and doubles in lanes.
+
+A scalar program computes each value once; the compiler must neither fuse nor reorder. In lanes a choice is a bit mask
+in place of a jump, so that a run has the bits of CasADi's own evaluation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._errors import InputError, UnsupportedError
+from avc_casadi.model.gains import DeviceLn, double_ln, single_ln
+
+
+@dataclass(frozen=True)
+class Precision:
+    """IEEE numbers of one size.
+
+    Attributes:
+        name: as users write it.
+        c_type: of C.
+        suffix: of a C literal.
+        ln: natural logarithm as on the device.
+    """
+
+    name: str
+    c_type: str
+    suffix: str
+    ln: DeviceLn
+
+    @property
+    def dtype(self) -> type[Any]:
+        """Of numpy."""
+        return self.ln.dtype
+
+    @property
+    def largest(self) -> float:
+        """Largest number."""
+        return float(np.finfo(self.dtype).max)
+
+    def literal(self, value: float) -> str:
+        """Return a C literal that reads back as exactly the nearest number; InputError beyond this precision."""
+        with np.errstate(over="ignore"):
+            number = self.dtype(value)
+        if not np.isfinite(number):
+            raise InputError.of(f"holds {value:g}; allowed: below {self.largest:.2g} in {self.name} precision")
+        plain = 1e-3 <= abs(number) < 1e6 or number == 0
+        spell = np.format_float_positional if plain else np.format_float_scientific
+        text = spell(number, unique=True, trim="0") + self.suffix
+        return f"({text})" if text.startswith("-") else text
+
+
+SINGLE = Precision("single", "float", "f", single_ln)
+DOUBLE = Precision("double", "double", "", double_ln)
+PRECISIONS = {precision.name: precision for precision in (SINGLE, DOUBLE)}
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One operation in scalar C, in numpy, and in C over lanes.
+
+    Attributes:
+        c: with places for the arguments, zero, one, the suffix of functions and the number that rounds.
+        numpy: the same.
+        lanes: where it differs from `c`.
+        truth: whether the result is boolean.
+        of_truth: which arguments are.
+    """
+
+    c: str
+    numpy: Callable[..., Any]
+    lanes: str = ""
+    truth: bool = False
+    of_truth: tuple[bool, ...] = (False, False)
+
+
+def _rounding(dtype: Any) -> Any:
+    """Return the number that leaves no room for a fraction where it is added."""
+    return dtype.type(1.5 * 2.0 ** np.finfo(dtype).nmant)
+
+
+def _nearest(a: Any) -> Any:
+    return (a + _rounding(a.dtype)) - _rounding(a.dtype)
+
+
+# Not of CasADi: condition ? a : b, which it writes as a sum of two halves, and the nearest whole number.
+_SELECT, _NEAREST = "SELECT", "NEAREST"
+# Terms of the series of sin(2 pi u), u up to a quarter, by the bits of the mantissa.
+_TERMS = {23: 7, 52: 12}
+_BOTH = (True, True)
+
+_SCALAR = {
+    "ASSIGN": Operation("{0}", lambda a: a),
+    "ADD": Operation("{0} + {1}", lambda a, b: a + b),
+    "SUB": Operation("{0} - {1}", lambda a, b: a - b),
+    "MUL": Operation("{0} * {1}", lambda a, b: a * b),
+    "DIV": Operation("{0} / {1}", lambda a, b: a / b),
+    "NEG": Operation("-{0}", lambda a: -a),
+    "INV": Operation("{one} / {0}", lambda a: np.float32(1) / a, "SPREAD(1.) / {0}"),
+    "SQ": Operation("{0} * {0}", lambda a: a * a),
+    "TWICE": Operation("{0} + {0}", lambda a: a + a),
+    "SIGN": Operation(
+        "{0} > {zero} ? {one} : ({0} < {zero} ? -{one} : {zero})",
+        np.sign,
+        "PICK({0} < 0., SPREAD(-1.), PICK({0} > 0., SPREAD(1.), {0}))",
+    ),
+    # IEEE requires the nearest number, of C's library too.
+    "SQRT": Operation("sqrt{suffix}({0})", np.sqrt, "each_sqrt({0})"),
+    "FABS": Operation(
+        "{0} < {zero} ? -{0} : {0}", lambda a: np.where(a < 0, -a, a), "(Lanes)((Bits){0} & 0x7fffffffffffffffLL)"
+    ),
+    "FMAX": Operation("{0} > {1} ? {0} : {1}", lambda a, b: np.where(a > b, a, b), "LARGER({0}, {1})"),
+    "FMIN": Operation("{0} < {1} ? {0} : {1}", lambda a, b: np.where(a < b, a, b), "SMALLER({0}, {1})"),
+    "LT": Operation("{0} < {1}", lambda a, b: a < b, "ONE({0} < {1})", truth=True),
+    "LE": Operation("{0} <= {1}", lambda a, b: a <= b, "ONE({0} <= {1})", truth=True),
+    "EQ": Operation("{0} == {1}", lambda a, b: a == b, "ONE({0} == {1})", truth=True),
+    "NE": Operation("{0} != {1}", lambda a, b: a != b, "ONE({0} != {1})", truth=True),
+    "NOT": Operation("!{0}", lambda a: ~a, "ONE({0} == 0.)", truth=True, of_truth=_BOTH),
+    "AND": Operation("{0} && {1}", lambda a, b: a & b, "ONE(({0} != 0.) & ({1} != 0.))", truth=True, of_truth=_BOTH),
+    "OR": Operation("{0} || {1}", lambda a, b: a | b, "ONE(({0} != 0.) | ({1} != 0.))", truth=True, of_truth=_BOTH),
+    "IF_ELSE_ZERO": Operation(
+        "{0} ? {1} : {zero}",
+        lambda a, b: np.where(a, b, np.float32(0)),
+        "(Lanes)((Bits){1} & ({0} != 0.))",
+        of_truth=(True, False),
+    ),
+    _NEAREST: Operation("({0} + {rounding}) - {rounding}", _nearest),
+    _SELECT: Operation("{0} ? {1} : {2}", np.where, of_truth=(True, False, False)),
+}
+
+_OF_ONE = (
+    *("floor", "ceil", "sqrt", "log", "log1p", "exp", "expm1", "erf"),
+    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh"),
+)
+_OF_TWO = ("fmax", "fmin", "pow", "fmod", "remainder", "atan2", "copysign", "hypot")
+_IN_LANES = {"CONSTPOW": "each_pow({0}, {1})"}
+_IN_LANES |= {name.upper(): f"each_{name}({{0}}, {{1}})" for name in _OF_TWO}
+_IN_LANES |= {name.upper(): f"each_{name}({{0}})" for name in _OF_ONE}
+_IN_LANES |= {name: one.lanes or one.c for name, one in _SCALAR.items() if name not in {_NEAREST, _SELECT}}
+
+_HEAD = """
+#include <math.h>
+#if defined(__AVX512F__)
+#define WIDTH 8
+#elif defined(__AVX__)
+#define WIDTH 4
+#else
+#define WIDTH 2
+#endif
+typedef double Lanes __attribute__((vector_size(8 * WIDTH)));
+typedef long long Bits __attribute__((vector_size(8 * WIDTH)));
+/* Takes 0 away, which changes no number, not even -0. */
+#define SPREAD(number) ((number) - (Lanes){0})
+#define ONE(yes) ((Lanes)((yes) & (Bits)SPREAD(1.)))
+#define PICK(yes, this, that) ((Lanes)(((yes) & (Bits)(this)) | (~(yes) & (Bits)(that))))
+#define EACH(name) static inline Lanes each_##name(Lanes a) { \\
+  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i]); return r; }
+#define EACH_PAIR(name) static inline Lanes each_##name(Lanes a, Lanes b) { \\
+  Lanes r; for (int i = 0; i < WIDTH; ++i) r[i] = name(a[i], b[i]); return r; }
+"""
+# Of two zeros this library returns the second; others may choose by sign.
+_PAIRS = """
+#if defined(__x86_64__) && defined(__GLIBC__)
+#define LARGER(a, b) PICK(((a) > (b)) | ((b) != (b)), a, b)
+#define SMALLER(a, b) PICK(((a) < (b)) | ((b) != (b)), a, b)
+#else
+#define LARGER(a, b) each_fmax(a, b)
+#define SMALLER(a, b) each_fmin(a, b)
+#endif
+"""
+
+LANES_HEAD = "\n".join(
+    [_HEAD, *(f"EACH({name})" for name in _OF_ONE), *(f"EACH_PAIR({name})" for name in _OF_TWO), _PAIRS]
+)
+"""Head of the C of functions in lanes: `Lanes` of `WIDTH` numbers, and their operations."""
+
+
+@lru_cache(maxsize=1)
+def _names() -> dict[int, str]:
+    import casadi as ca  # noqa: PLC0415
+
+    return {getattr(ca, name): name.removeprefix("OP_") for name in dir(ca) if name.startswith("OP_")}
+
+
+def _instructions(function: Any) -> Iterator[tuple[str, list[int], list[int], int]]:
+    """Yield operation, inputs, outputs and index of each instruction of a function of SX."""
+    names = _names()
+    for index in range(function.n_instructions()):
+        name = names[function.instruction_id(index)]
+        yield name, function.instruction_input(index), function.instruction_output(index), index
+
+
+def in_lanes(function: Any, given: Sequence[str], results: Sequence[str]) -> str:
+    """Return the C of a function in lanes, to follow `LANES_HEAD`.
+
+    Args:
+        function: of SX.
+        given: how an element of each argument is read, with {} for its index: ``SPREAD(u[{}])`` is one for all lanes.
+        results: how an element of each result is named.
+
+    Raises:
+        LookupError: an instruction that has no form in lanes.
+    """
+    lines = []
+    for name, taken, to, index in _instructions(function):
+        if name == "INPUT":
+            which, element = taken
+            value = given[which].format(element)
+        elif name == "CONST":
+            value = f"SPREAD({float(function.instruction_constant(index)).hex()})"
+        elif name == "OUTPUT":
+            lines.append(f"{results[to[0]].format(to[1])} = w{taken[0]};")
+            continue
+        else:
+            value = _IN_LANES[name].format(*(f"w{one}" for one in taken))
+        lines.append(f"w{to[0]} = {value};")
+    work = ", ".join(f"w{index}" for index in range(max(1, function.sz_w())))
+    return "\n  ".join([f"Lanes {work};", *lines])
+
+
+@dataclass(frozen=True)
+class _Node:
+    """One value, computed once: an operation on earlier nodes, an input, or a constant."""
+
+    operation: str
+    arguments: tuple[int, ...] = ()
+    constant: float = 0.0
+
+
+@dataclass
+class _Body:
+    """The statements of a C function under construction."""
+
+    of_input: Callable[[str], str]
+    prefix: str = ""
+    names: dict[int, str] = field(default_factory=dict)
+    truths: set[int] = field(default_factory=set)
+    lines: list[str] = field(default_factory=list)
+
+
+class FloatProgram:
+    """A CasADi function of scalars in one precision, each value computed once: called it is numpy, printed it is C.
+
+    Attributes:
+        inputs: names of the scalar inputs.
+        outputs: names of the scalar outputs.
+        precision: of every operation.
+    """
+
+    def __init__(self, function: Any, precision: Precision = SINGLE) -> None:
+        """Read the instructions; UnsupportedError for one that has no form in C here."""
+        self.precision = precision
+        self.inputs = tuple(function.name_in())
+        self.outputs = tuple(function.name_out())
+        self._nodes: list[_Node] = []
+        self._results: dict[int, int] = {}
+        self._known: dict[_Node, int] = {}
+        latest: dict[int, int] = {}
+        for name, taken, to, index in _instructions(function):
+            if name == "OUTPUT":
+                self._results[to[0]] = latest[taken[0]]
+            elif name == "CONST":
+                latest[to[0]] = self._number(function.instruction_constant(index))
+            elif name == "INPUT":
+                latest[to[0]] = self._place_of("INPUT", taken[0])
+            elif name in {"FLOOR", "SIN", "COS"}:
+                latest[to[0]] = self._written_out(name, latest[taken[0]])
+            elif name in _SCALAR:
+                latest[to[0]] = self._joined(name, tuple(latest[at] for at in taken))
+            else:
+                raise UnsupportedError(f"{function.name()}: CasADi operation {name} has no form in C")
+        self._needed = self._reachable()
+
+    def _place_of(self, operation: str, *arguments: int, constant: float = 0.0) -> int:
+        """Return the place of a value, which is computed once."""
+        node = _Node(operation, arguments, constant)
+        if node not in self._known:
+            self._known[node] = len(self._nodes)
+            self._nodes.append(node)
+        return self._known[node]
+
+    def _number(self, value: float) -> int:
+        return self._place_of("CONST", constant=value)
+
+    def _written_out(self, name: str, at: int) -> int:
+        """Expand a library function of C into operations that have the same bits anywhere; return its place.
+
+        The sine is that of the nearest turn, folded to a quarter of it, as a series.
+        """
+        of, number = self._place_of, self._number
+        if name == "FLOOR":
+            nearest = of(_NEAREST, at)
+            return of("SUB", nearest, of("IF_ELSE_ZERO", of("LT", at, nearest), number(1.0)))
+        turns = of("MUL", at, number(1 / (2 * math.pi)))
+        if name == "COS":
+            turns = of("ADD", turns, number(0.25))
+        rest = of("SUB", turns, of(_NEAREST, turns))
+        size = of("FABS", rest)
+        folded = of("FMIN", size, of("SUB", number(0.5), size))
+        square = of("SQ", folded)
+        count = _TERMS[np.finfo(self.precision.dtype).nmant]
+        terms = [(-1) ** n * (2 * math.pi) ** (2 * n + 1) / math.factorial(2 * n + 1) for n in range(count)]
+        series = number(terms[-1])
+        for term in reversed(terms[:-1]):
+            series = of("ADD", of("MUL", series, square), number(term))
+        found = of("MUL", folded, series)
+        return of(_SELECT, of("LT", rest, number(0.0)), of("NEG", found), found)
+
+    def _joined(self, name: str, arguments: tuple[int, ...]) -> int:
+        """Join (c ? a : 0) + (!c ? b : 0) into one choice."""
+        halves = [self._nodes[at] for at in arguments]
+        if name == "ADD" and all(half.operation == "IF_ELSE_ZERO" for half in halves):
+            (first, a), (second, b) = (half.arguments for half in halves)
+            if self._nodes[second] == _Node("NOT", (first,)):
+                return self._place_of(_SELECT, first, a, b)
+            if self._nodes[first] == _Node("NOT", (second,)):
+                return self._place_of(_SELECT, second, b, a)
+        return self._place_of(name, *arguments)
+
+    def _reachable(self, known: Container[int] = (), wanted: Iterable[int] | None = None) -> list[int]:
+        """Return the places that some results depend on, in order; known values have no dependencies."""
+        needed = set(self._results.values() if wanted is None else wanted)
+        for at in range(len(self._nodes) - 1, -1, -1):
+            if at in needed and at not in known and self._nodes[at].operation in _SCALAR:
+                needed |= set(self._nodes[at].arguments)
+        return sorted(needed)
+
+    def __call__(self, *values: Any) -> tuple[NDArray[Any], ...]:
+        """Run on scalars or arrays, one value for each input."""
+        dtype = self.precision.dtype
+        given = [np.asarray(value, dtype=dtype) for value in values]
+        work: dict[int, Any] = {}
+        with np.errstate(all="ignore"):
+            for at in self._needed:
+                node = self._nodes[at]
+                if node.operation == "CONST":
+                    work[at] = np.asarray(node.constant, dtype=dtype)
+                elif node.operation == "INPUT":
+                    work[at] = given[node.arguments[0]]
+                else:
+                    chosen = _SCALAR[node.operation]
+                    pairs = zip(node.arguments, chosen.of_truth, strict=False)
+                    work[at] = chosen.numpy(*(self._as(work[argument], truth=truth) for argument, truth in pairs))
+        return tuple(self._as(work[self._results[index]], truth=False) for index in range(len(self.outputs)))
+
+    def _as(self, value: Any, *, truth: bool) -> NDArray[Any]:
+        array = np.asarray(value)
+        if truth:
+            return array if array.dtype == np.bool_ else array != 0
+        return array.astype(self.precision.dtype, copy=False)
+
+    def settled_by(self, inputs: Collection[str]) -> tuple[int, ...]:
+        """Return the values that depend on inputs of these names alone and are used with others too."""
+        known: set[int] = set()
+        asked: set[int] = set(self._results.values())
+        for at in self._needed:
+            node = self._nodes[at]
+            if node.operation == "INPUT":
+                given = self.inputs[node.arguments[0]] in inputs
+            else:
+                literal = {place for place in node.arguments if self._nodes[place].operation == "CONST"}
+                given = node.operation != "CONST" and set(node.arguments) <= known | literal
+                if not given:
+                    asked |= set(node.arguments)
+            if given:
+                known.add(at)
+        return tuple(sorted(known & asked))
+
+    def c_lines(
+        self,
+        of_input: Callable[[str], str],
+        of_output: Callable[[str], str | None],
+        *,
+        kept: Mapping[int, str] | None = None,
+        prefix: str = "",
+    ) -> list[str]:
+        """Return the statements of a C function; an output may share its place with an input, as a state does.
+
+        Args:
+            of_input: expression of an input.
+            of_output: target of an output; None where it is unused.
+            kept: by place, where precomputed values are stored (`settled_by`, `settling_lines`).
+            prefix: of the names of values, for two programs in one function.
+        """
+        there = kept or {}
+        real = self.precision.c_type
+        body = _Body(of_input, prefix, dict(there))
+        self._write(body, self._reachable(there))
+        # States are read throughout the body: none is written before all is computed.
+        late, stores = [], []
+        for index, name in enumerate(self.outputs):
+            place = of_output(name)
+            if place is None:
+                continue
+            value = self._value(body, self._results[index], truth=False)
+            if "->" in value and value not in there.values():
+                late.append(f"const {real} {prefix}r{index} = {value};")
+                value = f"{prefix}r{index}"
+            stores.append(f"{place} = {value};")
+        return body.lines + late + stores
+
+    def settling_lines(self, of_input: Callable[[str], str], kept: Mapping[int, str]) -> list[str]:
+        """Return the statements that compute and store the values to be kept."""
+        body = _Body(of_input)
+        self._write(body, self._reachable((), kept))
+        return body.lines + [f"{place} = {self._value(body, at, truth=False)};" for at, place in kept.items()]
+
+    def _write(self, body: _Body, places: list[int]) -> None:
+        """Add the statements that compute the values at some places, in order."""
+        literal = self.precision.literal
+        numbers = {"zero": literal(0.0), "one": literal(1.0), "suffix": self.precision.suffix}
+        numbers["rounding"] = literal(float(_rounding(np.dtype(self.precision.dtype))))
+        for at in places:
+            if at in body.names:
+                continue
+            node = self._nodes[at]
+            if node.operation == "CONST":
+                body.names[at] = literal(node.constant)
+            elif node.operation == "INPUT":
+                body.names[at] = body.of_input(self.inputs[node.arguments[0]])
+            else:
+                chosen = _SCALAR[node.operation]
+                pairs = zip(node.arguments, chosen.of_truth, strict=False)
+                given = [self._value(body, value, truth=truth) for value, truth in pairs]
+                body.names[at] = f"{body.prefix}v{at}"
+                if chosen.truth:
+                    body.truths.add(at)
+                kind = "bool" if chosen.truth else self.precision.c_type
+                body.lines.append(f"const {kind} {body.names[at]} = {chosen.c.format(*given, **numbers)};")
+
+    def _value(self, body: _Body, at: int, *, truth: bool) -> str:
+        """Return the expression of a value, as a number or as a boolean."""
+        name, literal = body.names[at], self.precision.literal
+        if truth == (at in body.truths):
+            return name
+        return f"({name} != {literal(0.0)})" if truth else f"({name} ? {literal(1.0)} : {literal(0.0)})"
