@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BeforeValidator, ConfigDict, model_validator
+from pydantic import BeforeValidator, ConfigDict
 from pydantic_core import PydanticCustomError
 
 from avc_casadi._errors import Fault, InputError
@@ -53,13 +53,14 @@ class _Column:
             raise q.refusal(f"is {q.shown(value)}; allowed: {self.allowed}")
         if len(value) > q.MOST_FREQUENCIES:
             raise q.refusal(f"has {len(value)} rows; allowed: at most {q.MOST_FREQUENCIES}")
-        found, faults = np.full(len(value), np.nan), list[q.Finding]()
+        found, faults = np.full(len(value), np.nan), list[dict[str, Any]]()
         for row, number in enumerate(value):
             try:
                 found[row] = np.nan if number is None else self.one(number)
             except PydanticCustomError as error:
-                faults.append(((row,), error.message()))
-        q.refuse(faults)
+                faults.append({"type": "refused", "loc": (row,), "msg": error.message(), "input": number})
+        if faults:
+            raise PydanticCustomError("inner", "{text}", {"text": "", "faults": faults})
         return found
 
 
@@ -69,13 +70,12 @@ def _line(value: Any) -> str:
     return value
 
 
-_Any = q.Quantity("", 1e-300, 1e300, signed=True)
 _Line = Annotated[str, BeforeValidator(_line)]
 _Values = np.ndarray[Any, Any]
 _Hz = Annotated[_Values, BeforeValidator(_Column(q.Quantity("Hz", *q.FREQUENCIES_HZ, zero=False)))]
 _Damping = Annotated[_Values, BeforeValidator(_Column(q.Quantity("N.s/m", 1e-300, q.LARGEST_DAMPING_NS_PER_M)))]
 _Stiffness = Annotated[_Values, BeforeValidator(_Column(q.Quantity("N/m", 1e-300, q.LARGEST_STIFFNESS_N_PER_M)))]
-_Signed = Annotated[_Values, BeforeValidator(_Column(_Any))]
+_Signed = Annotated[_Values, BeforeValidator(_Column(q.Quantity("", 1e-300, 1e300, signed=True)))]
 _SampleTime = Annotated[float, BeforeValidator(q.Quantity("s", 1e-300, 1e300, zero=False))]
 
 
@@ -110,18 +110,20 @@ class GainTableDocument(q.Table):
         """Whether each row has gains."""
         return np.isfinite(self.damping_ns_per_m) & np.isfinite(self.stiffness_n_per_m)
 
-    @model_validator(mode="after")
-    def _rows_go_together(self) -> Self:
+    def faults(self) -> Iterator[q.Finding]:
+        """Yield columns of other lengths, or rows that contradict."""
         rows = len(self.frequency_hz)
-        q.refuse(
-            ((key,), f"has {len(value)} values; allowed: {rows}, as frequency_hz")
+        lengths = {
+            key: len(value)
             for key, value in self
-            if (isinstance(value, np.ndarray) or (value and key in {"status", "reason"})) and len(value) != rows
-        )
-        q.refuse(self._findings())
-        return self
+            if isinstance(value, np.ndarray) or (value and key in {"status", "reason"})
+        }
+        if wrong := {key: length for key, length in lengths.items() if length != rows}:
+            yield from (((key,), f"has {n} values; allowed: {rows}, as frequency_hz") for key, n in wrong.items())
+        else:
+            yield from self._of_rows()
 
-    def _findings(self) -> Iterator[q.Finding]:
+    def _of_rows(self) -> Iterator[q.Finding]:
         frequency = self.frequency_hz
         if len(frequency) == 0:
             yield ("frequency_hz",), "is empty; allowed: at least one row"
@@ -159,8 +161,8 @@ class GainDocument(GainTableDocument):
     notes: Texts = ()
     state_feedback: StateFeedbackEffect | None = None
 
-    def _findings(self) -> Iterator[q.Finding]:
-        yield from super()._findings()
+    def _of_rows(self) -> Iterator[q.Finding]:
+        yield from super()._of_rows()
         present, contact = self.present, self.contact_damping_ns_per_m
         if self.sample_time_s is not None:
             limit = f"below half the sampling rate, {0.5 / self.sample_time_s:g} Hz"
@@ -179,10 +181,11 @@ class GainDocument(GainTableDocument):
             for row in np.flatnonzero(present & np.isnan(contact)).tolist():
                 yield (CONTACT, row), "is null although the row has gains; allowed: a finite number >= 0"
         known = {one.value: one for one in Status}
+        half = np.isnan(self.damping_ns_per_m) != np.isnan(self.stiffness_n_per_m)
         for row, value in enumerate(self.status or ()):
             if value not in known:
                 yield ("status", row), f"is {q.shown(value)}; allowed: {', '.join(known)}"
-            elif known[value].has_gains != present[row] and np.isnan(self.damping_ns_per_m[row]) != present[row]:
+            elif known[value].has_gains != present[row] and not half[row]:
                 has = "has gains" if present[row] else "has no gains"
                 allowed = ", ".join(name for name, one in known.items() if one.has_gains)
                 message = f"is {q.shown(value)} but the row {has}; allowed with gains: {allowed}"
@@ -260,33 +263,15 @@ def schedule_of(found: GainDocument, path: Path) -> GainSchedule:
 
 def gain_document(gains: GainSchedule) -> dict[str, Any]:
     """Return the `solve` document without its certificate: JSON values only."""
-    return {
-        "schema": SCHEMA,
-        "problem": gains.problem,
-        "method": gains.method,
-        "solver": gains.solver,
-        "structure": gains.structure,
-        "model": gains.model,
-        "sample_time_s": plain(gains.sample_time_s),
-        "frequency_hz": plain(gains.frequency_hz),
-        "damping_ns_per_m": plain(gains.damping_ns_per_m),
-        "stiffness_n_per_m": plain(gains.stiffness_n_per_m),
-        "contact_damping_ns_per_m": plain(gains.contact_damping_ns_per_m),
-        "impedance_re": plain(gains.impedance.real),
-        "impedance_im": plain(gains.impedance.imag),
-        "target_re": plain(gains.target.real),
-        "target_im": plain(gains.target.imag),
-        "magnitude_error": plain(gains.magnitude_error),
-        "complex_error": plain(gains.complex_error),
-        "real_part": plain(gains.real_part),
-        "status": plain(gains.status),
-        "reason": list(gains.reason),
-        "requested_damping_ns_per_m": plain(gains.requested_damping_ns_per_m),
-        "requested_stiffness_n_per_m": plain(gains.requested_stiffness_n_per_m),
-        "requested_contact_damping_ns_per_m": plain(gains.requested_contact_damping_ns_per_m),
-        "requested_rigid": plain(gains.requested_rigid),
+    same = {key: plain(getattr(gains, key)) for key in GainDocument.model_fields if hasattr(gains, key)}
+    derived = {key: plain(getattr(gains, key)) for key in ("magnitude_error", "complex_error", "real_part")}
+    curves = {
+        f"{name}_{part}": plain(getattr(curve, kind))
+        for name, curve in (("impedance", gains.impedance), ("target", gains.target))
+        for part, kind in (("re", "real"), ("im", "imag"))
+    }
+    return {"schema": SCHEMA, **same, **curves, **derived} | {
         "counts": gains.counts(),
-        "notes": list(gains.notes),
         "state_feedback": None if gains.state_feedback is None else asdict(gains.state_feedback),
         "seconds": {"build": gains.build_seconds, "solve": gains.solve_seconds},
     }
@@ -326,7 +311,11 @@ def read_document(path: Path) -> dict[str, Any]:
         raise InputError([Fault(str(path), None, key, message) for key in dict.fromkeys(repeated)])
     if not isinstance(document, dict):
         raise InputError.of(f"holds no gain document; {_NEXT_STEP}", file=str(path))
-    if _is_deep(document):
+    level: list[Any] = [document]
+    for _ in range(_DEEPEST):
+        held = (one.values() if isinstance(one, dict) else one for one in level)
+        level = [inner for values in held for inner in values if isinstance(inner, dict | list)]
+    if level:
         raise InputError.of(f"is nested too deeply; {_NEXT_STEP}", file=str(path))
     return document
 
@@ -334,18 +323,6 @@ def read_document(path: Path) -> dict[str, Any]:
 def units_of_document(document: Mapping[str, Any]) -> Units:
     """Return the units of a document that was read, as it declares them."""
     return ROTARY if document.get("motion") == ROTARY.motion else LINEAR
-
-
-def _is_deep(document: Any) -> bool:
-    level = [document]
-    for _ in range(_DEEPEST):
-        level = [
-            inner
-            for one in level
-            for inner in (one.values() if isinstance(one, dict) else one)
-            if isinstance(inner, dict | list)
-        ]
-    return bool(level)
 
 
 def _json_table(value: Any) -> Any:

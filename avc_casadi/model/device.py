@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, model_serializer, model_validator
+from pydantic import BeforeValidator, model_serializer
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.units import MotionKind, Units, units_for
@@ -143,12 +143,8 @@ class Device(q.Table):
         """Hand displacement for a unit of the position: 1 for a linear device, else the radius of the handle."""
         return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
-    @model_validator(mode="after")
-    def _ranges_hold_their_values(self) -> Self:
-        q.refuse(self._findings())
-        return self
-
-    def _findings(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[q.Finding]:
+        """Yield ranges that do not hold their value."""
         for ranges, nominal, path in (
             (self.range, self, ("range",)),
             (self.range.resonance, self.resonance, ("range", "resonance")),

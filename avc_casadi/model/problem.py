@@ -55,14 +55,12 @@ class Boundaries(q.Table):
     upper: Impedance
     lower: Impedance
 
-    @model_validator(mode="after")
-    def _upper_is_above(self) -> Self:
-        q.refuse(
-            (("upper", key), f"is {q.shown(upper)}, below the lower bound {q.shown(lower)}; allowed: at least that")
-            for (key, upper), (_, lower) in zip(self.upper, self.lower, strict=True)
-            if upper < lower
-        )
-        return self
+    def faults(self) -> Iterator[q.Finding]:
+        """Yield upper bounds below the lower."""
+        for (key, upper), (_, lower) in zip(self.upper, self.lower, strict=True):
+            if upper < lower:
+                message = f"is {q.shown(upper)}, below the lower bound {q.shown(lower)}; allowed: at least that"
+                yield ("upper", key), message
 
 
 class GainBox(q.Table):
@@ -86,13 +84,12 @@ class GainBox(q.Table):
     stiffness_n_per_m: q.Pair[q.Stiffness] = (0.0, 1e7)
     contact_damping_ns_per_m: q.Pair[q.Damping] = (0.0, 0.0)
 
-    @model_validator(mode="after")
-    def _series_has_no_contact_damper(self) -> Self:
+    def faults(self) -> Iterator[q.Finding]:
+        """Yield a contact damper in the series structure, which has none."""
         interval = self.contact_damping_ns_per_m
         if self.structure == "series" and interval != (0, 0):
             message = f'is {q.shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
-            q.refuse([(("contact_damping_ns_per_m",), message)])
-        return self
+            yield ("contact_damping_ns_per_m",), message
 
 
 class Stability(q.Table):
@@ -185,12 +182,8 @@ class Frequency(q.Table):
     spacing: Literal["log", "linear"] = "log"
     values_hz: q.Frequencies | None = None
 
-    @model_validator(mode="after")
-    def _range_or_list(self) -> Self:
-        q.refuse(self._findings())
-        return self
-
-    def _findings(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[q.Finding]:
+        """Yield what makes no rising list of frequencies."""
         if self.values_hz is not None:
             for key in ("start_hz", "stop_hz", "points", "spacing"):
                 if key in self.model_fields_set:
@@ -317,12 +310,7 @@ class Problem(q.Table):
             found["scene"] = {**scene, "motion": {**defaults_at(MOTIONS[kind], radius), **motion}}
         return found
 
-    @model_validator(mode="after")
-    def _tables_go_together(self) -> Self:
-        q.refuse(self._findings())
-        return self
-
-    def _findings(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[q.Finding]:
         """Yield the faults between tables."""
         yield from radius_findings(self.device)
         yield from self._below_nyquist()
@@ -348,8 +336,18 @@ class Problem(q.Table):
         # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
         if (self.simulation is not None or self.follower is not None) and self.detent is not None:
             yield ("detent",), "stands beside [simulation] or [follower]; allowed: one of them, or detents at that end"
-        if self.follower is not None:
-            yield from self._follower_findings(self.follower)
+        if (follower := self.follower) is None:
+            return
+        if follower.motion != self.device.motion:
+            message = f"is {q.shown(follower.motion)}, and device.motion is {q.shown(self.device.motion)}"
+            yield ("follower", "motion"), f"{message}; allowed: the same"
+        # Every pending sample is a state: long delays take minutes, then memory.
+        longest = MOST_LINK_SAMPLES * min(period, follower.sample_time_s)
+        for key in ("delay_s", "return_delay_s"):
+            delay = getattr(follower, key)
+            if delay is not None and delay[1] > longest * (1 + 1e-9):
+                message = f"is {q.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
+                yield ("follower", key), message
 
     def _below_nyquist(self) -> Iterator[q.Finding]:
         """Yield the frequencies at which the Tustin map is infinite."""
@@ -368,19 +366,6 @@ class Problem(q.Table):
                 nyquist = f"the Nyquist frequency {limit} Hz of sample_time_s = {q.shown(period)}"
                 message = f"is {q.shown(value)}{origin}, at or above {nyquist}"
                 yield ("frequency", *place), f"{message}; allowed: below {limit} Hz{seconds}"
-
-    def _follower_findings(self, follower: Follower) -> Iterator[q.Finding]:
-        leader = self.device
-        if follower.motion != leader.motion:
-            message = f"is {q.shown(follower.motion)}, and device.motion is {q.shown(leader.motion)}; allowed: the same"
-            yield ("follower", "motion"), message
-        # Every pending sample is a state: long delays take minutes, then memory.
-        longest = MOST_LINK_SAMPLES * min(leader.sample_time_s, follower.sample_time_s)
-        for key in ("delay_s", "return_delay_s"):
-            delay = getattr(follower, key)
-            if delay is not None and delay[1] > longest * (1 + 1e-9):
-                message = f"is {q.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
-                yield ("follower", key), message
 
     def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
         """Return the problem with some keys changed, validated as a file is.

@@ -12,9 +12,9 @@ import re
 import unicodedata
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, model_validator
 from pydantic_core import PydanticCustomError
 
 from avc_casadi._util.units import LINEAR, ROTARY, Units
@@ -25,9 +25,21 @@ Finding = tuple[Path, str]
 
 
 class Table(BaseModel):
-    """A frozen table: unknown keys, wrong types and non-finite numbers are refused."""
+    """A frozen table: unknown keys, wrong types and non-finite numbers are refused, then what `faults` yields."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if found := list(self.faults()):
+            faults = [{"type": "refused", "loc": path, "msg": message, "input": None} for path, message in found]
+            text = "\n".join(f"{dotted(path)}: {message}" for path, message in found)
+            raise PydanticCustomError("inner", "{text}", {"text": text, "faults": faults})
+        return self
+
+    def faults(self) -> Iterator[Finding]:
+        """Yield what is wrong between values that are each allowed."""
+        yield from ()
 
 
 _SHOWN = 60
@@ -48,14 +60,6 @@ def dotted(path: Path) -> str:
 def refusal(text: str) -> PydanticCustomError:
     """Return the error that a validator raises; `text` reaches the user unchanged."""
     return PydanticCustomError("refused", "{text}", {"text": text})
-
-
-def refuse(findings: Iterable[Finding]) -> None:
-    """Raise the error of a validator that found faults, each at its path inside its table; none: do nothing."""
-    if found := list(findings):
-        faults = [{"type": "refused", "loc": path, "msg": message, "input": None} for path, message in found]
-        text = "\n".join(f"{dotted(path)}: {message}" for path, message in found)
-        raise PydanticCustomError("inner", "{text}", {"text": text, "faults": faults})
 
 
 def visible(text: str) -> str:

@@ -51,29 +51,24 @@ class StateFeedback:
         n = len(self.force_m_per_n)
         if not 1 <= n <= MOST_STATES:
             return [("force_m_per_n", f"has {n} numbers; allowed: 1 to {MOST_STATES}, one for each state")]
-        found = [
-            (name, f"has {len(getattr(self, name))} numbers; allowed: {n}, as force_m_per_n")
-            for name in ("innovation", "feedback", "state")
-            if len(getattr(self, name)) != n
-        ]
-        found += [
-            (f"state[{row}]", f"has {len(values)} numbers; allowed: {n}")
-            for row, values in enumerate(self.state)
-            if len(values) != n
-        ]
-        numbers = {"force_m_per_n": self.force_m_per_n, "innovation": self.innovation, "feedback": self.feedback}
-        numbers |= {f"state[{row}]": values for row, values in enumerate(self.state)}
-        found += [
-            (name, "has a number that is not finite")
-            for name, values in numbers.items()
-            if not all(map(math.isfinite, values))
-        ]
+        rows = {"force_m_per_n": self.force_m_per_n, "innovation": self.innovation, "feedback": self.feedback}
+        rows |= {f"state[{row}]": values for row, values in enumerate(self.state)}
+        found = (
+            [("state", f"has {len(self.state)} rows; allowed: {n}, as force_m_per_n")] if len(self.state) != n else []
+        )
+        for name, values in rows.items():
+            if len(values) != n:
+                found.append((name, f"has {len(values)} numbers; allowed: {n}, as force_m_per_n"))
+            if not all(map(math.isfinite, values)):
+                found.append((name, "has a number that is not finite"))
         if any(not 0 <= place < n for place in self.positions) or self.measures not in self.positions:
             found.append(("positions", f"is {list(self.positions)}; allowed: places from 0 to {n - 1}, measures among"))
-        for name in ("dead_zone_m", "face_m"):
-            if not 0 <= getattr(self, name) < math.inf:
-                found.append((name, f"is {getattr(self, name)!r}; allowed: a finite length, 0 or more"))
-        return found
+        lengths = {"dead_zone_m": self.dead_zone_m, "face_m": self.face_m}
+        wrong = {name: value for name, value in lengths.items() if not 0 <= value < math.inf}
+        return [
+            *found,
+            *((name, f"is {value!r}; allowed: a finite length, 0 or more") for name, value in wrong.items()),
+        ]
 
     @property
     def states(self) -> int:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, Self
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import model_validator
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.effects import EffectTable
-from avc_casadi.model.quantity import Acceleration, Hertz, Length, refusal
+from avc_casadi.model.quantity import Acceleration, Finding, Hertz, Length
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray
@@ -42,18 +42,15 @@ class VelocityFilterEffect(EffectTable):
     acceleration_m_per_s2: Acceleration | None = None
     noise_rms_m: Length | None = None
 
-    @model_validator(mode="after")
-    def _keys_of_its_own(self) -> Self:
-        """Refuse keys of the other estimator, which would be ignored, and a missing one."""
+    def faults(self) -> Iterator[Finding]:
+        """Yield keys of the other estimator, which would be ignored, and a missing one."""
         keys = _KEYS[self.estimator]
-        told = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
-        for key in told:
+        given = [key for key, value in self if value is not None and key not in ("kind", "estimator")]
+        for key in given:
             if key not in keys:
-                allowed = ", ".join(keys)
-                raise refusal(f'has {key}, no key of estimator "{self.estimator}"; allowed: {allowed}')
-        if keys[0] not in told:
-            raise refusal(f'has no {keys[0]}; allowed: with it, which estimator "{self.estimator}" needs')
-        return self
+                yield (), f'has {key}, no key of estimator "{self.estimator}"; allowed: {", ".join(keys)}'
+        if keys[0] not in given:
+            yield (), f'has no {keys[0]}; allowed: with it, which estimator "{self.estimator}" needs'
 
 
 def low_pass(back: ComplexArray, poles: Poles) -> ComplexArray | float:
