@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.virtual_tool import ToolGains
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units

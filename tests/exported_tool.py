@@ -12,7 +12,7 @@ from exported import C99, WARNINGS
 from hardware_bench import require, run, scratch
 
 import avc_casadi as avc
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
 from avc_hardware import export_tool_c
 

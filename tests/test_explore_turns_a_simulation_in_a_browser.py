@@ -19,7 +19,7 @@ from browser import (
 )
 
 import avc_casadi as avc
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.present.explore import explorer as _explorer
 from avc_casadi.present.explore.explorer import Explorer

@@ -18,7 +18,7 @@ from avc_casadi.files.coupling_file import read_file
 from avc_casadi.files.other_end_coupling_file import other_end_document, read_tool_coupling
 from avc_casadi.files.problem_file import as_problem
 from avc_casadi.identification.read import read_columns, read_logs
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
 
 MOST_CHARACTERS = 2000

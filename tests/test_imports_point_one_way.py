@@ -14,6 +14,7 @@ ROOMS = (
     "_resources",
     "_util",
     "model",
+    "loops",
     "paper",
     "coupling",
     "other_end_coupling",

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.tool_loop import ToolLoops, contact_stiffnesses_n_per_m
 from avc_casadi.design import tool_region as _region
-from avc_casadi.model.bilateral_loop import BilateralLoop, link_clocks
+from avc_casadi.loops.engine import Engine, ToolLoops, clocks, contact_stiffnesses_n_per_m
+from avc_casadi.loops.follower import Link, Touch, link_clocks
+from avc_casadi.loops.loop import Body
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks, driven_plant
 from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolState, VirtualTool, tool_states
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
 from avc_casadi.recommendation import bilateral as _bilateral
 from avc_casadi.recommendation import tool_impedance as _impedance
 from avc_casadi.recommendation import tried_tool as _hands
@@ -77,16 +77,16 @@ INTEGRATORS = {
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_tool_in_contact_moves_as_its_integrator_has_it(integrator):
     tool, step_s = ToolState(0.2, 0.7, 900.0, 5.0), 4e-3
-    loop = LiftedLoop(driven_plant(T), clocks(step_s, T)[0], engine(integrator=integrator))
-    np.testing.assert_allclose(loop.tool_alone(tool), INTEGRATORS[integrator](0.2, 5.7, 900.0, step_s), rtol=1e-9)
+    loop = Engine(Body.driven(T), clocks(step_s, T)[0], engine(integrator=integrator), [tool])
+    np.testing.assert_allclose(loop.alone()[0], INTEGRATORS[integrator](0.2, 5.7, 900.0, step_s), rtol=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 4.0, 2.5])
 def test_a_tool_that_stands_still_is_a_spring_and_a_damper(ratio):
-    loop = LiftedLoop(driven_plant(T), clocks(ratio * T, T)[-1], engine())
     rigid = tool_states(engine(), RIGID_N_PER_M)[-1]
+    loop = Engine(Body.driven(T), clocks(ratio * T, T)[-1], engine(), [rigid])
     turn = np.exp(-2j * np.pi * 12.0 * T)
-    found = loop.force_per_metre(ToolGains(800.0, 6.0, 2.0), rigid, 12.0)
+    found = loop.force_per_metre(ToolGains(800.0, 6.0, 2.0), 12.0)
     assert found == pytest.approx(800.0 + 8.0 * (1 - turn) / T)
 
 
@@ -96,7 +96,7 @@ def test_an_exchange_hands_out_a_tool_one_step_before_the_next(sooner, later):
     free, gains, hz = tool_states(engine(), 0.0)[-1], ToolGains(300.0, 4.0), 10.0
     clock = clocks(4e-3, T)[0]
     before, after = (
-        LiftedLoop(driven_plant(T), clock, engine(exchange=one)).force_per_metre(gains, free, hz)
+        Engine(Body.driven(T), clock, engine(exchange=one), [free]).force_per_metre(gains, hz)
         for one in (sooner, later)
     )
     spring = gains.stiffness_n_per_m + gains.damping_ns_per_m * 2j * np.pi * hz
@@ -108,7 +108,7 @@ def test_loops_are_those_of_all_hands_tools_contacts_steps_and_of_the_released_d
     stated = problem("tool_mass_kg = [0.1, 0.3]\nstep_s = [0.0025, 0.004]\ncontact_stiffness_n_per_m = [10.0, 500.0]")
     loops = ToolLoops(stated)
     assert set(loops.hands.values(len(loops.hands) - 1).values()) == {0.0}
-    assert {one.clock.step_s for one in loops.patterns} == {0.0025, 0.004}
+    assert {one.case(0).step_s for one in loops.patterns} == {0.0025, 0.004}
     touched = contact_stiffnesses_n_per_m(stated.simulation)
     assert touched[0] == 0.0
     assert touched[-1] == RIGID_N_PER_M
@@ -116,10 +116,10 @@ def test_loops_are_those_of_all_hands_tools_contacts_steps_and_of_the_released_d
     for gains, several in ((ToolGains(3000.0, 2.0), True), (ToolGains(8000.0, 30.0), False)):
         radii = {}
         for place, loop in enumerate(loops.patterns):
-            each = np.abs(np.linalg.eigvals(loop.monodromy(gains, loops.tools))).max(axis=-1)
-            radii |= {(place, at): each[at] for at in np.ndindex(each.shape)}
+            each = np.abs(np.linalg.eigvals(loop.maps(gains))).max(axis=-1)
+            radii |= {(place, row): one for row, one in enumerate(each)}
         place, at = max(radii, key=lambda one: math.log(radii[one]) / loops.patterns[one[0]].period_s)
-        assert (len(loops.patterns[place].clock.samples) > 1) == several
+        assert (loops.patterns[place].ticks > 1) == several
         assert loops.worst(gains)[2] == pytest.approx(radii[place, at], rel=1e-6)
 
 
@@ -131,13 +131,6 @@ def test_an_engine_whose_stiffest_contact_leaves_its_place_is_unstable_by_itself
         assert ToolLoops(undamped).engine_alone_stable() == stable
 
 
-@pytest.mark.parametrize(("limit", "near"), [(777.0, 10.0), (777.0, 5000.0), (5.0, 10.0), (1e9, 10.0)])
-def test_a_limit_is_found_to_two_per_cent_from_below(limit, near):
-    found = _region._limit(lambda k: k <= limit, 10.0, near, 1e5)
-    expected = 0.0 if limit < 10 else min(limit, 1e5)
-    assert found <= expected <= 1.02 * found or found == expected
-
-
 def test_the_region_reckons_with_the_lightest_device_and_its_own_damping(monkeypatch):
     ranged = DEVICE + "[device.range]\nmass_kg = [0.06, 0.2]\ndamping_ns_per_m = [0.5, 1.0]\n"
     stated = problem('tool_mass_kg = 0.2\nstep_s = 0.004\nexchange = "ahead"', device=ranged)
@@ -147,6 +140,9 @@ def test_the_region_reckons_with_the_lightest_device_and_its_own_damping(monkeyp
         def stable(self, gains):
             asked.append(gains)
             return gains.stiffness_n_per_m < 300 + 1e3 * min(gains.damping_ns_per_m, 1.0)
+
+        def refuted(self, _):
+            return False
 
     stiffest = ToolGains(1234.0, 5.0, 6.0)
     search = SimpleNamespace(loops=Loops(), limit=(stiffest, True))
@@ -255,7 +251,8 @@ def pair(architecture, force, stiffness, damping, ratio=1.0):
     plant = sampled_plant(follower.at_leader(), touched)
     clock = link_clocks(T, ratio * T, 0.0, 0.0)[-1]
     ends = np.array([stiffness]), np.array([damping])
-    return BilateralLoop(driven_plant(T), plant, *ends, clock, architecture, force)
+    sent = follower.model_copy(update={"architecture": architecture, "force": force})
+    return Link(Body.driven(T), Touch.of(plant, *ends).axes(0), clock, sent)
 
 
 def test_what_a_follower_measures_is_the_spring_and_the_damper_that_it_touches():
@@ -264,7 +261,7 @@ def test_what_a_follower_measures_is_the_spring_and_the_damper_that_it_touches()
     touched, coupled = 500.0 + 40.0 * s, 3000.0 + 30.0 * s
     # The follower between what it touches and the leader, its mass and drag beside them.
     moved = coupled / (coupled + touched + 0.3 * s**2 + 1.0 * s)
-    found = loop.force_per_metre(gains, 0, 0.5)
+    found = loop.force_per_metre(gains, 0.5)
     assert found.real == pytest.approx((touched * moved).real, rel=0.02)
     assert found.imag == pytest.approx((touched * moved).imag, rel=0.1)
 
@@ -272,18 +269,17 @@ def test_what_a_follower_measures_is_the_spring_and_the_damper_that_it_touches()
 def test_two_ends_that_move_evenly_side_by_side_pull_nothing_whatever_their_clocks():
     loop = pair("position-position", "commanded", 0.0, 0.0, ratio=2.0)
     # What each end has sent, the newest first: all of it at 1 m/s, and both at 0 now.
-    state = np.zeros(loop.size)
-    for side, period in enumerate((T, 2 * T)):
-        first, count = loop._sent[side], loop._kept[side]
-        state[first : first + count] = -period * np.arange(count)
-    for row in loop._asked(ToolGains(1000.0, 50.0), [0, 0])[:2]:
+    sizes = {name: len(loop.loop[name]) for name in ("sent0", "sent1")}
+    periods = {"sent0": T, "sent1": 2 * T}
+    state = loop.loop.vector(**{name: -periods[name] * np.arange(size) for name, size in sizes.items()})
+    for row in loop.pulls(ToolGains(1000.0, 50.0), (0, 0)):
         assert row @ state == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("ratio", [1.0, 2.0, 1.5])
 def test_a_period_of_two_clocks_is_as_long_as_its_samples_of_the_leader(ratio):
     loop = pair("position-position", "commanded", 0.0, 0.0, ratio=ratio)
-    assert loop.period_s == pytest.approx(math.lcm(2, round(2 * ratio)) / 2 * T)
+    assert loop.samples * T == pytest.approx(math.lcm(2, round(2 * ratio)) / 2 * T)
 
 
 def test_messages_wait_for_whole_samples_and_the_longest_delay_asks_for_most(monkeypatch):

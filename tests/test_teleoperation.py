@@ -11,12 +11,12 @@ from teleoperator_simulator import run
 
 import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
-from avc_casadi.claims.stability.bilateral import BilateralLoops
 from avc_casadi.cli import main
-from avc_casadi.model.bilateral_loop import BilateralLoop
+from avc_casadi.loops.follower import BilateralLoops, Link, Touch, link_clocks
+from avc_casadi.loops.loop import Body
 from avc_casadi.model.hands import Hand, hand_corners
-from avc_casadi.model.lifted_loop import ToolGains, driven_plant
 from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.recommendation.bilateral import recommend_bilateral
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
@@ -154,12 +154,11 @@ def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
     k, b, t, n, delay = 1500.0, 10.0, 1e-3, 20000, 5
     text = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.005"
     stated = problem(text).changed(device={"delay_samples": 0})
-    loops = BilateralLoops(stated)
-    in_step = next(place for place, one in enumerate(loops.patterns) if one.clock.events == ((True, True),))
-    clock = loops.patterns[in_step].clock
+    clock = next(one for one in link_clocks(t, t, delay * t, delay * t) if one.events == ((True, True),))
     empty = np.zeros(1)
     follower = sampled_plant(stated.follower.at_leader(), Hand(empty, empty, empty))
-    loop = BilateralLoop(driven_plant(t), follower, empty, empty, clock, "position-position", "commanded")
+    touch = Touch.of(follower, empty, empty).axes(0)
+    loop = Link(Body.driven(t), touch, clock, stated.follower)
     decay = math.exp(-t / 0.3)
     for hz in (1.0, 10.0):
         omega = 2 * math.pi * hz
@@ -177,7 +176,7 @@ def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
                 force[j] = k * (x[j] - back) + b * ((x[j] - x[j - 1]) / t - back_speed)
         last = slice(10000, n - 1)
         seen = np.mean((force * np.exp(-1j * omega * t * np.arange(n)))[last]) / 1e-3
-        assert loop.force_per_metre(ToolGains(k, b), 0, hz) == pytest.approx(seen, rel=1e-3)
+        assert loop.force_per_metre(ToolGains(k, b), hz) == pytest.approx(seen, rel=1e-3)
 
 
 @pytest.mark.thorough
@@ -256,7 +255,7 @@ def test_follower_is_a_device_of_the_catalogue_by_name():
         ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\narchitecture = 'force-force'", "architecture"),
         ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\nstep_s = 0.1", "step_s"),
         ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\ndelay_s = 0.1", "delay_s.*at most 64 samples"),
-        ('from = "direct-drive-wheel"', "moves as its leader"),
+        ('from = "direct-drive-wheel"', "follower.motion"),
     ],
 )
 def test_faults_of_the_table_are_told_with_their_keys(text, said):

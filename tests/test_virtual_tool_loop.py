@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
-from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
+from avc_casadi.loops.engine import ToolLoops, clocks
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.lifted_loop import ToolGains, clocks
+from avc_casadi.model.virtual_tool import ToolGains
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
 

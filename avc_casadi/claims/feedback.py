@@ -13,10 +13,10 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.levels import Rows, level_result
 from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue, leading_radii
 from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_rendering
 from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
-from avc_casadi.claims.stability.worst_point import hand_boxes, worst_held
+from avc_casadi.loops.ranges import hand_boxes, worst_held
+from avc_casadi.loops.spectrum import largest_eigenvalue, leading_radii
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, device_set
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set, hand_text, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from avc_casadi._util.arrays import ComplexArray, FloatArray
     from avc_casadi.claims.stability.frozen_loop import Rendering
-    from avc_casadi.claims.stability.worst_point import Ranges
     from avc_casadi.coupling import Coupling
+    from avc_casadi.loops.ranges import Ranges
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Hands
     from avc_casadi.model.runtime import StateFeedback

@@ -12,7 +12,6 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.levels import Rows, level_result, not_judged
 from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, whole_stability
-from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue
 from avc_casadi.claims.stability.frozen_loop import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
@@ -20,7 +19,8 @@ from avc_casadi.claims.stability.frozen_loop import (
     frozen_parts,
 )
 from avc_casadi.claims.stability.worst_hand import worst_hands
-from avc_casadi.claims.stability.worst_point import hand_boxes, worst_held
+from avc_casadi.loops.ranges import hand_boxes, worst_held
+from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, hand_text, no_hand
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from avc_casadi.claims.certificate import LevelResult
     from avc_casadi.claims.levels import Rows
     from avc_casadi.claims.passivity.sampled_loop import Fractions
-    from avc_casadi.claims.stability.worst_point import Ranges
+    from avc_casadi.loops.ranges import Ranges
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem

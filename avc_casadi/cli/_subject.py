@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from avc_casadi.cli._console import Console
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.device_file import DeviceFile
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.other_end_coupling import ToolCoupling
 
 _FILES = (".json", ".csv")

@@ -147,8 +147,8 @@ def _write(to: str, files: dict[str, str]) -> list[str]:
 
 def _export_pair(coupling: Any, args: argparse.Namespace, console: Console) -> Answer:
     """Write both ends of a coupling to a simulation or a follower, or return its parameters for an engine."""
-    from avc_casadi.claims.stability.bilateral import BilateralLoops
-    from avc_casadi.claims.stability.tool_loop import ToolLoops
+    from avc_casadi.loops.engine import ToolLoops
+    from avc_casadi.loops.follower import BilateralLoops
     from avc_casadi.present.engines import parameters
     from avc_casadi.present.rows.deploy import pair_export
     from avc_hardware import export_teleoperator_c, export_tool_c

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.passivity.engine_port import engine_port
-from avc_casadi.claims.stability.tool_loop import required_tool
 from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.loops.engine import required_tool
 
 if TYPE_CHECKING:
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
 
 STABILITY = (
     "linear stability of the lifted loop: hands of [hands] and the device released, devices, tools and contacts of "

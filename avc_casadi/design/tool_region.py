@@ -13,13 +13,12 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import short
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.stability.tool_loop import required_tool
-from avc_casadi.design.virtual_tool import Scale, ToolSearch
-from avc_casadi.model.lifted_loop import ToolGains
-from avc_casadi.model.virtual_tool import LONGEST_STEP_S
+from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
+from avc_casadi.loops.engine import required_tool
+from avc_casadi.model.virtual_tool import LONGEST_STEP_S, ToolGains
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.tool_loop import ToolLoops
+    from avc_casadi.loops.engine import ToolLoops
     from avc_casadi.model.problem import Problem
 
 # Lightest of the searched dampers that is in the region, as a share of the heaviest.
@@ -30,8 +29,10 @@ _RATES = (0.25, 0.5, 1.0, 2.0, 4.0)
 _LOCAL_RATIO = 1.0
 # Softest spring, as a share of m/T_s^2, and stiffest, as one of m/T^2.
 _SOFTEST, _STIFFEST = 1e-3, 10.0
-# Ratio of consecutive stiffnesses, and precision of a limit.
-_RATIO, _PRECISION = 1.6, 1.02
+# Precision of a limit.
+_PRECISION = 1.02
+# Share of a curve's highest limit at which the ranges are searched, and the most searches that may lower it.
+_SEARCHED, _MOST_REFUTED = 0.98, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,48 +147,34 @@ def tool_region(
         progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")
         of_engine = problem if steps[step_s] else problem.changed(simulation={"step_s": step_s})
         search, softest = ToolSearch(of_engine), _SOFTEST * mass / step_s**2
-        limits, near = np.zeros(len(damping)), softest
-        for row, b in enumerate(damping.tolist()):
+        stiffest = search.limit[0] if summits else None
 
-            def stable(k: float, b: float = b, loops: ToolLoops = search.loops) -> bool:
-                critical = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
-                local = critical if local_damping_ns_per_m is None else local_damping_ns_per_m
-                return loops.stable(ToolGains(k, b, local))
+        def gains(k: float, b: float) -> ToolGains:
+            critical = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
+            return ToolGains(k, b, critical if local_damping_ns_per_m is None else local_damping_ns_per_m)
 
-            limits[row] = _limit(stable, softest, near, _STIFFEST * mass / t**2)
-            near = max(limits[row], softest)
-        curves.append(ToolCurve(step_s, steps[step_s], limits, search.limit[0] if summits else None))
+        limits = _curve(search.loops, gains, damping.tolist(), softest, _STIFFEST * mass / t**2)
+        curves.append(ToolCurve(step_s, steps[step_s], limits, stiffest))
     return ToolRegion(problem.name, damping, ratio, tuple(curves))
 
 
-def _limit(stable: Callable[[float], bool], softest: float, near: float, stiffest: float) -> float:
-    """Return the stiffness up to which all tried ones are stable; 0 where the softest is not.
+def _curve(
+    loops: ToolLoops,
+    gains: Callable[[float, float], ToolGains],
+    damping_ns_per_m: Sequence[float],
+    softest: float,
+    stiffest: float,
+) -> FloatArray:
+    """Return the limit with each damper, once no search of the ranges refutes the highest."""
+    limits = np.zeros(len(damping_ns_per_m))
+    for _ in range(_MOST_REFUTED):
+        for row, b in enumerate(damping_ns_per_m):
 
-    Args:
-        stable: test of a stiffness.
-        softest: start of the scan.
-        near: expected limit, that of the previous damper.
-        stiffest: end of the scan.
-    """
-    low = softest
-    if not stable(low):
-        return 0.0
-    # Coarser steps well below the previous limit.
-    while low < near / _RATIO:
-        after = min(_RATIO**3 * low, near / _RATIO)
-        if not stable(after):
-            return _bisected(stable, low, after)
-        low = after
-    while low < stiffest:
-        after = min(_RATIO * low, stiffest)
-        if not stable(after):
-            return _bisected(stable, low, after)
-        low = after
-    return low
+            def stable(k: float, b: float = b) -> bool:
+                return loops.stable(gains(k, b))
 
-
-def _bisected(stable: Callable[[float], bool], low: float, high: float) -> float:
-    while high > _PRECISION * low:
-        middle = math.sqrt(low * high)
-        low, high = (middle, high) if stable(middle) else (low, middle)
-    return low
+            limits[row] = edge(stable, softest, stiffest, _PRECISION) if stable(softest) else 0.0
+        top = int(limits.argmax())
+        if not loops.refuted(gains(_SEARCHED * limits[top], damping_ns_per_m[top])):
+            break
+    return limits

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from avc_casadi.claims.stability.periodic import WithMargin
-from avc_casadi.claims.stability.tool_loop import ToolLoops
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.loops.system import WithMargin
+from avc_casadi.model.virtual_tool import ToolGains
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
-    from avc_casadi.claims.stability.periodic import Loops
+    from avc_casadi.loops.system import Loops
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
 
@@ -297,7 +297,7 @@ class CouplingSearch:
         if not self._judge.stable(gains):
             return 0.0
         fine = 1 + self.options.precision
-        return _edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, fine)
+        return edge(lambda factor: self._judge.stable(gains.times(factor)), 1.0, self.options.widest_margin, fine)
 
     def gain_margin_over_ranges(self, gains: ToolGains) -> float:
         """Return the common gain margin of K and B once no search of the ranges refutes it."""
@@ -320,10 +320,10 @@ class CouplingSearch:
         start = here if here > 0 else float(self.dampers_ns_per_m[0])
         if not stable(start):
             return here, here
-        most = _edge(stable, start, top, 1 + self.options.precision)
+        most = edge(stable, start, top, 1 + self.options.precision)
         if stable(0.0):
             return 0.0, most
-        least = start / _edge(lambda part: stable(start / part), 1.0, start / (1e-6 * top), 1 + self.options.precision)
+        least = start / edge(lambda part: stable(start / part), 1.0, start / (1e-6 * top), 1 + self.options.precision)
         return least, most
 
     def _followed(self, gains: Callable[[float], ToolGains], before_n_per_m: float) -> float:
@@ -338,9 +338,9 @@ class CouplingSearch:
         for high in (share * before_n_per_m for share in _BELOW):
             if high > low:
                 if not stable(high):
-                    return _edge(stable, low, high, _COARSE)
+                    return edge(stable, low, high, _COARSE)
                 low = high
-        return _edge(stable, low, self.stiffest_n_per_m, _COARSE)
+        return edge(stable, low, self.stiffest_n_per_m, _COARSE)
 
     def _below(self, gains: Callable[[float], ToolGains], most_n_per_m: float) -> float:
         """Return roughly the largest K up to a limit up to which softer ones are stable."""
@@ -349,7 +349,7 @@ class CouplingSearch:
             return most_n_per_m
         if not self._judge.stable(gains(low)):
             return 0.0
-        return _edge(lambda k: self._judge.stable(gains(k)), low, most_n_per_m, _COARSE)
+        return edge(lambda k: self._judge.stable(gains(k)), low, most_n_per_m, _COARSE)
 
     def _limit(self, gains: Callable[[float], ToolGains], near: float, precision: float) -> float:
         """Return the largest stable K near an initial guess, 0 where there is none."""
@@ -359,7 +359,7 @@ class CouplingSearch:
             if low < self._softest_n_per_m:
                 return 0.0
         high = near if low < near else self.stiffest_n_per_m
-        return _edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
+        return edge(lambda k: self._judge.stable(gains(k)), low, high, precision)
 
     def _without_gaps(self, gains: Callable[[float], ToolGains], limit: float) -> ToolGains:
         """Return the gains at a limit, or below a gap in which a softer coupling is unstable with the same dampers."""
@@ -369,7 +369,7 @@ class CouplingSearch:
             return gains(0.0)
         for before, after in itertools.pairwise(softer):
             if not self._judge.stable(gains(after)):
-                end = _edge(lambda k: self._judge.stable(gains(k)), before, after, 1 + self.options.precision)
+                end = edge(lambda k: self._judge.stable(gains(k)), before, after, 1 + self.options.precision)
                 return gains(end)
         return gains(limit)
 
@@ -418,7 +418,7 @@ def _with(gains: Callable[[float, float], ToolGains], damping: float, stiffness:
     return gains(stiffness, damping)
 
 
-def _edge(stable: Callable[[float], bool], low: float, high: float, precision: float) -> float:
+def edge(stable: Callable[[float], bool], low: float, high: float, precision: float) -> float:
     """Return the stability limit between a stable value and a larger one, bisected in the logarithm."""
     while low < high:
         after = min(_FIRST_STEP * low, high)

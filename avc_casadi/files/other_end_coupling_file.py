@@ -14,9 +14,9 @@ from avc_casadi.files.gain_file import JsonTable, faults_of, read_document, unit
 from avc_casadi.files.problem_document import problem_document
 from avc_casadi.files.rotary_keys import in_keys_of
 from avc_casadi.model.findings import checked
-from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import Quantity, Table, shown
+from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
 
 TOOL_SCHEMA, TELEOPERATOR_SCHEMA = "avc-tool-coupling/1", "avc-teleoperator-coupling/1"

@@ -22,8 +22,8 @@ from avc_casadi.model.effects import (
 from avc_casadi.model.registries import EFFECTS
 
 if TYPE_CHECKING:
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
 
 
 def declared(problem: Problem) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator
@@ -121,6 +121,33 @@ class VirtualTool(q.Table):
     def rigid(self) -> bool:
         """Whether its contact may be rigid."""
         return self.contact_stiffness_n_per_m[1] >= RIGID_N_PER_M
+
+
+@dataclass(frozen=True)
+class ToolGains:
+    """The coupling between a device and a virtual tool, in the device's units of position and force.
+
+    Attributes:
+        stiffness_n_per_m: K.
+        damping_ns_per_m: B.
+        local_damping_ns_per_m: b_l of a damper that the device's local loop adds at T, towards ground.
+    """
+
+    stiffness_n_per_m: float
+    damping_ns_per_m: float
+    local_damping_ns_per_m: float = 0.0
+
+    def times(self, factor: float) -> ToolGains:
+        """Return K and B multiplied by a factor, as by an error of the force constant."""
+        return replace(
+            self,
+            stiffness_n_per_m=factor * self.stiffness_n_per_m,
+            damping_ns_per_m=factor * self.damping_ns_per_m,
+        )
+
+    def at_scale(self, factor: float) -> ToolGains:
+        """Return K, B and the local damper multiplied by a factor, in the remote end's units."""
+        return replace(self.times(factor), local_damping_ns_per_m=factor * self.local_damping_ns_per_m)
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi.claims.stability.boundary_curves import stable_walls
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, Rendering
 from avc_casadi.claims.stability.margins import Margins, OpenLoop
-from avc_casadi.claims.stability.worst_point import hand_boxes, worst_held
+from avc_casadi.loops.ranges import hand_boxes, worst_held
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import Hand, hand_corners, joined, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.claims.stability.worst_point import Ranges
+    from avc_casadi.loops.ranges import Ranges
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.sampled_plant import SampledPlant

@@ -11,8 +11,8 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
-from avc_casadi.claims.stability.bilateral import BilateralLoops, required_follower
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
+from avc_casadi.loops.follower import BilateralLoops, required_follower
 from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation
@@ -24,8 +24,8 @@ from avc_casadi.simulation.population.operators import people_of
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
 
 
 @dataclass(frozen=True)

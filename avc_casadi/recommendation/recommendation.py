@@ -25,12 +25,12 @@ from avc_casadi.recommendation.shaken import shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.bilateral import BilateralCase
-    from avc_casadi.claims.stability.periodic import Mode
-    from avc_casadi.claims.stability.tool_loop import ToolCase
+    from avc_casadi.loops.engine import ToolCase
+    from avc_casadi.loops.follower import BilateralCase
+    from avc_casadi.loops.system import Mode
     from avc_casadi.model.device import Device
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.recommendation.beyond_file import Withstood
     from avc_casadi.recommendation.limit_cycle_freedom import LimitCycleFreedom
     from avc_casadi.recommendation.perturbed_devices import PerturbedDevices

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.stability.bilateral import required_follower
-from avc_casadi.claims.stability.tool_loop import required_tool
-from avc_casadi.model.bilateral_loop import BilateralLoop, link_clocks
+from avc_casadi.loops.engine import Engine, clocks, required_tool
+from avc_casadi.loops.follower import Link, Touch, link_clocks, required_follower
+from avc_casadi.loops.loop import Body
 from avc_casadi.model.device import DeviceRange
 from avc_casadi.model.hands import Hand
-from avc_casadi.model.lifted_loop import LiftedLoop, ToolGains, clocks, driven_plant
 from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, tool_states
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, tool_states
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
@@ -96,12 +95,14 @@ def rendered_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[f
     device, engine = problem.device, required_tool(problem)
     free, rigid = tool_states(engine, 0.0)[-1], tool_states(engine, RIGID_N_PER_M)[-1]
     t = device.sample_time_s
-    loop = LiftedLoop(driven_plant(t), clocks(max(engine.step_s), t)[-1], engine)
+    clock = clocks(max(engine.step_s), t)[-1]
 
     def at(frequency_hz: float) -> Felt:
-        moved = None if free.fixed else loop.force_per_metre(gains, free, frequency_hz)
-        stopped = loop.force_per_metre(gains, rigid, frequency_hz)
-        return _felt(device, gains, frequency_hz, (free.mass_kg, free.damping_ns_per_m), moved, stopped)
+        moved, stopped = (
+            Engine(Body.driven(t), clock, engine, [one]).force_per_metre(gains, frequency_hz) for one in (free, rigid)
+        )
+        far = free.mass_kg, free.damping_ns_per_m
+        return _felt(device, gains, frequency_hz, far, None if free.fixed else moved, stopped)
 
     return [at(hz) for hz in _heard(device, frequencies_hz)]
 
@@ -116,14 +117,14 @@ def rendered_follower(problem: Problem, gains: ToolGains, frequencies_hz: Sequen
     """
     leader, follower = problem.device, required_follower(problem)
     other = follower.at_leader()
-    ends, none = np.array([0.0, np.inf]), np.zeros(2)
+    none = np.zeros(2)
     touched = sampled_plant(other.model_copy(update={"range": DeviceRange()}), Hand(none, none, none))
     clock = link_clocks(leader.sample_time_s, other.sample_time_s, *follower.delays_s[-1])[-1]
-    driven = driven_plant(leader.sample_time_s)
-    loop = BilateralLoop(driven, touched, ends, none, clock, follower.architecture, follower.force)
+    driven, touch = Body.driven(leader.sample_time_s), Touch.of(touched, np.array([0.0, np.inf]), none)
+    ends = [Link(driven, touch.axes(place), clock, follower) for place in (0, 1)]
 
     def at(frequency_hz: float) -> Felt:
-        free, rigid = (loop.force_per_metre(gains, place, frequency_hz) for place in (0, 1))
+        free, rigid = (one.force_per_metre(gains, frequency_hz) for one in ends)
         return _felt(leader, gains, frequency_hz, (other.mass_kg, other.damping_ns_per_m), free, rigid)
 
     return [at(hz) for hz in _heard(leader, frequencies_hz)]

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.stability.tool_loop import required_tool
+from avc_casadi.loops.engine import required_tool
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.tool_trial import ToolTrial, try_tool
 
 if TYPE_CHECKING:
     from avc_casadi.design.virtual_tool import ToolSearch
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
 
 
 @dataclass(frozen=True)

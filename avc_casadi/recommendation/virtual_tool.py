@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi.claims.stability.tool_loop import ToolLoops, required_tool
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation

@@ -24,11 +24,11 @@ from script_arguments import script_arguments
 from studied import about, computed, made_by, rounded, table
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.tool_loop import ToolLoops
 from avc_casadi.design.virtual_tool import ToolSearch
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.model.problem import Problem
+from avc_casadi.model.virtual_tool import ToolGains
 
 SEED = 5207
 OUT = Path(__file__).parent / "results" / "engine_boundaries.json"

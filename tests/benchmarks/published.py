@@ -26,11 +26,11 @@ from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
 from avc_casadi.claims.stability.boundary_curves import stable_walls
-from avc_casadi.claims.stability.tool_loop import ToolLoops
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, no_hand
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.virtual_tool import ToolGains
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results" / "published.json"

@@ -30,17 +30,16 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.sampled_loop import SampledLoop
+from avc_casadi.loops.engine import clocks
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.lifted_loop import clocks
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Hands
     from avc_casadi.model.sampled_plant import SampledPlant
-    from avc_casadi.model.virtual_tool import VirtualTool
+    from avc_casadi.model.virtual_tool import ToolGains, VirtualTool
 
 # Angles per step, linearly and logarithmically spaced, and refinements about the lowest.
 _ANGLES, _SMALLEST, _FINER = 400, 1e-5, 3

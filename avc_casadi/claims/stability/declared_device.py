@@ -9,7 +9,6 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue
 from avc_casadi.claims.stability.frozen_loop import (
     MAX_DELAY_SAMPLES,
     LinearStability,
@@ -17,6 +16,7 @@ from avc_casadi.claims.stability.frozen_loop import (
     fraction_rendering,
     linear_stability,
 )
+from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:

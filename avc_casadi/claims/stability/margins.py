@@ -18,7 +18,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
-from avc_casadi.claims.stability.eigenvalues import eigenvalues
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import (
     Laws,
@@ -26,6 +25,7 @@ from avc_casadi.claims.stability.state_feedback import (
     force_over_position,
     state_feedback_loop,
 )
+from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
-from avc_casadi.claims.stability.eigenvalues import eigenvalues
+from avc_casadi.loops.spectrum import eigenvalues
 
 if TYPE_CHECKING:
     from avc_casadi.claims.stability.frozen_loop import Rendering

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
-from avc_casadi.claims.stability.eigenvalues import eigenvalues
 from avc_casadi.claims.stability.frozen_loop import frozen_rendering
 from avc_casadi.claims.stability.state_feedback import state_feedback_loop
+from avc_casadi.loops.spectrum import eigenvalues
 from avc_casadi.model.hands import Hand, hand_corners, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
 

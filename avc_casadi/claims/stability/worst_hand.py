@@ -14,9 +14,9 @@ import numpy as np
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, rigid, whole_stability
-from avc_casadi.claims.stability.eigenvalues import largest_eigenvalue
 from avc_casadi.claims.stability.frozen_loop import LinearStability, Rendering, fraction_rendering, paired_transition
-from avc_casadi.claims.stability.worst_point import ascend
+from avc_casadi.loops.ranges import ascend
+from avc_casadi.loops.spectrum import largest_eigenvalue
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set
 from avc_casadi.model.sampled_plant import sampled_plant
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.passivity.rendered_impedance import Excitation, dead_zone_gain
-from avc_casadi.claims.stability.eigenvalues import worst_radius
 from avc_casadi.claims.stability.state_feedback import (
     Laws,
     force_over_innovation,
@@ -19,6 +18,7 @@ from avc_casadi.claims.stability.state_feedback import (
     stiffness_at_rest,
 )
 from avc_casadi.claims.stability.transient import settling_s
+from avc_casadi.loops.spectrum import worst_radius
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray

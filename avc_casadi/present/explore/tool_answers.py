@@ -19,7 +19,7 @@ from avc_casadi.design.virtual_tool import ToolSearch, designed
 from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.files.problem_document import dump_problem
 from avc_casadi.model.declared import with_gains
-from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.present.explore.answers import (
     Part,

@@ -8,7 +8,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import sample_rows
-from avc_casadi.claims.stability.periodic import TOLERANCE
+from avc_casadi.loops.system import TOLERANCE
 from avc_casadi.model.effects import SaturationEffect
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row
@@ -27,9 +27,9 @@ from avc_casadi.present.rows.subject import (
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
-    from avc_casadi.claims.stability.tool_loop import ToolLoops
-    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.loops.engine import ToolLoops
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
 
 # Name of each deployment claim, and the text of its failure.
 _CLAIMS = {

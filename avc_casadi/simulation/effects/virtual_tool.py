@@ -11,9 +11,8 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.effects import EffectTable, SimulationEffect
-from avc_casadi.model.lifted_loop import ToolGains
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolState, VirtualTool, tool_states
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_states
 from avc_casadi.simulation.effects.base import SceneEffect, Station
 from avc_casadi.simulation.tick import Expr, Tick
 
@@ -114,7 +113,7 @@ class Engine(SceneEffect):
         joined: tuple[Expr, Expr, Expr, Expr],
         contact: tuple[Expr, Expr],
     ) -> tuple[Expr, Expr]:
-        """Return position and velocity of the tool after a step, as in `LiftedLoop`, with a one-sided contact."""
+        """Return position and velocity of the tool after a step, as in `loops.engine`, with a one-sided contact."""
         import casadi as ca  # noqa: PLC0415
 
         (x, v), (seen, speed), (k, b, mass, drag), (k_c, b_c) = tool, device, joined, contact

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.claims.stability.bilateral import contact_dampers_ns_per_m, environments, required_follower
+from avc_casadi.loops.follower import contact_dampers_ns_per_m, environments, required_follower
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import transitions
 from avc_casadi.model.sampled_plant import device_plant, sampled_plant
@@ -25,8 +25,8 @@ from avc_casadi.simulation.population.other_end_trial import OtherEndTrial
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
 
 BILATERAL_MOTIONS: dict[str, Motion] = {
     "free": Free(frequency_hz=2.0, amplitude_m=0.008, rest_s=2.0),

@@ -11,7 +11,7 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.printed import Columns
-from avc_casadi.claims.stability.tool_loop import contact_stiffnesses_n_per_m, required_tool
+from avc_casadi.loops.engine import contact_stiffnesses_n_per_m, required_tool
 from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.effects import SimulationEffect
 from avc_casadi.model.gains import NO_COUPLING
@@ -28,8 +28,8 @@ from avc_casadi.simulation.scene import compile_for, held_by, without
 
 if TYPE_CHECKING:
     from avc_casadi.model.hands import Hand
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.simulation.compile import CompiledScene
 
 TOOL_MOTIONS: dict[str, Motion] = {

@@ -8,8 +8,8 @@ from avc_casadi import NotDeployableError
 from avc_hardware.codegen.c_frame import WORDS
 
 if TYPE_CHECKING:
-    from avc_casadi.model.lifted_loop import ToolGains
     from avc_casadi.model.problem import Problem
+    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.simulation.emit import Precision
 
 FADE_S = 0.05

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.units import in_its_units
-from avc_casadi.claims.stability.bilateral import BilateralLoops
+from avc_casadi.loops.follower import BilateralLoops
 from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
 from avc_hardware.codegen.other_end_export import FADE_S, eased_c, verdict
@@ -15,7 +15,7 @@ from avc_hardware.codegen.teleoperator_header import teleoperator_header
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.other_end_coupling import TeleoperatorCoupling
 
 # A link without so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.

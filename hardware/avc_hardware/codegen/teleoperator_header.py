@@ -12,7 +12,7 @@ from avc_hardware.codegen.sensor_rule import SensorBounds
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from avc_casadi.model.lifted_loop import ToolGains
+    from avc_casadi.model.virtual_tool import ToolGains
     from avc_casadi.other_end_coupling import TeleoperatorCoupling
 
 _HEADER = """\

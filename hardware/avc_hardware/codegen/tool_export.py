@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.units import FORCE, in_its_units
-from avc_casadi.claims.stability.tool_loop import ToolLoops
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
 from avc_hardware.codegen.other_end_export import FADE_S, eased_c, verdict

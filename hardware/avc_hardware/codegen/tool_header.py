@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M
-from avc_casadi.claims.stability.tool_loop import ToolLoops
+from avc_casadi.loops.engine import ToolLoops
 from avc_hardware.codegen.c_frame import WORDS, comment, comment_lines
 from avc_hardware.codegen.other_end_export import FADE_S
 from avc_hardware.codegen.sensor_rule import SensorBounds

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from itertools import product
+from typing import Any, Protocol
 
 import numpy as np
 
-from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.claims.stability.eigenvalues import eigenvalues, leading_radii
-
-if TYPE_CHECKING:
-    from avc_casadi.model.lifted_loop import ToolGains
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi.loops.ranges import Box, worst_point
+from avc_casadi.loops.spectrum import eigenvalues, leading_radii
+from avc_casadi.model.virtual_tool import ToolGains
 
 # Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
 TOLERANCE = 1e-9
@@ -26,11 +25,46 @@ _DEAD, _DRIFT_HZ, _SLOW_HZ = 1e-6, 0.1, 2.0
 UNIT_S = 1e-3
 
 
-class Periodic(Protocol):
-    """Properties common to loops of one pattern of samples."""
+@dataclass(frozen=True)
+class Pattern:
+    """Loops of one pattern of samples.
 
+    Attributes:
+        maps: over a period with some gains, shape (loops, size, size).
+        shift: the state with all positions one metre on, shape (size,).
+        period_s: after which the pattern recurs.
+        ticks: events of the period by which a spectral radius is stated.
+        case: what one of the loops is: hand, device, contact.
+    """
+
+    maps: Callable[[ToolGains], FloatArray]
     shift: FloatArray
     period_s: float
+    ticks: int
+    case: Callable[[int], Any]
+
+
+@dataclass(frozen=True)
+class Region:
+    """Ranges that are searched, of one pattern of samples and one kind of contact.
+
+    Attributes:
+        box: of all ranges.
+        pattern: of m points of the box, from their values as of `Box.values`, one loop each.
+    """
+
+    box: Box
+    pattern: Callable[[dict[str, FloatArray]], Pattern]
+
+    def worst(self, gains: ToolGains, *, slow: bool) -> tuple[float, Pattern]:
+        """Return the largest growth in a millisecond that a search finds, and its loop; slow: of all modes."""
+
+        def growth(_: IndexArray, places: FloatArray) -> ComplexArray:
+            pattern = self.pattern(self.box.values(places))
+            return leading(pattern.maps(gains), pattern, slow=slow)
+
+        place, value = worst_point(growth, len(self.box.sides))
+        return abs(value), self.pattern(self.box.values(place[:, None]))
 
 
 @dataclass(frozen=True)
@@ -82,27 +116,26 @@ class WithMargin:
         return self.loops.slowest(gains)
 
 
-class PeriodicLoops(ABC):
+class System(Loops):
     """Loops, of one or several patterns, that a coupling must stabilise: corners of all ranges and points inside.
 
     A point inside joins them where a search of the ranges with some gains finds a loop worse than all known ones.
+
+    Args:
+        patterns: the loops at the corners.
+        regions: the ranges between them.
+
+    Attributes:
+        patterns: those of the corners, then that of each worst point inside the ranges.
+        corners: how many of the patterns are of corners.
     """
 
-    patterns: Sequence[Periodic]
-
-    def __init__(self) -> None:
+    def __init__(self, patterns: Sequence[Pattern], regions: Sequence[Region]) -> None:
+        self.patterns, self.corners, self._regions = list(patterns), len(patterns), regions
         self._few: dict[int, list[int]] = {}
         # Consecutive calls have the same gains: first for some loops, then for all.
         self._last: dict[int, tuple[ToolGains, FloatArray]] = {}
         self._searched: set[ToolGains] = set()
-
-    @abstractmethod
-    def matrices(self, place: int, gains: ToolGains) -> FloatArray:
-        """Return the monodromy matrices of the loops of a pattern, shape (loops, size, size)."""
-
-    @abstractmethod
-    def add_worst(self, gains: ToolGains, known: float) -> int:
-        """Search the ranges with these gains; add and count the points that grow faster in a millisecond than known."""
 
     def search(self, gains: ToolGains) -> int:
         """Search the ranges with these gains, once; return how many loops worse than all known ones joined them."""
@@ -110,8 +143,20 @@ class PeriodicLoops(ABC):
             return 0
         self._searched.add(gains)
         place, _, radius = self.worst(gains)
+        before, known = len(self.patterns), radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE)
         with np.errstate(over="ignore", invalid="ignore"):
-            return self.add_worst(gains, radius ** (UNIT_S / self.patterns[place].period_s) * (1 + TOLERANCE))
+            for region, slow in product(self._regions, (True, False)):
+                growth, pattern = region.worst(gains, slow=slow)
+                if growth > known:
+                    self.patterns.append(pattern)
+        return len(self.patterns) - before
+
+    def radius(self, gains: ToolGains) -> tuple[float, Any]:
+        """Return the largest spectral radius, for a tick, and what its loop is, after a search of the ranges."""
+        self.search(gains)
+        place, row, radius = self.worst(gains)
+        pattern = self.patterns[place]
+        return radius ** (1 / pattern.ticks), pattern.case(row)
 
     def refuted(self, gains: ToolGains) -> bool:
         """Return whether a search of the ranges finds an unstable loop that was not known."""
@@ -176,7 +221,7 @@ class PeriodicLoops(ABC):
         last = self._last.get(place)
         if last is None or last[0] != gains:
             with np.errstate(over="ignore", invalid="ignore"):
-                last = (gains, _held(self.matrices(place, gains), self.patterns[place].shift))
+                last = (gains, _held(self.patterns[place].maps(gains), self.patterns[place].shift))
             self._last[place] = last
         return last[1] if rows is None else last[1][rows]
 
@@ -185,7 +230,7 @@ def _contracts(values: ComplexArray) -> BoolArray:
     return np.asarray(np.abs(values).max(axis=-1) < 1 - TOLERANCE)
 
 
-def leading(matrices: FloatArray, pattern: Periodic, *, slow: bool) -> ComplexArray:
+def leading(matrices: FloatArray, pattern: Pattern, *, slow: bool) -> ComplexArray:
     """Return the largest eigenvalue of loops of a pattern (m, size, size), without a free translation.
 
     Its modulus is that over a millisecond, comparable between patterns.

@@ -35,7 +35,6 @@ _MOST_SIDES, _DRAWN, _LINES, _ASCENTS, _POINTS, _APART = 6, 40, 6, 5, 15, 0.25
 # A range that spans more than this factor is searched by its logarithm.
 _WIDE = 3.0
 
-
 Interval = tuple[float, float]
 Ranges = dict[str, Interval]
 """[lowest, highest] by name."""

@@ -1,0 +1,359 @@
+"""Device and virtual tool of a physics engine: the loop over whole steps of the engine, with hands, tools and clocks.
+
+Between two steps of the engine the device takes some samples; each is one linear map of the state, a step of the engine
+is another.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property, reduce
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
+from avc_casadi.loops.ranges import Box, Ranges, hand_at, hand_boxes, held_plant
+from avc_casadi.loops.system import TOLERANCE, Pattern, Region, System
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.hands import Hand, hand_corners, joined, with_released
+from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, ToolState, VirtualTool, tool_at, tool_states
+
+if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
+
+# Largest number of engine steps until the pattern recurs, if no multiple of T: 1/60 s recurs after three of 50 ms.
+_LONGEST_PERIOD = 8
+# Number of stiffnesses between free and the stiffest contact, spaced logarithmically.
+_CONTACTS = 4
+# Softest contact, as a share of the stiffest.
+_SOFTEST = 1e-3
+# Number of steps of the engine that are searched in a range of them.
+_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Timing of an engine's steps in samples of the device, until the pattern recurs.
+
+    Attributes:
+        samples: samples that the device takes after each step of the engine, before the next one.
+        aged: whether each step falls between two samples and reads the earlier one.
+        step_s: step of the engine's integrator.
+    """
+
+    samples: tuple[int, ...]
+    aged: tuple[bool, ...]
+    step_s: float
+
+    @property
+    def whole(self) -> bool:
+        """Whether each step of the engine falls on a sample, evenly spaced."""
+        return len(self.samples) == 1 and not self.aged[0]
+
+
+def clocks(step_s: float, sample_time_s: float) -> list[Clock]:
+    """Return the patterns of an engine's steps: one where T divides the step, otherwise one for each distinct phase."""
+    ratio = step_s / sample_time_s
+    if math.isclose(ratio, round(ratio), rel_tol=1e-6) and round(ratio) >= 1:
+        return [Clock((round(ratio),), (False,), step_s)]
+    period = Fraction(ratio).limit_denominator(_LONGEST_PERIOD)
+    if period == 0:
+        period = Fraction(1, _LONGEST_PERIOD)
+    # Phases within 1/period of each other give the same pattern; either one step falls on a sample or none does.
+    return [_clock(period, phase, step_s) for phase in (Fraction(0), Fraction(1, 2 * period.denominator))]
+
+
+def _clock(period: Fraction, phase: Fraction, step_s: float) -> Clock:
+    times = [step * period + phase for step in range(period.denominator + 1)]
+    # A step at a sample precedes the force of that sample; one between two samples takes effect at the later one.
+    first = [math.ceil(time) for time in times]
+    return Clock(
+        tuple(after - before for before, after in itertools.pairwise(first)),
+        tuple(time.denominator != 1 for time in times[:-1]),
+        step_s,
+    )
+
+
+@dataclass(frozen=True)
+class ToolCase:
+    """One loop: hand, device, tool with its contact, engine step."""
+
+    hand: dict[str, float]
+    device: dict[str, float]
+    tool: ToolState
+    step_s: float
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Device, engine and tools as events of one loop.
+
+    State: the device, its last two measured positions, position and velocity of the tool, and the queued outputs of the
+    engine (position and velocity, or a force).
+
+    Attributes:
+        body: the device with its hands; the tools run along its first axis.
+        clock: when the engine steps.
+        engine: its integrator and its outputs.
+        tools: with their contacts.
+    """
+
+    body: Body
+    clock: Clock
+    engine: VirtualTool
+    tools: Sequence[ToolState]
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The blocks of the state."""
+        return Loop(plant=self.body.size, seen=2, tool=2, queue=self._wide * (1 + self.engine.queued))
+
+    @property
+    def shift(self) -> FloatArray:
+        """The state with all positions one metre on."""
+        queue = np.tile([1.0, 0.0], 1 + self.engine.queued) if self._wide == 2 else 0.0
+        return self.loop.vector(plant=self.body.shift, seen=1.0, tool=np.array([1.0, 0.0]), queue=queue)
+
+    @property
+    def period_s(self) -> float:
+        """Time after which the pattern of steps recurs."""
+        return sum(self.clock.samples) * self.body.sample_time_s
+
+    def maps(self, gains: ToolGains) -> Map:
+        """Return the maps over one period, shape (tools, ..., size, size), or (size, size) of each tool and body."""
+        sample, steps = self.sample(gains), {late: self.step(gains, late=late) for late in set(self.clock.aged)}
+        order = list(zip(self.clock.samples, self.clock.aged, strict=True))
+        whole = {
+            (count, late): np.linalg.matrix_power(sample, count) @ steps[late] for count, late in dict.fromkeys(order)
+        }
+        return period([whole[one] for one in order])
+
+    def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
+        """Return the force commanded by the loop per metre of oscillation of a driven device and the first tool, N/m.
+
+        Args:
+            gains: of the coupling.
+            frequency_hz: below half the sampling rate.
+        """
+        turn = turn_of(frequency_hz, self.body.sample_time_s)
+        driven = replace(self, body=Body.driven(self.body.sample_time_s, turn))
+        sample, force = driven.sample(gains), driven.force(gains)
+        events: list[Map] = []
+        reads: list[Rows | None] = []
+        for count, late in zip(self.clock.samples, self.clock.aged, strict=True):
+            events += [driven.step(gains, late=late)[0], *(count * [sample])]
+            reads += [None, *(count * [force])]
+        return response(events, reads, turn)
+
+    def alone(self) -> FloatArray:
+        """Return the maps of the tools over a step without any coupling, shape (tools, 2, 2)."""
+        tool, step = self.loop.at["tool"], self.step(ToolGains(0.0, 0.0), late=False)
+        return np.asarray(step.reshape(-1, *step.shape[-2:])[:, tool, tool])
+
+    @property
+    def _wide(self) -> int:
+        return 1 if self.engine.exchange == "held-force" else 2
+
+    def _seen(self, *, late: bool) -> tuple[Rows, Rows]:
+        """Return rows of position and velocity of the device at its newest sample, or the one before."""
+        loop, (last, older) = self.loop, self.loop["seen"]
+        now, before = (last, older) if late else (self.body.measured @ loop["plant"], last)
+        return now, (now - before) / self.body.sample_time_s
+
+    def force(self, gains: ToolGains) -> Rows:
+        """Return the force commanded by the device's loop."""
+        (x, v), given = self._seen(late=False), self.loop["queue"][-self._wide :]
+        if self._wide == 1:
+            pull = given[0]
+        else:
+            pull = gains.stiffness_n_per_m * (x - given[0]) + gains.damping_ns_per_m * (v - given[1])
+        return np.asarray(pull + gains.local_damping_ns_per_m * v)
+
+    def sample(self, gains: ToolGains) -> Map:
+        """Return the maps of one sample of the device."""
+        loop = self.loop
+        seen = np.stack([self.body.measured @ loop["plant"], loop["seen"][0]])
+        return loop.event(plant=self.body.moved(loop["plant"], self.force(gains)), seen=seen)
+
+    def step(self, gains: ToolGains, *, late: bool) -> Map:
+        """Return the maps of one step of the engine, shape (tools, ..., size, size)."""
+        loop, (x, v) = self.loop, self._seen(late=late)
+        place, speed = loop["tool"]
+        axes = (len(self.tools), *(1,) * max(self.body.a.ndim - 2, 1))
+        free = np.reshape([0.0 if one.fixed else 1.0 for one in self.tools], axes)
+        mass, drag, k_c, b_c = (
+            np.reshape([0.0 if one.fixed else value for one, value in zip(self.tools, values, strict=True)], axes)
+            for values in zip(*(vars(one).values() for one in self.tools), strict=True)
+        )
+        mass = np.where(free, mass, 1.0)
+        drag = drag + b_c
+        k, b, t = gains.stiffness_n_per_m, gains.damping_ns_per_m, self.clock.step_s
+        push = k * (x - place) - k_c * place + b * v
+        if self.engine.integrator in ("implicit", "implicit-damping"):
+            solved = k + k_c if self.engine.integrator == "implicit" else 0.0
+            after = (mass * speed + t * push) / (mass + t * (drag + b) + t**2 * solved)
+        else:
+            after = speed + t / mass * (push - (drag + b) * speed)
+        moved = place + t * (speed if self.engine.integrator == "explicit" else after)
+        tool = np.stack([free * moved, free * after], axis=-2)
+        if self._wide == 1:
+            out = (k * (x - free * place) + b * (v - free * speed))[..., None, :]
+        else:
+            out = tool if self.engine.exchange == "ahead" else free[..., None] * loop["tool"]
+        return loop.event(tool=tool, queue=loop.queue("queue", out))
+
+
+class ToolLoops(System):
+    """All loops of a problem with [simulation]: hands, released, devices, tools, contacts and clocks of its ranges.
+
+    Args:
+        problem: with [simulation].
+        beside: hands that are looked at beside the corners, such as the worst of a similar problem.
+
+    Attributes:
+        tool: the [simulation].
+        tools: the corners of tool and contact, at the device.
+        hands: corners of [hands] and those beside them, the device released last.
+    """
+
+    def __init__(self, problem: Problem, beside: Sequence[Hand] = ()) -> None:
+        self.tool = tool = required_tool(problem)
+        self.hands = with_released(reduce(joined, beside, hand_corners(problem.hands)))
+        self._devices = device_corners(problem.device, LINEAR_KEYS)
+        self.tools = list(
+            dict.fromkeys(one for contact in contact_stiffnesses_n_per_m(tool) for one in tool_states(tool, contact))
+        )
+        body = Body.of(sampled_plant(self._devices, self.hands)).axes(None)
+        sample_time_s = problem.device.sample_time_s
+
+        def at_corners(clock: Clock) -> Pattern:
+            engine = Engine(body, clock, tool, self.tools)
+            return _pattern(engine, lambda row: self._case(row, clock.step_s))
+
+        known = [at_corners(clock) for step_s in sorted(set(tool.step_s)) for clock in clocks(step_s, sample_time_s)]
+        every = [clock for step_s in _steps_s(tool) for clock in clocks(step_s, sample_time_s)]
+        regions = (every, _contact_ranges_n_per_m(tool), hand_boxes(problem))
+        super().__init__(known, [_region(problem, *one) for one in product(*regions)])
+
+    @property
+    def worst_hands(self) -> tuple[Hand, ...]:
+        """The worst hands inside the ranges that searches found."""
+        return tuple(Hand(**one.case(0).hand) for one in self.patterns[self.corners :])
+
+    def __len__(self) -> int:
+        shape = self.corners, len(self.tools), len(self._devices), len(self.hands)
+        return math.prod(shape) + len(self.patterns) - self.corners
+
+    def radii(self, gains: ToolGains) -> FloatArray:
+        """Return the spectral radius of each loop at the corners, for a step of the engine, the largest of all clocks.
+
+        Returns:
+            Shape (tools, devices, hands); the device released is the last of the hands.
+        """
+        each = [
+            np.abs(self.eigenvalues(place, gains)).max(axis=-1) ** (1 / pattern.ticks)
+            for place, pattern in enumerate(self.patterns[: self.corners])
+        ]
+        return np.asarray(np.max(each, axis=0).reshape(len(self.tools), len(self._devices), len(self.hands)))
+
+    def engine_alone_stable(self) -> bool:
+        """Return whether the tool in contact is stable without any coupling, a property of the engine alone."""
+        touching = [one for one in self.tools if not one.fixed and one.contact_stiffness_n_per_m > 0]
+        if not touching:
+            return True
+        body = Body.driven(self._devices[0].sample_time_s, 1.0)
+        of_clocks = (clock for step_s in set(self.tool.step_s) for clock in clocks(step_s, body.sample_time_s))
+        alone = (np.linalg.eigvals(Engine(body, clock, self.tool, touching).alone()) for clock in of_clocks)
+        return all(np.abs(values).max() <= 1 + TOLERANCE for values in alone)
+
+    def _case(self, row: int, step_s: float) -> ToolCase:
+        shape = len(self.tools), len(self._devices), len(self.hands)
+        tool, device, hand = (int(one) for one in np.unravel_index(row, shape))
+        return ToolCase(self.hands.values(hand), linear_values(self._devices[device]), self.tools[tool], step_s)
+
+
+def _pattern(engine: Engine, case: Callable[[int], ToolCase]) -> Pattern:
+    def maps(gains: ToolGains) -> FloatArray:
+        found = engine.maps(gains)
+        return np.asarray(found.reshape(-1, *found.shape[-2:]))
+
+    return Pattern(maps, engine.shift, engine.period_s, len(engine.clock.samples), case)
+
+
+def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: Ranges) -> Region:
+    """Return the ranges where clock and kind of contact are set; a tool that is fixed has no other sides."""
+    tool, fixed = required_tool(problem), contact[0] >= RIGID_N_PER_M
+    mass = tool.tool_mass_kg or (math.inf, math.inf)
+    of_tool = {
+        "tool.mass_kg": (mass[0], mass[0]) if fixed else mass,
+        "tool.damping_ns_per_m": (0.0, 0.0) if fixed else tool.tool_damping_ns_per_m,
+        "contact.stiffness_n_per_m": contact,
+    }
+    if 0 < contact[0] < RIGID_N_PER_M and tool.contact_damping_ns_per_m is not None:
+        of_tool["contact.damping_ns_per_m"] = tool.contact_damping_ns_per_m
+
+    def pattern(values: dict[str, FloatArray]) -> Pattern:
+        devices, plant = held_plant(problem.device, values)
+        tools = [tool_at(tool, *row) for row in np.array([values[key] for key in of_tool]).T.tolist()]
+        engine = Engine(Body.of(plant).flat(), clock, tool, tools)
+        return _pattern(
+            engine, lambda row: ToolCase(hand_at(values, row), linear_values(devices[row]), tools[row], clock.step_s)
+        )
+
+    return Region(Box({**hand, **device_ranges(problem.device, LINEAR_KEYS), **of_tool}), pattern)
+
+
+def required_tool(problem: Problem) -> VirtualTool:
+    """Return the [simulation] of a problem.
+
+    Raises:
+        InputError: it has no [simulation].
+    """
+    if problem.simulation is None:
+        raise InputError.of(
+            "is missing; allowed: a table with step_s, and tool_mass_kg where the engine moves a tool",
+            file=problem.name or "problem",
+            key="simulation",
+        )
+    return problem.simulation
+
+
+def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
+    """Return the contacts that are tried, in the scene: free and rigid, and the springs of a range that has an end.
+
+    An unbounded range stands for an engine that solves contacts as constraints: the tool is free or stopped.
+
+    Args:
+        tool: with the range.
+    """
+    lowest, highest = tool.contact_stiffness_n_per_m
+    if tool.rigid:
+        return [0.0, *([lowest] if 0 < lowest < RIGID_N_PER_M else []), RIGID_N_PER_M]
+    low = max(lowest, _SOFTEST * highest)
+    between = np.geomspace(low, highest, _CONTACTS).tolist() if 0 < low < highest else [highest]
+    return sorted({0.0, *between, RIGID_N_PER_M})
+
+
+def _contact_ranges_n_per_m(tool: VirtualTool) -> list[tuple[float, float]]:
+    """Return the ranges of contacts that are searched, in the scene: free, springs, rigid; none moves a fixed tool."""
+    if tool.tool_mass_kg is None:
+        return [(RIGID_N_PER_M, RIGID_N_PER_M)]
+    contacts = contact_stiffnesses_n_per_m(tool)
+    springs = [one for one in contacts if 0 < one < RIGID_N_PER_M]
+    ends = [0.0, *([springs[0]] if springs else []), RIGID_N_PER_M]
+    return [(one, springs[-1] if one and one < RIGID_N_PER_M else one) for one in ends if one in contacts]
+
+
+def _steps_s(tool: VirtualTool) -> list[float]:
+    """Return the steps of the engine that are searched: the ends of the range and some between."""
+    shortest, longest = tool.step_s
+    return np.geomspace(shortest, longest, _STEPS).tolist() if longest > shortest else [shortest]

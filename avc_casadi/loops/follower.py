@@ -1,0 +1,419 @@
+"""Two devices coupled over a link with delay: the loop of a teleoperator, with hands, environments and both clocks.
+
+Each device is exact from one of its samples to the next. At a sample it sends its position, reads the newest one
+that has arrived, and holds a force.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import cached_property
+from itertools import product
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from avc_casadi._errors import InputError
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.loops.loop import Body, Loop, Map, Rows, period, response, turn_of
+from avc_casadi.loops.ranges import Box, Ranges, hand_at, hand_boxes, held_plant
+from avc_casadi.loops.system import Pattern, Region, System
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
+from avc_casadi.model.follower import Follower
+from avc_casadi.model.hands import Hand, hand_corners, with_released
+from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
+from avc_casadi.model.virtual_tool import ToolGains
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
+
+# Largest number of samples of the slower clock until the pattern recurs.
+_LONGEST_PERIOD = 8
+# Delays are read to this part of a sample.
+_FINEST = 10**6
+# Number of stiffnesses between free and the stiffest environment, spaced logarithmically.
+_ENVIRONMENTS = 4
+# Damping of a contact without a declared one.
+_CONTACT_DAMPING_RATIO = 0.1
+# Stiffest non-rigid environment, and softest, as shares of the follower's m/T^2: no effect beyond these.
+_STIFFEST, _SOFTEST = 1.0, 1e-5
+# Number of delays of each way that are searched in a range of them.
+_DELAYS = 3
+
+
+@dataclass(frozen=True)
+class LinkClock:
+    """Samples of both devices until their pattern recurs, and the age of the data received.
+
+    Attributes:
+        events: at each instant, whether the leader and whether the follower takes a sample.
+        leader_sees: for each sample of the leader in the period, how many samples of the follower lie between its
+            newest one and the one that has arrived.
+        follower_sees: the same the other way.
+    """
+
+    events: tuple[tuple[bool, bool], ...]
+    leader_sees: tuple[int, ...]
+    follower_sees: tuple[int, ...]
+
+
+def link_clocks(leader_s: float, follower_s: float, there_s: float, back_s: float) -> list[LinkClock]:
+    """Return the distinct patterns of two clocks, of every phase.
+
+    Args:
+        leader_s: sample time of the leader.
+        follower_s: of the follower.
+        there_s: delay from leader to follower.
+        back_s: delay from follower to leader.
+    """
+    ratio = Fraction(follower_s / leader_s).limit_denominator(_LONGEST_PERIOD)
+    if ratio == 0:
+        ratio = Fraction(1, _LONGEST_PERIOD)
+    there, back = there_s / leader_s, back_s / leader_s
+    # Phases recur after one over the denominator; the pattern changes where a message arrives at a sample.
+    recurs = Fraction(1, ratio.denominator)
+    turns = sorted({Fraction(0), *(Fraction(late).limit_denominator(_FINEST) % recurs for late in (there, -back))})
+    between = [(one + other) / 2 for one, other in itertools.pairwise([*turns, recurs])]
+    return list(dict.fromkeys(_clock(ratio, phase, there, back) for phase in sorted({*turns, *between})))
+
+
+def _clock(ratio: Fraction, phase: Fraction, there: float, back: float) -> LinkClock:
+    """Return one pattern; times are counted in samples of the leader, `ratio` being a sample of the follower."""
+    leader = [Fraction(k) for k in range(ratio.numerator)]
+    follower = [k * ratio + phase for k in range(ratio.denominator)]
+    times = sorted({*leader, *follower})
+    return LinkClock(
+        tuple((time in leader, time in follower) for time in times),
+        tuple(_age(float(time - phase) / float(ratio), back / float(ratio)) for time in leader),
+        tuple(_age(float(time), there) for time in follower),
+    )
+
+
+def _age(samples_since_first: float, delay_samples: float) -> int:
+    """Return how many samples of the sender lie between its newest one at a time and the one that has arrived."""
+    return math.floor(samples_since_first + 1e-9) - math.floor(samples_since_first - delay_samples + 1e-9)
+
+
+@dataclass(frozen=True)
+class BilateralCase:
+    """One loop: the hand on the leader, the environment of the follower, the delays of the link."""
+
+    hand: dict[str, float]
+    environment_n_per_m: float
+    leader: dict[str, float]
+    follower: dict[str, float]
+    delays_s: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Environments of a follower, in the leader's units; the arrays have the leading axes of its body.
+
+    Attributes:
+        body: the follower with its environments.
+        fixed: where it cannot move.
+        force: of the environment on the follower, as rows of the body's state.
+    """
+
+    body: Body
+    fixed: FloatArray
+    force: Rows
+
+    @classmethod
+    def of(cls, follower: SampledPlant, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray) -> Self:
+        """Return environments, one axis: one device in each, or one for each.
+
+        Args:
+            follower: with the environments in place of hands.
+            stiffness_n_per_m: of the environments; infinite where the follower is fixed.
+            damping_ns_per_m: of the environments.
+        """
+        body, fixed = Body.of(follower).flat(), np.isinf(stiffness_n_per_m)
+        end = "handle" if "handle_position_m" in body.names else "device"
+        spring = np.where(fixed, 0.0, stiffness_n_per_m)[:, None] * body.row(f"{end}_position_m")
+        damper = damping_ns_per_m[:, None] * body.row(f"{end}_velocity_m_per_s")
+        return cls(body, fixed.astype(np.float64), spring + damper)
+
+    def axes(self, *index: Any) -> Self:
+        """Return some environments, or other axes."""
+        return type(self)(self.body.axes(*index), self.fixed[index], self.force[index])
+
+
+@dataclass(frozen=True)
+class Link:
+    """Leader and follower as events of one loop.
+
+    A force that is sent was commanded, or measured, at the follower's last sample before the leader's own. State: both
+    devices, the positions that each has sent (the newest first), and the forces that the follower has sent.
+
+    Attributes:
+        leader: with its hands; its leading axes and those of `touch` broadcast.
+        touch: the follower with its environments.
+        clock: of both.
+        follower: its architecture and the force that it sends.
+    """
+
+    leader: Body
+    touch: Touch
+    clock: LinkClock
+    follower: Follower
+
+    @cached_property
+    def loop(self) -> Loop:
+        """The blocks of the state; two positions more than the oldest one used are kept, for its velocity."""
+        leader_sees, follower_sees = max(self.clock.leader_sees), max(self.clock.follower_sees)
+        return Loop(
+            body0=self.leader.size,
+            body1=self.touch.body.size,
+            sent0=follower_sees + 2,
+            sent1=leader_sees + 2,
+            forces=leader_sees + 1 if self._force_is_sent else 0,
+        )
+
+    @property
+    def shift(self) -> FloatArray:
+        """The state with all positions one metre on."""
+        return self.loop.vector(body0=self.leader.shift, body1=self.touch.body.shift, sent0=1.0, sent1=1.0)
+
+    @property
+    def samples(self) -> int:
+        """Number of the leader's samples until the pattern recurs."""
+        return sum(event[0] for event in self.clock.events)
+
+    def maps(self, gains: ToolGains) -> Map:
+        """Return the maps over one period.
+
+        Args:
+            gains: K, B and the damper that each loop adds to its own device, at the leader.
+        """
+        return period([event for event, _ in self.events(gains)])
+
+    def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
+        """Return the force commanded by the leader's loop per metre of a driven leader's oscillation, N/m.
+
+        Args:
+            gains: of the coupling, with a single environment.
+            frequency_hz: below half the sampling rate of the leader.
+        """
+        turn = turn_of(frequency_hz, self.leader.sample_time_s)
+        driven = replace(self, leader=Body.driven(self.leader.sample_time_s, turn))
+        events, reads = zip(*driven.events(gains), strict=True)
+        return response(events, reads, turn)
+
+    def pulls(self, gains: ToolGains, ages: tuple[int, int]) -> list[Rows]:
+        """Return the force of the coupling on each side, positive against +x.
+
+        Args:
+            gains: of the coupling.
+            ages: of what each side reads, in samples of the other.
+        """
+        (x, v), (y, w) = self._seen(0, 0), self._seen(1, 0)
+        (far_y, far_w), (far_x, far_v) = self._seen(1, ages[0]), self._seen(0, ages[1])
+        k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
+        back = -self.loop["forces"][ages[0]] if self._force_is_sent else k * (x - far_y) + b * (v - far_w)
+        return [back, k * (y - far_x) + b * (w - far_v)]
+
+    @property
+    def _force_is_sent(self) -> bool:
+        return self.follower.architecture == "position-force"
+
+    def _seen(self, side: int, age: int) -> tuple[Rows, Rows]:
+        """Return position and velocity that a side sent a number of its samples ago."""
+        sent, body = self.loop[f"sent{side}"], (self.leader, self.touch.body)[side]
+        return sent[age], (sent[age] - sent[age + 1]) / body.sample_time_s
+
+    def events(self, gains: ToolGains) -> list[tuple[Map, Rows | None]]:
+        """Return the maps of a period, and the leader's commanded force before each by which its device moves."""
+        loop, bodies, count, found = self.loop, (self.leader, self.touch.body), [0, 0], list[tuple[Map, Rows | None]]()
+        for here in self.clock.events:
+            sides = [side for side in (0, 1) if here[side]]
+            measured = {side: bodies[side].measured @ loop[f"body{side}"] for side in sides}
+            sent = {f"sent{side}": loop.queue(f"sent{side}", measured[side][None]) for side in sides}
+            found.append((loop.event(**sent), None))
+            sees = self.clock.leader_sees, self.clock.follower_sees
+            leads, follows = (age[done % len(age)] for age, done in zip(sees, count, strict=True))
+            pulls = self.pulls(gains, (leads, follows))
+            forces = [pull + gains.local_damping_ns_per_m * self._seen(side, 0)[1] for side, pull in enumerate(pulls)]
+            new = {f"body{side}": bodies[side].moved(loop[f"body{side}"], forces[side]) for side in sides}
+            if 1 in sides:
+                new["body1"] = new["body1"] * (1 - self.touch.fixed)[..., None, None]
+                if self._force_is_sent:
+                    new["forces"] = loop.queue("forces", self._sent_force(pulls[1]))
+            found.append((loop.event(**new), forces[0] if 0 in sides else None))
+            count = [done + taken for done, taken in zip(count, here, strict=True)]
+        return found
+
+    def _sent_force(self, commanded: Rows) -> Rows:
+        """Return the force that the follower sends: commanded, or of its contact where that is not rigid."""
+        if self.follower.force == "commanded":
+            return commanded[None]
+        fixed = self.touch.fixed[..., None]
+        measured = -self.touch.force @ self.loop["body1"]
+        return np.asarray((fixed * commanded + (1 - fixed) * measured)[..., None, :])
+
+
+class BilateralLoops(System):
+    """All loops of a problem with [follower]: hands, released, environments, both devices, delays, clocks.
+
+    Args:
+        problem: with [follower].
+
+    Attributes:
+        follower: the [follower].
+        hands: corners of [hands], the leader released last.
+        environments_n_per_m: stiffnesses at the follower, in the leader's units.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.follower = follower = required_follower(problem)
+        self.hands = with_released(hand_corners(problem.hands))
+        stiffness, damping = environments(follower)
+        self.environments_n_per_m = stiffness
+        touched = Hand(np.zeros(len(stiffness)), damping, np.where(np.isinf(stiffness), 0.0, stiffness))
+        times = problem.device.sample_time_s, follower.sample_time_s
+        known: list[Pattern] = []
+        leaders, followers = (device_corners(one, LINEAR_KEYS) for one in (problem.device, follower.at_leader()))
+        for leader, other in product(leaders, followers):
+            body = Body.of(sampled_plant(leader, self.hands)).flat().axes(slice(None), None)
+            touch = Touch.of(sampled_plant(other, touched), stiffness, damping)
+            for delays_s in follower.delays_s:
+                case = self._case_of(leader, other, delays_s)
+                pairs = [Link(body, touch, clock, follower) for clock in link_clocks(*times, *delays_s)]
+                known += [_pattern(pair, case) for pair in pairs]
+        boxes = [
+            _region(problem, clock, delays_s, contact, hand)
+            for delays_s in _delays_s(follower)
+            for clock in link_clocks(*times, *delays_s)
+            for contact in _contact_ranges_n_per_m(follower)
+            for hand in hand_boxes(problem)
+        ]
+        super().__init__(known, boxes)
+
+    def __len__(self) -> int:
+        at_corners = self.corners * len(self.environments_n_per_m) * len(self.hands)
+        return at_corners + len(self.patterns) - self.corners
+
+    def _case_of(self, leader: Device, other: Device, delays_s: tuple[float, float]) -> Callable[[int], BilateralCase]:
+        def case(row: int) -> BilateralCase:
+            hand, environment = np.unravel_index(row, (len(self.hands), len(self.environments_n_per_m)))
+            return BilateralCase(
+                self.hands.values(int(hand)),
+                float(self.environments_n_per_m[environment]),
+                linear_values(leader),
+                linear_values(other),
+                delays_s,
+            )
+
+        return case
+
+
+def _pattern(pair: Link, case: Callable[[int], BilateralCase]) -> Pattern:
+    def maps(gains: ToolGains) -> FloatArray:
+        found = pair.maps(gains)
+        return np.asarray(found.reshape(-1, *found.shape[-2:]))
+
+    return Pattern(maps, pair.shift, pair.samples * pair.leader.sample_time_s, pair.samples, case)
+
+
+def _region(
+    problem: Problem, clock: LinkClock, delays_s: tuple[float, float], contact: tuple[float, float], hand: Ranges
+) -> Region:
+    """Return the ranges where clock, delays and the kind of contact, in the follower's units, are set."""
+    leader, follower = problem.device, required_follower(problem)
+    other = follower.at_leader()
+    of_other = {f"follower.{key}": ends for key, ends in device_ranges(other, LINEAR_KEYS).items()}
+    touched = {"contact.stiffness_n_per_m": contact}
+    if contact[0] > 0 and contact[1] < math.inf and follower.contact_damping_ns_per_m is not None:
+        touched["contact.damping_ns_per_m"] = follower.contact_damping_ns_per_m
+
+    def pattern(values: dict[str, FloatArray]) -> Pattern:
+        springs, dampers = values["contact.stiffness_n_per_m"], values.get("contact.damping_ns_per_m")
+        if dampers is None:
+            each = [contact_dampers_ns_per_m(follower, one)[0] if 0 < one < math.inf else 0.0 for one in springs]
+            dampers = np.array(each)
+        stiffness, damping = follower.scale * springs, follower.scale * dampers
+        in_contact = {
+            "hand.mass_kg": np.zeros(len(springs)),
+            "hand.damping_ns_per_m": damping,
+            "hand.stiffness_n_per_m": np.where(np.isinf(stiffness), 0.0, stiffness),
+        }
+        inner = {key.removeprefix("follower."): value for key, value in values.items() if key.startswith("follower.")}
+        leaders, held = held_plant(leader, values)
+        others, far = held_plant(other, {**inner, **in_contact})
+        pair = Link(Body.of(held).flat(), Touch.of(far, stiffness, damping), clock, follower)
+
+        def case(row: int) -> BilateralCase:
+            ends = linear_values(leaders[row]), linear_values(others[row])
+            return BilateralCase(hand_at(values, row), float(stiffness[row]), *ends, delays_s)
+
+        return _pattern(pair, case)
+
+    return Region(Box({**hand, **device_ranges(leader, LINEAR_KEYS), **of_other, **touched}), pattern)
+
+
+def required_follower(problem: Problem) -> Follower:
+    """Return the [follower] of a problem.
+
+    Raises:
+        InputError: it has no [follower].
+    """
+    if problem.follower is None:
+        raise InputError.of(
+            "is missing; allowed: a table with the keys of [device] and delay_s",
+            file=problem.name or "problem",
+            key="follower",
+        )
+    return problem.follower
+
+
+def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
+    """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid.
+
+    Args:
+        follower: with its ranges.
+    """
+    low, top = _springs_n_per_m(follower)
+    springs = np.geomspace(low, top, _ENVIRONMENTS).tolist() if low < top else [top] if top > 0 else []
+    found = [(0.0, 0.0)]
+    found += [(one, damper) for one in springs for damper in contact_dampers_ns_per_m(follower, one)]
+    found += [(math.inf, 0.0)] if follower.rigid else []
+    stiffness, damping = (follower.scale * np.array(column) for column in zip(*found, strict=True))
+    return stiffness, damping
+
+
+def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> list[float]:
+    """Return the dampers in parallel with a contact spring, in the follower's units.
+
+    Args:
+        follower: with the range.
+        stiffness_n_per_m: of the spring.
+    """
+    if follower.contact_damping_ns_per_m is not None:
+        return sorted(set(follower.contact_damping_ns_per_m))
+    return [2 * _CONTACT_DAMPING_RATIO * math.sqrt(stiffness_n_per_m * follower.mass_kg)]
+
+
+def _contact_ranges_n_per_m(follower: Follower) -> list[tuple[float, float]]:
+    """Return the ranges of environments that are searched, in the follower's units: free, springs, rigid."""
+    low, top = _springs_n_per_m(follower)
+    springs = [(min(low, top), top)] if top > 0 else []
+    return [(0.0, 0.0), *springs, *([(math.inf, math.inf)] if follower.rigid else [])]
+
+
+def _springs_n_per_m(follower: Follower) -> tuple[float, float]:
+    """Return the softest and the stiffest environment that has any effect and is not rigid."""
+    lowest, highest = follower.contact_stiffness_n_per_m
+    unit = follower.mass_kg / follower.sample_time_s**2
+    return max(lowest, _SOFTEST * unit), min(highest, _STIFFEST * unit)
+
+
+def _delays_s(follower: Follower) -> list[tuple[float, float]]:
+    """Return the delays that are searched: the ends of both ranges and some between."""
+    ways = (follower.delay_s, follower.return_delay_s or follower.delay_s)
+    each = [np.linspace(*way, _DELAYS).tolist() if way[1] > way[0] else [way[0]] for way in ways]
+    return list(product(*each))

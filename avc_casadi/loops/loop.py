@@ -1,0 +1,160 @@
+"""A sampled loop as one linear state with named blocks: events map it, their product over a period decides.
+
+A periodic loop (an engine that steps every few samples, two devices with their own clocks) has no transfer function at
+T; the map over one whole period, its monodromy matrix, has the spectral radius that decides on stability.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi.model.sampled_plant import SampledPlant
+
+Rows = NDArray[Any]
+"""Linear forms of the state, shape (..., k, size), or (..., size) for a single one."""
+Map = NDArray[Any]
+"""From the state before an event to that after it, shape (..., size, size)."""
+
+
+class Loop:
+    """Named blocks of one state.
+
+    Args:
+        **sizes: number of states of each block. Leading axes of rows and maps run over corners, hands and contacts.
+    """
+
+    def __init__(self, **sizes: int) -> None:
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        self.size = ends[-1]
+        self.at = {name: slice(*ends[place : place + 2]) for place, name in enumerate(sizes)}
+        self.unit = np.eye(self.size)
+
+    def __getitem__(self, name: str) -> Rows:
+        """Return the rows of a block."""
+        return self.unit[self.at[name]]
+
+    def event(self, **new: Rows) -> Map:
+        """Return the map that sets blocks to rows (..., k, size) of the state before, and keeps the others."""
+        shape = np.broadcast_shapes(*(rows.shape[:-2] for rows in new.values()))
+        step = np.empty((*shape, self.size, self.size), dtype=np.result_type(*new.values()))
+        step[...] = self.unit
+        for name, rows in new.items():
+            step[..., self.at[name], :] = rows
+        return step
+
+    def queue(self, name: str, first: Rows) -> Rows:
+        """Return the rows of a queue, newest entries first, into which `first` (..., k, size) is put."""
+        kept = self[name][: len(self[name]) - first.shape[-2]]
+        return np.concatenate([first, np.broadcast_to(kept, (*first.shape[:-2], *kept.shape))], axis=-2)
+
+    def vector(self, **values: FloatArray | float) -> FloatArray:
+        """Return the state in which some blocks have values, and the others are 0."""
+        found = np.zeros(self.size)
+        for name, value in values.items():
+            found[self.at[name]] = value
+        return found
+
+
+def period(events: Sequence[Map]) -> Map:
+    """Return the map over all events, the first one first."""
+    whole = events[0]
+    for event in events[1:]:
+        whole = event @ whole
+    return whole
+
+
+def turn_of(frequency_hz: float, sample_time_s: float) -> complex:
+    """Return the factor by which an oscillation turns in a sample."""
+    return cmath.exp(2j * math.pi * frequency_hz * sample_time_s)
+
+
+def response(events: Sequence[Map], reads: Sequence[Rows | None], turn: complex) -> complex:
+    """Return what is read per unit of the first state, which turns by a factor at every read.
+
+    Of a periodic loop this is the component at that frequency.
+
+    Args:
+        events: maps of a loop whose first block is `Body.driven`.
+        reads: row that is read before each event, or None.
+        turn: of the driven state.
+    """
+    whole, count = period(events), sum(read is not None for read in reads)
+    inner = turn**count * np.eye(len(whole) - 1) - whole[1:, 1:]
+    state = np.append(1.0, np.linalg.solve(inner, whole[1:, 0]))
+    total, done = 0.0 + 0.0j, 0
+    for event, read in zip(events, reads, strict=True):
+        if read is not None:
+            total, done = total + turn**-done * (read @ state), done + 1
+        state = event @ state
+    return complex(total / count)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A sampled plant with its forces under way; velocities are counted by the sample, which keeps digits.
+
+    Attributes:
+        a: shape (..., n, n).
+        b: of the commanded force, positive against +x, shape (..., n).
+        measured: row of the measured position, shape (n,).
+        sample_time_s: T.
+        names: of the first states; the others are forces under way.
+    """
+
+    a: NDArray[Any]
+    b: FloatArray
+    measured: FloatArray
+    sample_time_s: float
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, plant: SampledPlant) -> Self:
+        """Return a plant's body, leading axes (devices, hands)."""
+        a, b = plant.with_forces_under_way()
+        scale = np.ones(b.shape[-1])
+        scale[: len(plant.names)] = [plant.sample_time_s if one.endswith("_per_s") else 1.0 for one in plant.names]
+        measured = np.pad(plant.measured, (0, len(scale) - len(plant.measured)))
+        return cls(a * scale[:, None] / scale, b * scale, measured, plant.sample_time_s, plant.names)
+
+    @classmethod
+    def driven(cls, sample_time_s: float, turn: complex = 1.0) -> Self:
+        """Return a device in imposed motion: its one state is its position, which turns by a factor each sample."""
+        return cls(np.full((1, 1), turn), np.zeros(1), np.ones(1), sample_time_s, ("device_position_m",))
+
+    @property
+    def size(self) -> int:
+        """Number of states."""
+        return len(self.measured)
+
+    @property
+    def shift(self) -> FloatArray:
+        """The state with all positions one metre on."""
+        shift = [float(name.endswith("_position_m")) for name in self.names]
+        return np.pad(shift, (0, self.size - len(shift)))
+
+    def row(self, name: str) -> FloatArray:
+        """Return the row of a state in its own unit, shape (n,)."""
+        unit = 1 / self.sample_time_s if name.endswith("_per_s") else 1.0
+        return np.pad([unit * (one == name) for one in self.names], (0, self.size - len(self.names)))
+
+    def axes(self, *index: Any) -> Self:
+        """Return the body with its leading axes indexed."""
+        return type(self)(self.a[index], self.b[index], self.measured, self.sample_time_s, self.names)
+
+    def flat(self) -> Self:
+        """Return the body with one leading axis."""
+        n = self.size
+        shape = self.a.reshape(-1, n, n), self.b.reshape(-1, n)
+        return type(self)(*shape, self.measured, self.sample_time_s, self.names)
+
+    def moved(self, state: Rows, force: Rows) -> Rows:
+        """Return the rows of the next state, from those of the state (n, size) and of the force (..., size)."""
+        return np.asarray(self.a @ state + self.b[..., None] * force[..., None, :])
