@@ -75,14 +75,7 @@ def measured_response(records: Sequence[Record]) -> Response:
 def model_response(
     values: Mapping[str, float], structure: Structure, sample_time_s: float, frequency_hz: FloatArray
 ) -> ComplexArray:
-    """Return the response of a model without its dry friction.
-
-    Args:
-        values: of every parameter.
-        structure: terms.
-        sample_time_s: T.
-        frequency_hz: where.
-    """
+    """Return the response of a model without its dry friction."""
     step = linear_step(values, structure, sample_time_s, taps_of(values), parts=0)
     z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
     forces = step.force @ np.stack([z**-tap for tap in step.taps])
@@ -91,7 +84,7 @@ def model_response(
     return np.asarray(states[:, step.measured] * (1 - 1 / z) / sample_time_s)
 
 
-def held_guess(response: Response, delay_s: float) -> dict[str, float] | None:
+def spring_start(response: Response, delay_s: float) -> dict[str, float] | None:
     """Return mass, damping and stiffness of a device on a spring from its response below its modes, or None."""
     use = (response.coherence > _COHERENT) & response.driven & (response.frequency_hz < _BELOW_STRUCTURE_HZ)
     if use.sum() < 5:
@@ -110,16 +103,9 @@ def held_guess(response: Response, delay_s: float) -> dict[str, float] | None:
 def likely_resonances(
     response: Response, values: Mapping[str, float], structure: Structure, sample_time_s: float, most: int = 2
 ) -> list[tuple[float, dict[str, float]]]:
-    """Return the resonances that would explain the response best: misfit, and initial guess.
+    """Return the resonances that would explain the response best: misfit, and start of the search.
 
-    Magnitudes are compared up to a factor, phases up to a delay.
-
-    Args:
-        response: of the log.
-        values: of the model without resonance.
-        structure: with the resonance.
-        sample_time_s: T.
-        most: number of guesses.
+    Magnitudes are compared up to a factor, phases up to a delay, with those of the model without resonance.
     """
     use = (response.coherence > 0.3) & (response.frequency_hz > 5.0) & response.driven
     if use.sum() < 10:

@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.terms import LINEAR, LOOP_RATIO, Structure
+from avc_casadi.identification.terms import LOOP_RATIO, Structure
 from avc_casadi.model.device import Device, Resonance
 from avc_casadi.model.plant import GROUND, LinearPlant, Plant, Transition, transitions
 from avc_casadi.model.sampled_plant import SampledPlant, device_plant, sampled_plant
 
-# Relative steps of the central differences that give the derivatives of a few matrix entries: their error is 1e-9.
-_STEP = 1e-4
-_DELAY_STEP = 2e-3
+# Step of the differences that give the slopes of a prediction, in search coordinates.
+_STEP = 1e-5
+# Of a delay, below which there is none.
+_LEAST_DELAY = 1e-3
 
 # The force of a fractional delay comes from two samples; a derivative keeps the same two.
 TAPS = 2
@@ -76,11 +77,11 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
     bandwidth = values["amplifier_bandwidth_hz"]
     return Device(
         mass_kg=values["mass_kg"],
-        damping_ns_per_m=max(values["damping_ns_per_m"], 0.0) if values["damping_ns_per_m"] > 1e-9 else 0.0,
+        damping_ns_per_m=values["damping_ns_per_m"] if values["damping_ns_per_m"] > 1e-9 else 0.0,
         sample_time_s=sample_time_s,
-        delay_samples=delay if delay > 1e-3 else 0.0,
+        delay_samples=delay if delay > _LEAST_DELAY else 0.0,
         amplifier_bandwidth_hz=None if math.isnan(bandwidth) else bandwidth,
-        amplifier_order=structure.amplifier_order,
+        amplifier_order=structure.order,
         amplifier_damping_ratio=values[LOOP_RATIO],
         resonance=None
         if math.isnan(frequency)
@@ -245,33 +246,17 @@ def taps_of(values: Mapping[str, float]) -> tuple[int, ...]:
     return tuple(range(whole, whole + TAPS))
 
 
-def linear_derivatives(
-    values: Mapping[str, float], structure: Structure, sample_time_s: float, taps: tuple[int, ...], parts: int
-) -> FloatArray:
-    """Return the derivative of every entry of the step, with these intervals, by the free linear parameters.
-
-    Returns:
-        Shape (entries, parameters), in the order of `structure.free` without those of friction.
-    """
-    cases: list[Mapping[str, float]] = []
-    weights: list[tuple[float, ...]] = []
-    places: tuple[float, ...]
-    weighed: tuple[float, ...]
+def beside(values: Mapping[str, float], structure: Structure) -> tuple[list[dict[str, float]], FloatArray]:
+    """Return the values beside a point, one parameter moved in each, and the moves of the search coordinates."""
+    several, moves = [], []
     for one in structure.free:
-        if one.name not in LINEAR:
-            continue
         value = values[one.name]
+        q = structure.inward(one, value)
+        move = _STEP * max(1.0, abs(q))
         if one.name == "delay_samples":
-            # Kept inside its integer sample, where every entry is smooth.
-            step = _DELAY_STEP if value - int(value) < 0.5 else -_DELAY_STEP
-            places, weighed = (value, value + step, value + 2 * step), (-1.5, 2.0, -0.5)
-        else:
-            step = _STEP * max(abs(value), structure.units.get(one.name, 0.0))
-            low = max(value - step, one.lowest) if one.kind == "linear" else value - step
-            step = value + step - low
-            places, weighed = (low, low + step), (-1.0, 1.0)
-        cases += [{**values, one.name: at} for at in places]
-        weights.append(tuple(weight / step for weight in weighed))
-    steps = linear_steps(cases, structure, sample_time_s, taps, parts=parts, near=values)
-    entries = iter([made.flat() for made in steps])
-    return np.stack([sum(weight * next(entries) for weight in some) for some in weights], axis=1)
+            # The same two forces act within a sample, where every entry is smooth.
+            move = 2 * _LEAST_DELAY if value % 1.0 < 0.5 else -2 * _LEAST_DELAY
+        moved = structure.outward(one, q + move)
+        several.append({**values, one.name: moved})
+        moves.append(structure.inward(one, moved) - q)
+    return several, np.array(moves)

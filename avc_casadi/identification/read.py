@@ -1,35 +1,52 @@
-"""Logs as files: CSV, JSON, NPY, NPZ and MAT v5; every fault of a file at once."""
+"""Logs as files: CSV, NPZ and MAT v5; every fault of a file at once."""
 
 from __future__ import annotations
 
-import json
+import csv
+import math
+import re
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+import scipy.io
 from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import opened
-from avc_casadi._util.units import FORCE, MASS, MASSES, Wording, speaking
-from avc_casadi.identification.array_log import MOST_BYTES, mat_arrays, npy_array, npz_arrays
-from avc_casadi.identification.record import Columns, Record, backwards_of, implausible, records_of
+from avc_casadi.identification.record import Columns, Record, backwards_of, faults_of_rows, implausible, records_of
 from avc_casadi.identification.repair import filled, sound
-from avc_casadi.identification.text_log import TextLog
 from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_columns, motion_of
 
-# A text is read row by row, JSON whole.
-_LARGEST_TEXT, _LARGEST_JSON = 2**30, 2**22
-# Number of time steps that determine the clock, and their tolerance.
-_FEW_STEPS, _EVEN = 20, 0.02
-# A step so long lacks a row; a larger share of them is no jitter of a slow clock.
-_GAP, _FEW_GAPS = 1.5, 2e-3
+MOST_BYTES = 2**27
+# A longer line is no row of numbers; a hundred channels are a thousand characters.
+_LONGEST_ROW = 50_000
+_MARKS = ("#", "%")
+_COMMA = re.compile(r"\d,\d+'$")
+_NUMBERS = {"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+# Time steps that determine the clock, and their tolerance; a step so long lacks a row, and a larger share of them is no
+# jitter of a slow clock.
+_FEW_STEPS, _EVEN, _GAP, _FEW_GAPS = 20, 0.02, 1.5, 2e-3
+# Exceptions of libraries at a file that is not of their kind.
+_UNREADABLE = (
+    ValueError,
+    TypeError,
+    IndexError,
+    KeyError,
+    NotImplementedError,
+    EOFError,
+    MemoryError,
+    OverflowError,
+    zlib.error,
+    zipfile.BadZipFile,
+    MatReadError,
+)
 
 
 def read_logs(
@@ -38,7 +55,7 @@ def read_logs(
     """Read the logs of one device.
 
     Args:
-        paths: files that end in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
+        paths: files that end in ``.csv``, ``.txt``, ``.npz`` or ``.mat``.
         layout: columns and units, as given by the user.
         added_mass_kg: known mass on the device, one of each file, or none.
 
@@ -48,33 +65,26 @@ def read_logs(
     Raises:
         InputError: every fault of every file, each with its line.
     """
-    layout = layout or Layout()
     if added_mass_kg and len(added_mass_kg) != len(paths):
-        raise InputError.of(
-            f"has {_counted(len(added_mass_kg), MASS, MASSES)} for {_counted(len(paths), 'log', 'logs')}; allowed: one "
-            "for each",
-            key="added_mass_kg",
-        )
+        raise InputError.of(f"has {len(added_mass_kg)} for {len(paths)} logs; allowed: one for each", key="added_mass")
     records: list[Record] = []
     faults = _given_twice(paths)
-    told: list[str] = []
+    notes: list[str] = []
     for index, path in enumerate(paths):
-        found, wrong = _columns(Path(path), str(path), layout)
-        for columns in found:
-            cut, broken, said = records_of(columns, added_mass_kg[index] if added_mass_kg else 0.0)
-            records += cut
-            wrong += broken
-            told += said
+        columns, wrong = _columns(Path(path), str(path), layout or Layout())
         faults += wrong
+        if columns is not None:
+            cut, broken, told = records_of(columns, added_mass_kg[index] if added_mass_kg else 0.0)
+            records += cut
+            faults += broken
+            notes += told
     periods = {record.sample_time_s for record in records}
     if not faults and periods and max(periods) > min(periods) * (1 + 1e-4):
         seconds = ", ".join(f"{period:g}" for period in sorted(periods))
         faults.append(Fault("", None, "LOG", f"have sample times of {seconds} s; allowed: one sample time for all"))
-    if len({record.motion for record in records}) > 1:
-        faults.append(Fault("", None, "LOG", "are of a device that turns and of one that does not; allowed: one kind"))
     if faults:
         raise InputError(faults)
-    return [replace(record, sample_time_s=records[0].sample_time_s) for record in records], told
+    return [replace(record, sample_time_s=records[0].sample_time_s) for record in records], notes
 
 
 def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns]:
@@ -82,26 +92,19 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
 
     A few lost samples are filled in, with a note.
 
-    Args:
-        path: a file that ends in ``.csv``, ``.txt``, ``.json``, ``.npy``, ``.npz`` or ``.mat``.
-        layout: columns and units, as given by the user.
-
     Returns:
-        The columns, one set per record where a column counts records.
+        The columns of the one log of the file.
 
     Raises:
         InputError: every fault of the file, each with its line.
     """
-    found, faults = _columns(Path(path), str(path), layout or Layout())
-    whole = []
-    for columns in found:
-        with speaking(columns.units):
-            mended, told = filled(columns)
-            whole.append(replace(mended, told=(*columns.told, *told)))
-            faults += implausible(mended, idle=True) or backwards_of(mended)
-    if faults:
+    columns, faults = _columns(Path(path), str(path), layout or Layout())
+    if columns is not None:
+        columns = filled(columns)
+        faults += implausible(columns, idle=True) or backwards_of(columns)
+    if faults or columns is None:
         raise InputError(faults)
-    return whole
+    return [columns]
 
 
 def _given_twice(paths: Sequence[str | Path]) -> list[Fault]:
@@ -117,113 +120,91 @@ def _given_twice(paths: Sequence[str | Path]) -> list[Fault]:
     return faults
 
 
-def _counted(count: int, one: str | Wording, many: str | Wording) -> str:
-    return f"{count} {one if count == 1 else many}"
-
-
-def _columns(path: Path, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    """Return the logs of a file (several where a column counts records), or its faults."""
+def _columns(path: Path, file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
+    """Return the log of a file, or its faults."""
     ending = path.suffix.lower()
-    if ending not in _READERS:
-        return [], [Fault(file, None, "", f"ends in {path.suffix!r}; allowed: {', '.join(_READERS)}")]
-    most_bytes, read = _READERS[ending]
+    texts = (".csv", ".txt", ".dat", ".tsv")
+    if ending not in (*texts, ".npz", ".mat"):
+        return None, [Fault(file, None, "", f"ends in {path.suffix!r}; allowed: {', '.join(texts)}, .npz, .mat")]
     try:
-        with opened(path, most_bytes) as stream:
-            return read(stream, file, layout)
+        with opened(path, MOST_BYTES) as stream:
+            if ending in texts:
+                return _text(stream.read(), file, layout)
+            return _arrays(_npz(stream) if ending == ".npz" else _mat(stream), file, layout)
     except InputError as error:
-        return [], list(error.faults)
-    except (*_UNREADABLE, MemoryError) as error:
-        first = _PLAIN.get(type(error)) or str(error).partition("\n")[0][:200] or type(error).__name__
-        hint = "; save it with -v7" if isinstance(error, NotImplementedError) and ending == ".mat" else ""
-        return [], [Fault(file, None, "", f"is not read as {ending} ({first}){hint}")]
+        return None, list(error.faults)
+    except UnicodeDecodeError:
+        return None, [Fault(file, None, "", "is no UTF-8 text; allowed: UTF-8: save it as such")]
+    except _UNREADABLE as error:
+        first = str(error).partition("\n")[0][:200] or type(error).__name__
+        hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
+        return None, [Fault(file, None, "", f"is not read as {ending} ({first}){hint}")]
 
 
-def _npy(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    return _arrays({"rows": npy_array(stream)}, file, layout)
+def _npz(stream: BinaryIO) -> Mapping[str, Any]:
+    with zipfile.ZipFile(stream) as archive:
+        _bound(sum(one.file_size for one in archive.infolist()))
+    stream.seek(0)
+    with np.load(stream, allow_pickle=False) as held:
+        return {name: held[name] for name in held.files}
 
 
-def _npz(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    return _arrays(npz_arrays(stream, file), file, layout)
+def _mat(stream: Any) -> Mapping[str, Any]:
+    sizes = {name: math.prod(shape) for name, shape, kind in scipy.io.whosmat(stream) if kind in _NUMBERS}
+    _bound(8 * sum(sizes.values()))
+    stream.seek(0)
+    held = scipy.io.loadmat(stream, squeeze_me=True, variable_names=list(sizes))
+    return {name: held[name] for name in sizes if name in held}
 
 
-def _mat(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    return _arrays(mat_arrays(stream, file), file, layout)
+def _bound(size: int) -> None:
+    if size > MOST_BYTES:
+        raise ValueError(f"it holds {size} bytes; allowed: at most {MOST_BYTES}; cut it")
 
 
-def _json(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    """Read JSON: an object of arrays, a list of (nested) objects or of rows, or one per line."""
-    content = stream.read(_LARGEST_JSON + 1)
-    if len(content) > _LARGEST_JSON:
-        why = f"is larger than {_LARGEST_JSON} bytes, which JSON may have as it is read whole; write it as CSV or NPZ"
-        return [], [Fault(file, None, "", why)]
-    text = content.decode("utf-8-sig")
-    lines = [line for line in text.splitlines() if line.strip()]
-    of_lines = len(lines) > 1 and lines[0].rstrip()[-1] in "}]"
-    held = json.loads("[" + ",\n".join(lines) + "]" if of_lines else text, parse_int=float)
-    if isinstance(held, dict):
-        inner = [one for one in held.values() if isinstance(one, list) and one and isinstance(one[0], dict)]
-        held = inner[0] if len(inner) == 1 else held
-    if isinstance(held, list) and held and all(isinstance(row, dict) for row in held):
-        held = {name: [row.get(name) for row in held] for name in held[0]}
-    named = held if isinstance(held, dict) else {"rows": held}
-    arrays: dict[str, FloatArray] = {}
-    for name, values in named.items():
-        # Non-numeric entries, such as a title, are no columns; a null is a lost sample.
-        with suppress(ValueError, TypeError, OverflowError):
-            arrays[name] = np.array(values, dtype=np.float64)
-    return _arrays(arrays, file, layout)
-
-
-def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    """Return columns from named vectors, or by number from the one matrix of a file."""
-    arrays = {name: np.asarray(value) for name, value in named.items()}
-    vectors = {
-        name: value.ravel()
-        for name, value in arrays.items()
-        if value.dtype.kind in "fiu" and value.size > 1 and value.ndim - value.shape.count(1) <= 1
-    }
-    matrices = [
-        value for value in arrays.values() if value.dtype.kind in "fiu" and value.ndim == 2 and 1 not in value.shape
-    ]
-    if len(matrices) == 1 and not vectors:
-        table = matrices[0] if matrices[0].shape[0] >= matrices[0].shape[1] else matrices[0].T
-        chosen, faults = chosen_columns(None, table.shape[1], layout, file, None)
-        columns = [table[:, index] for index in range(table.shape[1])]
-    else:
-        names = list(vectors)
-        if not names:
-            held = ", ".join(f"{name} {value.dtype} {value.shape}" for name, value in arrays.items()) or "nothing"
-            return [], [Fault(file, None, "", f"holds {held}; allowed: vectors of time, position and {FORCE}")]
-        chosen, faults = chosen_columns(names, len(names), layout, file, None)
-        columns = [vectors[name] for name in names]
+def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
+    """Return the columns of named arrays: a vector is one by its name, a matrix ``data`` is data:1, data:2, ..."""
+    columns: dict[str, FloatArray] = {}
+    for name, held in named.items():
+        value = np.squeeze(np.asarray(held))
+        if value.dtype.kind not in "fiu" or value.ndim not in {1, 2} or value.size < 2:
+            continue
+        if value.ndim == 1:
+            columns[name] = value
+        else:
+            table = value if value.shape[0] >= value.shape[1] else value.T
+            columns |= {f"{name}:{at}": column for at, column in enumerate(table.T, start=1)}
+    names = list(columns)
+    if not names:
+        return None, [Fault(file, None, "", "holds no numbers; allowed: vectors of time, position and force")]
+    chosen, faults = chosen_columns(names, len(names), layout, file, None)
     if faults:
-        return [], faults
-    lengths = {quantity: columns[one.index].size for quantity, one in chosen.items()}
-    if len(set(lengths.values())) > 1:
-        told = ", ".join(f"{quantity} {length}" for quantity, length in lengths.items())
-        return [], [Fault(file, None, "", f"has columns of unequal length: {told}; allowed: equal lengths")]
-    found, faults = _quantities(file, columns, chosen, layout, None)
-    return [found], faults
+        return None, faults
+    values = {quantity: columns[names[one.index]] for quantity, one in chosen.items()}
+    if len({one.size for one in values.values()}) > 1:
+        sizes = ", ".join(f"{quantity} {one.size}" for quantity, one in values.items())
+        return None, [Fault(file, None, "", f"has columns of unequal length: {sizes}; allowed: equal lengths")]
+    return _quantities(file, values, chosen, layout, None)
 
 
 def _quantities(
     file: str,
-    columns: Sequence[Any],
+    columns: Mapping[str, FloatArray],
     chosen: Mapping[str, Column],
     layout: Layout,
     lines: IndexArray | None,
+    told: tuple[str, ...] = (),
 ) -> tuple[Columns, list[Fault]]:
+    """Return columns in SI units, under a given clock where the log has none."""
     with np.errstate(over="ignore", invalid="ignore"):  # reported where numbers are looked at
-        values = {
-            quantity: np.asarray(columns[one.index], dtype=np.float64) * one.unit.size
-            for quantity, one in chosen.items()
-        }
+        values = {key: np.asarray(one, dtype=np.float64) * chosen[key].unit.size for key, one in columns.items()}
     faults = []
     if "time" not in values or (layout.sample_time_s is not None and "time" not in layout.columns):
         period = float(layout.sample_time_s or 0.0)
         faults = _other_clock(file, values.get("time"), period)
         values["time"] = np.arange(values["position"].size, dtype=np.float64) * period
-    return Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen)), faults
+    found = Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen), told)
+    return found, faults
 
 
 def _other_clock(file: str, time_s: FloatArray | None, period_s: float) -> list[Fault]:
@@ -234,55 +215,103 @@ def _other_clock(file: str, time_s: FloatArray | None, period_s: float) -> list[
     low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
     if usual <= 0 or high - low > _EVEN * usual:
         return []
-    if abs(usual - period_s) <= _EVEN * usual:
-        missing = int(np.sum(steps > _GAP * usual))
-        if missing <= _FEW_GAPS * steps.size:
-            return []
-        message = (
-            f"has {missing} gaps, which even ticks would hide; allowed: --sample-time left out, or a log with every"
-        )
-        return [Fault(file, None, "time", f"{message} row")]
-    message = f"steps of {usual:.4g} s, and the sample time is said to be {period_s:.4g} s; allowed: the same, or "
-    return [Fault(file, None, "time", f"{message}--sample-time left out, or a log without its times")]
+    allowed = "allowed: --sample-time left out"
+    if abs(usual - period_s) > _EVEN * usual:
+        message = f"steps of {usual:.4g} s, and the sample time is given as {period_s:.4g} s; {allowed}"
+    elif (missing := int(np.sum(steps > _GAP * usual))) > _FEW_GAPS * steps.size:
+        message = f"has {missing} gaps, which even ticks would hide; {allowed}, or a log with every row"
+    else:
+        return []
+    return [Fault(file, None, "time", message)]
 
 
-def _text(stream: BinaryIO, file: str, layout: Layout) -> tuple[list[Columns], list[Fault]]:
-    log = TextLog.of(stream, file, layout)
-    faults = log.faults
-    units = {
-        quantity: Column(at, log.chosen[quantity].unit)
-        for at, quantity in enumerate(QUANTITIES)
-        if quantity in log.chosen
-    }
-    logs = []
-    for name, table, lines in log.records():
-        one, wrong_clock = _quantities(f"{file}[{name}]" if name else file, list(table.T), units, layout, lines)
-        logs.append(one)
-        faults += wrong_clock
-    return [*logs[:-1], *(replace(one, told=log.told) for one in logs[-1:])], faults
+def _text(content: bytes, file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
+    """Read a text: headers in its first row, or in the comment above it, as numpy writes it."""
+    lines = list(enumerate(content.decode("utf-8-sig").splitlines(), start=1))
+    long = [line for line, row in lines if len(row) > _LONGEST_ROW]
+    if long:
+        return None, [Fault(file, long[0], "", f"is longer than {_LONGEST_ROW} characters; allowed: rows of numbers")]
+    written = [(line, row) for line, row in lines if row.strip()]
+    rows = [(line, row) for line, row in written if not row.lstrip().startswith(_MARKS)]
+    if not rows:
+        return None, [Fault(file, None, "", "is empty; allowed: columns of time, position and force")]
+    sample = rows[min(1, len(rows) - 1)][1]
+    mark = next((mark for mark in (";", "\t", ",") if mark in sample), None)
+    line, first = rows[0][0], _cells(rows[0][1], mark)
+    width, headers, header_line = len(first), None, None
+    if not all(map(_is_number, first)):
+        headers, header_line, rows = first, line, rows[1:]
+    else:
+        for number, row in written:
+            names = _cells(row.lstrip(" #%"), mark)
+            if number < line and len(names) == width:
+                headers, header_line = names, number
+    chosen, faults = chosen_columns(headers, width, layout, file, header_line)
+    if faults:
+        return None, faults
+    told: tuple[str, ...] = ()
+    if len(rows) > 1 and len(_cells(rows[-1][1], mark)) < width:
+        told = (f"{file}: its last line, {rows[-1][0]}, is cut short and left out",)
+        rows = rows[:-1]
+    if not rows:
+        return None, [Fault(file, None, "", "has headers and no samples")]
+    places = [one.index for one in chosen.values()]
+    numbers = np.array([number for number, _ in rows], dtype=np.intp)
+    texts = [row for _, row in rows]
+    table = np.zeros((0, 0))
+    if all((len(row.split()) if mark is None else row.count(mark) + 1) == width for row in texts):
+        with suppress(ValueError):  # parsed one by one then
+            table = np.loadtxt(texts, delimiter=mark, usecols=places, comments=None, ndmin=2)
+    if not table.size:
+        table, chosen, faults = _one_by_one(rows, mark, width, chosen, layout, file)
+        if faults:
+            return None, faults
+    columns = dict(zip(chosen, table.T, strict=True))
+    return _quantities(file, columns, chosen, layout, numbers, told)
 
 
-_UNREADABLE = (
-    ValueError,
-    TypeError,
-    IndexError,
-    NotImplementedError,
-    RecursionError,
-    EOFError,
-    zlib.error,
-    zipfile.BadZipFile,
-    MatReadError,
-)
-"""Exceptions of libraries at a file that is not of their kind."""
-_PLAIN: Mapping[type[Exception], str] = {
-    RecursionError: "it is nested too deeply",
-    MemoryError: "it is too large or nested too deeply",
-    UnicodeDecodeError: "it is no UTF-8 text; save it as such, or iconv -f FROM -t UTF-8",
-}
-_READERS: Mapping[str, tuple[int, Callable[[BinaryIO, str, Layout], tuple[list[Columns], list[Fault]]]]] = {
-    **dict.fromkeys((".csv", ".txt", ".dat", ".tsv"), (_LARGEST_TEXT, _text)),
-    **dict.fromkeys((".json", ".jsonl"), (_LARGEST_TEXT, _json)),
-    ".npy": (MOST_BYTES, _npy),
-    ".npz": (MOST_BYTES, _npz),
-    ".mat": (MOST_BYTES, _mat),
-}
+def _one_by_one(
+    rows: Sequence[tuple[int, str]],
+    mark: str | None,
+    width: int,
+    chosen: dict[str, Column],
+    layout: Layout,
+    file: str,
+) -> tuple[FloatArray, dict[str, Column], list[Fault]]:
+    """Parse rows with empty or quoted cells, or a fault; an empty cell is a lost sample."""
+    cells = [(line, _cells(row, mark)) for line, row in rows]
+    if "time" in chosen and "time" not in layout.columns and layout.sample_time_s is not None:
+        spare = chosen["time"].index
+        if any(len(row) > spare and not _is_number(row[spare] or "0") for _, row in cells):
+            # A time of day, replaced by the given sample time.
+            chosen = {key: one for key, one in chosen.items() if key != "time"}
+    wrong: dict[str, list[tuple[int | None, str]]] = {}
+    for line, row in cells:
+        if len(row) != width:
+            wrong.setdefault("", []).append((line, f"has {len(row)} columns"))
+            continue
+        for quantity, one in chosen.items():
+            if not _is_number(row[one.index] or "nan"):
+                wrong.setdefault(quantity, []).append((line, f"is {row[one.index][:40]!r}"))
+    faults = []
+    for quantity in ("", *QUANTITIES):
+        some = wrong.get(quantity, [])
+        allowed = "a number" if quantity else f"{width}, as the first row"
+        allowed += ", with a decimal point" if quantity and all(_COMMA.search(what) for _, what in some) else ""
+        faults += faults_of_rows(file, quantity, some, allowed)
+    if faults:
+        return np.zeros((0, 0)), chosen, faults
+    table = [[float(row[one.index] or "nan") for one in chosen.values()] for _, row in cells]
+    return np.array(table), chosen, []
+
+
+def _cells(row: str, mark: str | None) -> list[str]:
+    return row.split() if mark is None else [cell.strip() for cell in next(csv.reader([row], delimiter=mark))]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,7 +12,7 @@ import numpy as np
 from avc_casadi._errors import Fault
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, MASS, METRE, MotionKind, Units, in_its_units, spoken_key, units_for
+from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.identification.repair import (
     LONGEST_STEP,
     coarse_clock_s,
@@ -24,6 +25,8 @@ from avc_casadi.identification.repair import (
 
 # A step of time may differ from the usual one by this share of it; a longer one is a gap.
 _JITTER = 0.25
+# Steps longer than so many usual ones are gaps.
+_GAP = 1.5
 # Share of the steps that may differ more before the clock counts as jittering.
 _SCATTERS = 0.01
 # Number of places reported of one fault.
@@ -48,7 +51,6 @@ class Record:
         force_n: commanded force along +position, held from this sample to the next, shape (samples,).
         added_mass_kg: known mass on the device during the record.
         motion: of the device.
-        begins_s: start time from the first sample of its log: drift continues over a gap.
         log: the log that it is a piece of; empty of a whole log. A constant force is one of each log.
         scatter: jitter of the clock, the standard deviation of its steps, as a share of T.
         readings_m: positions as they were read, where those of the record are resampled.
@@ -62,7 +64,6 @@ class Record:
     force_n: FloatArray
     added_mass_kg: float = 0.0
     motion: MotionKind = "linear"
-    begins_s: float = 0.0
     log: str = ""
     scatter: float = 0.0
     readings_m: FloatArray | None = None
@@ -72,17 +73,6 @@ class Record:
     def whole(self) -> str:
         """The log that it is a piece of, or its own name."""
         return self.log or self.name
-
-    def at_handle(self, radius_m: float) -> Record:
-        """Return the record of a rotary device as that of its handle at a radius."""
-        return replace(
-            self,
-            position_m=self.position_m * radius_m,
-            force_n=self.force_n / radius_m,
-            readings_m=None if self.readings_m is None else self.readings_m * radius_m,
-            added_mass_kg=self.added_mass_kg / radius_m**2,
-            motion="linear",
-        )
 
     @property
     def seconds(self) -> float:
@@ -117,51 +107,45 @@ class Columns:
         """Names and units in which its values are printed."""
         return units_for(self.motion)
 
+    def rows(self, kept: BoolArray | IndexArray) -> Columns:
+        """Return some of the rows."""
+        time, position, force = (one[kept] for one in (self.time_s, self.position_m, self.force_n))
+        line = None if self.line is None else self.line[kept]
+        return replace(self, time_s=time, position_m=position, force_n=force, line=line)
+
     def at(self, row: int) -> int | None:
         """Return the line of a row."""
         return None if self.line is None else int(self.line[row])
 
 
-@in_its_units
 def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
-    """Cut a log into records at its gaps, and find its faults.
-
-    Returns:
-        Records, faults, and notes for the user.
-    """
+    """Cut a log into records at its gaps; return them, its faults, and notes for the user."""
     backwards = backwards_of(columns)
-    before = columns.told
-    columns, told = left_out(columns)
-    columns, repeated = taken_once(columns)
-    told = [*before, *told, *repeated]
+    columns = taken_once(left_out(columns))
     faults = implausible(columns)
-    if columns.time_s.size < _SHORTEST:
-        return [], faults, []
-    faults += backwards
+    if columns.time_s.size >= _SHORTEST:
+        faults += backwards
     if faults:
         return [], faults, []
     steps = np.diff(columns.time_s)
     usual = float(np.median(steps))
-    # Time stamps have few digits: a step is compared with the mean of those about it.
-    gaps = np.flatnonzero(steps > (1.5 * usual))
-    uneven = np.abs(steps - usual) > _JITTER * usual
-    uneven[gaps] = False
-    scatter = 0.0
-    readings: FloatArray | None = None
+    # Time stamps have few digits: a step is compared with the usual one.
+    uneven = (np.abs(steps - usual) > _JITTER * usual) & (steps <= _GAP * usual)
+    scatter, readings = 0.0, None
     later: FloatArray | None = None
     if np.mean(uneven) > _SCATTERS:
         even = laid_evenly(columns, _round(float(np.mean(steps[steps < LONGEST_STEP * usual]))))
         readings = columns.position_m
         columns, scatter, later = even.columns, even.scatter, even.later_n
-        told.append(even.told)
         steps = np.diff(columns.time_s)
         usual = float(np.median(steps))
-        gaps = np.flatnonzero(steps > (1.5 * usual))
+    gaps = np.flatnonzero(steps > _GAP * usual)
     edges = [0, *(int(gap) + 1 for gap in gaps), steps.size + 1]
     whole = list(itertools.pairwise(edges))
     sizes = np.array([b - a for a, b in whole])
     shortest = max(_SHORTEST, _SHORT * sizes.max(), _worth(sizes, usual))
     pieces = [(a, b) for a, b in whole if b - a >= shortest]
+    told = list(columns.told)
     if gaps.size:
         lost = columns.time_s.size - sum(b - a for a, b in pieces)
         told.append(
@@ -175,34 +159,30 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
             "where no row is missing and the clock is written with too few digits"
         )
         return [], [Fault(columns.file, None, "time", message)], []
-    period = float(np.mean(np.delete(steps, gaps))) if gaps.size else float(steps.mean())
-    return (
-        [
-            Record(
-                columns.file if len(pieces) == 1 else f"{columns.file}#{index}",
-                _round(period),
-                columns.position_m[a:b],
-                columns.force_n[a:b],
-                added_mass_kg,
-                columns.motion,
-                float(columns.time_s[a] - columns.time_s[0]),
-                columns.file,
-                scatter,
-                readings,
-                None if later is None else later[:, a:b],
-            )
-            for index, (a, b) in enumerate(pieces, start=1)
-        ],
-        [],
-        told,
-    )
+    period = _round(float(np.mean(np.delete(steps, gaps))))
+    several = len(pieces) > 1
+    records = [
+        Record(
+            f"{columns.file}#{index}" if several else columns.file,
+            period,
+            columns.position_m[a:b],
+            columns.force_n[a:b],
+            added_mass_kg,
+            columns.motion,
+            columns.file,
+            scatter,
+            readings,
+            None if later is None else later[:, a:b],
+        )
+        for index, (a, b) in enumerate(pieces, start=1)
+    ]
+    return records, [], told
 
 
 def _worth(sizes: IndexArray, period_s: float) -> float:
     """Return the least samples of a piece that is kept, where enough is left.
 
-    The initial state of each piece must decay before it is judged: short pieces would need an observer so fast that
-    noise biases the estimates.
+    The initial state of each piece must decay before it is judged, and a fast observer biases the estimates.
     """
     seconds = sizes * period_s
     enough = max(_ENOUGH_S, _ENOUGH * seconds.sum())
@@ -237,23 +217,13 @@ def backwards_of(columns: Columns) -> list[Fault]:
     return faults
 
 
-def faults_of_rows(
-    file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str, count: int
-) -> list[Fault]:
-    """Return the faults of one column: all of a few, otherwise the first with the number of the others.
-
-    Args:
-        file: of the log.
-        key: the quantity.
-        rows: line, and the fault there, of the first ones and the last.
-        allowed: the valid values.
-        count: number of faulty rows.
-    """
-    if count <= TOLD:
+def faults_of_rows(file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str) -> list[Fault]:
+    """Return the faults of one column: all of a few, otherwise the first with the number of the others."""
+    if len(rows) <= TOLD:
         return [Fault(file, line, key, f"{wrong}; allowed: {allowed}") for line, wrong in rows]
     (line, wrong), (last, _) = rows[0], rows[-1]
     until = "" if last is None else f", to line {last}"
-    return [Fault(file, line, key, f"{wrong}, with {count - 1} more such rows{until}; allowed: {allowed}")]
+    return [Fault(file, line, key, f"{wrong}, with {len(rows) - 1} more such rows{until}; allowed: {allowed}")]
 
 
 def _round(period: float) -> float:
@@ -265,86 +235,66 @@ def _round(period: float) -> float:
     return period
 
 
-# Range of haptic devices and machine drives; a mistaken unit is a factor of 1000.
-_LIKELY: Mapping[MotionKind, tuple[tuple[str, str, float, float, str], ...]] = {
-    "linear": (("position", "spans", 2e-6, 5.0, "m"), ("force", "reaches", 1e-3, 1e5, "N")),
-    "rotary": (("position", "spans", 1e-5, 1e3, "rad"), ("force", "reaches", 1e-5, 1e4, "N.m")),
+# Range of haptic devices and machine drives; a mistaken unit is a factor of 1000. A motor may turn for ever.
+_LIKELY: Mapping[MotionKind, Mapping[str, tuple[float, float]]] = {
+    "linear": {"position": (2e-6, 5.0), "force": (1e-3, 1e5)},
+    "rotary": {"position": (1e-5, math.inf), "force": (1e-5, 1e4)},
+}
+_MORE = {
+    "position": "log a multisine with several times the force, more than dry friction holds",
+    "force": "without a force no mass is identified: log a multisine, as avc excite plays one",
 }
 
 
 def implausible(columns: Columns, *, idle: bool = False) -> list[Fault]:
     """Return implausible data: no numbers, too few samples, magnitudes of another unit.
 
-    Args:
-        columns: the log.
-        idle: whether a device at rest, or without a commanded force, is allowed.
+    With `idle` a device at rest, or without a commanded force, is allowed.
     """
-    faults = []
+    file, faults = columns.file, []
     for key, values in (("time", columns.time_s), ("position", columns.position_m), ("force", columns.force_n)):
-        wrong = np.flatnonzero(~sound(values))
-        rows = [(columns.at(int(row)), f"is {values[row]}") for row in dict.fromkeys([*wrong[:TOLD], *wrong[-1:]])]
-        faults += faults_of_rows(columns.file, spoken_key(key), rows, "a finite number", wrong.size)
+        rows = [(columns.at(int(row)), f"is {values[row]}") for row in np.flatnonzero(~sound(values))]
+        faults += faults_of_rows(file, key, rows, "a finite number")
     if columns.time_s.size < _SHORTEST:
         message = f"has {columns.time_s.size} samples; allowed: at least {_SHORTEST}"
-        return [*faults, Fault(columns.file, None, "", message)]
+        return [*faults, Fault(file, None, "", message)]
     if faults:
         return faults
     jumps = wrapped(columns.position_m, columns.time_s)
     if jumps.size:
-        far = number(abs(float(columns.position_m[jumps[0]] - columns.position_m[jumps[0] - 1])), 3)
-        often = "once" if jumps.size == 1 else f"{jumps.size} times"
-        message = f"jumps by {far} {METRE} from one sample to the next, {often}, the most of all it covers"
-        allowed = "a position without jumps; add the counter's range where it wraps around"
-        faults.append(Fault(columns.file, columns.at(int(jumps[0])), "position", f"{message}; allowed: {allowed}"))
-        return faults
+        message = (
+            f"jumps over most of its range from one sample to the next, {jumps.size} time(s); allowed: a position "
+            "without jumps; add the counter's range where it wraps around"
+        )
+        return [Fault(file, columns.at(int(jumps[0])), "position", message)]
     step = float(np.median(np.diff(columns.time_s)))
     # Times that stand still or go back are told row by row.
     if step > 0 and not 1e-5 <= step <= 0.05:
         message = f"steps of {number(step)} s; allowed: 1e-5 to 0.05 s; is the unit right?"
-        faults.append(Fault(columns.file, None, "time", message))
-    sizes = {"position": np.ptp(columns.position_m), "force": np.abs(columns.force_n).max()}
-    for key, verb, low, high, unit in _LIKELY[columns.motion]:
-        size = float(sizes[key])
+        faults.append(Fault(file, None, "time", message))
+    sizes = {"position": float(np.ptp(columns.position_m)), "force": float(np.abs(columns.force_n).max())}
+    for key, (low, high) in _LIKELY[columns.motion].items():
+        size = sizes[key]
         if size > high or (size < low and not idle):
-            what = "never changes" if key == "position" and size == 0 else "is 0 throughout" if size == 0 else ""
-            message = what or f"{verb} {number(size)} {unit}"
-            question = "" if size == 0 else "; is the unit right?"
-            if size == 0:
-                question = {
-                    "position": f"; log a multisine with several times the {FORCE}, more than dry friction holds",
-                    "force": f"; without a {FORCE} no {MASS} is identified: log a multisine, as avc excite plays one",
-                }[key]
-            faults.append(
-                Fault(columns.file, None, spoken_key(key), f"{message}; allowed: {low:g} to {high:g} {unit}{question}")
-            )
+            what = f"reaches {number(size)} at most" if key == "force" else f"spans {number(size)}"
+            hint = "is the unit right?" if size else _MORE[key]
+            faults.append(Fault(file, None, key, f"{what}; allowed: {low:g} to {high:g}; {hint}"))
     return faults
 
 
-def shortened(records: Sequence[Record], most_samples: int) -> tuple[list[Record], str]:
-    """Keep evenly spread pieces of long records.
-
-    Returns:
-        Records, and a note on the omitted part, if any.
-    """
+def shortened(records: Sequence[Record], most_samples: int) -> list[Record]:
+    """Keep evenly spread pieces of long records."""
     total = sum(record.position_m.size for record in records)
     if total <= most_samples:
-        return list(records), ""
+        return list(records)
     kept = []
     for record in records:
         size = record.position_m.size
         pieces = max(1, min(8, size // 8000))
         length = max(_SHORTEST, int(size * most_samples / total / pieces))
-        for index, start in enumerate(np.linspace(0, size - length, pieces).astype(int)):
+        for index, start in enumerate(np.linspace(0, size - length, pieces).astype(int), start=1):
             part = slice(int(start), int(start) + length)
-            kept.append(
-                replace(
-                    record,
-                    name=f"{record.name}@{index + 1}",
-                    log=record.whole,
-                    position_m=record.position_m[part],
-                    force_n=record.force_n[part],
-                    begins_s=record.begins_s + float(start) * record.sample_time_s,
-                )
-            )
-    used = sum(record.position_m.size for record in kept)
-    return kept, f"of {total} samples {used} were used, in pieces spread evenly over the records"
+            position, force = record.position_m[part], record.force_n[part]
+            name = f"{record.name}@{index}"
+            kept.append(replace(record, name=name, log=record.whole, position_m=position, force_n=force))
+    return kept

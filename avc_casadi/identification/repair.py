@@ -16,7 +16,6 @@ from scipy.interpolate import make_interp_spline
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import METRE
 
 if TYPE_CHECKING:
     from avc_casadi.identification.record import Columns
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 
 # Share of samples that may be lost; more are another fault.
 _FEW = 0.01
-_NONE = "without a number"
+_NONE, _ALONE_TOLD = "without a number", "whose position jumps away and back"
 # Squares of larger values may overflow.
 _LARGEST = 1e100
 # An outlier jumps by this share of the range of a position, where samples move by this share of it; by so many of its
@@ -42,51 +41,34 @@ def sound(values: FloatArray) -> BoolArray:
     return np.asarray(np.abs(values) < _LARGEST)
 
 
-def left_out(columns: Columns) -> tuple[Columns, list[str]]:
-    """Remove lost samples, where they are few: they become gaps.
-
-    Returns:
-        The log, and notes for the user.
-    """
+def left_out(columns: Columns) -> Columns:
+    """Remove lost samples, where they are few: they become gaps."""
     none, alone = _lost(columns)
-    told = [*_told(columns, none, _NONE, "left out"), *_told(columns, alone, _jumps(columns, alone), "left out")]
-    if not told:
-        return columns, told
-    kept, lines = ~(none | alone), columns.line
-    whole = replace(
-        columns,
-        time_s=columns.time_s[kept],
-        position_m=columns.position_m[kept],
-        force_n=columns.force_n[kept],
-        line=None if lines is None else lines[kept],
-    )
-    return whole, told
+    told = (*_told(columns, none, _NONE, "left out"), *_told(columns, alone, _ALONE_TOLD, "left out"))
+    return replace(columns.rows(~(none | alone)), told=(*columns.told, *told)) if told else columns
 
 
-def filled(columns: Columns) -> tuple[Columns, list[str]]:
+def filled(columns: Columns) -> Columns:
     """Fill in rows without a number, where they are few: times and positions linearly, forces held.
 
     An outlier of the position is kept: the controller that computed the force saw it too.
-
-    Returns:
-        The log, and notes for the user.
     """
     none, alone = _lost(columns)
-    told = [*_told(columns, none, _NONE, "filled in"), *_told(columns, alone, _jumps(columns, alone), "kept")]
+    told = (*columns.told, *_told(columns, none, _NONE, "filled in"), *_told(columns, alone, _ALONE_TOLD, "kept"))
     if not none.any():
-        return columns, told
+        return replace(columns, told=told)
     row = np.arange(none.size)
     there = row[~none]
     known = sound(columns.force_n)
     last = np.maximum.accumulate(np.where(known, row, row[known][0]))
-    whole = replace(
+    return replace(
         columns,
         time_s=np.where(np.isfinite(columns.time_s), columns.time_s, np.interp(row, there, columns.time_s[there])),
         position_m=np.interp(row, there, columns.position_m[there]),
         force_n=columns.force_n[last],
+        told=told,
         filled=none,
     )
-    return whole, told
 
 
 def _lost(columns: Columns) -> tuple[BoolArray, BoolArray]:
@@ -106,20 +88,8 @@ def _told(columns: Columns, lost: BoolArray, what: str, done: str) -> list[str]:
     return [f"{columns.file}: {count} sample{'' if count == 1 else 's'} {what} {done}{where}"]
 
 
-def _jumps(columns: Columns, alone: BoolArray) -> str:
-    if not alone.any():
-        return ""
-    size = float(np.abs(_bend(columns.position_m)[alone]).max())
-    return f"whose position jumps away and back by up to {number(size, 3)} {METRE}"
-
-
 def wrapped(position: FloatArray, time_s: FloatArray) -> IndexArray:
-    """Return the rows of a counter overflow: the position jumps over most of its range, and stays there.
-
-    Args:
-        position: measured, shape (rows,).
-        time_s: shape (rows,).
-    """
+    """Return the rows of a counter overflow: the position jumps over most of its range, and stays there."""
     moves, steps = np.abs(np.diff(position)), np.diff(time_s)
     covers = float(np.ptp(position))
     counted = moves[moves > _ROUNDED * covers]
@@ -158,32 +128,16 @@ def _alone(position: FloatArray) -> BoolArray:
 _FEWEST_CHANGES = 100
 
 
-def taken_once(columns: Columns) -> tuple[Columns, list[str]]:
-    """Take one of every N rows where all stand N times: a loop was logged more often than it ran.
-
-    Returns:
-        The log, and notes for the user.
-    """
+def taken_once(columns: Columns) -> Columns:
+    """Take one of every N rows where all stand N times: a loop was logged more often than it ran."""
     changed = np.flatnonzero(~_repeated(columns)) + 1
     times = int(np.gcd.reduce(np.diff(changed))) if changed.size > _FEWEST_CHANGES else 1
     # Slow motion under a held force changes seldom, and not at every tick of any loop.
     if times < 2 or changed.size < 0.5 * (columns.time_s.size // times):
-        return columns, []
-    kept = np.arange(changed[0] % times, columns.time_s.size, times)
-    period = number(float(np.median(np.diff(columns.time_s[kept]))), 4)
-    told = (
-        f"{columns.file}: every row stands there {times} times: the loop ran at a step of {period} s and was logged "
-        f"{times} times as often; one row of each {times} is taken, and a delay counts these steps"
-    )
-    lines = columns.line
-    once = replace(
-        columns,
-        time_s=columns.time_s[kept],
-        position_m=columns.position_m[kept],
-        force_n=columns.force_n[kept],
-        line=None if lines is None else lines[kept],
-    )
-    return once, [told]
+        return columns
+    told = f"{columns.file}: every row stands there {times} times; one of each {times} is taken"
+    once = columns.rows(np.arange(changed[0] % times, columns.time_s.size, times))
+    return replace(once, told=(*columns.told, told))
 
 
 def _repeated(columns: Columns) -> BoolArray:
@@ -229,13 +183,11 @@ class Even:
         scatter: jitter, the standard deviation of the steps, as a share of the usual one.
         later_n: mean forces if they act 0, 1, 2, ... ticks after they are logged, brought forward by as many even
             samples, shape (ticks, samples).
-        told: note for the user.
     """
 
     columns: Columns
     scatter: float
     later_n: FloatArray
-    told: str
 
 
 def laid_evenly(columns: Columns, period_s: float) -> Even:
@@ -255,8 +207,7 @@ def laid_evenly(columns: Columns, period_s: float) -> Even:
     scatter = float(np.std(steps[steps <= LONGEST_STEP * period_s]))
     told = (
         f"{columns.file}: its steps of time scatter by {number(1e3 * scatter, 2)} ms about "
-        f"{number(1e3 * period_s, 3)} ms; the times are taken as they are, and the intervals hold what lies between "
-        "them. Where the ticks themselves are even and only their stamps scatter, --sample-time says so"
+        f"{number(1e3 * period_s, 3)} ms; where only the stamps scatter, --sample-time says so"
     )
     laid = replace(
         columns,
@@ -264,16 +215,13 @@ def laid_evenly(columns: Columns, period_s: float) -> Even:
         position_m=np.concatenate(smooth),
         force_n=later[0],
         line=None,
+        told=(*columns.told, told),
     )
-    return Even(laid, scatter / period_s, later, told)
+    return Even(laid, scatter / period_s, later)
 
 
 def _mean_held(time_s: FloatArray, force_n: FloatArray, at_s: FloatArray, period_s: float) -> FloatArray:
-    """Return the mean over each even sample of a force that is held from tick to tick, some ticks late, less samples.
-
-    Returns:
-        Shape (ticks, samples).
-    """
+    """Return the mean force over each even sample, held from tick to tick and some late, shape (ticks, samples)."""
     found = []
     for late in range(_MOST_TICKS + 1):
         begun = time_s[late:]

@@ -98,12 +98,7 @@ class Layout:
 
 
 def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault]]:
-    """Parse ``time=1,position=2`` as the columns and units of an option; an angle is a position, a torque a force.
-
-    Args:
-        texts: of the option, each with one or more pairs.
-        key: the option, for the faults.
-    """
+    """Parse ``time=1,position=2`` as the columns and units of an option; an angle is a position, a torque a force."""
     found: dict[str, str] = {}
     faults = []
     for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
@@ -134,15 +129,7 @@ def motion_of(chosen: Mapping[str, Column]) -> MotionKind:
 def chosen_columns(
     headers: Sequence[str] | None, width: int, layout: Layout, file: str, line: int | None
 ) -> tuple[dict[str, Column], list[Fault]]:
-    """Return the index and unit of each quantity, and every fault.
-
-    Args:
-        headers: of the columns, or None where there are none.
-        width: number of columns.
-        layout: as given by the user.
-        file: for the faults.
-        line: of the headers.
-    """
+    """Return the index and unit of each quantity, and every fault; headers are None where there are none."""
     chosen: dict[str, Column] = {}
     faults: list[Fault] = []
     parsed = [_split(header) for header in headers or ()]

@@ -12,7 +12,6 @@ from avc_casadi.present.figures.comparison import draw_comparison as draw_compar
 from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
 from avc_casadi.present.figures.diagnosis import draw_diagnosis as draw_diagnosis
-from avc_casadi.present.figures.identification import draw_correlations as draw_correlations
 from avc_casadi.present.figures.identification import draw_identification as draw_identification
 from avc_casadi.present.figures.layout import figure_png_svg as figure_png_svg
 from avc_casadi.present.figures.layout import figure_svg as figure_svg

@@ -1,4 +1,4 @@
-"""An identified device: log and model, residual, frequency response, intervals, correlations."""
+"""An identified device: log and model, residual, frequency response, intervals."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from avc_casadi._util.units import A_MASS, M_PER_S_PER_N, MICROMETRE, MM, NEWTON, Wording, spoken_key
+from avc_casadi._util.units import units_for
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import frequency_axis, styled
 
@@ -23,8 +23,8 @@ _LARGE_M = 2e-3
 _TITLES = (
     "(a) position, the model all but free",
     "(b) measured less model",
-    Wording.of(lambda: f"(c) velocity for 1 {NEWTON}"),
-    Wording.of(lambda: f"(d) its phase, less that of {A_MASS}"),
+    "(c) velocity over force",
+    "(d) its phase, less that of a mass",
     "(e) 95 % intervals about the values",
     "(f) prediction error against its past",
 )
@@ -41,7 +41,7 @@ def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure
     Raises:
         InputError: another number of axes.
     """
-    panels = Panels.of(axes, [*map(str, _TITLES)], 8.6, lambda figure: figure.subplots(3, 2).ravel())
+    panels = Panels.of(axes, _TITLES, 8.6, lambda figure: figure.subplots(3, 2).ravel())
     position, left, size, phase, intervals, past = panels.axes
     _stretch(position, left, found)
     _response(size, phase, found)
@@ -51,41 +51,16 @@ def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure
     return panels.figure
 
 
-@styled
-def draw_correlations(found: Identification, axes: GivenAxes = None) -> Figure:
-    """Draw the correlations of the estimates.
-
-    Args:
-        found: the identification.
-        axes: one axes to draw in; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
-    panels = Panels.of(axes, ("correlations of the estimates",), 4.6, lambda figure: [figure.subplots()])
-    (one,) = panels.axes
-    one.imshow(found.correlation, aspect="auto", vmin=-1, vmax=1, cmap="RdBu_r")
-    names = [spoken_key(name).rpartition(".")[2] for name in found.names]
-    one.set_xticks(range(len(names)), names, rotation=35, ha="right")
-    one.set_yticks(range(len(names)), names)
-    one.grid(visible=False)
-    for row in range(len(names)):
-        for column in range(row):
-            value = float(found.correlation[row, column])
-            colour = "white" if abs(value) > 0.6 else "0.2"
-            one.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=colour)
-    return panels.figure
-
-
 def _stretch(position: Axes, left: Axes, found: Identification) -> None:
-    shown = found.shown[0]
+    shown = found.stretches[0]
     position.plot(shown.time_s, 1e3 * shown.measured_m, **_MEASURED)
     position.plot(shown.time_s, 1e3 * shown.simulated_m, **_MODEL)
-    position.set_ylabel(f"position ({MM})")
+    length = units_for(found.motion).unit("m")
+    position.set_ylabel(f"position (m{length})")
     difference = shown.measured_m - shown.simulated_m
-    size, unit = (1e3, MM) if np.abs(difference).max(initial=0.0) > _LARGE_M else (1e6, MICROMETRE)
+    size, prefix = (1e3, "m") if np.abs(difference).max(initial=0.0) > _LARGE_M else (1e6, "u")
     left.plot(shown.time_s, size * difference, color="#08306b", linewidth=0.8)
-    left.set_ylabel(f"difference ({unit})")
+    left.set_ylabel(f"difference ({prefix}{length})")
     for one in (position, left):
         one.set_xlabel("time (s)")
         one.set_xlim(float(shown.time_s[0]), float(shown.time_s[-1]))
@@ -102,7 +77,8 @@ def _response(size: Axes, phase: Axes, found: Identification) -> None:
     size.plot(band, np.abs(response.velocity_per_force[use]), "o", markersize=2.4, color="0.55")
     size.plot(frequency[span], np.abs(found.modelled[span]), **{**_MODEL, "label": "_"})
     size.set_yscale("log")
-    size.set_ylabel(f"|v/F| ({M_PER_S_PER_N})")
+    units = units_for(found.motion)
+    size.set_ylabel(f"|v/F| ({units.unit('m/s')}/({units.unit('N')}))")
     # A mass has -90 degrees; the rest is damping, delay, amplifier and resonance.
     turned = 1j
     measured = np.degrees(np.angle(response.velocity_per_force[use] * turned))
@@ -126,7 +102,7 @@ def _intervals(axes: Axes, found: Identification) -> None:
     ends = 100 * np.clip(ends.reshape(-1, 2).T, 1e-4, 1e3)
     axes.hlines(at, -ends[0], ends[1], color="#08306b", linewidth=2.2)
     axes.plot(np.zeros(len(some)), at, "|", color="0.1", markersize=8)
-    axes.set_yticks(at, [spoken_key(one.key).rpartition(".")[2] for one in some])
+    axes.set_yticks(at, [units_for(found.motion).key(one.key).rpartition(".")[2] for one in some])
     widest = float(ends.max(initial=1.0))
     straight = 10.0 ** np.floor(np.log10(max(1.0, widest) / 50))
     axes.set_xscale("symlog", linthresh=straight)

@@ -1,0 +1,271 @@
+"""The ladder: rigid device and friction, then amplifier, resonance and spring, each by its evidence in the log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from avc_casadi._util.arrays import FloatArray
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.identification.fit import FIRST_RATE_PER_S, Fit, Window, closely, fit, judged, roughly, slowest_observer
+from avc_casadi.identification.frequency import Response, likely_resonances, spring_start
+from avc_casadi.identification.intervals import (
+    WORTH,
+    Trial,
+    collinearity,
+    compared,
+    half_widths,
+    late_samples,
+    other_shares,
+)
+from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.terms import (
+    FRICTION,
+    HIGHEST_SEEN,
+    LOOP_RATIO,
+    MASS_RATIO,
+    RUNGS,
+    WORDS,
+    Structure,
+)
+
+# Collinearity beyond which the rest of the model has the same effect as a rung.
+_CONFOUNDED = {"lag": 300.0, "loop": 300.0}
+_ALIKE = 100.0
+_CLOSE, _MOST_STARTS, _HOPEFUL = 1.05, 2, 1.0
+# Half widths of coordinates beyond which a log does not tell a number.
+WIDEST = {
+    "mass_kg": 0.35,
+    "damping_ns_per_m": 0.4,
+    "delay_samples": 1.0,
+    FRICTION: 0.4,
+    "amplifier_bandwidth_hz": 0.5,
+    LOOP_RATIO: 0.5,
+    "resonance.frequency_hz": 0.15,
+    "resonance.damping_ratio": 1.4,
+    MASS_RATIO: 2.0,
+    "stiffness_n_per_m": 0.4,
+    "force_scale": 0.35,
+}
+# Damping of no mode: two real poles, which any small misfit has. A lag faster than this is a delay.
+_NO_MODE, _FASTEST_LAG = 1.9, 1.5
+# Usual shares of the mass beyond a resonance.
+_SHARES = (0.1, 0.2, 0.35, 0.5, 0.7)
+
+
+@dataclass
+class Ladder:
+    """The model of a log while it climbs.
+
+    Attributes:
+        fit: of the rungs that were taken.
+        trials: the last trial of each rung.
+        rivals: fits of rungs that were not taken.
+        half: half the interval of each coordinate.
+        shares: range of the mass ratio where the log does not tell it.
+    """
+
+    predictor: Predictor
+    window: Window
+    response: Response
+    start: Mapping[str, float]
+    sides: Sequence[str]
+    fit: Fit
+    trials: dict[str, Trial] = field(default_factory=dict)
+    rivals: dict[str, Fit] = field(default_factory=dict)
+    half: FloatArray = field(default_factory=lambda: np.zeros(0))
+    shares: tuple[float, float] | None = None
+
+    @classmethod
+    def climb(
+        cls,
+        predictor: Predictor,
+        structure: Structure,
+        start: Mapping[str, float],
+        response: Response,
+        sides: Sequence[str],
+        progress: Progress = SILENT,
+    ) -> Ladder:
+        """Take the rungs that the log bears out, and find the intervals."""
+        window = Window.of(predictor)
+        first = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
+        lowest = fit(predictor, structure, start, first, window, tolerance=1e-5)
+        found = cls(predictor, window, response, start, sides, closely(predictor, lowest, window))
+        found._try(("friction",))
+        left = [rung for rung in ("lag", "loop", "resonance", "spring") if rung not in structure.rungs]
+        for step in range(3):
+            progress.advance(step, 3, ", ".join(WORDS[rung] for rung in left))
+            taken = found._try(left)
+            if taken is None:
+                break
+            left = [rung for rung in left if rung != taken and not {taken, rung} <= {"lag", "loop"}]
+        if "friction" not in found.fit.structure.rungs:
+            found._try(("friction",))
+        found.fit = closely(predictor, found.fit, window, steps=30, tolerance=1e-10)
+        found._prune()
+        found._intervals()
+        return found
+
+    def _try(self, rungs: Sequence[str]) -> str | None:
+        """Try rungs; take the best of those that the evidence supports, and of equals the simplest."""
+        good: dict[str, Fit] = {}
+        for rung in rungs:
+            found = self._best(rung)
+            if found is None:
+                self.trials[rung] = Trial(rung, False, 0.0, 0.0, "no sign of it")
+                continue
+            trial = compared(self.fit, found, rung)
+            why = self._doubt(found, rung) if trial.taken else ""
+            self.trials[rung] = replace(trial, taken=trial.taken and not why, why=why)
+            if self.trials[rung].taken:
+                good[rung] = found
+            else:
+                self.rivals[rung] = found
+        if not good:
+            return None
+        least = min(found.rms_m for found in good.values())
+        taken = min(
+            (rung for rung in good if good[rung].rms_m <= (1 + WORTH) * least), key=lambda rung: good[rung].search.size
+        )
+        for rung in good.keys() - {taken}:
+            self.trials[rung] = replace(self.trials[rung], taken=False, why=f"{WORDS[taken]} explains more")
+        self.rivals.pop(taken, None)
+        self.fit = good[taken]
+        return taken
+
+    def _best(self, rung: str) -> Fit | None:
+        """Return the best fit with one more rung, from each of its starts."""
+        # A simpler model that misses much has an observer too fast for a search from a distant start.
+        slow = min(self.fit.observer.rate_per_s, FIRST_RATE_PER_S)
+        starts = list(self._starts(rung))
+        if rung in {"lag", "loop"}:
+            # One Gauss-Newton step from the best of them says whether any is worth a search.
+            begun = [
+                judged(self.predictor, structure, structure.start(start), self.fit.observer, self.window)
+                for structure, start in starts
+            ]
+            best_begun = min(begun, key=lambda one: one.rms_m)
+            starts = [starts[begun.index(best_begun)]]
+            if compared(self.fit, best_begun, rung).standard_errors < _HOPEFUL:
+                return None
+        rough = [roughly(self.predictor, structure, start, slow) for structure, start in starts]
+        least = min((one.rms_m for one in rough), default=0.0)
+        found = [closely(self.predictor, one, self.window) for one in rough if one.rms_m <= _CLOSE * least]
+        best = min(found, key=lambda one: one.rms_m, default=None)
+        if best is not None and rung == "resonance" and collinearity(best) > _ALIKE:
+            return self._with_share(best, float(np.clip(best.values[MASS_RATIO], _SHARES[0], _SHARES[-1])))
+        return best
+
+    def _with_share(self, found: Fit, share: float) -> Fit:
+        """Return a fit with its mass ratio fixed: with the encoder at the handle a log hardly changes with it."""
+        structure = replace(found.structure, assumed={MASS_RATIO: share})
+        return fit(self.predictor, structure, found.values, found.observer, self.window, steps=15, tolerance=1e-6)
+
+    def _starts(self, rung: str) -> Iterator[tuple[Structure, dict[str, float]]]:
+        values, period = self.fit.values, self.predictor.sample_time_s
+        rich = self.fit.structure.with_rung(rung)
+        if rung == "friction":
+            likely = max(self.start[FRICTION], 0.02 * rich.units[FRICTION])
+            # In a log dominated by friction a model without it is far off: the first start is nearer.
+            for near in ({}, {key: self.start[key] for key in values if key in self.start}):
+                yield rich, {**values, **near, FRICTION: likely}
+        elif rung in {"lag", "loop"}:
+            for rate in (0.8 / period, 0.3 / period, 0.1 / period):
+                begun = {**values, "amplifier_bandwidth_hz": max(rate, 1.0)}
+                late = late_samples(begun, rich.order, period)
+                yield rich, {**begun, "delay_samples": max(values["delay_samples"] - late, 0.0)}
+        elif rung == "resonance":
+            if self.fit.observer.rate_per_s > 2 * FIRST_RATE_PER_S:
+                values = roughly(self.predictor, self.fit.structure, values, FIRST_RATE_PER_S).values
+            found = []
+            for side in self.sides:
+                structure = replace(rich, encoder_at="handle" if side == "handle" else "motor")
+                for left, likely_mode in likely_resonances(self.response, values, structure, period):
+                    found.append((left, structure, {**values, **likely_mode}))
+            found.sort(key=lambda one: one[0])
+            yield from (one[1:] for one in found[:_MOST_STARTS] if one[0] < 3 * found[0][0])
+        else:
+            likely_spring = spring_start(self.response, values["delay_samples"] * period)
+            if likely_spring is not None:
+                yield rich, {**values, "delay_samples": self.start["delay_samples"], **likely_spring}
+            else:
+                yield rich, values
+
+    def _doubt(self, found: Fit, rung: str) -> str:
+        """Return why a rung that betters the prediction is not told all the same, if it is not."""
+        values, period, band = found.values, self.predictor.sample_time_s, self.response.excited_hz
+        if rung == "resonance":
+            if values["resonance.frequency_hz"] > min(HIGHEST_SEEN / period, 1.3 * band[1] if band else 0.0):
+                return "beyond the frequencies that the log excites"
+            if values["resonance.damping_ratio"] > _NO_MODE:
+                return "damped like no mode"
+        if rung in {"lag", "loop"} and values["amplifier_bandwidth_hz"] > _FASTEST_LAG / period:
+            return "so fast that it is a shorter delay at this sample rate"
+        if collinearity(found) > _CONFOUNDED.get(rung, _ALIKE):
+            return "the rest of the model has the same effect"
+        return ""
+
+    def _without(self, rung: str) -> Fit:
+        simple = self.fit.structure.without(rung)
+        return fit(self.predictor, simple, self.fit.values, self.fit.observer, self.window, steps=15, tolerance=1e-6)
+
+    def _drop(self, rung: str, without: Fit, trial: Trial) -> None:
+        self.rivals[rung], self.trials[rung] = self.fit, trial
+        self.fit = closely(self.predictor, without, self.window, steps=30, tolerance=1e-10)
+
+    def _prune(self) -> None:
+        """Drop rungs that the whole model no longer bears out."""
+        for rung in ("spring", "loop", "lag", "resonance", "friction"):
+            if rung in self.fit.structure.rungs:
+                without = self._without(rung)
+                trial = compared(without, self.fit, rung)
+                self.trials[rung] = trial
+                if not trial.taken:
+                    self._drop(rung, without, replace(trial, why="not borne out beside the rest"))
+
+    def _intervals(self) -> None:
+        """Find the intervals; a rung too vague for a model is dropped, and the rest is fitted again."""
+        while True:
+            self.half = half_widths(self.predictor, self.fit, self.window, self.rivals)
+            if MASS_RATIO in self.fit.structure.assumed:
+                self._other_shares()
+            vague = [rung for rung in ("spring", "loop", "lag", "resonance") if self._vague(rung)]
+            if not vague:
+                return
+            if vague[0] == "resonance" and self._wide() == {MASS_RATIO}:
+                self.fit = self._with_share(self.fit, float(np.clip(self.fit.values[MASS_RATIO], 0.1, 0.7)))
+                continue
+            without = self._without(vague[0])
+            self._drop(vague[0], without, replace(self.trials[vague[0]], taken=False, why="too vague for a model"))
+
+    def _wide(self) -> set[str]:
+        """Return the parameters that the log does not tell."""
+        names = self.fit.structure.names
+        return {name for name, half in zip(names, self.half, strict=True) if half > WIDEST.get(name, np.inf)}
+
+    def _vague(self, rung: str) -> bool:
+        structure = self.fit.structure
+        if rung not in structure.rungs:
+            return False
+        zero = (
+            rung == "spring"
+            and self.fit.search[structure.names.index(RUNGS[rung][0])]
+            <= self.half[structure.names.index(RUNGS[rung][0])]
+        )
+        return bool(zero) or bool(self._wide() & set(RUNGS[rung]))
+
+    def _other_shares(self) -> None:
+        """Widen the intervals to every usual mass ratio that predicts the log as well."""
+        share = self.fit.values[MASS_RATIO]
+        good = [(share, self.fit)]
+        for side in ([one for one in _SHARES[::-1] if one < share], [one for one in _SHARES if one > share]):
+            for at in side:
+                other = self._with_share(self.fit, at)
+                if compared(other, self.fit, "resonance").taken:
+                    break
+                good.append((at, other))
+        self.half = other_shares(self.half, self.fit, [found for _, found in good])
+        shares = [at for at, _ in good]
+        self.shares = min(shares), max(shares)

@@ -1,0 +1,328 @@
+"""Devices of a simulator that shares no code with the project come back from their logs, inside the intervals."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from buzzing_device import Buzzing, logged
+from held_device import held_log
+from measured_device import Truth, measured, multisine
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.files.device_file import DeviceFile, load_device
+from avc_casadi.identification.device import device_text
+from avc_casadi.identification.identify import identify
+from avc_casadi.identification.record import Record, records_of
+
+PERIOD = 1e-3
+RIGID = {"mass_kg": 0.1, "damping_ns_per_m": 2.0}
+
+
+def record(truth, seconds=4.0, rms=2.0, seed=0, high=300.0, noise=0.0, added=0.0, name="log"):
+    random = np.random.default_rng(seed)
+    wanted = multisine(random, seconds, truth.period, 0.5, high, rms)
+    _, position, force = measured(truth, wanted, random, noise=noise)
+    return Record(name, truth.period, position, force, added)
+
+
+def holds(found, within=None, **truth):
+    for key, value in truth.items():
+        one = found.estimates[key.replace("mode_", "resonance.")]
+        assert one.low * (1 - 1e-3) <= value <= one.high * (1 + 1e-3), (key, value, one)
+        assert within is None or not value or one.value == pytest.approx(value, rel=within), (key, one)
+
+
+@pytest.fixture(scope="module")
+def flexible():
+    truth = Truth(coulomb=0.4, delay=1.4, resonance=140.0, ratio=0.05, share=0.35, encoder=2e-5, spring=50.0)
+    return identify([record(truth, seconds=5.0)])
+
+
+@pytest.mark.thorough
+def test_resonance_friction_and_fractional_delay(flexible, tmp_path):
+    holds(flexible, 0.03, **RIGID, delay_samples=1.4, coulomb_friction_n=0.4, encoder_resolution_m=2e-5)
+    holds(flexible, mode_frequency_hz=140.0, mode_damping_ratio=0.05, mode_mass_ratio=0.35)
+    assert flexible.encoder_at == "motor"
+    assert {"amplifier_bandwidth_hz", "force_scale", "max_force_n"} <= set(flexible.unknown)
+    (tmp_path / "mine.toml").write_text(device_text(flexible.device))
+    read = avc.load_device(tmp_path / "mine.toml")
+    assert read.device == flexible.device.device
+    assert read.sources.mass_kg.grade == "measured"
+
+
+@pytest.mark.thorough
+def test_encoder_at_the_handle_tells_the_resonance_but_not_how_the_mass_divides():
+    """Nothing but viscous damping acts on the motor: other shares with another damping ratio predict the same."""
+    truth = Truth(delay=1.0, resonance=150.0, ratio=0.04, share=0.3, at_handle=1.0, encoder=1e-5, spring=50.0)
+    found = identify([record(truth, seed=12)])
+    holds(found, **RIGID, delay_samples=1.0, mode_frequency_hz=150.0, mode_damping_ratio=0.04, mode_mass_ratio=0.3)
+    assert found.encoder_at == "handle"
+    assert not found.estimates["resonance.mass_ratio"].identified
+    low, high = found.device.device.range.resonance.mass_ratio
+    assert low <= 0.3 <= high
+
+
+def test_a_rigid_device_without_friction_claims_neither():
+    found = identify([record(Truth(delay=0.6, encoder=5e-6, spring=30.0), seed=3)])
+    holds(found, 1e-3, **RIGID, delay_samples=0.6)
+    assert found.rungs == ("rigid",)
+    assert found.estimates["coulomb_friction_n"].low == 0
+
+
+@pytest.mark.thorough
+def test_a_stiff_controller_in_a_loop_leaves_no_bias():
+    """A wall of 2 kN/m with damping, noise of the encoder fed back through it: least squares is biased, this is not."""
+    truth = Truth(mass=0.2, coulomb=0.3, delay=1.0, encoder=5e-5, spring=2000.0, damper=4.0)
+    found = identify([record(truth, rms=3.0, seed=4, noise=2e-5)])
+    holds(found, mass_kg=0.2, damping_ns_per_m=2.0, delay_samples=1.0, coulomb_friction_n=0.3)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("delay", [0.1, 1.7])
+def test_friction_that_turns_inside_a_sample_leaves_only_the_rounding(delay):
+    # A twelfth of the velocity decays in a sample: taken to change evenly it misses mass and friction by 3e-4.
+    truth = Truth(mass=0.05, damping=4.0, coulomb=0.8, delay=delay, encoder=1e-7, spring=30.0)
+    found = identify([record(truth, seconds=6.0, seed=4)])
+    holds(found, 5e-5, mass_kg=0.05, damping_ns_per_m=4.0, coulomb_friction_n=0.8)
+    assert found.estimates["delay_samples"].value == pytest.approx(delay, abs=5e-5)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("rung", "truth"),
+    [
+        ("lag", {"coulomb": 0.3, "delay": 0.5, "bandwidth": 200.0, "encoder": 1e-5}),
+        ("loop", {"coulomb": 0.3, "delay": 1.0, "bandwidth": 150.0, "loop_damping": 0.5, "encoder": 5e-6}),
+    ],
+)
+def test_an_amplifier_is_told_from_delay(rung, truth):
+    found = identify([record(Truth(damping=0.5, spring=30.0, **truth), seconds=8.0, rms=1.3, seed=3)])
+    assert rung in found.rungs
+    holds(found, 0.03, delay_samples=truth["delay"], amplifier_bandwidth_hz=truth["bandwidth"], mass_kg=0.1)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("bandwidth", "delay"), [(400.0, 1.0), (60.0, None)])
+def test_the_lag_of_an_amplifier_that_is_known_already_counts_once(bandwidth, delay, tmp_path):
+    """Told with the delay by the log, it stays in the amplifier; one that lags more than the log tells is none."""
+    truth = Truth(coulomb=0.2, delay=1.0, bandwidth=400.0, encoder=1e-4)
+    device = f"mass_kg = 0.1\ndamping_ns_per_m = 2.0\namplifier_bandwidth_hz = {bandwidth}\n"
+    (tmp_path / "base.toml").write_text(f'title = "b"\n[device]\n{device}')
+    found = identify([record(truth, high=15.0)], base=avc.load_device(tmp_path / "base.toml"))
+    device = found.device.device
+    if delay is None:
+        assert device.amplifier_bandwidth_hz is None
+        assert "amplifier_bandwidth_hz" in found.device.gaps
+    else:
+        assert device.amplifier_bandwidth_hz == bandwidth
+        low, high = device.range.delay_samples
+        assert low <= delay <= high
+        assert device.delay_samples == pytest.approx(delay, abs=0.05)
+
+
+@pytest.mark.thorough
+def test_a_known_mass_tells_the_scale_of_the_force():
+    plain = Truth(mass=0.15, damping=3.0, scale=0.8, delay=1.0, encoder=1e-5, spring=50.0)
+    loaded = replace(plain, mass=0.35)
+    found = identify([record(plain, seed=5, name="a"), record(loaded, seed=6, added=0.2, name="b")])
+    holds(found, mass_kg=0.15, damping_ns_per_m=3.0, force_scale=0.8)
+
+
+def test_a_spring_that_holds_the_device_is_found():
+    found = identify([record(Truth(ground=400.0, delay=1.0, encoder=5e-6), seed=8)])
+    holds(found, 0.01, stiffness_n_per_m=400.0, mass_kg=0.1)
+    assert any("spring" in note for note in found.notes)
+
+
+@pytest.mark.thorough
+def test_a_device_turned_over_is_the_same_device():
+    """Gravity changes its sign from log to log, and nothing else does."""
+    truth = Truth(coulomb=0.3, delay=1.0, encoder=1e-5, spring=50.0, offset=0.5)
+    other = replace(truth, offset=-0.5)
+    found = identify([record(truth, seed=1, name="a"), record(other, seed=2, name="b")])
+    holds(found, **RIGID, coulomb_friction_n=0.3, offset_n=0.5)
+    holds(found, **{"log_2.offset_n": -0.5})
+
+
+def sines(amplitude, top_hz, period=PERIOD, seed=1, *, spring=0.0, damper=0.0):
+    omega = 2 * np.pi * np.linspace(0.2, top_hz, 30) * period
+    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, 30)
+    return lambda tick, z, u: amplitude * np.sin(omega * tick + phase).sum() - spring * z - damper * u
+
+
+def of(columns):
+    records, faults, _ = records_of(columns)
+    assert not faults
+    return records
+
+
+HELD = {"mass": 0.1, "damping": 1.0, "friction": 0.05, "spring": 500.0, "ticks": 5000, "parts": 40}
+
+
+@pytest.mark.thorough
+def test_a_device_on_a_spring_is_found_below_its_resonance():
+    found = identify(of(held_log(sines(0.22, 6.0), **HELD)))
+    holds(found, 0.02, mass_kg=0.1, damping_ns_per_m=1.0, stiffness_n_per_m=500.0, coulomb_friction_n=0.05)
+
+
+def test_a_force_of_reversed_sign_is_refused():
+    for records in (of(held_log(sines(0.22, 6.0), **HELD)), [record(Truth(delay=1.0, encoder=1e-5))]):
+        with pytest.raises(avc.InputError, match="--flip-force"):
+            identify(records, flip_force=True)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("period", "scatter"), [(0.005, 0.002), (0.01, 0.004), (0.0025, 0.001)])
+def test_a_clock_that_scatters_is_taken_as_it_is(period, scatter):
+    law = sines(0.35, min(15.0, 0.08 / period), period, seed=3, spring=30.0)
+    device = {"mass": 0.2, "damping": 2.0, "friction": 0.3}
+    found = identify(of(held_log(law, **device, period=period, ticks=round(12 / period), scatter=scatter, parts=40)))
+    holds(found, 0.03, mass_kg=0.2, damping_ns_per_m=2.0, coulomb_friction_n=0.3)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("delay", [0, 2])
+def test_a_delay_that_is_counted_in_ticks_of_such_a_clock_leaves_the_damping(delay):
+    period = 5e-3
+    law = sines(0.15, 15.0, period, seed=3, spring=30.0, damper=0.5)
+    device = {"mass": 0.25, "damping": 1.2, "friction": 0.15, "delay": delay}
+    found = identify(of(held_log(law, **device, period=period, ticks=3200, scatter=0.4 * period, parts=40)))
+    holds(found, 0.01, mass_kg=0.25, damping_ns_per_m=1.2, coulomb_friction_n=0.15)
+    assert found.estimates["delay_samples"].value == pytest.approx(delay, abs=0.03)
+    assert "resonance" not in found.rungs
+
+
+@pytest.mark.thorough
+def test_steps_of_force_tell_a_device():
+    random = np.random.default_rng(3)
+    truth = Truth(mass=0.15, damping=1.5, coulomb=0.3, delay=1.3, encoder=2e-5, spring=40.0)
+    wanted = np.repeat(random.choice([-2.0, -1.0, 1.0, 2.0], 80), 100)
+    _, position, force = measured(truth, wanted, random)
+    found = identify([Record("steps", PERIOD, position, force)])
+    holds(found, 0.03, mass_kg=0.15, damping_ns_per_m=1.5, coulomb_friction_n=0.3)
+    assert found.estimates["delay_samples"].value == pytest.approx(1.3, abs=0.05)
+
+
+def spinning(ways, seconds=6.0, friction=0.036):
+    """A motor that turns freely under a torque of one sign in each record: more than a thousand radians."""
+    truth = Truth(mass=1.2e-4, damping=9.5e-5, coulomb=friction, delay=1.0, encoder=2 * np.pi / 16384)
+    records = []
+    for at, way in enumerate(ways):
+        random = np.random.default_rng(at)
+        levels = np.repeat(random.uniform(0.03, 0.065, round(seconds / 0.2)), 200)
+        _, position, force = measured(truth, way * levels, random)
+        records.append(Record(f"log {at}", PERIOD, position, force, motion="rotary"))
+    return records
+
+
+@pytest.mark.thorough
+def test_a_motor_that_spins_both_ways_tells_its_friction():
+    found = identify(spinning((1, -1)), handle_radius_m=0.05)
+    holds(found, 0.03, mass_kg=1.2e-4, damping_ns_per_m=9.5e-5, coulomb_friction_n=0.036)
+    assert found.device.device.motion == "rotary"
+
+
+def test_a_motor_that_spins_one_way_leaves_its_friction_a_range():
+    found = identify(spinning((1,)), handle_radius_m=0.05)
+    holds(found, 0.03, mass_kg=1.2e-4)
+    one = found.estimates["coulomb_friction_n"]
+    assert not one.identified
+    assert one.low == 0
+    assert one.high >= 0.036
+    assert "coulomb_friction_n" in found.device.gaps
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("case", [("sine", 3.0, 2.0, 0.2), ("sine", 4.0, 3.0, 0.1), ("slow", 4.0, 1.0, 0.5)])
+def test_what_a_log_does_not_tell_is_a_range_that_holds_it(case):
+    kind, hertz, size, coulomb = case
+    truth = Truth(damping=0.5, coulomb=coulomb, delay=1.0, encoder=2e-5, spring=100.0 * (kind == "slow"))
+    wanted = size * np.sin(2 * np.pi * hertz * np.arange(8000) * PERIOD)
+    if kind == "slow":
+        wanted = multisine(np.random.default_rng(9), 8.0, PERIOD, 0.5, hertz, size)
+    _, position, force = measured(truth, wanted, np.random.default_rng(4))
+    found = identify([Record(kind, PERIOD, position, force)])
+    holds(found, mass_kg=0.1, damping_ns_per_m=0.5, delay_samples=1.0, coulomb_friction_n=coulomb)
+
+
+def test_forces_that_do_not_act_and_ticks_that_are_not_logged_are_refused(tmp_path):
+    (tmp_path / "d.toml").write_text(
+        "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\nsample_time_s = 5e-4\nmax_force_n = 3.0\n"
+    )
+    one = record(Truth(encoder=1e-5, spring=50.0), seconds=2.0)
+    with pytest.raises(avc.InputError) as caught:
+        identify([one], base=load_device(tmp_path / "d.toml"))
+    assert [fault.key for fault in caught.value.faults] == ["force", "time"]
+
+
+def test_a_force_that_the_device_follows_up_to_a_limit_only_is_refused():
+    truth = Truth(mass=0.12, damping=0.8, coulomb=0.1, delay=1.0, encoder=2e-5)
+    random = np.random.default_rng(0)
+    wanted = multisine(random, 6.0, truth.period, 0.5, 80.0, 1.5)
+    _, position, _ = measured(truth, np.clip(wanted, -2.0, 2.0), random)
+    with pytest.raises(avc.InputError, match="follows it up to about"):
+        identify([Record("log", truth.period, position, wanted)])
+
+
+# A hand that goes to and fro in a wall, by its own will.
+PRESSED = Buzzing(mass=0.12, damping=0.8, friction=0.1, encoder=2e-5, stiffness=1500.0, damper=2.0, end=0.01)
+
+
+@pytest.mark.parametrize("changed", [{}, {"keep": 0.6}, {"lag": 2.0}, {"two_sided": 1.0, "stiffness": 800.0}])
+def test_a_force_that_is_pure_feedback_tells_no_device(changed):
+    loop = replace(PRESSED, sway=4e-3, **changed)
+    _, position, force = logged(loop, 6.0)
+    with pytest.raises(avc.InputError, match="a spring and a damper on the measured position and nothing else"):
+        identify([Record("pressed", loop.period, position, force)])
+
+
+def test_motion_in_the_first_part_only_is_refused():
+    loop = Buzzing(mass=0.15, damping=1.0, friction=0.2, encoder=2e-5, stiffness=1500.0, damper=5.0, end=0.003)
+    time, position, force = logged(loop, 6.0)
+    still = time >= 0.5
+    position[still], force[still] = position[~still][-1], force[~still][-1]
+    with pytest.raises(avc.InputError, match="allowed: motion that goes on"):
+        identify([Record("pressed", loop.period, position, force)])
+
+
+@pytest.mark.thorough
+def test_a_log_that_stands_still_for_the_most_part_is_answered():
+    """Most stretches are predicted exactly there, by every model."""
+    loop = Buzzing(mass=0.15, damping=1.0, friction=0.2, encoder=2e-5, stiffness=1500.0, damper=5.0, end=0.003)
+    _, position, force = logged(replace(loop, start=-0.08), 6.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert identify([Record("pressed", loop.period, position, force)]).estimates["mass_kg"].value > 0
+
+
+def test_a_guess_fills_what_the_log_does_not_tell():
+    device = {"mass_kg": 0.5, "damping_ns_per_m": 1.0, "max_force_n": 8.0, "encoder_resolution_m": 3e-5}
+    base = DeviceFile.model_validate({"name": "base", "device": device})
+    found = identify([record(Truth(delay=1.0, encoder=0.0, spring=50.0), noise=1e-6)], base=base)
+    assert found.device.device.max_force_n == 8.0
+    assert found.device.device.encoder_resolution_m == 3e-5
+    assert found.device.device.mass_kg == pytest.approx(0.1, rel=0.01)
+    assert any("is it the device of these logs" in note for note in found.notes)
+
+
+def test_verb_writes_device_document_and_page(tmp_path, capsys):
+    one = record(Truth(delay=1.0, encoder=1e-5, spring=50.0), seconds=3.0)
+    log, out, page = tmp_path / "log.csv", tmp_path / "d.toml", tmp_path / "p.html"
+    time = np.arange(one.force_n.size)
+    columns = np.column_stack([time, 1e6 * one.position_m, one.force_n])
+    np.savetxt(log, columns, delimiter=",", header="time_ms,position_um,force_N", comments="")
+    assert main(["identify", str(log), "--out", str(out), "--report", str(page), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["estimates"]["mass_kg"]["low"] <= 0.1 <= document["estimates"]["mass_kg"]["high"]
+    names = document["correlation"]["names"]
+    assert np.array(document["correlation"]["of_estimates"]).shape == (len(names), len(names))
+    assert avc.load_device(out).device.mass_kg == pytest.approx(0.1, rel=0.01)
+    text = page.read_text(encoding="utf-8")
+    assert text.count("data:image/svg+xml;base64,") == 2
+    assert main(["identify", str(log), "-v"]) == 0
+    told = capsys.readouterr().out
+    assert "mass_kg" in told
+    assert "nan" not in told.lower()

@@ -1,0 +1,214 @@
+"""Parts of an identification against what is known independently of them."""
+
+import numpy as np
+import pytest
+from buzzing_device import Buzzing, logged
+from hypothesis import given
+from hypothesis import strategies as st
+from measured_device import Truth, measured, multisine
+
+from avc_casadi.identification import run as _run
+from avc_casadi.identification.closed_loop import only_feedback
+from avc_casadi.identification.encoder import encoder_step_m
+from avc_casadi.identification.fit import Block, Fit, Window, fit
+from avc_casadi.identification.intervals import bootstrap, compared, held_out
+from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.record import Record
+from avc_casadi.identification.regression import Motion
+from avc_casadi.identification.terms import RUNGS, Structure
+
+VALUES = {
+    "mass_kg": 0.11,
+    "damping_ns_per_m": 2.1,
+    "delay_samples": 1.4,
+    "offset_n": 0.01,
+    "coulomb_friction_n": 0.35,
+    "amplifier_bandwidth_hz": 200.0,
+    "amplifier_damping_ratio": 0.5,
+    "resonance.frequency_hz": 150.0,
+    "resonance.damping_ratio": 0.04,
+    "resonance.mass_ratio": 0.3,
+    "stiffness_n_per_m": 3.0,
+}
+MODELS = [("rigid",), ("rigid", "friction"), ("rigid", "friction", "loop", "resonance", "spring")]
+
+
+@pytest.fixture(scope="module")
+def predictor():
+    random = np.random.default_rng(7)
+    truth = Truth(coulomb=0.4, delay=1.3, spring=50.0, encoder=2e-5)
+    _, position, force = measured(truth, multisine(random, 0.6, 1e-3, 2.0, 300.0, 2.0), random)
+    return Predictor([Record("simulated", 1e-3, position, force)])
+
+
+def test_simulator_turns_without_losing_an_impulse():
+    """A mass alone moves by the sums of its held forces, however often it turns: what a log's error is measured by."""
+    truth = Truth(mass=0.1, damping=0.0, encoder=0.0, delay=0.3)
+    random = np.random.default_rng(2)
+    wanted = multisine(random, 2.0, truth.period, 5.0, 200.0, 1.0)
+    _, position, force = measured(truth, wanted, random)
+    late = np.concatenate([force[:1], force[:-1]])
+    # The older force acts for the first 0.3 of a sample.
+    speed = np.concatenate([[0.0], np.cumsum(0.3 * late + 0.7 * force)])[:-1] * truth.period / truth.mass
+    moved = (late * 0.3 * (1 - 0.15) + force * 0.7 * 0.35) * truth.period**2 / truth.mass
+    exact = np.concatenate([[0.0], np.cumsum(speed * truth.period + moved)])[:-1]
+    assert np.sum(np.diff(np.sign(speed)) != 0) > 30
+    assert position == pytest.approx(exact, abs=1e-6 * np.ptp(exact))
+
+
+@pytest.mark.parametrize("rungs", MODELS, ids=lambda rungs: rungs[-1])
+def test_compiled_and_evaluated_predictions_agree(predictor, rungs, monkeypatch):
+    structure = Structure(rungs, {}, {})
+    search = structure.start(VALUES)
+    (compiled,) = predictor.predict(structure, search, Observer(40.0))
+    monkeypatch.setattr(_run, "compiler", lambda: None)
+    (evaluated,) = predictor.predict(structure, search, Observer(40.0))
+    np.testing.assert_allclose(compiled.error_m, evaluated.error_m, atol=1e-13)
+    np.testing.assert_allclose(compiled.slopes, evaluated.slopes, atol=1e-8)
+
+
+@pytest.mark.parametrize("delay", np.linspace(1.01, 1.99, 8))
+def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
+    """Where one of the times at which friction looks at the velocity leaves the sample, all of them changed places."""
+    structure = Structure(MODELS[-1], {}, {})
+    search = structure.start({**VALUES, "delay_samples": delay})
+    observer = Observer(1e-6)
+    (found,) = predictor.predict(structure, search, observer)
+    place, step = structure.names.index("amplifier_bandwidth_hz"), 2e-3
+    ends = [
+        predictor.predict(structure, search + move * np.eye(search.size)[place], observer)[0].error_m
+        for move in (-step, step)
+    ]
+    expected = (ends[1] - ends[0]) / (2 * step)
+    error = np.sqrt(np.mean((found.slopes[:, place] - expected) ** 2)) / np.sqrt(np.mean(expected**2))
+    assert error < 0.05
+
+
+@pytest.mark.parametrize("size", [1e160, np.inf, np.nan])
+@pytest.mark.parametrize("where", ["error_m", "slopes"])
+def test_a_fit_survives_models_that_run_away(predictor, size, where):
+    calls = [0]
+
+    class Spoiled(Predictor):
+        def predict(self, *args, **options):
+            found = super().predict(*args, **options)
+            calls[0] += 1
+            if calls[0] > 1:
+                getattr(found[0], where)[-1] = size
+            return found
+
+    structure = Structure(("rigid",), {}, {})
+    found = fit(Spoiled(predictor.records), structure, VALUES, Observer(60.0), Window(50, 50), steps=4)
+    assert np.isfinite(found.search).all()
+
+
+def linear_fit(seed, count=40, size=60, noise=1.0, names=("mass_kg", "damping_ns_per_m")):
+    """A linear problem as a fit: e = noise - J q at the least-squares estimate."""
+    random = np.random.default_rng(seed)
+    slopes = random.normal(size=(count * size, len(names)))
+    error = noise * random.normal(size=count * size)
+    error -= slopes @ np.linalg.lstsq(slopes, error, rcond=None)[0]
+    parts = zip(np.split(error, count), np.split(slopes, count), strict=True)
+    blocks = tuple(Block(size, float(e @ e), j.T @ e, j.T @ j) for e, j in parts)
+    structure = Structure(("rigid",), dict.fromkeys({*RUNGS["rigid"]} - {*names}, 0.0), {})
+    return Fit(structure, np.zeros(len(names)), Observer(1.0), (error,), blocks, 1.0, 1.0, 0.0), slopes
+
+
+def test_bootstrap_of_a_linear_problem_is_its_least_squares_interval():
+    found, slopes = linear_fit(3)
+    exact = 2.02 * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
+    np.testing.assert_allclose(bootstrap(found)[0], exact, rtol=0.3)
+
+
+def test_error_of_a_block_that_was_held_out_is_that_of_a_fit_without_it():
+    found, slopes = linear_fit(4, count=5)
+    (error,) = found.error_m
+    expected = []
+    for part in np.split(np.arange(error.size), 5):
+        rest = np.setdiff1d(np.arange(error.size), part)
+        q = np.linalg.lstsq(slopes[rest], error[rest], rcond=None)[0]
+        expected.append(np.sum((error[part] - slopes[part] @ q) ** 2))
+    np.testing.assert_allclose(held_out(found), expected, rtol=1e-9)
+
+
+def test_a_parameter_of_nothing_is_not_taken():
+    taken = 0
+    for seed in range(40):
+        rich, slopes = linear_fit(seed)
+        (error,) = rich.error_m
+        # The same data without the second parameter.
+        less = (
+            error + slopes @ np.linalg.lstsq(slopes, np.random.default_rng(seed).normal(size=error.size), rcond=None)[0]
+        )
+        one = slopes[:, :1]
+        left = less - one @ np.linalg.lstsq(one, less, rcond=None)[0]
+        parts = zip(np.split(left, 40), np.split(one, 40), strict=True)
+        blocks = tuple(Block(60, float(e @ e), j.T @ e, j.T @ j) for e, j in parts)
+        structure = Structure(("rigid",), dict.fromkeys({*RUNGS["rigid"]} - {"mass_kg"}, 0.0), {})
+        simple = Fit(structure, np.zeros(1), Observer(1.0), (left,), blocks, 1.0, 1.0, 0.0)
+        taken += compared(simple, rich, "friction").taken
+    assert taken <= 1
+
+
+@pytest.mark.parametrize("changed", [{}, {"coulomb": 1.2}, {"resonance": 80.0}, {"bandwidth": 60.0}, {"offset": 0.8}])
+def test_a_force_that_acts_as_it_is_logged_has_no_limit(changed):
+    truth = Truth(**{"mass": 0.12, "damping": 0.8, "coulomb": 0.1, "delay": 1.0, "encoder": 2e-5, **changed})
+    random = np.random.default_rng(1)
+    _, position, force = measured(truth, multisine(random, 8.0, 1e-3, 0.5, 80.0, 1.5), random)
+    motion = Motion([Record("log", 1e-3, position, force)], 1)
+    assert motion.limit_n(motion.start().values["delay_samples"]) is None
+
+
+def test_regression_starts_near_the_device():
+    random = np.random.default_rng(1)
+    truth = Truth(mass=0.2, damping=3.0, coulomb=0.3, delay=1.5, encoder=2e-5, spring=50.0)
+    _, position, force = measured(truth, multisine(random, 8.0, 1e-3, 0.5, 80.0, 2.0), random)
+    start = Motion([Record("log", 1e-3, position, force)], 1).start()
+    assert start.values["mass_kg"] == pytest.approx(0.2, rel=0.05)
+    assert start.values["damping_ns_per_m"] == pytest.approx(3.0, rel=0.1)
+    assert start.values["delay_samples"] == pytest.approx(1.5, abs=0.51)
+
+
+def test_the_controller_that_makes_the_whole_force_is_found():
+    loop = Buzzing(
+        mass=0.12, damping=0.8, friction=0.1, encoder=2e-5, stiffness=1500.0, damper=2.0, end=0.01, sway=4e-3
+    )
+    _, position, force = logged(loop, 6.0)
+    found = only_feedback([Record("pressed", loop.period, position, force)])
+    assert found.stiffness_n_per_m == pytest.approx(1500.0, rel=1e-3)
+    assert found.damping_ns_per_m == pytest.approx(2.0, abs=0.05)
+    beside = force + multisine(np.random.default_rng(1), 6.0, loop.period, 1.0, 80.0, 0.3)
+    assert only_feedback([Record("excited", loop.period, position, beside)]) is None
+
+
+ROUNDED = {
+    "as they are": lambda position, _: position,
+    "float32": lambda position, _: position.astype(np.float32).astype(float),
+    "a tenth of a step": lambda position, step: np.round(position / (0.1 * step)) * (0.1 * step),
+}
+
+
+def readings(seed, step, travel_steps, samples):
+    random = np.random.default_rng(seed)
+    motion = np.cumsum(np.cumsum(random.normal(size=samples)))
+    motion = (motion - motion.min()) / np.ptp(motion) * step * travel_steps
+    return np.round(motion / step + random.uniform()) * step
+
+
+@pytest.mark.parametrize("rounded", ROUNDED)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    step=st.floats(-7, -4).map(lambda power: 10**power),
+    travel_steps=st.floats(1.3, 5).map(lambda power: 10**power),
+)
+def test_the_step_of_the_encoder_is_that_of_its_readings(rounded, seed, step, travel_steps):
+    position = ROUNDED[rounded](readings(seed, step, travel_steps, 4000), step)
+    found = encoder_step_m([Record("log", 1e-3, position, np.zeros(4000))])
+    assert found == pytest.approx(step, rel=1e-3)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_noise_has_no_step(seed):
+    random = np.random.default_rng(seed)
+    position = readings(seed, 1e-6, 1e3, 4000) + 1e-6 * random.normal(size=4000)
+    assert encoder_step_m([Record("log", 1e-3, position, np.zeros(4000))]) is None
