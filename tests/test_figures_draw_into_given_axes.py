@@ -72,7 +72,6 @@ CALLS = {
     "draw_comparison": (3, lambda axes: figures.draw_comparison(COMPARISON, axes)),
     "draw_diagnosis": (4, lambda axes: figures.draw_diagnosis(_diagnosed(), axes)),
     "draw_estimators": (4, lambda axes: draw_estimators(_estimates(), axes)),
-    "draw_correlations": (1, lambda axes: figures.draw_correlations(_identified(), axes)),
     "draw_identification": (6, lambda axes: figures.draw_identification(_identified(), axes)),
     "draw_loop": (4, lambda axes: figures.draw_loop(COUPLING, axes)),
     "draw_rendered": (2, lambda axes: figures.draw_rendered(COUPLING, axes)),

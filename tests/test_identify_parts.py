@@ -166,7 +166,7 @@ def test_regression_starts_near_the_device():
     start = Motion([Record("log", 1e-3, position, force)], 1).start()
     assert start.values["mass_kg"] == pytest.approx(0.2, rel=0.05)
     assert start.values["damping_ns_per_m"] == pytest.approx(3.0, rel=0.1)
-    assert start.values["delay_samples"] == pytest.approx(1.5, abs=0.51)
+    assert start.values["delay_samples"] == pytest.approx(1.5, abs=0.3)
 
 
 def test_the_controller_that_makes_the_whole_force_is_found():

