@@ -94,6 +94,19 @@ def device_file(
         file.device["encoder_at"] = found.encoder_at
     else:
         gaps.append("resonance")
+    _fill(file, base, gaps)
+    if "amplifier_bandwidth_hz" in file.device:
+        _amplifier(file, found, base, gaps)
+    if not {"mass_kg", "damping_ns_per_m"} <= file.device.keys():
+        return None
+    title = base.title if base is not None and base.title else "Device identified from its log"
+    device = {**file.device, "range": file.ranges}
+    tables = {"name": "device", "title": title, "device": device, "sources": file.sources, "gaps": gaps}
+    return DeviceFile.model_validate(tables)
+
+
+def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
+    """Fill gaps from the base, or cautiously; what was searched for and not found stays a gap."""
     for key in [key for key in gaps if key not in file.device]:
         if base is not None and states(base, key):
             if key in _SEARCHED:
@@ -107,14 +120,6 @@ def device_file(
         elif key in _CAUTIOUS:
             value, ends, why = _CAUTIOUS[key]
             file.put(key, value, ends, "assumed", f"not identified; {why}")
-    if "amplifier_bandwidth_hz" in file.device:
-        _amplifier(file, found, base, gaps)
-    if not {"mass_kg", "damping_ns_per_m"} <= file.device.keys():
-        return None
-    title = base.title if base is not None and base.title else "Device identified from its log"
-    device = {**file.device, "range": file.ranges}
-    tables = {"name": "device", "title": title, "device": device, "sources": file.sources, "gaps": gaps}
-    return DeviceFile.model_validate(tables)
 
 
 def _identified(found: Identification, key: str) -> bool:

@@ -320,11 +320,13 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
     rival = found.rivals.get("friction")
     if FRICTION not in estimates and rival is not None:
         place = rival.structure.names.index(FRICTION)
-        most = float(rival.search[place] + bootstrap(rival)[0][place]) * rival.structure.units[FRICTION]
-        known = most < rival.structure.units[FRICTION]
-        estimates[FRICTION] = Estimate(
-            FRICTION, "force", 0.0, 0.0, max(most, 0.0), "no evidence of any; the upper end bounds it", known
-        )
+        # Friction that the rest of the model explains as well is not told, and bounded with care.
+        alike = bool(found.trials["friction"].why)
+        most = rival.structure.units[FRICTION]
+        most *= max(float(rival.search[place] + (1 + alike) * bootstrap(rival)[0][place]), 0.0)
+        known = most < rival.structure.units[FRICTION] and not alike
+        source = "not told from damping; the upper end bounds it" if alike else "no evidence; the upper end bounds it"
+        estimates[FRICTION] = Estimate(FRICTION, "force", 0.0, 0.0, most, source, known)
     elif one_way:
         some = estimates[FRICTION]
         source = "one direction only: friction and a constant force are one number"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -50,7 +51,7 @@ WIDEST = {
     "force_scale": 0.35,
 }
 # Damping of no mode: two real poles, which any small misfit has. A lag faster than this is a delay.
-_NO_MODE, _FASTEST_LAG = 1.9, 1.5
+_NO_MODE, _FASTEST_LAG, _BESIDE_RESONANCE, _BESIDE_SCATTER = 1.9, 1.5, 0.6, 0.2
 # Usual shares of the mass beyond a resonance.
 _SHARES = (0.1, 0.2, 0.35, 0.5, 0.7)
 
@@ -172,8 +173,9 @@ class Ladder:
             for near in ({}, {key: self.start[key] for key in values if key in self.start}):
                 yield rich, {**values, **near, FRICTION: likely}
         elif rung in {"lag", "loop"}:
-            for rate in (0.8 / period, 0.3 / period, 0.1 / period):
-                begun = {**values, "amplifier_bandwidth_hz": max(rate, 1.0)}
+            ratios = (0.7, 1.4) if rung == "loop" else (values[LOOP_RATIO],)
+            for rate, ratio in itertools.product((0.8 / period, 0.3 / period, 0.1 / period), ratios):
+                begun = {**values, "amplifier_bandwidth_hz": max(rate, 1.0), LOOP_RATIO: ratio}
                 late = late_samples(begun, rich.order, period)
                 yield rich, {**begun, "delay_samples": max(values["delay_samples"] - late, 0.0)}
         elif rung == "resonance":
@@ -201,11 +203,21 @@ class Ladder:
                 return "beyond the frequencies that the log excites"
             if values["resonance.damping_ratio"] > _NO_MODE:
                 return "damped like no mode"
-        if rung in {"lag", "loop"} and values["amplifier_bandwidth_hz"] > _FASTEST_LAG / period:
+        if rung in {"lag", "loop"} and self._too_fast(found):
             return "so fast that it is a shorter delay at this sample rate"
         if collinearity(found) > _CONFOUNDED.get(rung, _ALIKE):
             return "the rest of the model has the same effect"
         return ""
+
+    def _too_fast(self, found: Fit) -> bool:
+        """Return whether a lag is too fast to be told from a delay.
+
+        Beside a resonance dry friction looks like one, and so does a clock that scatters.
+        """
+        fastest = _BESIDE_RESONANCE if found.structure.present("resonance.frequency_hz") else _FASTEST_LAG
+        if any(record.scatter for record in self.predictor.records):
+            fastest = _BESIDE_SCATTER
+        return found.values["amplifier_bandwidth_hz"] * self.predictor.sample_time_s > fastest
 
     def _without(self, rung: str) -> Fit:
         simple = self.fit.structure.without(rung)
@@ -231,14 +243,16 @@ class Ladder:
             self.half = half_widths(self.predictor, self.fit, self.window, self.rivals)
             if MASS_RATIO in self.fit.structure.assumed:
                 self._other_shares()
+            if MASS_RATIO in self._wide():
+                self.fit = self._with_share(self.fit, float(np.clip(self.fit.values[MASS_RATIO], 0.1, 0.7)))
+                continue
             vague = [rung for rung in ("spring", "loop", "lag", "resonance") if self._vague(rung)]
             if not vague:
                 return
-            if vague[0] == "resonance" and self._wide() == {MASS_RATIO}:
-                self.fit = self._with_share(self.fit, float(np.clip(self.fit.values[MASS_RATIO], 0.1, 0.7)))
-                continue
             without = self._without(vague[0])
             self._drop(vague[0], without, replace(self.trials[vague[0]], taken=False, why="too vague for a model"))
+            if vague[0] == "loop":
+                self._try(("lag",))
 
     def _wide(self) -> set[str]:
         """Return the parameters that the log does not tell."""
@@ -246,15 +260,14 @@ class Ladder:
         return {name for name, half in zip(names, self.half, strict=True) if half > WIDEST.get(name, np.inf)}
 
     def _vague(self, rung: str) -> bool:
-        structure = self.fit.structure
+        structure, key = self.fit.structure, RUNGS[rung][0]
         if rung not in structure.rungs:
             return False
-        zero = (
-            rung == "spring"
-            and self.fit.search[structure.names.index(RUNGS[rung][0])]
-            <= self.half[structure.names.index(RUNGS[rung][0])]
-        )
-        return bool(zero) or bool(self._wide() & set(RUNGS[rung]))
+        if rung == "spring":
+            place = structure.names.index(key)
+            return bool(self.fit.search[place] <= self.half[place]) or key in self._wide()
+        keys = {key} if rung == "resonance" else set(RUNGS[rung])
+        return bool(self._wide() & keys) or (rung != "resonance" and self._too_fast(self.fit))
 
     def _other_shares(self) -> None:
         """Widen the intervals to every usual mass ratio that predicts the log as well."""
