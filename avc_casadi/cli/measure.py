@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.identification.diagnosis.model import Diagnosis
     from avc_casadi.identification.excitation.design import Excitation
-    from avc_casadi.identification.model import Identification
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Hands
     from avc_casadi.present.row import Answer
@@ -212,7 +211,7 @@ def add_identify(parser: argparse.ArgumentParser) -> None:
     interval; it is used at once: device = "device.toml" in a problem file. What the logs do not identify is named, with
     the log that would.
     """
-    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npy, .npz or .mat (v5): records")
+    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5)")
     parser.add_argument("--out", metavar="FILE", help="write the device file (.toml)")
     parser.add_argument(
         "--device", metavar="BASE", help="device or problem: what the logs do not tell is taken from it"
@@ -247,10 +246,9 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     page = output_file(args.report, "--report", (".html",)) if args.report else None
     layout, masses, known = log_layout(args), _identify_masses(args), _identify_known(args)
     base = load_known(args.device) if args.device else None
-    from avc_casadi._util.units import speak, spoken, units_for
+    from avc_casadi._util.units import units_for
     from avc_casadi.identification.device import device_text
     from avc_casadi.identification.identify import identify
-    from avc_casadi.identification.told import identification_document
     from avc_casadi.present.rows.measure import identification
 
     found = identify(
@@ -264,32 +262,27 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         handle_radius_m=args.handle_radius_m,
         progress=console,
     )
-    if base is None:
-        speak(units_for(found.motion))
-    document: dict[str, Any] = identification_document(found)
+    units = units_for(found.motion)
+    document = found.data()
     written: list[str] = []
-    code, complaint = 0, ""
+    complaint = ""
     if found.device is None:
-        missing = ", ".join(key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates)
-        code = 1
-        complaint = f"avc: no device file: {missing} not identified; excite it in a log, or state it by --device BASE"
+        missing = [key for key in ("mass_kg", "damping_ns_per_m") if key not in found.estimates] or ["handle_radius_m"]
+        keys = ", ".join(map(units.key, missing))
+        complaint = f"avc: no device file: {keys} not known; log it, or state it by --device BASE or an option"
     elif out is not None:
         write_text(out, device_text(found.device), "--out")
         written.append(str(out))
     document["out"] = str(out) if out is not None and found.device is not None else None
     written += [] if page is None else [str(page)]
-    answer = identification(document, found, spoken(), args.log, written)
+    answer = identification(document, found, units, args.log, written)
     if page is not None:
-        _identify_report(answer, found, page, console)
-    return replace(answer, code=code, complaint=complaint)
+        with console.step("page"):
+            from avc_casadi.cli._versions import package_versions
+            from avc_casadi.present.report import identification_html
 
-
-def _identify_report(answer: Answer, found: Identification, page: Path, console: Console) -> None:
-    with console.step("page"):
-        from avc_casadi.cli._versions import package_versions
-        from avc_casadi.present.report import identification_html
-
-        write_text(page, identification_html(answer, found, package_versions()), "--report")
+            write_text(page, identification_html(answer, found, package_versions()), "--report")
+    return replace(answer, code=int(found.device is None), complaint=complaint)
 
 
 def _identify_masses(args: argparse.Namespace) -> tuple[float, ...]:
@@ -299,14 +292,9 @@ def _identify_masses(args: argparse.Namespace) -> tuple[float, ...]:
         masses = tuple(float(part) for part in args.added_mass.split(","))
     except ValueError:
         masses = (math.nan,)
-    if not all(0 <= mass <= 1e6 for mass in masses):
+    if len(masses) != len(args.log) or not all(0 <= mass <= 1e6 for mass in masses):
         raise avc.InputError.of(
-            f"is {args.added_mass!r}; allowed: kilograms, at most 1e6, one of each log: 0,0.2", key="--added-mass"
-        )
-    if len(masses) != len(args.log):
-        logs = "one log" if len(args.log) == 1 else f"{len(args.log)} logs"
-        raise avc.InputError.of(
-            f"is {args.added_mass!r} for {logs}; allowed: kilograms, at most 1e6, one of each log: 0,0.2",
+            f"is {args.added_mass!r} for {len(args.log)} log(s); allowed: kilograms, at most 1e6, one of each log",
             key="--added-mass",
         )
     return masses
@@ -330,9 +318,7 @@ def add_diagnose(parser: argparse.ArgumentParser) -> None:
     stiffness over the limit, hand let go, dropped ticks, halved rate, a force switched by a sign, two rates in one
     loop; or says that nothing is wrong, or that it cannot tell, between which two, and the log that would decide.
     """
-    parser.add_argument(
-        "log", metavar="LOG", nargs="+", help=".csv, .txt, .json, .npy, .npz or .mat (v5): one record each"
-    )
+    parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one record each")
     add_log_layout(parser)
     parser.add_argument("--device", metavar="NAME|FILE", help="device or problem: what it was declared to be")
     parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")

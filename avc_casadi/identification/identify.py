@@ -334,7 +334,7 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
     if found.shares is not None:
         share = fit.values[MASS_RATIO]
         source = "assumed; the other intervals hold for this range"
-        estimates[MASS_RATIO] = Estimate(MASS_RATIO, "share", share, *found.shares, source, identified=False)
+        estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, *found.shares, source, identified=False)
     for key, value in fit.structure.known.items():
         if not (key == OFFSET and one_way):
             estimates[key] = Estimate(key, PARAMETERS[key].quantity, value, value, value, "known beforehand")

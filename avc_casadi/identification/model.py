@@ -15,6 +15,7 @@ from avc_casadi._util.units import MotionKind, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.frequency import Response
 from avc_casadi.identification.intervals import Trial
+from avc_casadi.identification.terms import Measured
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class Estimate:
     """
 
     key: str
-    quantity: str
+    quantity: Measured
     value: float
     low: float
     high: float

@@ -12,6 +12,8 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 
+Measured = Literal["mass", "damping", "stiffness", "force", "length", "frequency", "samples", "number"]
+
 LONGEST_DELAY = 24.0
 OFFSET, FRICTION, LOOP_RATIO, MASS_RATIO = (
     "offset_n",
@@ -29,7 +31,7 @@ class Parameter:
     """A parameter: its key, what it measures, the coordinate of its search, and its bounds."""
 
     name: str
-    quantity: str
+    quantity: Measured
     kind: Literal["log", "linear", "share"]
     lowest: float
     highest: float

@@ -248,30 +248,26 @@ def _value(value: Any) -> str:
 def identification_html(answer: Answer, found: Identification, versions: Mapping[str, str]) -> str:
     """Return the report of an identification: its rows, log and model side by side, and the device file."""
     from avc_casadi.identification.device import device_text  # noqa: PLC0415 - SciPy, which no other page needs
-    from avc_casadi.present.figures.identification import draw_correlations, draw_identification  # noqa: PLC0415
+    from avc_casadi.present.figures.identification import draw_identification  # noqa: PLC0415
 
-    shown = found.shown[0]
+    shown = found.stretches[0]
     caption = (
         f"{shown.record}: the model on the commanded input, held near by a slow observer (a, b); frequency response "
         "where input and motion are coherent (c, d); intervals (e); prediction error, white inside the grey band (f)"
     )
-    together = "Correlations of the estimates: two numbers near +-1 are known together better than alone"
-    pictures = [
-        Picture.of(draw_identification, found, caption)[1],
-        Picture.of(draw_correlations, found, together)[1],
-    ]
-    text = "no device file: mass or damping was not identified" if found.device is None else device_text(found.device)
+    pictures = [Picture.of(draw_identification, found, caption)[1]]
+    text = "no device file: see the rows" if found.device is None else device_text(found.device)
     shown_rows = [one for one in answer.rows if one.rank == 0]
     sections = [
-        Section("What the logs show", shown_rows, pictures[:1]),
-        Section("Notes", [one for one in answer.rows if one.rank > 0], pictures[1:]),
+        Section("What the logs show", shown_rows, pictures),
+        Section("Evidence", [one for one in answer.rows if one.rank > 0]),
         Section(
             "Device file", [row(f"{place + 1}", line) for place, line in enumerate(text.splitlines())], folded=True
         ),
     ]
     source = f"{', '.join(found.sources)}: {number(found.seconds, 3)} s at {number(1 / found.sample_time_s)} Hz"
     title = "Device identified from its log" if found.device is None else found.device.title
-    said = (f"{len(found.estimates)} values identified, {len(found.refused)} not.", found.device is not None)
+    said = (f"{sum(one.identified for one in found.estimates.values())} values identified.", found.device is not None)
     return page_html(title, source, said, sections, answer.units, versions)
 
 

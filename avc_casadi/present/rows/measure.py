@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from shlex import quote
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.text import number, quantity
+from avc_casadi._util.text import number
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.told import remedy_text
 from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, listed, marked, parts, row, span
@@ -27,8 +27,6 @@ _MOVED: tuple[tuple[str, str, Quantity], ...] = (
 _MOST_REMEDIES, _MOST_LOGS, _MOST_VALUES = 3, 10, 9
 # Share of an oscillation from which the force limit bounds it; a misfit that is not significant.
 _CUT, _LEAST_MISFIT = 0.02, 1e-3
-# Units without a prefix.
-_PLAIN = ("", "-", "samples")
 
 
 def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer:
@@ -75,36 +73,42 @@ def identification(
     )
     rows: list[Row] = []
     for key, one in found.estimates.items():
-        told = (_estimate(one, units), f"; {one.doubt}" if one.doubt else "")
-        mark = Mark.CAUTION if one.doubt else Mark.NONE
-        rows.append(row(units.key(key), told, mark=mark, rank=0 if len(rows) < _MOST_VALUES else 1))
-    if found.refused:
-        keys = ", ".join(units.key(one.key) for one in found.refused)
-        rows.append(row("Not identified", keys, mark=Mark.CAUTION))
+        values = (_between(one), "; not identified") if not one.identified else (_value(one), f"({_ends(one, units)})")
+        mark = Mark.NONE if one.identified else Mark.CAUTION
+        rows.append(row(units.key(key), values, mark=mark, rank=0 if len(rows) < _MOST_VALUES else 1))
+    rows.append(row("Model", ", ".join(found.rungs)))
+    rows += notes(found.notes, mark=Mark.CAUTION)
     if written:
         rows.append(row("Written", ", ".join(written), mark=Mark.PASS))
-    rows += [row(f"Refused {units.key(one.key)}", f"{one.why}; {one.excitation}", rank=1) for one in found.refused]
-    rows += notes(found.notes, mark=Mark.NONE, rank=1)
+    rows += [row(f"{units.key(key)} is told by", log, rank=1) for key, log in found.unknown.items()]
+    for trial in found.trials:
+        share, errors = Value(trial.change, "share"), f"on stretches held out, {trial.standard_errors:.2g} std errors"
+        taken = "taken: error" if trial.taken else "not taken: error"
+        rows.append(row(f"Rung {trial.rung}", taken, share, errors, f"; {trial.why}" if trial.why else "", rank=1))
     onwards = [f"avc check {quote(written[0])}"] if written and found.device is not None else []
     onwards.append(f"avc identify {' '.join(logs)} -v")
     return Answer("identify", data, title, tuple(rows), tuple(onwards), units)
 
 
-def _estimate(one: Estimate, units: Units) -> str:
-    """Return a value with its interval, to the digits that this allows."""
-    digits = one.digits(1, 3)
+def _digits(one: Estimate) -> int:
+    """Return the digits that the interval supports."""
+    half, size = (one.high - one.low) / 2, max(abs(one.low), abs(one.high))
+    return min(max(3, 1 + math.ceil(math.log10(size / half))), 15) if 0 < half < size else 3
 
-    def text(value: float) -> str:
-        if one.unit in _PLAIN:
-            return f"{number(value, digits)} {one.unit.strip('-')}".strip()
-        return quantity(value, units.unit(one.unit), digits)
 
-    if one.low == one.high:
-        return text(one.value)
-    low, high = text(one.low), text(one.high)
+def _value(one: Estimate, number: float | None = None) -> Value:
+    return Value(one.value if number is None else number, one.quantity, _digits(one))
+
+
+def _between(one: Estimate) -> tuple[Part, ...]:
+    return (_value(one, one.low), "to", _value(one, one.high))
+
+
+def _ends(one: Estimate, units: Units) -> str:
+    low, high = (_value(one, end).text(units) for end in (one.low, one.high))
     if low.partition(" ")[2] == high.partition(" ")[2]:
         low = low.partition(" ")[0]
-    return f"{text(one.value)} ({low} to {high})"
+    return f"{low} to {high}"
 
 
 def diagnosis(
