@@ -246,3 +246,12 @@ def test_what_is_no_law_is_refused_by_its_key(law):
     with pytest.raises(avc.InputError) as refused:
         avc.certify_law("figure5", **law)
     assert [fault.key for fault in refused.value.faults] == [list(law)[-1] if law else "k"]
+
+
+def test_a_robot_that_no_hand_holds_gets_a_coupling():
+    nobody = (0.0, 0.0, 0.0)
+    robot = tables((10.0, 0.0, 1e-3, 1), nobody, nobody) | {
+        "environment": {"stiffness_n_per_m": 1e3, "damping_ns_per_m": 0.0}
+    }
+    answer = avc.recommend(robot, hands=9)
+    assert answer.deployable, answer.reason

@@ -82,7 +82,8 @@ def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial
         trial: result with simulated hands.
     """
     device, press_n = problem.device, PRESS_N * problem.device.metres_per_unit
-    if problem.environment.stiffness_n_per_m == 0:
+    # A robot that no hand holds is not pressed.
+    if problem.environment.stiffness_n_per_m == 0 or not max(problem.hands.stiffness_n_per_m):
         return ""
     step, friction_n, most_n = device.encoder_resolution_m, device.coulomb_friction_n, press_n
     advice = "check the units of these values"
