@@ -63,7 +63,7 @@ def settled(driver):
         lambda: driver.execute_script(
             "return document.getElementById('status').textContent === 'ready'"
             " && !document.querySelector('main').classList.contains('stale')"
-            " && document.querySelector('#c-region svg') !== null && document.querySelector('#levels pre') !== null"
+            " && document.querySelector('#c-region svg') !== null && document.querySelector('#law tbody tr') !== null"
         )
     )
 
@@ -369,3 +369,25 @@ def test_a_finger_moves_a_slider_on_a_phone(page):
     page.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": False})
     resize(page, WIDTHS["desktop"])
     settled(page)
+
+
+@pytest.mark.thorough
+def test_it_opens_with_an_answer_and_no_empty_frame_while_a_run_goes_on(driver, monkeypatch):
+    monkeypatch.setattr(_explorer, "_worked", endless)
+    with ExploreServer(Explorer(avc.load_problem("soft").changed(frequency={"points": 40}), "soft.toml")) as started:
+        threading.Thread(target=started.serve_forever, daemon=True).start()
+        driver.get("about:blank")
+        driver.get(started.url)
+        until(lambda: "Damping ratio" in by_id(driver, "law").text and shown(driver, "c-position"))
+        assert state(driver)["a"]["method"] == "recommend"
+        assert "your k and b" in by_id(driver, "c-magnitude").text
+        figures = driver.find_elements("css selector", "main figure")
+        assert [
+            one.get_attribute("id") for one in figures if one.is_displayed() and "Nothing to draw" in one.text
+        ] == []
+        assert "yes: stable" in by_id(driver, "law").text
+        typed(driver, "f-own-stiffness_n_per_m", "1000000")
+        until(lambda: "no: unstable" in by_id(driver, "law").text)
+        assert state(driver)["a"]["own"] == {"stiffness_n_per_m": 1000000}
+        started.explorer.close()
+        started.shutdown()

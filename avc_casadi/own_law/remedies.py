@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.stability.margins import SOUND_DISK
-from avc_casadi.own_law.loops import Loops
+from avc_casadi.own_law.loops import Law, Loops
 
 if TYPE_CHECKING:
+    from avc_casadi.model.problem import Problem
     from avc_casadi.own_law.certificate import LawCertificate
-    from avc_casadi.own_law.loops import Law
 
 _TRIED, _HALVINGS, _SHARES = 24, 12, (0.7, 0.5, 0.3, 0.2, 0.1, 0.03)
 
@@ -34,6 +34,20 @@ class Remedy:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.3g}")
+
+
+def first_law(problem: Problem) -> Law:
+    """Return a spring and damper to begin with: the wall's k, or the largest share of it that a b holds soundly."""
+    loops, stiffest = Loops(problem), problem.environment.stiffness_n_per_m or 1e3 * problem.device.metres_per_unit**2
+    for share in (1.0, *_SHARES, *(0.1 * one for one in _SHARES)):
+        law = Law(_rounded(share * stiffest))
+        found = loops.damping_range(law)
+        if found is not None:
+            tried = [replace(law, damping_ns_per_m=b) for b in _dampings(found[1])]
+            best = max(tried, key=loops.disk_margin)
+            if loops.disk_margin(best) >= SOUND_DISK:
+                return best
+    return Law(_rounded(1e-3 * stiffest), 0.0)
 
 
 def remedies(certificate: LawCertificate, loops: Loops) -> Iterator[Remedy]:

@@ -6,16 +6,15 @@ import math
 import re
 import shlex
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._errors import AvcError, InputError, fault_document
+from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.text import with_problem
-from avc_casadi._util.units import in_its_units, spoken_key
-from avc_casadi.claims.certificate import levels_table
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
@@ -27,7 +26,10 @@ from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
 from avc_casadi.files.gain_file import gain_csv
 from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.own_law.certificate import certify_law
+from avc_casadi.own_law.remedies import first_law
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import perceived_bounds
 from avc_casadi.present.explore.fields import dotted_units, fields_document, labels_of, words_document
@@ -41,6 +43,7 @@ from avc_casadi.present.explore.settings import (
     settings_of,
     values_of,
 )
+from avc_casadi.present.rows.own_law import own_law
 from avc_casadi.simulation.scene import simulate
 
 if TYPE_CHECKING:
@@ -76,6 +79,7 @@ def start(explorer: Explorer, _: Mapping[str, Any]) -> dict[str, Any]:
         "words": words_document(base.units),
         "fields": fields_document(base, form.fields),
         "gains": fields_document(base, form.gains),
+        "own": fields_document(base, form.own),
         "values": values_of(explorer.base),
         "devices": [
             {"name": file.name, "title": file.title, "gaps": labels_of(file.gaps, base.units)}
@@ -112,6 +116,45 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def law(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the certificate of the law of one's own, what a hand meets of it, and a touch."""
+    settings = asked_settings(explorer, asked)
+    problem = explorer.problem(settings)
+    loop = f"{problem.device!r} {problem.hands!r} {problem.environment!r}"
+    own = vars(explorer.laws(f"first law {loop}", lambda: first_law(problem))) | dict(settings.own)
+    wrong = [
+        Fault("", None, f"own.{key}", f"is {one!r}, not a number") for key, one in own.items() if isinstance(one, str)
+    ]
+    if wrong:
+        raise InputError(wrong)
+    given = {short_name: own[key] for short_name, key in _OWN.items() if own[key] is not None}
+    try:
+        key = f"law {loop} {sorted(given.items())}"
+        found = explorer.laws(key, lambda: certify_law(problem, **given, remedies=False))
+    except InputError as error:
+        raise InputError([replace(one, key=f"own.{_OWN[one.key]}") for one in error.faults]) from error
+    rows = [
+        {"label": row.label, "text": told_on_page(explorer, row.text(problem.units)), "mark": row.mark.value.strip()}
+        for row in own_law(found).rows
+    ]
+    wall = {"stiffness_n_per_m": given.get("k", 0.0), "damping_ns_per_m": given.get("b", 0.0) + given.get("b_p", 0.0)}
+    direct = problem.changed(environment=wall, boundaries={"upper": wall, "lower": wall})
+    frequency = problem.frequencies_hz()
+    touched = None
+    if "cutoff_hz" not in given and wall["stiffness_n_per_m"]:
+        run = explorer.laws(f"touch {loop} {settings.motion} {wall}", lambda: simulate(direct, NO_COUPLING))
+        touched = traces(run)
+    felt = _impedance(np.asarray(loop_at(direct, frequency).without_coupling))
+    return {
+        "own": own,
+        "rows": rows,
+        "passed": found.passed,
+        "frequency_hz": short(frequency),
+        **felt,
+        "touch": touched,
+    }
+
+
 def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Return the certificate, the verdict on deployment and the stiffest wall of a spring and damper."""
     settings = asked_settings(explorer, asked)
@@ -120,13 +163,12 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         f"stiffest {problem.device!r} {problem.hands!r}",
         lambda: stiffest_wall(problem.device, with_released(hand_corners(problem.hands))),
     )
-    found: dict[str, Any] = {"stiffest": plain(vars(low_high)), "certificate": None, "deployable": None}
+    found: dict[str, Any] = {"stiffest": plain(vars(low_high)), "deployable": None}
     schedule = explorer.schedule(settings)
     if coupling is None or schedule is None:
         return found
     certificate = explorer.heavy(f"levels {settings.key}", lambda: certify(problem, coupling)).document()
     return found | {
-        "certificate": levels_table(certificate).text(),
         "levels": [
             {
                 "level": level,
@@ -217,19 +259,24 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         return {"name": f"{stem}-gains.csv", "text": gain_csv(coupling.schedule)}
     verdict = deployable(coupling).document()
     certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
-    text = json_text(coupling_document(coupling.with_certificate(certificate)))
+    text = json_text(problem.units.document(coupling_document(coupling.with_certificate(certificate))))
     return {"name": f"{stem}-coupling.json", "text": text, "told": told_on_page(explorer, verdict["sentence"])}
 
 
 Part = Callable[["Explorer", Mapping[str, Any]], dict[str, Any]]
 PARTS: Mapping[str, Part] = {
-    each.__name__: each for each in (start, now, judge, touch, region, work, cancel, device, file)
+    each.__name__: each for each in (start, now, law, judge, touch, region, work, cancel, device, file)
 }
 """What can be asked for, by name."""
+_OWN = {
+    "k": "stiffness_n_per_m",
+    "b": "damping_ns_per_m",
+    "b_p": "local_damping_ns_per_m",
+    "cutoff_hz": "cutoff_hz",
+}
 _B, _K = "damping_ns_per_m", "stiffness_n_per_m"
 
 
-@in_its_units
 def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str, Any]:
     """Answer a question; what is wrong with the settings is an answer too, each fault with its field.
 
@@ -247,8 +294,9 @@ def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str
 
 
 def _fault(explorer: Explorer, fault: dict[str, Any]) -> dict[str, Any]:
-    of_field = fault["key"] in explorer.form.keys or fault["key"].removeprefix("gains.") in explorer.form.gain_names
-    key = fault["key"] if of_field else spoken_key(fault["key"])
+    form, bare = explorer.form, fault["key"].partition(".")[2]
+    of_field = fault["key"] in form.keys or bare in (*form.gain_names, *form.own_names)
+    key = fault["key"] if of_field else explorer.units.key(fault["key"])
     return fault | {"key": key, "message": told_on_page(explorer, fault["message"])}
 
 

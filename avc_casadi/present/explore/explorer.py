@@ -84,6 +84,7 @@ class Explorer:
     schedules: Kept = field(default_factory=Kept)
     heavy: Kept = field(default_factory=Kept)
     regions: Kept = field(default_factory=Kept)
+    laws: Kept = field(default_factory=Kept)
     _tasks: dict[str, _Task] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 

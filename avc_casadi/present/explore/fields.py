@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import Fault
-from avc_casadi._util.units import CAP_FORCE, MASS, Wording, spoken_key, units_for
+from avc_casadi._util.units import units_for
 from avc_casadi.model.quantity import power_at_handle
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Field:
 
     key: str
     group: str
-    label: str | Wording
+    label: str
     unit: str = ""
     low: float = 0.0
     high: float = 1.0
@@ -77,56 +77,39 @@ RANGES = "device.range."
 """Beginning of the keys of a range, which end in 0 for the lowest value and in 1 for the highest."""
 
 
-def _ended(label: str | Wording, word: str) -> Wording:
-    both = (label, label) if isinstance(label, str) else (label.linear, label.rotary)
-    return Wording(*(f"{one}, {word}" for one in both))
-
-
-def _ends(
-    name: str, label: str | Wording, unit: str, low: float, high: float, scale: str = "linear"
-) -> tuple[Field, Field]:
+def _ends(name: str, label: str, unit: str, low: float, high: float, scale: str = "linear") -> tuple[Field, Field]:
     """Return the fields of a range of the device; an empty one is the value itself."""
     return tuple(  # type: ignore[return-value]
-        Field(f"{RANGES}{name}.{end}", KNOWN, _ended(label, word), unit, low, high, scale, 1.0, "as above", folded=True)
+        Field(f"{RANGES}{name}.{end}", KNOWN, f"{label}, {word}", unit, low, high, scale, 1.0, "as above", folded=True)
         for end, word in ((0, "at least"), (1, "at most"))
     )
 
 
-_LARGEST = Wording("largest force", "largest torque")
-_AT_LEAST, _AT_MOST = (Wording(f"mass, {word}", f"inertia, {word}") for word in ("lightest", "heaviest"))
 FIELDS: tuple[Field, ...] = (
     Field("environment.stiffness_n_per_m", WALL, "stiffness", "N/m", 100, 1e6, "log"),
     Field("environment.damping_ns_per_m", WALL, "damping", "N·s/m", 0, 100),
-    Field("detent.force_n", DETENTS, _LARGEST, "N", 0.05, 5, "log", blank="no detents", folded=True),
+    Field("detent.force_n", DETENTS, "largest force", "N", 0.05, 5, "log", blank="no detents", folded=True),
     Field("detent.pitch_m", DETENTS, "from one to the next", "mm", 0.5, 50, "log", 1e-3, start=5e-3, folded=True),
     Field("detent.centre_m", DETENTS, "one of them, from the wall", "mm", -10, 10, factor=1e-3, start=0.0, folded=True),
     Field("detent.damping_ns_per_m", DETENTS, "damping", "N·s/m", 0, 5, start=0.0, folded=True),
     Field(HANDLE, DEVICE, "hand holds it at", "mm", 5, 300, "log", factor=1e-3, turns=True),
-    Field("device.mass_kg", DEVICE, MASS, "kg", 0.01, 2, "log"),
+    Field("device.mass_kg", DEVICE, "mass", "kg", 0.01, 2, "log"),
     Field("device.damping_ns_per_m", DEVICE, "damping", "N·s/m", 0, 20),
     Field("device.coulomb_friction_n", DEVICE, "dry friction", "N", 0, 2),
-    Field("device.max_force_n", DEVICE, _LARGEST, "N", 1, 100, "log", blank="no limit"),
+    Field("device.max_force_n", DEVICE, "largest force", "N", 1, 100, "log", blank="no limit"),
     Field("device.sample_time_s", LOOP, "sample time", "ms", 0.05, 5, "log", factor=1e-3),
     Field("device.delay_samples", LOOP, "delay", "samples", 0, 8),
     Field("device.encoder_resolution_m", LOOP, "encoder step", "µm", 0, 100, factor=1e-6),
     Field("device.amplifier_bandwidth_hz", STRUCTURE, "amplifier", "Hz", 50, 5000, "log", blank="no lag"),
     Field("device.resonance.frequency_hz", STRUCTURE, "resonance", "Hz", 20, 1000, "log", blank="rigid"),
     Field("device.resonance.damping_ratio", STRUCTURE, "its damping ratio", "", 0.005, 0.5, "log", start=0.05),
-    Field(
-        "device.resonance.mass_ratio",
-        STRUCTURE,
-        Wording("handle's share of mass", "handle's share of inertia"),
-        "",
-        0.05,
-        0.95,
-        start=0.5,
-    ),
-    *_ends("mass_kg", MASS, "kg", 0.01, 2, "log"),
+    Field("device.resonance.mass_ratio", STRUCTURE, "handle's share of mass", "", 0.05, 0.95, start=0.5),
+    *_ends("mass_kg", "mass", "kg", 0.01, 2, "log"),
     *_ends("damping_ns_per_m", "damping", "N·s/m", 0, 20),
     *_ends("coulomb_friction_n", "dry friction", "N", 0, 2),
     *_ends("delay_samples", "delay", "samples", 0, 8),
-    Field("hands.mass_kg.0", HANDS, _AT_LEAST, "kg", 0.01, 1, "log"),
-    Field("hands.mass_kg.1", HANDS, _AT_MOST, "kg", 0.01, 1, "log"),
+    Field("hands.mass_kg.0", HANDS, "mass, lightest", "kg", 0.01, 1, "log"),
+    Field("hands.mass_kg.1", HANDS, "mass, heaviest", "kg", 0.01, 1, "log"),
     Field("hands.damping_ns_per_m.0", HANDS, "damping, least", "N·s/m", 0, 50),
     Field("hands.damping_ns_per_m.1", HANDS, "damping, most", "N·s/m", 0, 50),
     Field("hands.stiffness_n_per_m.0", HANDS, "stiffness, softest", "N/m", 0, 2000),
@@ -148,6 +131,13 @@ GAINS: tuple[Field, ...] = (
     Field("gains.contact_damping_ns_per_m", _TYPED, "contact damper b_p", "N·s/m", 0, 100),
 )
 """b, k and b_p before a wall."""
+OWN: tuple[Field, ...] = (
+    Field("own.stiffness_n_per_m", "Your own k and b", "spring k", "N/m", 10, 1e5, "log"),
+    Field("own.damping_ns_per_m", "Your own k and b", "damper b", "N·s/m", 0.02, 200, "log"),
+    Field("own.local_damping_ns_per_m", "Your own k and b", "damper b_p, everywhere", "N·s/m", 0, 50, blank="none"),
+    Field("own.cutoff_hz", "Your own k and b", "filter of the velocity", "Hz", 5, 1000, "log", blank="none"),
+)
+"""The law of one's own, beside the coupling."""
 _PLACE = re.compile(r"\.\d$")
 
 
@@ -168,21 +158,19 @@ def dotted_units(text: str) -> str:
 
 
 def words_document(units: Units) -> dict[str, str]:
-    """Return units and nouns in which the page itself speaks."""
+    """Return the units of the page."""
     return {
         "impedance": page_unit("N·s/m", units),
         "stiffness": page_unit("N/m", units),
         "force": page_unit("N", units),
         "milli": page_unit("mm", units),
-        "pushed": str(CAP_FORCE),
-        "depth": "depth" if units.linear else "angle",
     }
 
 
 def labels_of(keys: Iterable[str], units: Units) -> list[str]:
     """Return keys of a device by the names of their fields, and by their own words where they have none."""
     known = {field.key.removeprefix("device."): field.label for field in FIELDS}
-    return [str(known.get(key) or units.key(_UNIT.sub("", key)).replace("_", " ")) for key in keys]
+    return [(known.get(key) or units.key(_UNIT.sub("", key)).replace("_", " ")) for key in keys]
 
 
 def fields_for(device: Device, fields: tuple[Field, ...]) -> tuple[Field, ...]:
@@ -192,7 +180,7 @@ def fields_for(device: Device, fields: tuple[Field, ...]) -> tuple[Field, ...]:
 
 def fields_document(device: Device, fields: tuple[Field, ...]) -> list[dict[str, Any]]:
     """Return the fields as JSON values."""
-    return [asdict(replace(field, label=str(field.label))) for field in fields_for(device, fields)]
+    return [asdict(field) for field in fields_for(device, fields)]
 
 
 @lru_cache
@@ -233,7 +221,7 @@ def on_page(
     for key, fault in found:
         if not (of_wall and key.startswith("boundaries.") and key not in typed):
             told = _told(fault.message, known.get(key), known)
-            yield Fault("", None, key if key in known else spoken_key(key), dotted_units(told))
+            yield Fault("", None, key if key in known else device.units.key(key), dotted_units(told))
 
 
 def _key(key: str, fields: Mapping[str, Field], typed: Iterable[str]) -> str:
@@ -258,13 +246,13 @@ def _told(message: str, field: Field | None, fields: Mapping[str, Field]) -> str
     often = Counter(key.rpartition(".")[2] for key in fields)
     named = {name: field for name, field in ends.items() if often[name] == 1 and "_" in name}
     for name, one in {**fields, **named}.items():
-        found = rf"(?<![\w.]){re.escape(spoken_key(name))}(?: = ({_NUMBER}))?(?![\w.]*\w)"
+        found = rf"(?<![\w.]){re.escape(name)}(?: = ({_NUMBER}))?(?![\w.]*\w)"
         message = re.sub(found, partial(_label, one), message)
     return message.replace("is None, not a number", "is missing")
 
 
 def _label(field: Field, found: re.Match[str]) -> str:
-    return str(field.label) if found[1] is None else f"{field.label} = {_in(field, found[1])} {field.unit}"
+    return field.label if found[1] is None else f"{field.label} = {_in(field, found[1])} {field.unit}"
 
 
 def _in(field: Field, number: str) -> str:

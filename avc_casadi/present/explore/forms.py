@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from avc_casadi.design.registry import METHODS
-from avc_casadi.present.explore.fields import FIELDS, GAINS, Field
+from avc_casadi.present.explore.fields import FIELDS, GAINS, OWN, Field
 from avc_casadi.present.explore.tool_fields import TOOL_FIELDS, TOOL_GAINS
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ class Form:
         gains: those that may be typed.
         live: methods that are quick enough to follow a slider.
         slow: methods that run beside the page, and can be cancelled.
+        own: the law of one's own beside them.
     """
 
     end: str
@@ -31,6 +32,7 @@ class Form:
     gains: tuple[Field, ...]
     live: tuple[str, ...]
     slow: tuple[str, ...]
+    own: tuple[Field, ...] = ()
 
     @cached_property
     def keys(self) -> frozenset[str]:
@@ -42,6 +44,11 @@ class Form:
         """Names of the gains."""
         return tuple(field.key.removeprefix("gains.") for field in self.gains)
 
+    @cached_property
+    def own_names(self) -> tuple[str, ...]:
+        """Names of the values of the law of one's own."""
+        return tuple(field.key.removeprefix("own.") for field in self.own)
+
 
 WALL = Form(
     "wall",
@@ -49,6 +56,7 @@ WALL = Form(
     GAINS,
     (*(name for name, one in METHODS.items() if one.live), "constant"),
     ("recommend", *(name for name, one in METHODS.items() if not one.live)),
+    OWN,
 )
 TOOL = Form("simulation", TOOL_FIELDS, TOOL_GAINS, ("constant",), ("recommend",))
 

@@ -5,6 +5,7 @@ The settings are the whole state: they stand in the address of the page and come
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Iterator, Mapping
@@ -12,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, TypeGuard
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.units import FORCE
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.model.device import Device
@@ -49,6 +49,7 @@ class Settings:
         method: one of the form.
         gains: of the method constant, by name.
         motion: what the hand does in the simulated touch.
+        own: the law of one's own, by name, as far as it was changed.
     """
 
     device: str | Mapping[str, Any] | None
@@ -56,11 +57,13 @@ class Settings:
     method: str
     gains: Mapping[str, Any]
     motion: str
+    own: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def key(self) -> str:
         """The settings as a text: equal settings, equal text."""
-        return json.dumps(vars(self), sort_keys=True, default=dict)
+        coupling = {key: value for key, value in vars(self).items() if key != "own"}
+        return json.dumps(coupling, sort_keys=True, default=dict)
 
     @property
     def stated(self) -> str:
@@ -83,18 +86,18 @@ def settings_of(document: Any, form: Form = WALL) -> Settings:
     Raises:
         RequestError: it is none, or names what the page does not have.
     """
-    if not isinstance(document, dict) or not set(document) <= {"device", "values", "method", "gains", "motion"}:
-        raise RequestError(400, "settings are an object with device, values, method, gains and motion")
-    values, gains = document.get("values", {}), document.get("gains", {})
-    found = Settings(
-        document.get("device"), values, document.get("method", form.live[0]), gains, document.get("motion", "press")
-    )
+    if not isinstance(document, dict) or not set(document) <= {"device", "values", "method", "gains", "motion", "own"}:
+        raise RequestError(400, "settings are an object with device, values, method, gains, motion and own")
+    values, gains, own = (document.get(key, {}) for key in ("values", "gains", "own"))
+    method, motion = document.get("method", form.live[0]), document.get("motion", "press")
+    found = Settings(document.get("device"), values, method, gains, motion, own)
     wrong = [
         what
         for what, right in (
             ("device is a name, a table or null", found.device is None or isinstance(found.device, str | dict)),
             ("values name fields of the page", isinstance(values, dict) and set(values) <= form.keys),
             ("gains name those of the page", isinstance(gains, dict) and set(gains) <= set(form.gain_names)),
+            ("own names those of the page", isinstance(own, dict) and set(own) <= set(form.own_names)),
             ("method is one of the page", found.method in (*form.live, *form.slow)),
             ("motion is press, tap or hold", found.motion in _SCENES),
         )
@@ -254,7 +257,7 @@ def _gain_faults(settings: Settings, base: Problem) -> Iterator[Fault]:
     if not any(settings.gains.values()):
         first, second = (field.label for field in form_of(base).gains if field.key != f"gains.{_SPRING}")
         allowed = f"a number above 0, here, for {first} or {second}"
-        message = f"is missing: without gains no {FORCE} is rendered; allowed: {allowed}"
+        message = f"is missing: without gains no force is rendered; allowed: {allowed}"
         yield Fault("", None, f"gains.{_SPRING}", message)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any, get_args
 
-from avc_casadi._util.units import Wording
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, Exchange, ToolIntegrator
 from avc_casadi.present.explore.fields import FIELDS, Field
 
@@ -30,16 +29,7 @@ TOOL_GAINS: tuple[Field, ...] = (
 )
 """K, B and the damper that the device's own loop adds."""
 TOOL_FIELDS: tuple[Field, ...] = (
-    Field(
-        "simulation.tool_mass_kg.0",
-        ENGINE,
-        Wording("tool mass", "tool inertia"),
-        "kg",
-        0.005,
-        5,
-        "log",
-        blank="no tool",
-    ),
+    Field("simulation.tool_mass_kg.0", ENGINE, "tool mass", "kg", 0.005, 5, "log", blank="no tool"),
     Field(f"{STEP}.0", ENGINE, "engine step", "ms", 0.2, 50, "log", factor=1e-3, whole_of=_T),
     Field("simulation.integrator", ENGINE, "integrator", scale="choice", choices=get_args(ToolIntegrator)),
     Field("simulation.exchange", ENGINE, "exchange", scale="choice", choices=get_args(Exchange)),
@@ -49,17 +39,7 @@ TOOL_FIELDS: tuple[Field, ...] = (
     Field("simulation.tool_damping_ns_per_m.0", ENGINE, "tool damping", "N·s/m", 0, 10),
     Field("simulation.stiffness_n_per_m", ENGINE, "K that is wanted", "N/m", 10, 1e5, "log", blank="the stiffest"),
     *(field for field in FIELDS if field.key.startswith(("device.", "hands."))),
-    Field(
-        "simulation.tool_mass_kg.1",
-        SPANS,
-        Wording("tool mass, at most", "tool inertia, at most"),
-        "kg",
-        0.005,
-        5,
-        "log",
-        blank=_SAME,
-        folded=True,
-    ),
+    Field("simulation.tool_mass_kg.1", SPANS, "tool mass, at most", "kg", 0.005, 5, "log", blank=_SAME, folded=True),
     Field(
         f"{STEP}.1", SPANS, "step, at most", "ms", 0.2, 50, "log", factor=1e-3, blank=_SAME, folded=True, whole_of=_T
     ),
@@ -69,7 +49,7 @@ TOOL_FIELDS: tuple[Field, ...] = (
     Field(f"{CONTACT}.0", SPANS, "contacts, softest", "N/m", 0, 1e5, blank="0", folded=True),
     Field(f"{DAMPER}.1", SPANS, "their damper, at most", "N·s/m", 0, 100, blank=_SAME, folded=True),
     Field("simulation.position_scale", SCENE, "position scale", "", 0.1, 10, "log", folded=True),
-    Field("simulation.force_scale", SCENE, Wording("force scale", "torque scale"), "", 0.1, 10, "log", folded=True),
+    Field("simulation.force_scale", SCENE, "force scale", "", 0.1, 10, "log", folded=True),
 )
 
 

@@ -26,7 +26,7 @@ export function parsed(hash, left) {
  */
 export function known(given, left, fresh, about, motions) {
   const kept = JSON.parse(JSON.stringify(fresh));
-  const names = { values: about.fields.map((one) => one.key), gains: about.gains.map((one) => one.key.replace("gains.", "")) };
+  const names = { values: about.fields.map((one) => one.key), gains: about.gains.map((one) => one.key.replace("gains.", "")), own: about.own.map((one) => one.key.replace("own.", "")) };
   const fits = {
     device: (value) => value === null || isTable(value) || about.devices.some((one) => one.name === value),
     method: (value) => [...about.live, ...about.slow].includes(value),

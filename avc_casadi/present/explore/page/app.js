@@ -12,7 +12,7 @@ const ADDRESS_MS = 300;
 const POLL_MS = 500;
 const KEEP_MS = 4000;
 const MOST_BYTES = 200000;
-const FRESH = { device: null, values: {}, method: "direct", gains: {}, motion: "press" };
+const FRESH = { device: null, values: {}, method: "direct", gains: {}, motion: "press", own: {} };
 
 const get = (id) => document.getElementById(id);
 const copy = (value) => JSON.parse(JSON.stringify(value));
@@ -22,6 +22,7 @@ let about;
 let end;
 let fields;
 let gainFields;
+let ownFields;
 let state = { a: copy(FRESH), b: null, on: "a" };
 const shown = { a: {}, b: {} };
 const asking = { a: "", b: "" };
@@ -110,6 +111,7 @@ function showControls() {
   get("own-gains").hidden = end === wall && !typing;
   const gains = typing ? settings.gains : end.typed(shown[state.on].now);
   gainFields.show(Object.fromEntries(Object.entries(gains).map(([key, value]) => [`gains.${key}`, value])));
+  ownFields.show(Object.fromEntries(Object.entries({ ...(shown[state.on].law || {}).own, ...settings.own }).map(([key, value]) => [`own.${key}`, value])));
   get("work").hidden = !about.slow.includes(settings.method);
   const known = shown[state.on].values || about.values;
   fields.show({ ...known, ...settings.values });
@@ -122,8 +124,8 @@ function showControls() {
 }
 
 function showFaults() {
-  const errors = shown[state.on].errors || [];
-  const rest = gainFields.faults(fields.faults(errors));
+  const errors = [...(shown[state.on].errors || []), ...((shown[state.on].law || {}).errors || [])];
+  const rest = ownFields.faults(gainFields.faults(fields.faults(errors)));
   get("error-method").textContent = rest.filter((one) => one.key === "method").map((one) => one.message).join("; ");
   get("error-device").textContent = rest.filter((one) => one.key === "device").map((one) => one.message).join("; ");
   get("general-error").textContent = rest
@@ -147,6 +149,10 @@ function buildControls() {
       if (value === null) delete current().gains[key.replace("gains.", "")];
       else current().gains[key.replace("gains.", "")] = value;
     }, kind);
+  });
+  ownFields = new Fields(get("own-law"), about.own, (key, value, kind, event) => {
+    changedAt = event ? event.timeStamp : 0;
+    change(() => (current().own[key.replace("own.", "")] = value), kind);
   });
   fields = new Fields(get("fields"), about.fields, (key, value, kind, event) => {
     changedAt = event ? event.timeStamp : 0;
@@ -291,6 +297,7 @@ const followed = (column) => new Follow(client, () => state[column], {
       Object.assign(mine, { now: found, judge: null, touch: null });
     } else {
       mine[part] = found;
+      if (part === "law" && column === state.on) showControls();
     }
     end.draw(part, shown, columns(), state, about);
     markStale();

@@ -28,16 +28,19 @@ function drawImpedance(shown, columns) {
   const of = (name) => (there.length > 1 ? `${name}, ${there[0].toUpperCase()}` : name);
   const lines = (pick) => there.filter((column) => shown[column].now.gains).map((column) => ({
     name: named(column, shown[column].now.gains.method), cls: column, x: shown[column].now.frequency_hz, y: pick(shown[column].now.gains) }));
+  const own = (pick) => there.filter((column) => shown[column].law && shown[column].law.rows).map((column) => ({
+    name: named(column, "your k and b"), cls: "own", x: shown[column].law.frequency_hz, y: pick(shown[column].law) }));
+  for (const id of ["c-damping", "c-stiffness"]) get(id).hidden = !there.some((column) => shown[column].now.gains);
   chart(get("c-magnitude"), {
     title: "Perceived impedance |Z|", x: HZ, y: { label: unit.impedance, kind: "log" },
     bands: [{ name: of("feels real"), cls: "real", x, low: base.lower, high: base.upper }],
     series: [{ name: of("desired"), cls: "desired", x, y: base.desired.magnitude }, { name: of("no coupling"), cls: "without", x, y: base.without.magnitude },
-      ...lines((gains) => gains.magnitude)],
+      ...lines((gains) => gains.magnitude), ...own((law) => law.magnitude)],
     summary: `${summary(shown, columns, (gains) => gains.magnitude, unit.impedance)}; desired ${span(base.desired.magnitude)} ${unit.impedance}`,
   });
   chart(get("c-real"), {
     title: "Real part of Z: below 0 the loop gives energy out", x: HZ, y: { label: unit.impedance, kind: "symlog" },
-    series: [{ name: of("no coupling"), cls: "without", x, y: base.without.real }, ...lines((gains) => gains.real)],
+    series: [{ name: of("no coupling"), cls: "without", x, y: base.without.real }, ...lines((gains) => gains.real), ...own((law) => law.real)],
     summary: `${summary(shown, columns, (gains) => gains.real, unit.impedance)}; without coupling ${span(base.without.real)} ${unit.impedance}`,
   });
   const beside = (gains) => gains.contact_damping_ns_per_m.some((value) => value > 0);
@@ -58,22 +61,22 @@ function drawImpedance(shown, columns) {
 }
 
 export function drawTouch(shown, columns, begins = "the wall begins") {
-  const there = columns.filter((column) => shown[column].touch && shown[column].touch.touch);
-  const runs = there.map((column) => [column, shown[column].touch.touch]);
-  const words = runs.map(([column, run]) => named(column, `${CLAIMS[run.claim].slice(2)}, peak ${number(run.peak_force_n)} ${unit.force}`)).join("; ") || "nothing simulated";
+  const runs = columns.flatMap((column) => [[column, "touch"], [column, "law"]])
+    .filter(([column, part]) => shown[column][part] && shown[column][part].touch).map(([column, part]) => [column, shown[column][part].touch, part]);
+  const words = runs.map(([column, run, part]) => named(column, `${part === "law" ? "your k and b: " : ""}${CLAIMS[run.claim].slice(2)}, peak ${number(run.peak_force_n)} ${unit.force}`)).join("; ") || "nothing simulated";
   const time = { label: "time, s", kind: "linear" };
-  const series = (x, y, factor) => runs.map(([column, run]) => ({
-    name: named(column, shown[column].now.gains ? shown[column].now.gains.method : ""), cls: column,
+  const series = (x, y, factor) => runs.map(([column, run, part]) => ({
+    name: named(column, part === "law" ? "your k and b" : shown[column].now.gains ? shown[column].now.gains.method : ""), cls: part === "law" ? "own" : column,
     x: x(run), y: y(run).map((value) => (value === null ? null : factor * value)) }));
   const target = runs.length ? [{ name: "the hand's target", cls: "desired", x: runs[0][1].time_s, y: runs[0][1].target_m.map((value) => 1e3 * value) }] : [];
   chart(get("c-position"), {
     title: `Position (${begins} at 0)`, x: time, y: { label: unit.milli, kind: "linear", span: depthSpan(runs) },
     series: [...target, ...series((run) => run.time_s, (run) => run.position_m, 1e3)], summary: words,
   });
-  chart(get("c-force"), { title: unit.pushed, x: time, y: { label: unit.force, kind: "linear" }, series: series((run) => run.time_s, (run) => run.force_n, 1), summary: words });
+  chart(get("c-force"), { title: "Force", x: time, y: { label: unit.force, kind: "linear" }, series: series((run) => run.time_s, (run) => run.force_n, 1), summary: words });
   const inside = runs.flatMap(([, run]) => run.position_m.filter((_, row) => Math.abs(run.force_n[row]) > 0).map((value) => 1e3 * value));
   chart(get("c-loop"), {
-    title: `${unit.pushed} against ${unit.depth}`, x: { label: `${unit.depth}, ${unit.milli}`, kind: "linear", span: inside.length ? inside : null }, y: { label: unit.force, kind: "linear" },
+    title: "Force against depth", x: { label: `depth, ${unit.milli}`, kind: "linear", span: inside.length ? inside : null }, y: { label: unit.force, kind: "linear" },
     series: series((run) => run.position_m.map((value) => 1e3 * value), (run) => run.force_n, 1), summary: words,
   });
 }
@@ -128,11 +131,11 @@ function nextStep({ now, judge }, method, papers) {
 }
 
 /** The table of the verdict: rows of a name and what stands in the cell of a column. */
-export function drawTable(rows, there, shown) {
+export function drawTable(rows, there, shown, host = "verdict") {
   const head = made("thead", {}, made("tr", {}, made("th", { scope: "col" }, "what"), ...there.map((column) => made("th", { scope: "col" }, column.toUpperCase()))));
   const body = made("tbody", {}, ...rows.map(([name, cell]) => made("tr", {}, made("th", { scope: "row" }, name),
     ...there.map((column) => made("td", {}, cell(shown[column], column))))));
-  get("verdict").replaceChildren(head, body);
+  get(host).replaceChildren(head, body);
 }
 
 function drawVerdict(shown, columns, state, papers) {
@@ -144,30 +147,38 @@ function drawVerdict(shown, columns, state, papers) {
       made("span", { title: one.title, class: `level ${one.pass ? "pass" : one.refused ? "" : "fail"}` }, `${one.level} ${one.pass ? "✓ pass" : one.refused ? "refused" : "✗ fail"}`), " "])) : "–"],
     ["simulated touch", ({ touch }) => touch && touch.touch ? rested(touch.touch) : touch && touch.refused ? touch.refused : "–"],
     [`stiffness felt, ${unit.stiffness}`, ({ touch }) => touch && touch.touch ? number(touch.touch.stiffness_n_per_m, 4) : "–"],
-    [`peak ${unit.pushed.toLowerCase()}, ${unit.force}`, ({ touch }) => touch && touch.touch ? number(touch.touch.peak_force_n) : "–"],
+    [`peak force, ${unit.force}`, ({ touch }) => touch && touch.touch ? number(touch.touch.peak_force_n) : "–"],
     [`stiffest wall with a spring and damper, every hand and let go, ${unit.stiffness}`, ({ judge }) => judge && judge.stiffest ? number(judge.stiffest.stiffness_n_per_m, 4) : "–"],
     [`passive limit of stiffness at rest, ${unit.stiffness}`, ({ now }) => number(now.passive_limit_n_per_m, 4)],
   ];
   const there = columns.filter((column) => shown[column].now);
   drawTable(rows, there, shown);
   get("next").textContent = nextStep(shown[state.on], state[state.on].method, papers);
-  get("levels").replaceChildren(...there.filter((column) => shown[column].judge && shown[column].judge.certificate).map((column) => {
-    const mine = shown[column].judge;
-    const box = made("pre", { tabindex: "0", role: "region", "aria-label": `levels of ${column.toUpperCase()}` }, mine.certificate);
-    const claims = mine.deployable.claims.map((one) => made("li", {}, yes(one.pass, one.pass ? "pass" : "fail"), ` ${one.sentence}${one.advice ? `; ${one.advice}` : ""}`));
-    return made("div", {}, made("h3", {}, column.toUpperCase()), box, made("ul", {}, ...claims));
-  }));
+}
+
+const MARKS = { "✓": "pass", "✗": "fail", "!": "caution" };
+
+/** Your own k and b: a row of the command a line. */
+function drawLaw(shown, columns) {
+  const there = columns.filter((column) => shown[column].law && shown[column].law.rows);
+  const found = (mine, label) => mine.law.rows.find((row) => row.label === label);
+  const labels = [...new Set(there.flatMap((column) => shown[column].law.rows.map((row) => row.label)))];
+  drawTable(labels.map((label) => [label, (mine) => {
+    const row = found(mine, label);
+    return row ? made("span", { class: MARKS[row.mark] || null }, `${row.mark} ${row.text}`.trim()) : "–";
+  }]), there, shown, "law");
 }
 
 /** What the page shows where the other end is a wall. */
 export const wall = {
-  after: ["judge", "touch", "region"],
+  after: ["law", "judge", "touch", "region"],
   then: {},
   /** Gains that typing begins with. */
   typed: () => ({}),
   draw(part, shown, columns, state, about) {
-    if (!part || part === "now") drawImpedance(shown, columns);
-    if (!part || part === "touch") drawTouch(shown, columns);
+    if (!part || part === "now" || part === "law") drawImpedance(shown, columns);
+    if (!part || part === "touch" || part === "law") drawTouch(shown, columns);
+    drawLaw(shown, columns);
     if (!part || part === "now" || part === "region") drawRegion(shown, columns, state);
     drawVerdict(shown, columns, state, about.papers);
   },
