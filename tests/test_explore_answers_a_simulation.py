@@ -262,8 +262,8 @@ def test_a_wheel_has_its_units_everywhere():
     assert units["simulation.tool_mass_kg.0"] == "kg·m²"
     assert "simulation.step_s.0" in units
     texts = re.sub(r'"[a-z_.0-9]+"', "", json.dumps(found, ensure_ascii=False))  # keys stay inside
-    assert not re.search(r"N[.·]s/m|N/m|\d k?g(?![·\w])|\bmass\b|(?<!held-)\bforce\b", texts)
-    assert set(rows_of(found[1])) == {"Coupling", "Stability", "Worst loop", "Fixed place", "Rigid object"}
+    assert not re.search(r"N[.·]s/m|N/m|\d k?g(?![·\w])", texts)
+    assert {"Coupling", "Stability", "Worst loop", "Fixed place", "Rigid object"} <= set(rows_of(found[1]))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,11 +1,10 @@
 """An effect that is not listed leaves no state, input, parameter or instruction; a listed one leaves only its own."""
 
 import casadi as ca
-import numpy as np
 import pytest
-from scene_reference import MASSLESS, scene_problem
+from scene_reference import scene_problem
 
-from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.gains import Gains
 from avc_casadi.model.registries import EFFECTS
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.screen import explain
@@ -121,10 +120,3 @@ def test_explain_counts_what_each_effect_adds():
     assert found.ns_per_step > 0
     assert found.scatter_ns >= 0
     assert not set(found.absent) & set(costs)
-
-
-def test_explain_says_which_effect_is_the_only_mass():
-    costs = {cost.kind: cost for cost in explain(scene_problem(BASE, head=MASSLESS), NO_COUPLING).effects}
-    assert costs["hand"].instructions is None
-    assert costs["wall"].instructions > 0
-    assert np.isfinite(costs["wall"].ns_per_step)

@@ -51,16 +51,6 @@ def test_the_limit_cycle_is_shown_with_the_guard_and_without(capsys, tmp_path):
     assert beside.split("  ")[-1].strip() == f"does not settle, {1e3 * alone:.2f} mm peak to peak"
 
 
-def test_without_a_guard_nothing_stands_beside(capsys):
-    document = json.loads(call(capsys, "simulate", "scenes/free-motion", "--json")[1].out)
-    assert document["without_guard"] is None
-
-
-@pytest.mark.thorough
-def test_what_comes_to_rest_comes_to_rest_with_one_hand(capsys):
-    assert "settles with this hand" in call(capsys, "simulate", "soft")[1].out
-
-
 def test_an_unstable_scene_ends_with_1(capsys):
     code, out = call(capsys, "simulate", "scenes/stiff-wall-uncoupled")
     assert code == 1
@@ -109,16 +99,6 @@ def test_two_scenes_that_differ_in_one_effect(capsys, tmp_path):
     assert late["states"] - plain["states"] == delay["states"] == 2
     assert late["instructions"] - plain["instructions"] == delay["instructions"] > 0
     assert set(plain["absent"]) - set(late["absent"]) == {"delay"}
-
-
-@pytest.mark.thorough
-def test_screen(capsys):
-    code, out = call(capsys, "simulate", "scenes/free-motion", "--screen", "--json")
-    document = json.loads(out.out)
-    assert code == 0
-    assert {effect["kind"] for effect in document["effects"]} == {"hand", "coulomb-friction"}
-    code, out = call(capsys, "simulate", "scenes/free-motion", "--screen")
-    assert "Not needed           none at a tolerance of 1 %" in out.out
 
 
 @pytest.mark.parametrize(

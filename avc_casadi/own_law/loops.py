@@ -78,18 +78,7 @@ class Law:
 
 @dataclass(frozen=True)
 class Case:
-    """The loop released, or with the worst hand of the ranges; each number the worst found.
-
-    Attributes:
-        spectral_radius: largest modulus of a pole.
-        frequency_hz: of that pole.
-        stable: whether the radius is below 1; a free device without a spring may stay where it is.
-        settling_s: of the slowest mode, to 2 %; infinite where it does not settle.
-        damping_ratio: of the least damped oscillation; 1 without one.
-        damping_ratio_hz: its frequency.
-        margins: gain, phase, delay and disk.
-        hand: the one of the largest radius: mass, damping and stiffness.
-    """
+    """The loop released, or with the worst hand of the ranges; each number the worst found."""
 
     spectral_radius: float
     frequency_hz: float

@@ -21,12 +21,7 @@ _TRIED, _HALVINGS, _SHARES = 24, 12, (0.7, 0.5, 0.3, 0.2, 0.1, 0.03)
 
 @dataclass(frozen=True)
 class Remedy:
-    """Changes that make the law deployable, as its loop shows.
-
-    Attributes:
-        changes: keys of the law or of the device, and what they become.
-        disk_margin: with them, at the corners of the ranges and released.
-    """
+    """Changes that make the law deployable, as its loop shows."""
 
     changes: Mapping[str, float]
     disk_margin: float

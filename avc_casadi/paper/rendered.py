@@ -31,14 +31,7 @@ def perceived_impedance_of(
     gains: tuple[FloatArray, FloatArray, FloatArray],
     law: StateFeedback | None = None,
 ) -> ComplexArray:
-    """Return Z_h_avc at each frequency, N.s/m, shape (n,).
-
-    Args:
-        problem: device, wall and model of the hold.
-        frequency_hz: of evaluation, shape (n,).
-        gains: b (N.s/m), k (N/m), b_p (N.s/m), each of shape (n,).
-        law: observer and feedback before the gains, at a dead-zone gain of 1; None for gains alone.
-    """
+    """Return Z_h_avc at each frequency, N.s/m, shape (n,)."""
     loop, (b, k, contact) = loop_at(problem, frequency_hz), gains
     if law is None:
         return np.asarray(loop.perceived(b, k, contact))
@@ -54,13 +47,7 @@ def perceived_impedance_of(
 
 
 def force_over_position(law: StateFeedback, stiffness_n_per_m: ComplexArray, z: ComplexArray) -> ComplexArray:
-    """Return force over the measured position at each frequency, N/m, shape (n,), at a dead-zone gain of 1.
-
-    Args:
-        law: e = x - s_m, s+ = s + L e, y = R s+, F = G y, then s = A s+ + B F.
-        stiffness_n_per_m: G, force over the position y that the wall acts on, shape (n,).
-        z: exp(j omega T), shape (n,).
-    """
+    """Return force over the measured position at each frequency, N/m, shape (n,), at a dead-zone gain of 1."""
     gain, weight = np.array(law.innovation), np.array(law.feedback)
     closed = np.array(law.state) + stiffness_n_per_m[:, None, None] * np.outer(law.force_m_per_n, weight)
     pencil = z[:, None, None] * np.eye(law.states) - closed
@@ -85,24 +72,7 @@ def gain_schedule(
     notes: tuple[str, ...] = (),
     state_feedback: StateFeedback | None = None,
 ) -> GainSchedule:
-    """Return the schedule of gains (b, k, b_p); one code recomputes the impedances of every method.
-
-    Args:
-        problem: the problem of the gains.
-        method: name of the method.
-        gains: b (N.s/m), k (N/m), b_p (N.s/m), each of shape (n,).
-        status: one for each row; gains of rows without usable gains are blanked.
-        solver: name of the solver.
-        reason: one sentence for each row.
-        requested: b and k requested by an unrealisable row.
-        requested_contact: b_p requested by it.
-        impedance: perceived impedance where it is not that of the gains (the closed form's projection).
-        frequency_hz: frequencies of the rows; None is those of the problem.
-        build_seconds: time to set the method up.
-        solve_seconds: time to solve.
-        notes: printed facts.
-        state_feedback: observer and feedback that belong to the gains.
-    """
+    """Return the schedule of gains (b, k, b_p); one code recomputes the impedances of every method."""
     frequency = problem.frequencies_hz() if frequency_hz is None else frequency_hz
     loop = loop_at(problem, frequency)
     usable = np.array([item.has_gains for item in status], dtype=bool)
@@ -125,6 +95,7 @@ def gain_schedule(
         contact_damping_ns_per_m=bp,
         impedance=perceived if impedance is None else impedance,
         target=np.asarray(loop.target),
+        stated=problem,
         status=status,
         reason=reason or ("",) * len(status),
         requested_damping_ns_per_m=b if requested is None else requested[0],

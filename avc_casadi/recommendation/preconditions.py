@@ -74,13 +74,7 @@ def why_infeasible(problem: Problem) -> str:
 
 
 def nothing_rendered(problem: Problem, felt_n_per_m: float, trial: CouplingTrial) -> str:
-    """Return why nothing of the wall is rendered to a hand; empty where something is.
-
-    Args:
-        problem: device and wall.
-        felt_n_per_m: static rendered stiffness with a coupling.
-        trial: result with simulated hands.
-    """
+    """Return why nothing of the wall is rendered to a hand; empty where something is."""
     device, press_n = problem.device, PRESS_N * problem.device.metres_per_unit
     # A robot that no hand holds is not pressed.
     if problem.environment.stiffness_n_per_m == 0 or not max(problem.hands.stiffness_n_per_m):

@@ -62,11 +62,7 @@ _METHOD = re.compile(r"`?avc (?:recommend P|solve P --method ([a-z-]+))`?(?! --)
 
 
 def asked_settings(explorer: Explorer, asked: Mapping[str, Any]) -> Settings:
-    """Read the settings of a question.
-
-    Raises:
-        RequestError: it has none, or names what the page does not have.
-    """
+    """Read the settings of a question."""
     return settings_of(asked.get("settings"), explorer.form)
 
 
@@ -167,17 +163,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     schedule = explorer.schedule(settings)
     if coupling is None or schedule is None:
         return found
-    certificate = explorer.heavy(f"levels {settings.key}", lambda: certify(problem, coupling)).document()
     return found | {
-        "levels": [
-            {
-                "level": level,
-                "title": one["title"],
-                "pass": one["pass"],
-                "refused": bool(one["refused"]),
-            }
-            for level, one in certificate["levels"].items()
-        ],
         "deployable": _on_page(
             explorer, explorer.heavy(f"deployable {settings.key}", lambda: deployable(coupling)).document()
         ),
@@ -278,11 +264,7 @@ _B, _K = "damping_ns_per_m", "stiffness_n_per_m"
 
 
 def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Answer a question; what is wrong with the settings is an answer too, each fault with its field.
-
-    Raises:
-        RequestError: the page would not ask so.
-    """
+    """Answer a question; what is wrong with the settings is an answer too, each fault with its field."""
     try:
         return part(explorer, asked)
     except InputError as error:

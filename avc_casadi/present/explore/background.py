@@ -18,17 +18,7 @@ _BETWEEN_S = 0.1
 
 
 class Background:
-    """A function of a module that runs in a process of its own.
-
-    Attributes:
-        said: the last (done, total, what) of its progress.
-        result: its return value; None until then.
-        error: reason without a result; empty where there is one, or none yet.
-
-    Args:
-        work: called with the task and a progress.
-        task: its argument.
-    """
+    """A function of a module that runs in a process of its own."""
 
     def __init__(self, work: Callable[[Any, Progress], Any], task: Any) -> None:
         self.said: tuple[int, int, str] = (0, 0, "")

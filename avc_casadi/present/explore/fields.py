@@ -23,25 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Field:
-    """One value of a problem file on the page.
-
-    Attributes:
-        key: dotted key of the problem file; a number at its end is a place in a list.
-        group: heading it stands under.
-        label: its name.
-        unit: unit on the page.
-        low: lowest value of the slider, in that unit; a typed value may lie outside.
-        high: highest value of the slider.
-        scale: linear or log; a flag has no slider, a choice neither.
-        factor: SI units in one unit of the page.
-        blank: what an empty field means; none where it may not be empty.
-        choices: what may be chosen.
-        start: value taken where the problem has none, in SI units.
-        folded: whether its group is folded up at first.
-        turns: whether a device that turns alone has it.
-        whole: whether it is an integer.
-        whole_of: key of the value whose whole multiples its slider gives.
-    """
+    """One value of a problem file on the page."""
 
     key: str
     group: str
@@ -207,14 +189,7 @@ _REFUSED = re.compile(rf"is (?P<value>{_NUMBER}|\".*\", not a number|None, not a
 def on_page(
     faults: Iterable[Fault], typed: Iterable[str], device: Device, fields: tuple[Field, ...]
 ) -> Iterator[Fault]:
-    """Yield faults with the key of their field, told in its unit.
-
-    Args:
-        faults: of a problem.
-        typed: keys that were changed on the page; bounds that only follow the wall are its fault alone.
-        device: one of the motion that the page speaks of.
-        fields: of the page.
-    """
+    """Yield faults with the key of their field, told in its unit."""
     known = {field.key: field for field in fields_for(device, fields)}
     found = [(_key(fault.key, known, typed), fault) for fault in faults]
     of_wall = any(key.startswith("environment.") for key, _ in found)

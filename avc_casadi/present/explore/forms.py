@@ -16,16 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Form:
-    """What is asked of one other end.
-
-    Attributes:
-        end: wall or simulation.
-        fields: values of the problem file.
-        gains: those that may be typed.
-        live: methods that are quick enough to follow a slider.
-        slow: methods that run beside the page, and can be cancelled.
-        own: the law of one's own beside them.
-    """
+    """What is asked of one other end."""
 
     end: str
     fields: tuple[Field, ...]

@@ -6,11 +6,7 @@ from avc_casadi._errors import AvcError
 
 
 class RequestError(AvcError):
-    """What is wrong with a request.
-
-    Attributes:
-        status: of HTTP, 400 to 431.
-    """
+    """What is wrong with a request."""
 
     def __init__(self, status: int, message: str) -> None:
         super().__init__(message)

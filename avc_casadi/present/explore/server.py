@@ -39,13 +39,7 @@ _HEADERS = {
 
 
 class ExploreServer(ThreadingHTTPServer):
-    """Serves the page of an explorer until it is shut down.
-
-    Attributes:
-        explorer: what answers.
-        parts: what can be asked for, by name.
-        token: first part of every path.
-    """
+    """Serves the page of an explorer until it is shut down."""
 
     daemon_threads = True
     # A browser that opens many connections at once is not turned away.
@@ -108,11 +102,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(500, "application/json", _error(f"internal error: {error!r}; please report it"))
 
     def _path(self) -> str:
-        """Return the path behind the token of a request of this page.
-
-        Raises:
-            RequestError: it comes from elsewhere.
-        """
+        """Return the path behind the token of a request of this page."""
         own = {f"{HOST}:{self.server.port}", f"localhost:{self.server.port}"}
         if self.headers.get_all("Host", []) not in [[name] for name in own]:
             raise RequestError(421, "this server answers to its own address only")

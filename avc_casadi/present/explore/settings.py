@@ -41,16 +41,7 @@ _TOOL, _SPRING = "simulation.", "stiffness_n_per_m"
 
 @dataclass(frozen=True)
 class Settings:
-    """One column of the page.
-
-    Attributes:
-        device: name of a device of the catalogue, or the table of a device file; None keeps that of the base.
-        values: dotted key to value, in SI units, as far as they were changed; None stands for a value left out.
-        method: one of the form.
-        gains: of the method constant, by name.
-        motion: what the hand does in the simulated touch.
-        own: the law of one's own, by name, as far as it was changed.
-    """
+    """One column of the page."""
 
     device: str | Mapping[str, Any] | None
     values: Mapping[str, Any]
@@ -77,15 +68,7 @@ class Settings:
 
 
 def settings_of(document: Any, form: Form = WALL) -> Settings:
-    """Read the settings of a request.
-
-    Args:
-        document: of the page.
-        form: what that asks.
-
-    Raises:
-        RequestError: it is none, or names what the page does not have.
-    """
+    """Read the settings of a request."""
     if not isinstance(document, dict) or not set(document) <= {"device", "values", "method", "gains", "motion", "own"}:
         raise RequestError(400, "settings are an object with device, values, method, gains, motion and own")
     values, gains, own = (document.get(key, {}) for key in ("values", "gains", "own"))
@@ -115,14 +98,6 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
     anew is no longer in doubt as the old one was: its range goes, unless that is typed too. Frequencies end below
     Nyquist. Hands and bounds of the gains go with the handle of a device that turns, where it is held elsewhere. The
     scene is a press, a tap or a hold with all that the device declares.
-
-    Args:
-        base: what was started with.
-        settings: the changes.
-        to_save: keep scene and scope of the base, which the page has of its own.
-
-    Raises:
-        InputError: with every fault, each under the key of its field.
     """
     tables = problem_document(base)
     if settings.device is not None:
@@ -218,11 +193,7 @@ def _flat(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 
 def _device_table(base: Problem, device: str | Mapping[str, Any]) -> dict[str, Any]:
-    """Return the table of a device that is not that of the base.
-
-    Raises:
-        InputError: it is none.
-    """
+    """Return the table of a device that is not that of the base."""
     if isinstance(device, str):
         found = load_device(device).device
     else:
@@ -233,11 +204,7 @@ def _device_table(base: Problem, device: str | Mapping[str, Any]) -> dict[str, A
 
 
 def require_motion(device: Device, like: Device) -> None:
-    """Refuse a device that turns where the page speaks of one that does not, and the other way.
-
-    Raises:
-        InputError: it moves otherwise.
-    """
+    """Refuse a device that turns where the page speaks of one that does not, and the other way."""
     if device.motion == like.motion:
         return
     if like.units.linear:

@@ -54,13 +54,7 @@ TOOL_FIELDS: tuple[Field, ...] = (
 
 
 def put_of_tool(table: dict[str, Any], key: str, value: Any) -> None:
-    """Set a value of [simulation] by its key there; None takes it away, or makes a range a number.
-
-    Args:
-        table: [simulation], changed in place.
-        key: with 0 or 1 at its end where the file takes a range.
-        value: in SI units, or whatever was typed.
-    """
+    """Set a value of [simulation] by its key there; None takes it away, or makes a range a number."""
     name, _, end = key.partition(".")
     if not end:
         if value is None:
@@ -79,12 +73,7 @@ def put_of_tool(table: dict[str, Any], key: str, value: Any) -> None:
 
 
 def value_of_tool(table: dict[str, Any], key: str) -> Any:
-    """Return a value of [simulation] by its key there, as its field shows it; None where that is empty.
-
-    Args:
-        table: [simulation].
-        key: with 0 or 1 at its end where the file takes a range.
-    """
+    """Return a value of [simulation] by its key there, as its field shows it; None where that is empty."""
     name, _, end = key.partition(".")
     value = table.get(name)
     if not end or value is None:

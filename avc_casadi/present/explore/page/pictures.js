@@ -43,14 +43,9 @@ function drawImpedance(shown, columns) {
     series: [{ name: of("no coupling"), cls: "without", x, y: base.without.real }, ...lines((gains) => gains.real), ...own((law) => law.real)],
     summary: `${summary(shown, columns, (gains) => gains.real, unit.impedance)}; without coupling ${span(base.without.real)} ${unit.impedance}`,
   });
-  const beside = (gains) => gains.contact_damping_ns_per_m.some((value) => value > 0);
-  const contact = there.filter((column) => shown[column].now.gains && beside(shown[column].now.gains)).map((column) => ({
-    name: named(column, "contact damper b_p"), cls: `${column} contact`, x: shown[column].now.frequency_hz, y: shown[column].now.gains.contact_damping_ns_per_m }));
   chart(get("c-damping"), {
-    title: contact.length ? "Damping b of the coupling, and its contact damper b_p" : "Damping b of the coupling",
-    x: HZ, y: { label: unit.impedance, kind: "symlog" }, series: [...lines((gains) => gains.damping_ns_per_m), ...contact],
-    summary: `${summary(shown, columns, (gains) => gains.damping_ns_per_m, unit.impedance)}${contact.length
-      ? `; b_p ${summary(shown, columns, (gains) => gains.contact_damping_ns_per_m, unit.impedance)}` : ""}`,
+    title: "Damping b of the coupling", x: HZ, y: { label: unit.impedance, kind: "symlog" }, series: lines((gains) => gains.damping_ns_per_m),
+    summary: summary(shown, columns, (gains) => gains.damping_ns_per_m, unit.impedance),
   });
   const limit = base.passive_limit_n_per_m;
   chart(get("c-stiffness"), {
@@ -74,11 +69,6 @@ export function drawTouch(shown, columns, begins = "the wall begins") {
     series: [...target, ...series((run) => run.time_s, (run) => run.position_m, 1e3)], summary: words,
   });
   chart(get("c-force"), { title: "Force", x: time, y: { label: unit.force, kind: "linear" }, series: series((run) => run.time_s, (run) => run.force_n, 1), summary: words });
-  const inside = runs.flatMap(([, run]) => run.position_m.filter((_, row) => Math.abs(run.force_n[row]) > 0).map((value) => 1e3 * value));
-  chart(get("c-loop"), {
-    title: "Force against depth", x: { label: `depth, ${unit.milli}`, kind: "linear", span: inside.length ? inside : null }, y: { label: unit.force, kind: "linear" },
-    series: series((run) => run.position_m.map((value) => 1e3 * value), (run) => run.force_n, 1), summary: words,
-  });
 }
 
 /** Where the device is, not where the hand would like to be: a result of micrometres stays visible. */
@@ -124,8 +114,7 @@ export function rested(run) {
 function nextStep({ now, judge }, method, papers) {
   if (now && !now.gains && method === "recommend") return "Press Run: it looks for a coupling that may go into the device, and takes some seconds to a minute.";
   if (now && !now.gains) return "Press Run, under Method.";
-  if (!judge || !judge.deployable || judge.deployable.pass) return "";
-  if (method === "recommend") return "";
+  if (!judge || !judge.deployable || judge.deployable.pass || method === "recommend") return "";
   const what = papers.includes(method) ? "These gains answer the paper's question." : "These gains may not go into a device.";
   return `${what} For a coupling that may choose recommend, under Method.`;
 }
@@ -143,11 +132,8 @@ function drawVerdict(shown, columns, state, papers) {
     ["gains by", (mine, column) => state[column].method],
     ["frequencies with gains", ({ now }) => now.gains ? Object.entries(now.gains.counts).map(([name, count]) => `${count} ${name}`).join(", ") : "not run"],
     ["may go into a device", ({ judge }) => judge && judge.deployable ? yes(judge.deployable.pass, judge.deployable.pass ? "deployable" : "not deployable") : "–"],
-    ["certificate; L5 and let go decide", ({ judge }) => judge && judge.levels ? made("span", {}, ...judge.levels.flatMap((one) => [
-      made("span", { title: one.title, class: `level ${one.pass ? "pass" : one.refused ? "" : "fail"}` }, `${one.level} ${one.pass ? "✓ pass" : one.refused ? "refused" : "✗ fail"}`), " "])) : "–"],
     ["simulated touch", ({ touch }) => touch && touch.touch ? rested(touch.touch) : touch && touch.refused ? touch.refused : "–"],
     [`stiffness felt, ${unit.stiffness}`, ({ touch }) => touch && touch.touch ? number(touch.touch.stiffness_n_per_m, 4) : "–"],
-    [`peak force, ${unit.force}`, ({ touch }) => touch && touch.touch ? number(touch.touch.peak_force_n) : "–"],
     [`stiffest wall with a spring and damper, every hand and let go, ${unit.stiffness}`, ({ judge }) => judge && judge.stiffest ? number(judge.stiffest.stiffness_n_per_m, 4) : "–"],
     [`passive limit of stiffness at rest, ${unit.stiffness}`, ({ now }) => number(now.passive_limit_n_per_m, 4)],
   ];
@@ -161,10 +147,9 @@ const MARKS = { "✓": "pass", "✗": "fail", "!": "caution" };
 /** Your own k and b: a row of the command a line. */
 function drawLaw(shown, columns) {
   const there = columns.filter((column) => shown[column].law && shown[column].law.rows);
-  const found = (mine, label) => mine.law.rows.find((row) => row.label === label);
   const labels = [...new Set(there.flatMap((column) => shown[column].law.rows.map((row) => row.label)))];
   drawTable(labels.map((label) => [label, (mine) => {
-    const row = found(mine, label);
+    const row = mine.law.rows.find((one) => one.label === label);
     return row ? made("span", { class: MARKS[row.mark] || null }, `${row.mark} ${row.text}`.trim()) : "–";
   }]), there, shown, "law");
 }
