@@ -20,7 +20,7 @@ from avc_casadi.claims.prove.held_device import HAND
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, prove_rest
 from avc_casadi.cli import main
-from avc_casadi.cli._console import Console
+from avc_casadi.cli.console import Console
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains

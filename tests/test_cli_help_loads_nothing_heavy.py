@@ -9,7 +9,7 @@ import pytest
 from avc_process import avc
 
 import avc_casadi
-from avc_casadi.cli._verbs import VERBS
+from avc_casadi.cli.main import VERBS
 
 PROGRAM = """
 import sys

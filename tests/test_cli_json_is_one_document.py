@@ -141,7 +141,7 @@ def test_recommend(tmp_path):
 
 NOISE = """
 import ctypes, os, sys
-from avc_casadi.cli._console import Console
+from avc_casadi.cli.console import Console
 from avc_casadi.present.row import Answer, row
 console = Console(as_json="--json" in sys.argv)
 os.write(1, b"straight to the descriptor ")

@@ -81,7 +81,6 @@ CALLS = {
         lambda axes: figures.draw_perceived(OF_DAMPED, axes),
     ),
     "draw_scene": (4, lambda axes: figures.draw_scene(RUNS, axes=axes)),
-    "draw_traces": (4, lambda axes: figures.draw_traces(dict(zip("ab", RUNS, strict=True)), axes)),
     "draw_zwidth": (2, lambda axes: figures.draw_zwidth(REGION, llewellyn_table(PROBLEM), axes=axes)),
     "draw_zwidth, one panel": (1, lambda axes: figures.draw_zwidth(REGION, axes=axes)),
 }

@@ -16,7 +16,7 @@ import avc_hardware
 from avc_casadi import InputError, fault_document
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi.cli import main
-from avc_casadi.cli._files import output_folder
+from avc_casadi.cli.console import output_folder
 
 # A caller that has Ctrl-C ignored, as nohup has, hands that on: here it is not.
 PROGRAM = """

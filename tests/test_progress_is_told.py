@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli._console import Console
+from avc_casadi.cli.console import Console
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.nlp_gains import nlp_gains
@@ -57,7 +57,7 @@ def test_methods_that_take_long_tell_of_it(method):
 def test_elsewhere_a_line_is_written_every_ten_seconds(monkeypatch):
     elsewhere = io.StringIO()
     monkeypatch.setattr("sys.stderr", elsewhere)
-    monkeypatch.setattr("avc_casadi.cli._console._BETWEEN_LINES_S", 0.02)
+    monkeypatch.setattr("avc_casadi.cli.console._BETWEEN_LINES_S", 0.02)
     console = Console(as_json=False)
     with console.step("work"):
         console.advance(1, 2, "rows")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from itertools import zip_longest
 
 from avc_casadi._util.units import Wording
@@ -17,8 +16,6 @@ def with_problem(text: str, problem: str) -> str:
     """Return a text whose commands name the problem in place of ``P``."""
     return _OF_PROBLEM.sub(lambda found: f"{found[1]} {problem}", text)
 
-
-Cell = float | str | None
 
 ROWS_SHOWN = 20
 
@@ -60,11 +57,6 @@ def percent(share: float | None) -> str:
     return f"{value:.1f} %" if 99 <= value < 99.95 else f"{value:.2g} %" if value < 99 else f"{value:.0f} %"
 
 
-def counts_text(found: Mapping[str, int]) -> str:
-    """Return counts as "187 solved, 13 infeasible", without zeros."""
-    return ", ".join(f"{count} {name}" for name, count in found.items() if count) or "none"
-
-
 def rows_text(rows: int) -> str:
     """Return a number of rows in words: "1 row", "3 rows"."""
     return f"{rows} row{'' if rows == 1 else 's'}"
@@ -75,26 +67,6 @@ def sample_rows(rows: int, most: int = ROWS_SHOWN) -> list[int]:
     if rows <= most:
         return list(range(rows))
     return sorted({round(i * (rows - 1) / (most - 1)) for i in range(most)})
-
-
-@dataclass(frozen=True)
-class Table:
-    """Values in rows and columns; ``left`` numbers the columns of text, aligned to the left."""
-
-    header: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    left: tuple[int, ...] = ()
-    title: str = ""
-    notes: tuple[str, ...] = ()
-    digits: int = 4
-
-    def text(self) -> str:
-        """Return the header and rows as aligned text."""
-        return text_table(self.header, self.cells(), left=self.left)
-
-    def cells(self) -> list[list[str]]:
-        """Return the rows as texts."""
-        return [[_shown(cell, self.digits) for cell in row] for row in self.rows]
 
 
 def text_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:
@@ -108,11 +80,3 @@ def text_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Se
         return "  ".join(c.ljust(w) if i in left else c.rjust(w) for c, w, i in cells).rstrip()
 
     return "\n".join([*map(line, head_rows), line(["-" * width for width in widths]), *map(line, body)])
-
-
-def _shown(cell: Cell, digits: int) -> str:
-    if isinstance(cell, bool):
-        return "yes" if cell else "no"
-    if isinstance(cell, int | str):
-        return str(cell)
-    return number(cell, digits)

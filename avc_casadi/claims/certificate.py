@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,6 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
-from avc_casadi._util.text import Table
 from avc_casadi.claims.registry import CLAIMS
 from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
@@ -23,34 +21,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Model, Problem
     from avc_casadi.model.schedule import GainSchedule
-
-
-def levels_table(certificate: Mapping[str, Any]) -> Table:
-    """Return the levels of a `certify` document, with the claim of each in words after the table.
-
-    Passivity and stability are different claims, reported separately.
-    """
-    levels = certificate["levels"]
-    rows = tuple(
-        (
-            level,
-            found["title"],
-            found.get("outcome") or ("refused" if found.get("refused") else "pass" if found["pass"] else "fail"),
-            found["margin_ns_per_m"],
-            found["frequency_hz"],
-            found["rows_failed"],
-            found["model"],
-        )
-        for level, found in levels.items()
-    )
-    return Table(
-        ("level", "claim", "result", "worst margin", "at\nHz", "not passed\nrows", "\nmodel"),
-        rows,
-        left=(0, 1, 2, 6),
-        digits=3,
-        title=f"levels of {certificate['problem']}",
-        notes=tuple(f"{level}: {found['claim']}" for level, found in levels.items()),
-    )
 
 
 # A free, undamped device has the eigenvalue 1 twice: rounding moves a double one by its root, unless the matrix is

@@ -175,7 +175,6 @@ class ZWidth(Tabular):
         kept = ("encoder_limit_n_per_m", "passive_limit_n_per_m", "passive_spring_n_per_m", "rule_n_per_m")
         found: dict[str, Any] = plain(
             {
-                "schema": "avc-zwidth/2",
                 "problem": self.problem,
                 "wall_damping_ns_per_m": self.damping_ns_per_m,
                 "curves": {

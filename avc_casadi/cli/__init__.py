@@ -1,5 +1,4 @@
-"""The command `avc`: its verbs stand in five modules, listed in `_verbs`."""
+"""The command `avc`: its verbs stand in five modules, listed in `main`."""
 
-from avc_casadi._util.text import number as number
-from avc_casadi.cli._main import main as main
-from avc_casadi.cli._verbs import VERBS as VERBS
+from avc_casadi.cli.main import VERBS as VERBS
+from avc_casadi.cli.main import main as main

@@ -11,29 +11,26 @@ from typing import TYPE_CHECKING, Any
 import avc_casadi as avc
 from avc_casadi._util.interrupt import EXIT_CODE, HeldInterrupt, take_interrupt
 from avc_casadi._util.text import number
-from avc_casadi.cli._arguments import (
+from avc_casadi.cli.arguments import (
     add_motion,
     add_port,
+    add_problem_of_gains,
+    add_unsafe,
     add_verbose,
     add_worded,
     check_worded,
-    positive,
-    positive_int,
-)
-from avc_casadi.cli._console import Console
-from avc_casadi.cli._files import output_file, output_folder
-from avc_casadi.cli._subject import (
-    add_problem_of_gains,
-    add_unsafe,
     faults_of,
     is_coupling,
     is_device,
     load_device,
     load_problem,
+    positive,
+    positive_int,
     read_pair,
     read_subject,
     unsafe_note,
 )
+from avc_casadi.cli.console import Console, output_file, output_folder
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling

@@ -9,11 +9,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import add_verbose, add_worded, check_worded, positive_int
-from avc_casadi.cli._console import Console
-from avc_casadi.cli._files import PICTURES, output_file, output_folder, write_figure, write_text
-from avc_casadi.cli._subject import add_unsafe, load_problem, refuse
-from avc_casadi.cli._versions import package_versions
+from avc_casadi.cli.arguments import (
+    add_unsafe,
+    add_verbose,
+    add_worded,
+    check_worded,
+    load_problem,
+    positive_int,
+    refuse,
+)
+from avc_casadi.cli.console import (
+    PICTURES,
+    Console,
+    output_file,
+    output_folder,
+    package_versions,
+    write_figure,
+    write_text,
+)
 from avc_casadi.design.registry import methods_help
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
 

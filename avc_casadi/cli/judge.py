@@ -8,18 +8,19 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi.cli._arguments import add_verbose, add_workers, positive_int
-from avc_casadi.cli._console import Console
-from avc_casadi.cli._files import PICTURES, output_file, output_folder, write_figure, writing
-from avc_casadi.cli._subject import (
+from avc_casadi.cli.arguments import (
+    add_verbose,
+    add_workers,
     couples_to_simulation,
     gains_for,
     is_coupling,
     load_problem,
     pair_of,
+    positive_int,
     read_subject,
     refuse,
 )
+from avc_casadi.cli.console import PICTURES, Console, output_file, output_folder, write_figure, writing
 from avc_casadi.design.registry import methods_help
 
 if TYPE_CHECKING:

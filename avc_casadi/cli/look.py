@@ -13,11 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.interrupt import take_interrupt
-from avc_casadi.cli._arguments import add_verbose, add_workers, positive_int
-from avc_casadi.cli._console import Console
-from avc_casadi.cli._files import PICTURES, output_file, write_figure
-from avc_casadi.cli._subject import is_device, load_device, load_problem
-from avc_casadi.cli._versions import package_versions
+from avc_casadi.cli.arguments import add_verbose, add_workers, is_device, load_device, load_problem, positive_int
+from avc_casadi.cli.console import PICTURES, Console, output_file, package_versions, write_figure
 
 if TYPE_CHECKING:
     from avc_casadi.present.row import Answer

@@ -12,18 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.text import number
-from avc_casadi.cli._arguments import (
+from avc_casadi.cli.arguments import (
     add_log_layout,
     add_verbose,
     add_worded,
     check_worded,
+    is_device,
+    load_device,
+    load_known,
+    load_problem,
     log_layout,
     positive,
     positive_int,
+    read_subject,
 )
-from avc_casadi.cli._console import Console
-from avc_casadi.cli._files import PICTURES, output_file, write_figure, write_text
-from avc_casadi.cli._subject import is_device, load_device, load_known, load_problem, read_subject
+from avc_casadi.cli.console import PICTURES, Console, output_file, write_figure, write_text
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
@@ -278,7 +281,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     answer = identification(document, found, units, args.log, written)
     if page is not None:
         with console.step("page"):
-            from avc_casadi.cli._versions import package_versions
+            from avc_casadi.cli.console import package_versions
             from avc_casadi.present.report import identification_html
 
             write_text(page, identification_html(answer, found, package_versions()), "--report")
@@ -402,7 +405,7 @@ def _diagnose_pictures(found: list[Diagnosis], picture: Path) -> list[Path]:
 
 def _diagnose_report(answer: Answer, found: list[Diagnosis], page: Path, console: Console) -> None:
     with console.step("page"):
-        from avc_casadi.cli._versions import package_versions
+        from avc_casadi.cli.console import package_versions
         from avc_casadi.present.report import diagnosis_html
 
         write_text(page, diagnosis_html(answer, found, package_versions()), "--report")

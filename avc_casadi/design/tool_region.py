@@ -13,6 +13,7 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import short
 from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
 from avc_casadi.loops.engine import required_tool
 from avc_casadi.model.virtual_tool import LONGEST_STEP_S, ToolGains
@@ -67,6 +68,7 @@ class ToolRegion:
             damper, or with a given one.
         curves: one for each engine rate, fastest first.
         chosen: a coupling to mark in the figure; None marks none.
+        units: of the device.
     """
 
     problem: str
@@ -74,6 +76,7 @@ class ToolRegion:
     local_damping_ratio: float
     curves: tuple[ToolCurve, ...]
     chosen: ToolGains | None = None
+    units: Units = LINEAR
 
     def __repr__(self) -> str:
         return f"ToolRegion({self.problem!r}: {', '.join(map(repr, self.curves))})"
@@ -82,7 +85,6 @@ class ToolRegion:
         """Return the `zwidth` document: JSON values only."""
         found: dict[str, Any] = plain(
             {
-                "schema": "avc-zwidth-tool/1",
                 "problem": self.problem,
                 "damping_ns_per_m": self.damping_ns_per_m,
                 "local_damping_ratio": self.local_damping_ratio,
@@ -155,7 +157,7 @@ def tool_region(
 
         limits = _curve(search.loops, gains, damping.tolist(), softest, _STIFFEST * mass / t**2)
         curves.append(ToolCurve(step_s, steps[step_s], limits, stiffest))
-    return ToolRegion(problem.name, damping, ratio, tuple(curves))
+    return ToolRegion(problem.name, damping, ratio, tuple(curves), units=problem.units)
 
 
 def _curve(

@@ -17,6 +17,7 @@ from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M, ToolGains, tool_states
 
 if TYPE_CHECKING:
+    from avc_casadi._util.units import Units
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 
@@ -56,6 +57,7 @@ class RenderedBand:
         mass_kg: wanted in free motion: of the device and the remote mass, as one body.
         damping_ns_per_m: of both.
         stiffness_n_per_m: wanted on a rigid object: K.
+        units: of the device.
     """
 
     problem: str
@@ -63,6 +65,7 @@ class RenderedBand:
     mass_kg: float
     damping_ns_per_m: float
     stiffness_n_per_m: float
+    units: Units
 
 
 def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
@@ -81,7 +84,7 @@ def rendered_band(problem: Problem, gains: ToolGains) -> RenderedBand:
         far = (0.0, 0.0) if tool.fixed else (tool.mass_kg, tool.damping_ns_per_m)
     found = tuple(felt(problem, gains, _BAND_HZ))
     mass, damping = device.mass_kg + far[0], device.damping_ns_per_m + far[1]
-    return RenderedBand(problem.name, found, mass, damping, gains.stiffness_n_per_m)
+    return RenderedBand(problem.name, found, mass, damping, gains.stiffness_n_per_m, problem.units)
 
 
 def rendered_tool(problem: Problem, gains: ToolGains, frequencies_hz: Sequence[float] = REPORTED_HZ) -> list[Felt]:

@@ -160,7 +160,6 @@ class Run(Tabular):
         """Return the JSON document; `trace` is the file of the traces."""
         found = self.judgement
         document = {
-            "schema": "avc-simulate/1",
             "problem": self.problem,
             "coupling": self.coupling,
             "damping_ns_per_m": self.damping_ns_per_m[0],

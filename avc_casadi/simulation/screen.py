@@ -191,7 +191,6 @@ class Screening(Tabular):
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
         return {
-            "schema": "avc-screen/1",
             "problem": self.whole.problem,
             "coupling": self.whole.coupling,
             "tolerance": self.tolerance,

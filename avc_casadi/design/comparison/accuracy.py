@@ -28,7 +28,6 @@ from avc_casadi.paper.rows import GainArrays, admissible
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
 
-SCHEMA = "avc-accuracy/1"
 TOLERANCES = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 OPTIMAL = 1e-8
 """Excess error, relative to |Z_h_ds|, below which a row counts as truly optimal."""
@@ -86,7 +85,6 @@ def fastest(costs: Sequence[SolverCost]) -> list[bool]:
 def accuracy_document(problem: Problem, costs: Sequence[SolverCost]) -> dict[str, Any]:
     """Return the document of `avc accuracy`: JSON values."""
     return {
-        "schema": SCHEMA,
         "problem": problem.name,
         "reference": "method exact",
         "solvers": [asdict(cost) | {"pareto": best} for cost, best in zip(costs, fastest(costs), strict=True)],

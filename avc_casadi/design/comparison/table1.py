@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.schedule import GainSchedule
 
-SCHEMA = "avc-table1/1"
 # Between the 7 % of force and the 23 % of stiffness that people notice.
 WEBER = 0.10
 # The reference is sampled this much faster, and its damping makes up for what is left of k_e T/2.
@@ -209,7 +208,7 @@ def table1(
                 for name, made in of_wall[0].designs.items()
                 if _meets(name, population)
             ]
-    return {"schema": SCHEMA, "hands": hands, "seed": seed, "rows": rows["A"], "rows_set_b": rows["B"]}
+    return {"hands": hands, "seed": seed, "rows": rows["A"], "rows_set_b": rows["B"]}
 
 
 # Arrays of shape (hands,) by name; distance is absent where nothing is compared.

@@ -19,5 +19,4 @@ from avc_casadi.present.figures.layout import save_figure as save_figure
 from avc_casadi.present.figures.layout import stacked as stacked
 from avc_casadi.present.figures.perceived import draw_perceived as draw_perceived
 from avc_casadi.present.figures.scene import draw_scene as draw_scene
-from avc_casadi.present.figures.scene import draw_traces as draw_traces
 from avc_casadi.present.figures.zwidth import draw_zwidth as draw_zwidth

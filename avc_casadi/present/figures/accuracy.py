@@ -25,15 +25,7 @@ _FLOOR = 1e-16
 
 @styled
 def draw_accuracy(costs: Sequence[SolverCost], axes: GivenAxes = None) -> Figure:
-    """Draw time against error; open markers where some frequency is not at the optimum.
-
-    Args:
-        costs: of the methods and solvers.
-        axes: 1 axes to draw in; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw time against error; open markers where some frequency is not at the optimum."""
     panels = Panels.of(axes, ("",), 4.2, lambda figure: [figure.subplots()])
     (work,) = panels.axes
     work.set_xscale("log")

@@ -11,13 +11,13 @@ from avc_casadi._util.arrays import FloatArray
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import (
     DESIRED,
-    IMPEDANCE_UNIT,
     LOWER,
     MINE,
     NO_COUPLING,
     PERCEIVED,
     UPPER,
     frequency_axis,
+    impedance_unit,
     method_lines,
     styled,
     value_axis,
@@ -32,15 +32,7 @@ if TYPE_CHECKING:
 
 @styled
 def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
-    """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired.
-
-    Args:
-        comparison: of the methods.
-        axes: 2 axes to draw in, row by row; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired."""
     frequency = comparison.frequency_hz
     titles = ("(a) perceived impedance", "(b) relative to the desired impedance")
     panels = Panels.of(axes, titles, 3.4, lambda figure: figure.subplots(1, 2))
@@ -71,7 +63,7 @@ def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         )
     value_axis(share, *shares)
     value_axis(size, *sizes)
-    size.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+    size.set_ylabel(f"{PERCEIVED} ({impedance_unit(comparison)})")
     share.set_ylabel(f"{PERCEIVED} / desired (%)")
     for panel in (size, share):
         frequency_axis(panel, frequency)
@@ -95,15 +87,7 @@ _VERDICTS = {
 
 @styled
 def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
-    """Draw the magnitude error, the impedance error and the verdict at each frequency.
-
-    Args:
-        comparison: of the methods.
-        axes: 3 axes to draw in, row by row; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw the magnitude error, the impedance error and the verdict at each frequency."""
     titles = (
         "(a) the goal (11); 1e-9 % and less is rounding",
         f"(b) magnitude and phase; {_UNNOTICED:g} % and less drawn as such",

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import M_PER_S, MM, N_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import frequency_axis, styled
 from avc_casadi.recommendation.deployed import STRUCK_M_PER_S, Deployed, deployed
@@ -32,17 +31,9 @@ _DECADES, _NEAR = 2.0, ((-3.2, 2.0), (-1.7, 1.7))
 
 @styled
 def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
-    """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time.
-
-    Args:
-        found: a coupling, or its answers as `deployed` gives them.
-        axes: 2 axes to draw in; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time."""
     found = found if isinstance(found, Deployed) else deployed(found)
-    titles = ("(a) stiffness that a shaken handle measures", "(b) hands press the wall, simulated")
+    titles = ("(a) stiffness by sinusoidal excitation", "(b) hands press the wall, simulated")
     panels = Panels.of(axes, titles, 2.9, lambda figure: figure.subplots(1, 2).ravel())
     wall, shaken = found.coupling.problem.environment, found.shaken
     left, right = panels.axes
@@ -52,9 +43,13 @@ def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     left.plot(hz, shaken.stiffness_n_per_m, label="rendered", marker="o", markerfacecolor="white", **_WORST)
     frequency_axis(left, hz)
     left.set_xlabel("frequency (Hz)")
-    top = 1.3 * float(max(wanted.max(), np.median(shaken.stiffness_n_per_m)))
-    left.set_ylim(0, max(top, 1.05 * float(np.quantile(shaken.stiffness_n_per_m, 0.8))))
-    left.set_ylabel(f"stiffness ({N_PER_M})")
+    every = np.concatenate([wanted, shaken.stiffness_n_per_m])
+    every = every[np.isfinite(every) & (every > 0)]
+    if every.size and every.max() > 3 * np.median(every):
+        left.set_yscale("log")
+    else:
+        left.set_ylim(0, 1.1 * float(every.max(initial=1.0)))
+    left.set_ylabel(f"stiffness ({found.coupling.problem.units.unit('N/m')})")
     _pressed(right, found)
     handles, labels = left.get_legend_handles_labels()
     for handle, label in zip(*right.get_legend_handles_labels(), strict=True):
@@ -78,27 +73,19 @@ def _pressed(axes: Axes, found: Deployed) -> None:
     if wall > 0:
         axes.axhline(aim * spring / (wall + spring), label="wanted", **_WANTED)
     axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
-    deepest = float(np.max(1e3 * found.press_m, initial=0.0))
-    if np.isfinite(deepest) and deepest > 0:
-        axes.set_ylim(-0.6 * deepest, 1.15 * min(deepest, aim))
+    depths = 1e3 * found.press_m[np.isfinite(found.press_m)]
+    if depths.size and depths.max() > 0:
+        axes.set_ylim(1.05 * min(depths.min(), 0.0), 1.15 * depths.max())
     axes.set_xlim(0, found.press_s[-1])
     axes.set_xlabel("time (s)")
-    axes.set_ylabel(f"depth in the wall ({MM})")
+    axes.set_ylabel(f"depth in the wall ({found.coupling.problem.units.unit('mm')})")
 
 
 @styled
 def draw_loop(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
-    """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall.
-
-    Args:
-        found: a coupling, or its answers as `deployed` gives them.
-        axes: 4 axes to draw in, row by row; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw the loop opened at the actuator, Bode and Nyquist with gain and phase margin, and the impact on the wall."""
     found = found if isinstance(found, Deployed) else deployed(found)
-    titles = ("(a) loop gain |L|", "(b) Nyquist plot of L", "(c) phase of L", "(d) wall struck, linear")
+    titles = ("(a) loop gain |L|", "(b) Nyquist plot of L", "(c) phase of L", "(d) impact on the wall, linear")
     panels = Panels.of(axes, titles, 5.6, lambda figure: figure.subplots(2, 2).ravel())
     size, circle, phase, struck = panels.axes
     released, held = found.loop.margins()
@@ -166,8 +153,9 @@ def _struck(axes: Axes, found: Deployed) -> None:
     axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
     axes.set_xlim(0, found.struck_s[-1])
     axes.set_xlabel("time (s)")
-    speed = quantity(STRUCK_M_PER_S / found.coupling.problem.device.metres_per_unit, M_PER_S)
-    axes.set_ylabel(f"position ({MM}), struck at {speed}")
+    device, units = found.coupling.problem.device, found.coupling.problem.units
+    speed = quantity(STRUCK_M_PER_S / device.metres_per_unit, units.unit("m/s"))
+    axes.set_ylabel(f"position ({units.unit('mm')}), impact at {speed}")
 
 
 def _degrees(curve: ComplexArray) -> FloatArray:

@@ -32,15 +32,7 @@ _STILL_S = 0.2
 
 @styled
 def draw_diagnosis(found: Diagnosis, axes: GivenAxes = None) -> Figure:
-    """Draw the oscillation of a log, in four panels.
-
-    Args:
-        found: the diagnosis.
-        axes: one axes a panel to draw in; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw the oscillation of a log, in four panels."""
     panels = Panels.of(axes, [*map(str, _TITLES)], 5.8, lambda figure: figure.subplots(2, 2).ravel())
     position, swing, cycles, spectrum = panels.axes
     _whole(position, swing, found)

@@ -32,15 +32,7 @@ _TITLES = (
 
 @styled
 def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure:
-    """Draw a model against its log, in six panels.
-
-    Args:
-        found: the identification.
-        axes: one axes a panel to draw in; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw a model against its log, in six panels."""
     panels = Panels.of(axes, _TITLES, 8.6, lambda figure: figure.subplots(3, 2).ravel())
     position, left, size, phase, intervals, past = panels.axes
     _stretch(position, left, found)

@@ -38,12 +38,7 @@ class Drawing(Protocol):
 
 @styled
 def stacked(draw: Drawing | Callable[..., Figure], result: Any) -> Figure:
-    """Draw a result with its panels in one column.
-
-    Args:
-        draw: the function.
-        result: to draw.
-    """
+    """Draw a result with its panels in one column."""
     wide = draw(result)
     panels = [axes for axes in wide.axes if axes.get_title(loc="left")]
     heights = [_height_inches(axes, wide.get_figheight()) for axes in panels]

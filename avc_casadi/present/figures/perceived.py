@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi._util.units import KN_PER_M, N_PER_M, spoken
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import (
     DESIRED,
-    IMPEDANCE_UNIT,
     NO_COUPLING,
     PERCEIVED,
     frequency_axis,
+    impedance_unit,
     method_lines,
     styled,
     value_axis,
@@ -35,15 +34,7 @@ _ENLARGED = 3.0
 
 @styled
 def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
-    """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains.
-
-    Args:
-        comparison: of the methods.
-        axes: 5 axes (6 in the damped structure) to draw in, row by row; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
     damped = comparison.structure == "damped"
     other = "sampled-data" if comparison.model == "paper" else "paper"
     titles = [
@@ -60,19 +51,17 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     shown = ("closed-form", comparison.delivered)
     _magnitude(panels["a"], comparison, shown)
     _enlarged(panels["b"], panels["a"], comparison, shown)
-    # A rotary wall has tenths of a N.m/rad.
-    stiffness = (1e-3, f"k ({KN_PER_M})") if spoken().linear else (1.0, f"k ({N_PER_M})")
+    damping = impedance_unit(comparison)
     gains = [
-        (panels["c"], "damping_ns_per_m", 1.0, f"b ({IMPEDANCE_UNIT})"),
-        (panels["d"], "stiffness_n_per_m", *stiffness),
+        (panels["c"], "damping_ns_per_m", f"b ({damping})"),
+        (panels["d"], "stiffness_n_per_m", f"k ({comparison.units.unit('N/m')})"),
     ]
     if damped:
-        label = rf"$b_\mathrm{{p}}$ ({IMPEDANCE_UNIT})"
-        gains.append((panels["f"], "contact_damping_ns_per_m", 1.0, label))
-    for panel, key, scale, label in gains:
-        _gain(panel, comparison, shown, key, scale)
+        gains.append((panels["f"], "contact_damping_ns_per_m", rf"$b_\mathrm{{p}}$ ({damping})"))
+    for panel, key, label in gains:
+        _gain(panel, comparison, shown, key)
         panel.set_ylabel(label)
-    limit = stiffness[0] * comparison.passive_limit_n_per_m
+    limit = comparison.passive_limit_n_per_m
     if np.isfinite(limit):
         panels["d"].axhline(
             limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
@@ -106,7 +95,7 @@ def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
         line.draw_where(usable, axes, comparison.frequency_hz, sizes[-1])
     value_axis(axes, *sizes)
     frequency_axis(axes, comparison.frequency_hz)
-    axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+    axes.set_ylabel(f"{PERCEIVED} ({impedance_unit(comparison)})")
 
 
 def enlarged_range(comparison: Comparison) -> tuple[float, float]:
@@ -133,17 +122,17 @@ def _enlarged(axes: Axes, whole: Axes, comparison: Comparison, shown: tuple[str,
         sizes.append(np.abs(impedance[inside]))
     frequency_axis(axes, frequency[inside])
     value_axis(axes, *sizes)
-    axes.set_ylabel(f"{PERCEIVED} ({IMPEDANCE_UNIT})")
+    axes.set_ylabel(f"{PERCEIVED} ({impedance_unit(comparison)})")
     whole.axvspan(frequency[inside].min(), frequency[inside].max(), color="0.93", zorder=0, label="enlarged in (b)")
 
 
-def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str, scale: float) -> None:
+def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str) -> None:
     drawn: list[FloatArray] = []
     lines = method_lines(comparison)
     for name in shown:
         gains: GainSchedule = comparison.methods[name]
-        value = scale * getattr(gains, key)
-        asked = scale * getattr(gains, f"requested_{key}", np.full(gains.rows, np.nan))
+        value = getattr(gains, key)
+        asked = getattr(gains, f"requested_{key}", np.full(gains.rows, np.nan))
         drawn.append(np.where(gains.usable, value, asked))
         lines[name].draw_where(gains.usable, axes, comparison.frequency_hz, drawn[-1])
     frequency_axis(axes, comparison.frequency_hz)
@@ -173,4 +162,4 @@ def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
         axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
         axes.set_ylim(lowest, highest)
     axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
-    axes.set_ylabel(rf"Re $Z_\mathrm{{h}}$ ({IMPEDANCE_UNIT})")
+    axes.set_ylabel(rf"Re $Z_\mathrm{{h}}$ ({impedance_unit(comparison)})")

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.units import FORCE, KN_PER_M, MM, NEWTON
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import styled
 
@@ -16,62 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from avc_casadi.simulation.run import Run
-
-
-_COLOURS = ("#d1600a", "#5a5a00", "#08306b")
-
-
-@styled
-def draw_traces(
-    runs: Mapping[str, Run], axes: GivenAxes = None, *, from_s: float = 0.0, deepest_mm: float = 1.6
-) -> Figure:
-    """Draw penetration and force of each run, with its verdict, and its stiffness or the force that leaves the axis.
-
-    Args:
-        runs: at most three runs by name.
-        axes: axes to draw in, two for each run: all positions, then all forces; None makes a figure.
-        from_s: start of the time axis.
-        deepest_mm: extent of the penetration axis either way; curves are cut there.
-
-    Raises:
-        InputError: another number of axes.
-    """
-    titles = [f"({'abc'[column]}) {name}\n{_verdict(run)}" for column, (name, run) in enumerate(runs.items())]
-    count = len(runs)
-    panels = Panels.of(
-        axes,
-        [*titles, *[""] * count],
-        4.2,
-        lambda figure: figure.subplots(2, count, sharex=True, sharey="row", squeeze=False).ravel(),
-    )
-    strongest = 0.0
-    for column, run in enumerate(runs.values()):
-        above, below = panels.axes[column], panels.axes[count + column]
-        shown = run.time_s >= from_s
-        time, depth, force = run.time_s[shown], 1e3 * run.position_m[shown], run.force_n[shown]
-        colour = _COLOURS[column % len(_COLOURS)]
-        above.axhspan(0, deepest_mm, color="0.93", zorder=0)
-        above.axhline(0, color="0.5", linewidth=0.8, zorder=1)
-        above.plot(time, np.clip(depth, -2 * deepest_mm, 2 * deepest_mm), color=colour, linewidth=1.0)
-        below.plot(time, force, color=colour, linewidth=1.0)
-        below.axhline(0, color="0.5", linewidth=0.8, zorder=1)
-        below.set_xlabel("time (s)")
-        if run.stable:
-            strongest = max(strongest, float(np.abs(force).max()))
-    for panel in panels.axes:
-        panel.set_xlim(from_s, next(iter(runs.values())).time_s[-1])
-    for above, below in zip(panels.axes[:count], panels.axes[count:], strict=True):
-        above.set_ylim(deepest_mm, -deepest_mm)
-        below.set_ylim(-0.15 * strongest, 1.6 * strongest)
-    panels.axes[0].set_ylabel(f"position ({MM}),\ngrey: wall")
-    panels.axes[count].set_ylabel(f"{FORCE} ({NEWTON})")
-    return panels.figure
-
-
-def _verdict(run: Run) -> str:
-    if not run.stable:
-        return f"unstable, up to {np.abs(run.force_n).max():.3g} {NEWTON}"
-    return f"stable, {run.apparent_stiffness_n_per_m / 1e3:.1f} {KN_PER_M}"
 
 
 _LINES: tuple[tuple[str, Any, float], ...] = (
@@ -89,26 +32,19 @@ _VEIL_ROOM = 1.6
 
 @styled
 def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: GivenAxes = None) -> Figure:
-    """Draw up to four runs of scenes with one motion in the same four panels.
-
-    Args:
-        runs: the runs, the most important first.
-        names: in the legend; None takes the coupling of each.
-        axes: 4 axes to draw in, row by row; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw up to four runs of scenes with one motion in the same four panels."""
+    units = runs[0].units
+    force_word, mm, newton = units.key("force"), units.unit("mm"), units.unit("N")
     titles = (
         "(a) position; the wall begins at 0",
-        f"(b) {FORCE} on the device",
-        f"(c) {FORCE} against penetration",
+        f"(b) {force_word} on the device",
+        f"(c) {force_word} against penetration",
         "(d) energy taken in by the virtual side",
     )
     panels = Panels.of(axes, titles, 5.6, lambda figure: figure.subplots(2, 2).ravel())
     position, force, loop, energy = panels.axes
     target = runs[0]
-    aim = f"target of the hand, up to {1e3 * target.target_m.max():.3g} {MM}"
+    aim = f"target of the hand, up to {1e3 * target.target_m.max():.3g} {mm}"
     position.plot(target.time_s, 1e3 * target.target_m, color="0.65", linewidth=2.4, label=aim, zorder=1)
     labels = [run.coupling for run in runs] if names is None else list(names)
     some_rest = any(run.stable for run in runs)
@@ -127,9 +63,9 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
         energy.plot(time, 1e3 * run.ledger.absorbed_j[kept], **line)
     _limits(position, force, loop, energy, runs)
     for panel, x_label, y_label in (
-        (position, "time (s)", f"position ({MM})"),
-        (force, "time (s)", f"{FORCE} ({NEWTON})"),
-        (loop, f"penetration ({MM})", f"{FORCE} ({NEWTON})"),
+        (position, "time (s)", f"position ({mm})"),
+        (force, "time (s)", f"{force_word} ({newton})"),
+        (loop, f"penetration ({mm})", f"{force_word} ({newton})"),
         (energy, "time (s)", "energy (mJ)"),
     ):
         panel.set_xlabel(x_label)

@@ -11,7 +11,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from avc_casadi._util.units import N_DOT_S_PER_M, in_its_units
 from avc_casadi.design import registry
 
 if TYPE_CHECKING:
@@ -28,7 +27,6 @@ P = ParamSpec("P")
 
 WIDTH_INCHES = 7.2
 FREQUENCY = "Interaction frequency (Hz)"
-IMPEDANCE_UNIT = N_DOT_S_PER_M
 PERCEIVED = r"$|Z_\mathrm{h}|$"
 GRID = "0.88"
 
@@ -170,14 +168,19 @@ def method_lines(comparison: Comparison) -> dict[str, Line]:
     return METHODS | beside | {"direct": POINTWISE, comparison.delivered: delivered}
 
 
+def impedance_unit(result: Any) -> str:
+    """Return the unit of impedance and damping of a result's device."""
+    unit: str = result.units.unit("N·s/m")
+    return unit
+
+
 def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """Draw in this style, and in the units of what is drawn, without changing matplotlib's settings."""
-    told = in_its_units(draw)
+    """Draw in this style without changing matplotlib's settings."""
 
     @wraps(draw)
     def with_style(*args: P.args, **kwargs: P.kwargs) -> Figure:
         with mpl.rc_context(_RC):
-            return told(*args, **kwargs)
+            return draw(*args, **kwargs)
 
     return with_style
 
@@ -206,14 +209,7 @@ def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -
 
 
 def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0, most_ticks: int = 6) -> None:
-    """Choose the scale of y: linear, logarithmic where all is positive, or logarithmic on both sides of 0.
-
-    Args:
-        axes: the axes.
-        curves: all curves drawn on them.
-        wide: a logarithmic scale is taken if the largest value exceeds the lower quartile by this factor.
-        most_ticks: labels on a scale with two sides.
-    """
+    """Choose the scale of y: linear, logarithmic where all is positive, or logarithmic on both sides of 0."""
     values = np.concatenate([np.ravel(np.asarray(curve, dtype=float)) for curve in curves])
     values = values[np.isfinite(values)]
     largest = float(np.abs(values).max(initial=0.0))

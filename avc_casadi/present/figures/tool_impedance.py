@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import IMPEDANCE_UNIT, frequency_axis, styled
+from avc_casadi.present.figures.style import frequency_axis, impedance_unit, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,15 +20,7 @@ _FELT: dict[str, Any] = {"color": "#08306b", "label": "rendered"}
 
 @styled
 def draw_rendered_impedance(band: RenderedBand, axes: GivenAxes = None) -> Figure:
-    """Draw impedance in free motion against that of device and other end as one body, and stiffness against K.
-
-    Args:
-        band: rendered and wanted impedance.
-        axes: 2 axes to draw in, 1 where the other end is fixed; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw impedance in free motion against that of device and other end as one body, and stiffness against K."""
     hz = np.array([one.frequency_hz for one in band.felt])
     moved = [one for one in band.felt if one.mass_kg is not None and one.drag_ns_per_m is not None]
     titles = ["(a) impedance in free motion", "(b) stiffness on a rigid object"]
@@ -45,12 +36,15 @@ def draw_rendered_impedance(band: RenderedBand, axes: GivenAxes = None) -> Figur
         panel.plot(hz, np.hypot(band.damping_ns_per_m, omega * band.mass_kg), **_WANTED)
         panel.plot(hz, felt, **_FELT)
         panel.set_yscale("log")
-        panel.set_ylabel(f"|Z| ({IMPEDANCE_UNIT})")
+        panel.set_ylabel(f"|Z| ({impedance_unit(band)})")
     rendered = np.array([one.stiffness_n_per_m for one in band.felt])
     stiff.plot(hz, np.full(len(hz), band.stiffness_n_per_m), **_WANTED)
     stiff.plot(hz, rendered, **_FELT)
-    stiff.set_ylim(0, 1.3 * max(band.stiffness_n_per_m, float(np.median(rendered))))
-    stiff.set_ylabel(f"stiffness ({N_PER_M})")
+    if rendered.max() > 3 * band.stiffness_n_per_m:
+        stiff.set_yscale("log")
+    else:
+        stiff.set_ylim(0, 1.1 * max(band.stiffness_n_per_m, float(rendered.max())))
+    stiff.set_ylabel(f"stiffness ({band.units.unit('N/m')})")
     for panel in panels.axes:
         frequency_axis(panel, hz)
         panel.set_xlabel("frequency (Hz)")

@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib import colormaps
 
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
+from avc_casadi.present.figures.style import impedance_unit, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -20,15 +19,7 @@ if TYPE_CHECKING:
 
 @styled
 def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
-    """Draw the K-B region of a coupling to a simulation; stable below each curve.
-
-    Args:
-        region: curves of the engine rates, and a coupling to mark.
-        axes: one axes to draw in; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw the K-B region of a coupling to a simulation; stable below each curve."""
     title = "couplings to the simulation: stable below each curve"
     title += ", with a critical damper in the device's loop" if region.local_damping_ratio else ""
     panels = Panels.of(axes, (title,), 4.2, lambda figure: [figure.subplots()])
@@ -57,7 +48,7 @@ def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
     if region.chosen is not None:
         b, k = region.chosen.damping_ns_per_m, region.chosen.stiffness_n_per_m
         panel.plot(max(b, float(damping[0])), k, "k*", markersize=11, label="recommended")
-    panel.set_xlabel(f"damper B ({IMPEDANCE_UNIT})")
-    panel.set_ylabel(f"spring K ({N_PER_M})")
+    panel.set_xlabel(f"damper B ({impedance_unit(region)})")
+    panel.set_ylabel(f"spring K ({region.units.unit('N/m')})")
     panels.legend(*panel.get_legend_handles_labels(), 5)
     return panels.figure

@@ -9,9 +9,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import N_PER_M, NS_PER_M
 from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import IMPEDANCE_UNIT, styled
+from avc_casadi.present.figures.style import impedance_unit, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,17 +36,7 @@ def draw_zwidth(
     rendered: dict[str, tuple[FloatArray, FloatArray]] | None = None,
     axes: GivenAxes = None,
 ) -> Figure:
-    """Draw the K-B region with the walls that gains render, and the largest coupling that Llewellyn allows.
-
-    Args:
-        region: curves of the device.
-        llewellyn: second panel, left out where None (a device without damping).
-        rendered: by method, (B, K) of the walls rendered at each frequency.
-        axes: one axes a panel to draw in; None makes a figure.
-
-    Raises:
-        InputError: another number of axes.
-    """
+    """Draw the K-B region with the walls that gains render, and the largest coupling that Llewellyn allows."""
     count = 1 if llewellyn is None else 2
     panels = Panels.of(
         axes,
@@ -63,7 +52,7 @@ def draw_zwidth(
 
 
 def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, FloatArray]]) -> None:
-    damping = region.damping_ns_per_m[1:]
+    damping, unit = region.damping_ns_per_m[1:], region.units.unit
     for curve in region.curves:
         colour, style, width = _LINES[curve.key]
         stiffness = curve.stiffness_n_per_m[1:]
@@ -82,7 +71,9 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     if wanted > 0:
         # A wall without damping has no place on a logarithmic axis: the left edge.
         place = max(region.wanted_damping_ns_per_m, float(damping[0]))
-        name = f"wall wanted: {quantity(wanted, N_PER_M)}, {quantity(region.wanted_damping_ns_per_m, NS_PER_M)}"
+        name = (
+            f"wall wanted: {quantity(wanted, unit('N/m'))}, {quantity(region.wanted_damping_ns_per_m, unit('N.s/m'))}"
+        )
         axes.plot(
             [place], [wanted], linestyle="none", marker="*", markersize=11, color="#b2182b", markeredgecolor="white",
             markeredgewidth=0.6, label=name, zorder=6, clip_on=False,
@@ -111,13 +102,13 @@ def _region(axes: Axes, region: ZWidth, rendered: dict[str, tuple[FloatArray, Fl
     for line in axes.get_lines():
         highest_drawn = np.max(np.nan_to_num(np.asarray(line.get_ydata(), dtype=np.float64)), initial=0.0)
         if 0 < highest_drawn < 0.7 * bottom:
-            line.set_label(f"{line.get_label()}: below, at most {quantity(highest_drawn, N_PER_M)}")
+            line.set_label(f"{line.get_label()}: below, at most {quantity(highest_drawn, unit('N/m'))}")
     shown_to = [region.wanted_damping_ns_per_m, *(b[(b > 0) & (k > 0)].max(initial=0.0) for b, k in rendered.values())]
     for curve in region.curves:
         shown_to += [damping[np.nan_to_num(curve.stiffness_n_per_m[1:]) > 0].max(initial=0.0)]
     axes.set_xlim(damping[0], 1.5 * max(shown_to, default=0.0) or damping[-1])
-    axes.set_xlabel(f"wall damping B ({IMPEDANCE_UNIT})")
-    axes.set_ylabel(f"wall stiffness K ({N_PER_M})")
+    axes.set_xlabel(f"wall damping B ({impedance_unit(region)})")
+    axes.set_ylabel(f"wall stiffness K ({unit('N/m')})")
     plain = FuncFormatter(lambda value, _: quantity(value, "", 1).strip())
     for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
         axis.set_major_formatter(plain)

@@ -85,7 +85,7 @@ def gain_margin(margin: float) -> tuple[Part, ...]:
     """Return a gain margin of a pair; where its search ended, as at least that."""
     if margin >= (most := ToolSearchOptions().widest_margin):
         return (f"gain margin {most:g} or more",)
-    return ("gain margin", Value(math.floor(100 * margin) / 100, "number"))
+    return (f"gain margin {math.floor(100 * margin) / 100:.3g}",)
 
 
 def passive_limit(limit_n_per_m: float | None) -> Row:

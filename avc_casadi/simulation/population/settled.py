@@ -42,7 +42,6 @@ def exact_interval(count: int, trials: int, confidence: float = CONFIDENCE) -> t
     return low, high
 
 
-SCHEMA = "avc-trial/1"
 # Unsettled hands whose indices are reported.
 _NAMED = 20
 
@@ -68,7 +67,6 @@ class SettledHands:
     def document(self) -> dict[str, Any]:
         """Return the document of `avc trial`: JSON values."""
         return {
-            "schema": SCHEMA,
             **vars(self),
             "moving": list(self.moving),
             "effects": list(self.effects),

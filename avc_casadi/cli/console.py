@@ -1,21 +1,27 @@
-"""Output of a command: its answer, its messages and its progress; the one place that writes to the terminal."""
+"""Output of a command: its answer, its messages, its progress and its files; what writes to the terminal."""
 
 from __future__ import annotations
 
 import json
 import os
+import platform
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
 
-from avc_casadi import InputError, fault_document
+from avc_casadi import AvcError, InputError, __version__, fault_document
 from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.progress import Progress
 from avc_casadi.present.row import Answer, Page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # A line of progress is written at most five times a second; where it stays, every ten seconds.
 _BETWEEN_S, _BETWEEN_LINES_S = 0.2, 10.0
@@ -185,3 +191,114 @@ def silence(descriptor: int) -> None:
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, descriptor)
     os.close(nowhere)
+
+
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of pictures."""
+# A folder with such a name was meant to be a file.
+_FILE_ENDINGS = {".json", ".csv", ".toml", ".html", ".png", ".svg", ".c", ".h", ".txt"}
+
+
+_given: ContextVar[tuple[tuple[str, str], ...]] = ContextVar("given", default=())
+
+
+def remember_given(args: Mapping[str, object]) -> None:
+    """Record the arguments of a command, by option: its inputs are not overwritten."""
+    words = [
+        (f"--{key.replace('_', '-')}", one)
+        for key, value in args.items()
+        for one in (value if isinstance(value, list) else [value])
+        if isinstance(one, str) and "\0" not in one
+    ]
+    _given.set(tuple(words))
+
+
+def output_file(text: str, key: str, endings: Sequence[str]) -> Path:
+    """Check the path of an output file."""
+    path, own = Path(text), f"--{key.removeprefix('--').lower()}"
+    if path.suffix.lower() not in endings:
+        raise InputError.of(f"{text!r} ends in {path.suffix!r}; allowed: {', '.join(endings)}", key=key)
+    if path.is_dir():
+        raise InputError.of(f"{text!r} is a folder; give a file name", key=key)
+    if not path.parent.is_dir():
+        raise InputError.of(f"{text!r}: there is no folder {str(path.parent)!r}; make it first", key=key)
+    if not all(os.access(one, os.W_OK) for one in (path, path.parent) if one.exists()):
+        raise InputError.of(f"{text!r} may not be written by this user; choose another place", key=key)
+    if path.exists() and any(_same(path, word) for option, word in _given.get() if option != own):
+        raise InputError.of(f"{text!r} is a file that this command was given; choose another name", key=key)
+    return path
+
+
+def _same(path: Path, word: str) -> bool:
+    try:
+        return path.samefile(word)
+    except OSError:  # the argument is no file name
+        return False
+
+
+@contextmanager
+def output_folder(text: str, key: str) -> Iterator[Path]:
+    """Collect results in a folder that is yielded; at the end all of them move into the requested one, or none.
+
+    An unwritable folder is found before the long work. Without a result it is removed again.
+    """
+    if not text or "\0" in text:
+        raise InputError.of(f"{text!r} is no name; give the name of a folder", key=key)
+    path = Path(text)
+    if path.suffix.lower() in _FILE_ENDINGS and not path.is_dir():
+        raise InputError.of(f"{text!r} is the name of a file; choose another folder", key=key)
+    from avc_casadi._util.files import gathered_folder
+
+    try:
+        with gathered_folder(path) as gathered:
+            yield gathered
+    except OSError as error:
+        if isinstance(error, AvcError | BrokenPipeError):
+            raise
+        why = error.strerror or str(error)
+        raise InputError.of(f"{text!r} cannot be written ({why}); choose another folder", key=key) from error
+
+
+@contextmanager
+def writing(path: Path, key: str) -> Iterator[None]:
+    """Name the option and the file, as typed, where it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise InputError.of(f"{str(path)!r} cannot be written ({why}); choose another place", key=key) from error
+
+
+def write_text(path: Path, text: str, key: str) -> None:
+    """Write a file atomically; one in a folder of results by `write_file`, whose fault `output_folder` tells."""
+    from avc_casadi._util.files import write_file
+
+    with writing(path, key):
+        write_file(path, text)
+
+
+def write_figure(path: Path, figure: Figure, key: str = "--plot") -> None:
+    """Write a picture atomically."""
+    from avc_casadi.present.figures.layout import save_figure
+
+    with writing(path, key):
+        save_figure(figure, path)
+
+
+_PACKAGES = ("casadi", "numpy", "matplotlib", "pydantic", "pyserial", "unicorn")
+
+
+def package_versions() -> dict[str, str]:
+    """Return the version of this package, of Python and of every dependency; "absent" where not installed."""
+    return {"avc-casadi": __version__, "Python": platform.python_version()} | {
+        name: _version(name) for name in _PACKAGES
+    }
+
+
+def _version(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "absent"

@@ -1,4 +1,7 @@
-"""Parsing of the command line, dispatch, and exit codes."""
+"""Parsing of the command line, dispatch, and exit codes.
+
+A verb is ``add_<verb>(parser)``, whose docstring is its help, and ``run_<verb>(args, console)`` of its module.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +31,28 @@ from avc_casadi import (
     fault_document,
 )
 from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
-from avc_casadi.cli._arguments import named
-from avc_casadi.cli._console import Console, silence
-from avc_casadi.cli._verbs import MODULES, QUESTIONS, VERBS
+from avc_casadi.cli.arguments import named
+from avc_casadi.cli.console import Console, silence
 
 if TYPE_CHECKING:
     from avc_casadi.present.row import Answer
 
+QUESTIONS: dict[str, tuple[str, ...]] = {
+    "design a coupling": ("new", "recommend", "run", "solve", "compare"),
+    "judge it": ("certify", "simulate", "trial", "zwidth"),
+    "measure a device": ("excite", "identify", "diagnose"),
+    "deploy": ("export", "push", "stream", "monitor", "device", "firmware"),
+    "look": ("list", "check", "explore", "doctor"),
+    "study": ("accuracy", "table1"),
+}
+"""The commands, by the question that they answer."""
+_FILES = ("design", "judge", "measure", "deploy", "look", "look")
+MODULES: dict[str, str] = {
+    verb: module for module, verbs in zip(_FILES, QUESTIONS.values(), strict=True) for verb in verbs
+}
+"""The module of each command."""
+VERBS: tuple[str, ...] = tuple(MODULES)
+"""All commands."""
 NO, BAD_INPUT, INTERNAL, BROKEN_PIPE = 1, 2, 70, 141
 
 _VERB = "VERB"
@@ -152,7 +170,7 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
 
 def _run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the command; CasADi converts Ctrl-C to errors of its own."""
-    from avc_casadi.cli._files import remember_given
+    from avc_casadi.cli.console import remember_given
 
     remember_given(vars(args))
     try:
