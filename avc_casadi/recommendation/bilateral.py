@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
-from avc_casadi._util.units import N_PER_M
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
 from avc_casadi.loops.follower import BilateralLoops, required_follower
@@ -175,8 +174,7 @@ def _longest_delay(device: Device) -> float:
 
 
 def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, trial: BilateralTrial | None) -> str:
-    wanted, unit = required_follower(problem).stiffness_n_per_m, str(N_PER_M)
-    limit = quantity(stiffest.stiffness_n_per_m, unit)
+    wanted = required_follower(problem).stiffness_n_per_m
     if gains is not None:
         what = (
             "the stiffness that is wanted"
@@ -187,7 +185,7 @@ def _reason(problem: Problem, gains: ToolGains | None, stiffest: ToolGains, tria
     if trial is None and wanted is not None:
         return why_not_wanted(wanted, stiffest.stiffness_n_per_m)
     if trial is None:
-        return f"the stiffest coupling that is stable is {limit}"
+        return f"the stiffest coupling that is stable has stiffness_n_per_m = {stiffest.stiffness_n_per_m:.4g}"
     name, settled = min(trial.by_motion.items(), key=lambda one: int(one[1].sum()))
     found = (
         f"of {trial.hands} simulated hands {int(trial.stable.sum())} settle with the softest coupling that was tried; "

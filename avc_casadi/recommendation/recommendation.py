@@ -164,14 +164,13 @@ class Recommendation(Printed):
         return found
 
     def _of_wall(self) -> dict[str, Any]:
-        coupling = self.coupling
-        whole = isinstance(coupling, Coupling)
+        coupling = self.coupling if isinstance(self.coupling, Coupling) else None
         return {
             "rest": None if self.rest is None else self.rest.document(),
-            "coupling": coupling_document(coupling) if isinstance(coupling, Coupling) else None,
+            "coupling": None if coupling is None else coupling_document(coupling),
             "felt": self.felt(),
-            "transient": _transient(coupling) if isinstance(coupling, Coupling) else {},
-            "margins": self.margins() if whole else {},
+            "transient": {} if coupling is None else _transient(coupling),
+            "margins": self.margins(),
             "stiffest_wall_n_per_m": self.stiffest_wall_n_per_m,
             "plain_wall_n_per_m": self.plain_wall_n_per_m,
             "with_friction_n_per_m": self.with_friction_n_per_m,
