@@ -9,7 +9,7 @@ import pytest
 from avc_process import avc
 
 import avc_casadi
-from avc_casadi.cli.main import VERBS
+from avc_casadi.cli.dispatch import VERBS
 
 PROGRAM = """
 import sys

@@ -11,7 +11,7 @@ from documentation import PAGES, Block, blocks
 
 import avc_casadi
 from avc_casadi.cli import main
-from avc_casadi.cli.main import build_parser
+from avc_casadi.cli.dispatch import build_parser
 from avc_casadi.recommendation import recommend as answering
 
 # The README first: what it writes, others read.

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 import avc_casadi as avc
-from avc_casadi.cli.main import main
+from avc_casadi.cli.dispatch import main
 
 
 def closed(law, plant, hand, factor=1.0, more=0):

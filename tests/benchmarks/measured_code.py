@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 import avc_casadi
-from avc_casadi.cli.main import MODULES
+from avc_casadi.cli.dispatch import MODULES
 
 ROOT = Path(__file__).parents[2]
 _ROOTS = (ROOT, ROOT / "hardware", ROOT / "tests", ROOT / "tests" / "benchmarks")
