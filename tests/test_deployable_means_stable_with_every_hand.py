@@ -11,6 +11,7 @@ import scipy.linalg
 
 import avc_casadi as avc
 from avc_casadi.claims.deployable import require_deployable
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.model.gains import Gains, GainTable
 
@@ -189,3 +190,20 @@ def test_a_table_that_is_written_to_is_judged_anew():
     assert avc.deployable(coupling).passed
     coupling.table.gains[2] = 1e4
     assert not avc.deployable(coupling).passed
+
+
+def test_a_coupling_of_a_small_disk_margin_gets_no_tick(tmp_path, capsys):
+    problem = avc.parse_problem(
+        "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
+        "[environment]\nstiffness_n_per_m = 3000.0\ndamping_ns_per_m = 0.0\n"
+    )
+    marks = {}
+    for contact in (5.0, 12.0):
+        coupling = Coupling.constant(problem, Gains(0.0, 1e9, contact), "x")
+        own = avc.certify_law(problem, k=3000.0, b=contact, remedies=False)
+        found = avc.deployable(coupling).disk_margin
+        assert found == pytest.approx(own.disk_margin, rel=1e-3)
+        avc.write_coupling(coupling, tmp_path / "c.json")
+        assert main(["certify", str(tmp_path / "c.json")]) == 0
+        marks[found >= 0.2] = capsys.readouterr().out.split("Deployable")[0].split()[-1]
+    assert marks == {False: "!", True: "✓"}

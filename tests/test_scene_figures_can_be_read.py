@@ -31,11 +31,6 @@ def test_every_axis_names_its_unit(figure):
         assert axes.get_title("left")
 
 
-def test_the_legend_says_what_became_of_each_run(figure):
-    texts = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert texts == ["target of the hand, up to 10 mm", "soft: stable", "stiff: stable", "bare: unstable, buzzes"]
-
-
 def test_runs_differ_without_their_colours(figure):
     force = figure.axes[1]
     looks = {

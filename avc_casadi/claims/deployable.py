@@ -24,7 +24,7 @@ from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.feedback import Worst, feedback_radius
 from avc_casadi.claims.hands_level import every_hand, looked_at, released_radius
 from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, frozen_parts
-from avc_casadi.claims.stability.margins import LEAST_DISK, SOUND_DISK, OpenLoop
+from avc_casadi.claims.stability.margins import OpenLoop
 from avc_casadi.coupling import require_coupling
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.hands import hand_text, no_hand
@@ -95,20 +95,8 @@ class Deployable:
         """The verdict in one line: which claim fails and what to do."""
         failed = [claim for claim in self.claims if not claim.passed]
         if not failed:
-            return f"deployable: linearly stable with every hand of [hands] and released{self.thin}"
+            return "deployable: linearly stable with every hand of [hands] and released"
         return "not deployable: " + "; ".join(f"{_CALLED[claim.name]}: {claim.sentence}" for claim in failed)
-
-    @property
-    def thin(self) -> str:
-        """What is to be said of the disk margin; empty where it is sound."""
-        if not self.disk_margin < SOUND_DISK:
-            return ""
-        return f"; disk margin {self.disk_margin:.2g}: {f'below {LEAST_DISK}' if self.low else 'thin'}"
-
-    @property
-    def low(self) -> bool:
-        """Whether the disk margin is below the one that a device should have."""
-        return self.disk_margin < LEAST_DISK
 
     @property
     def advice(self) -> str:
@@ -121,7 +109,6 @@ class Deployable:
             "pass": self.passed,
             "sentence": self.sentence,
             "disk_margin": plain(self.disk_margin),
-            "thin": self.thin,
             "claims": [
                 {
                     "name": claim.name,

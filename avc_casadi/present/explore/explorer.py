@@ -90,7 +90,7 @@ class Explorer:
 
     @property
     def units(self) -> Units:
-        """Names and units in which the page speaks."""
+        """Names and units of the page."""
         return self.base.units
 
     @property

@@ -204,7 +204,7 @@ def _device_table(base: Problem, device: str | Mapping[str, Any]) -> dict[str, A
 
 
 def require_motion(device: Device, like: Device) -> None:
-    """Refuse a device that turns where the page speaks of one that does not, and the other way."""
+    """Refuse a device that turns on the page of one that does not, and the other way."""
     if device.motion == like.motion:
         return
     if like.units.linear:

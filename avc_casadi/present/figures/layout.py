@@ -130,11 +130,6 @@ class Panels:
 
     Given axes get lines, scales, limits and labels; their titles, figure and neighbours stay as they are, and the
     legend stands in the first panel.
-
-    Attributes:
-        figure: the figure that holds them.
-        axes: the panels.
-        own: whether the figure was made for them.
     """
 
     figure: Figure
@@ -145,17 +140,7 @@ class Panels:
     def of(
         cls, given: GivenAxes, titles: Sequence[str], height_inches: float, make: Callable[[Figure], Iterable[Axes]]
     ) -> Panels:
-        """Use the given axes, or make a figure.
-
-        Args:
-            given: `axes` of the drawing function.
-            titles: of the panels.
-            height_inches: of an own figure.
-            make: makes the axes of an own figure.
-
-        Raises:
-            InputError: other objects than axes, or a number of them other than that of the panels.
-        """
+        """Use the given axes, or make a figure."""
         if given is None:
             figure = Figure(figsize=(WIDTH_INCHES, height_inches), layout="constrained")
             axes = list(make(figure))

@@ -68,17 +68,7 @@ _RC: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class Line:
-    """The line of one quantity in all figures.
-
-    Attributes:
-        label: in the legend.
-        colour: a matplotlib colour; chosen to differ in lightness too.
-        style: dash pattern.
-        marker: marker on some of the points, or empty.
-        width: line width in points.
-        layer: drawing order.
-        shift: which share of a marker interval the first marker stands at, so that markers of equal curves alternate.
-    """
+    """The line of one quantity in all figures."""
 
     label: str
     colour: str

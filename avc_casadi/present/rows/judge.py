@@ -15,6 +15,7 @@ from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed
 from avc_casadi.present.rows.subject import (
     RIGID,
     SAFE_GAIN,
+    deployable,
     gain_margin,
     hand,
     headline,
@@ -91,7 +92,7 @@ def certificate(data: Mapping[str, Any], problem: Problem, shown: str = "") -> A
 
 def _verdict(verdict: Mapping[str, Any]) -> Row:
     if verdict["pass"]:
-        return row("Deployable", "yes: linearly stable with every corner hand and released", mark=Mark.PASS)
+        return deployable(verdict)
     failed = dict.fromkeys(_claim(one["name"])[1] for one in verdict.get("claims", ()) if not one["pass"])
     why = f"not linearly stable {' and '.join(failed)}" if failed else "no row has gains"
     return row("Deployable", f"no: {why}", mark=Mark.FAIL)

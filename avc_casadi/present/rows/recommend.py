@@ -19,6 +19,7 @@ from avc_casadi.present.rows.subject import (
     notes,
     pair,
     settled,
+    thin,
 )
 from avc_casadi.recommendation.contact_onset import REACHED_M
 from avc_casadi.recommendation.preconditions import SLIP, asked_of_others, not_judged
@@ -147,8 +148,9 @@ def _coupling(data: Mapping[str, Any], problem: Problem) -> Row:
     elif wall > 0 and min(felt["share_of_wall"] or 1.0, _at_1_hz(felt, wall) / wall) < _HARDLY:
         doubt = (", but hardly anything of the wall is rendered to a moving hand",)
     without = f"without {', '.join(names)}, which is declared and not used" if names else ""
-    mark = Mark.CAUTION if doubt or without else Mark.PASS
-    return row("Coupling", listed(found), ": deployable", without, doubt, mark=mark)
+    low = thin(min(one["disk"] for one in data["margins"].values()))
+    mark = Mark.CAUTION if doubt or without or low else Mark.PASS
+    return row("Coupling", listed(found), ": deployable", without, doubt, low, mark=mark)
 
 
 def _at_1_hz(felt: Mapping[str, Any], wall: float) -> float:

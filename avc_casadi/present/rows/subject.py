@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from avc_casadi.claims.stability.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.design.virtual_tool import ToolSearchOptions
 from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.present.row import Mark, Part, Quantity, Row, Value, listed, parts, row, span
@@ -97,12 +98,21 @@ def passive_limit(limit_n_per_m: float | None) -> Row:
     return row("Passive limit", Value(limit_n_per_m, "stiffness"), "static for any passive linear rendering")
 
 
+def thin(disk_margin: float | None) -> str:
+    """Return what is to be said of a disk margin; empty where it is sound or not known."""
+    if disk_margin is None or disk_margin >= SOUND_DISK:
+        return ""
+    return f"; disk margin {disk_margin:.2g}, {f'below {LEAST_DISK}' if disk_margin < LEAST_DISK else 'thin'}"
+
+
 def deployable(verdict: Mapping[str, Any] | None) -> Row:
     """Return the verdict on deployment: the claims that hold, or the first that fails."""
     if verdict is None:
         return row("Deployable", "no: no row has gains", mark=Mark.FAIL)
     if verdict["pass"]:
-        return row("Deployable", "yes: linearly stable with every corner hand and released", mark=Mark.PASS)
+        doubt = thin(verdict.get("disk_margin"))
+        said = f"yes: linearly stable with every corner hand and released{doubt}"
+        return row("Deployable", said, mark=Mark.CAUTION if doubt else Mark.PASS)
     failed = [claim["sentence"] for claim in verdict.get("claims", ()) if not claim["pass"]]
     return row("Deployable", f"no: {failed[0] if failed else verdict['sentence']}", mark=Mark.FAIL)
 
