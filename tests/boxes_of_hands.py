@@ -4,9 +4,8 @@ import itertools
 
 import numpy as np
 
-from avc_casadi.claims.stability.declared_device import whole_stability
-from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.files.problem_file import load_problem
+from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.hands import Hand, hand_ranges
 
 FIGURE5 = load_problem("figure5")
@@ -59,7 +58,7 @@ def brute_force(problem, b, k, contact, points=9):
     """Largest spectral radius over a lattice of the box, (rows,)."""
     axes = [np.linspace(low, high, points) for low, high in hand_ranges(problem.hands)]
     hands = Hand(*np.array(list(itertools.product(*axes))).T)
-    return whole_stability(problem.device, frozen_parts(problem, b, k), contact, hands).radius.max(axis=1)
+    return linear_stability(problem.device, frozen_parts(problem, b, k), contact, hands).radius.max(axis=1)
 
 
 def edges(problem, b, contact, points=9, halvings=16):

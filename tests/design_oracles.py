@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.schedule.states import States
 from avc_casadi.files.problem_file import load_problem
+from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.model.corners import device_corners, least_damped
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule

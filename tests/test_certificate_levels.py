@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from avc_casadi import load_problem, parse_problem
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.registry import CLAIMS
-from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
-from avc_casadi.claims.stability.scope import deciding_frequencies_hz, scope_slack
+from avc_casadi.claims.scope import deciding_frequencies_hz, scope_slack
 from avc_casadi.design.methods import solve
+from avc_casadi.loops.sampled_loop import SampledLoop
+from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.hands import hand_corners, hand_set
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.rendered import gain_schedule

@@ -14,8 +14,8 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi import InputError
-from avc_casadi.claims.stability.frozen_loop import joint_rendering
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.wall import joint_rendering
 from avc_casadi.model.effects import EnvironmentEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.scene import Press, Scene

@@ -10,13 +10,12 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.stability.declared_device import sampled_stability, whole_stability
-from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
-from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius, stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.walls import damping_range, loop_radius, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_released
+from avc_casadi.model.hands import Hand, hand_corners, with_released
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.trial import Conditions
@@ -37,7 +36,7 @@ def test_the_radius_is_that_of_the_written_down_loop(seed):
     case = problem(10 ** rng.uniform(2.5, 4), rng.uniform(0.1, 5), **random_device(rng))
     gains = 10 ** rng.uniform([-1, 2.5, -1], [1, 5, 1])
     wall = case.environment.damping_ns_per_m, case.environment.stiffness_n_per_m
-    found = whole_stability(case.device, frozen_parts(case, *gains[:2]), gains[2], HANDS).radius[0]
+    found = linear_stability(case.device, frozen_parts(case, *gains[:2]), gains[2], HANDS).radius[0]
     for index, radius in enumerate(found):
         hand = HANDS.values(index)
         assert radius == pytest.approx(growth(case.device, tuple(hand.values()), gains, wall), abs=1e-9)
@@ -52,7 +51,9 @@ def test_the_radius_is_that_of_the_written_down_loop(seed):
 def test_what_grows_beyond_all_numbers_within_a_sample_is_unstable(device):
     case = problem(mass_kg=1e-6, **device)
     light = Hand(*(np.append(value, one) for value, one in zip(vars(HANDS).values(), (1e-6, 1.0, 10.0), strict=True)))
-    found = whole_stability(case.device, frozen_parts(case, 0.0, 1e3), 0.0, light, damping_shift_ns_per_m=-100.0).radius
+    found = linear_stability(
+        case.device, frozen_parts(case, 0.0, 1e3), 0.0, light, damping_shift_ns_per_m=-100.0
+    ).radius
     assert np.isfinite(found[0, :-1]).all()
     assert np.isposinf(found[0, -1])
 
@@ -81,18 +82,6 @@ def test_a_rigid_device_is_judged_as_before():
                 else:
                     old[:2] += np.outer(step[:2, 2], asked)
                 assert found[row, index] == pytest.approx(np.abs(np.linalg.eigvals(old)).max(), abs=1e-9)
-
-
-@pytest.mark.parametrize("delay", [0, 1, 0.4, 1.7])
-def test_without_amplifier_and_resonance_both_ways_agree(delay):
-    case = problem(2e4, 5.0, delay_samples=delay)
-    parts = frozen_parts(case, np.array([5.0, 0.0, 80.0]), np.array([2e4, 1e6, 3e3]))
-    for hands in (HANDS, no_hand()):
-        fast = linear_stability(case.device, parts, 10.0, hands)
-        np.testing.assert_array_equal(whole_stability(case.device, parts, 10.0, hands).radius, fast.radius)
-        slow = sampled_stability(case.device, parts, 10.0, hands)
-        np.testing.assert_allclose(slow.radius, fast.radius, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(slow.frequency_hz, fast.frequency_hz, rtol=1e-5, atol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from design_oracles import (
 from schedule_problems import figure5
 
 from avc_casadi import solve
-from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.constant.static import static_coupling
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.paper.loop import loop_at

@@ -10,8 +10,8 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_poles
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.walls import damping_range, loop_poles
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_set, no_hand
 from avc_hardware import TableImage

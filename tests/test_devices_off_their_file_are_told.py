@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import device_corners, linear_values
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners, with_released

@@ -12,11 +12,11 @@ from teleoperator_simulator import run
 
 import avc_casadi as avc
 from avc_casadi.claims.hands_level import every_hand, released_radius
-from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.loops.follower import BilateralLoops, link_clocks
 from avc_casadi.loops.ranges import worst_point
+from avc_casadi.loops.wall import frozen_parts
 from avc_casadi.model.corners import device_corners, device_with
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.virtual_tool import ToolGains

@@ -9,14 +9,16 @@ from avc_casadi import UnsupportedError
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.claims.stability.frozen_loop import frozen_parts, frozen_transition, joint_rendering, linear_stability
 from avc_casadi.claims.zwidth import llewellyn_table
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.scene_coupling import scene_coupling
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.sampled_loop import SampledLoop, passive_limit_n_per_m
+from avc_casadi.loops.wall import frozen_parts, joint_rendering, linear_stability, wall
 from avc_casadi.model.hands import Hand
+from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
@@ -63,9 +65,9 @@ def marched(case, b, k, contact, samples):
 def test_the_judged_loop_is_the_marched_one(delay):
     case = problem(delay)
     rendering = joint_rendering(case, *(np.array([gain]) for gain in (5.0, 2e4, 10.0)))
-    matrix = frozen_transition(case.device, rendering, HAND)[0, 0]
+    matrix = wall(Body.of(sampled_plant(case.device, HAND)).flat(), rendering)[0]
     state, trace = np.zeros(len(matrix)), []
-    state[[0, 2]] = 1e-3
+    state[[0, -2]] = 1e-3
     for _ in range(100):
         trace.append(state[0])
         state = matrix @ state

@@ -8,17 +8,19 @@ from scipy.linalg import expm
 
 from avc_casadi import UnsupportedError, parse_problem
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.claims.stability.frozen_loop import (
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions
+from avc_casadi.loops.wall import (
     fraction_rendering,
     frozen_parts,
-    frozen_transition,
     joint_rendering,
     linear_stability,
-    mechanics,
+    plants_of,
+    wall,
 )
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, no_hand
+from avc_casadi.model.sampled_plant import sampled_plant
 
 T = 1e-3
 
@@ -30,18 +32,24 @@ def problem(b_d=2.0, delay=0, mass=0.1, b_e=10.0, k_e=1e5):
     )
 
 
+def moved(m, b, k):
+    """Position and velocity by the sample after a sample with a held force, from those before and the force."""
+    body = Body.of(plants_of([problem(b_d=b, mass=m).device], Hand(0.0, 0.0, k))).flat()
+    return np.concatenate([body.a[0], -body.b[0][:, None]], axis=1)
+
+
 @pytest.mark.parametrize(
     ("m", "b", "k"), [(0.1, 2, 0), (0.1, 2, 500), (1e-6, 2, 0), (0.2, 0, 800), (5, 1e3, 1e4), (0.1, 0, 0)]
 )
 def test_propagation_is_the_matrix_exponential(m, b, k):
     exact = expm(np.array([[0, 1, 0], [-k / m, -b / m, 1 / m], [0, 0, 0]]) * T)[:2]
     exact = np.array([[exact[0, 0], exact[0, 1] / T, exact[0, 2]], [exact[1, 0] * T, exact[1, 1], exact[1, 2] * T]])
-    np.testing.assert_allclose(mechanics(m, b, k, T)[0], exact, rtol=1e-11, atol=1e-15)
+    np.testing.assert_allclose(moved(m, b, k), exact, rtol=1e-11, atol=1e-15)
 
 
 @pytest.mark.parametrize(("b", "k"), [(2.0, 500.0), (2.0, 0.0), (0.0, 500.0)])
 def test_propagation_of_no_mass_is_the_limit_of_little_mass(b, k):
-    light, none = mechanics(1e-9, b, k, T)[0], mechanics(0.0, b, k, T)[0]
+    light, none = moved(1e-9, b, k), moved(0.0, b, k)
     if b > 0:
         np.testing.assert_allclose(none[0, [0, 2]], light[0, [0, 2]], rtol=1e-5)
     else:
@@ -89,12 +97,12 @@ def test_the_papers_criterion_passes_and_the_loop_diverges():
 def step_by_step(case, b, k, contact, hand, samples):
     """The same loop as a program would run it: sampled position, joint of coupling and wall, held and delayed force."""
     device, wall = case.device, case.environment
-    step = mechanics(
+    m, c, spring = (
         device.mass_kg + hand.mass_kg,
         device.damping_ns_per_m + hand.damping_ns_per_m,
         hand.stiffness_n_per_m,
-        T,
-    )[0]
+    )
+    step = expm(np.array([[0, 1, 0], [-spring / m, -c / m, 1 / m], [0, 0, 0]]) * T)[:2]
     x, v, before, joint = 1e-3, 0.0, 1e-3, 0.0
     waiting = [0.0] * device.delay_samples
     trace = []
@@ -127,8 +135,9 @@ def test_both_realisations_have_the_same_eigenvalues(delay):
     case = problem(delay=delay)
     b, k, contact = rng.uniform(0.1, 50, 40), rng.uniform(100, 1e5, 40), rng.uniform(0, 50, 40)
     hands = hand_set(case.hands, draws=4)
-    fraction = frozen_transition(case.device, fraction_rendering(frozen_parts(case, b, k), contact, T), hands)
-    joint = frozen_transition(case.device, joint_rendering(case, b, k, contact), hands)
+    body = Body.of(sampled_plant(case.device, hands)).flat()
+    fraction = wall(body, fraction_rendering(frozen_parts(case, b, k), contact, T).column)
+    joint = wall(body, joint_rendering(case, b, k, contact).column)
     radius = [np.abs(np.linalg.eigvals(matrices)).max(axis=-1) for matrices in (fraction, joint)]
     np.testing.assert_allclose(*radius, rtol=1e-9)
 

@@ -7,12 +7,12 @@ import pytest
 from scene_reference import scene_problem
 
 from avc_casadi import parse_problem, solve
-from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
-from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.constant.static_tuned import tune_static
 from avc_casadi.design.schedule.hands import hands_slack
 from avc_casadi.design.schedule.scope import worst_slack
 from avc_casadi.design.schedule.states import States
+from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.hands import hand_set
 from avc_casadi.paper.loop import loop_at
 

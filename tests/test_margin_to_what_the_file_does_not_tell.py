@@ -9,7 +9,7 @@ from whole_device import WholeDevice, rests_as_tried
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.robustness import USUAL, Robustness, unmodelled
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed

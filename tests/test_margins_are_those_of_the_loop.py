@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +10,10 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import frozen_rendering
-from avc_casadi.claims.stability.margins import OpenLoop
-from avc_casadi.claims.stability.state_feedback import state_feedback_loop
-from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.margins import OpenLoop, transients
+from avc_casadi.loops.wall import Laws, frozen_rendering, observed_wall
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
@@ -157,19 +156,20 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
     assert law is not None
     rendering = frozen_rendering(problem, *vars(gains).values())
     corners = with_released(hand_corners(problem.hands))
-    matrix, push, measured = plants_with_forces(sampled_plant(problem.device, corners))
+    body = Body.of(sampled_plant(problem.device, corners)).flat()
 
     def radii(factor):
         # Forces under way are what was asked for: the factor stands where they reach the device.
-        moved, under_way = matrix.copy(), len(push[0]) - len(sampled_plant(problem.device, corners).names)
-        first = push.copy()
+        moved, under_way = body.a.copy(), body.size - len(body.names)
+        first = body.b.copy()
         if under_way:
-            states = len(push[0]) - under_way
+            states = len(body.names)
             moved[:, :states, states:] *= factor
             first[:, :states] *= factor
         else:
             first *= factor
-        return np.abs(np.linalg.eigvals(state_feedback_loop((moved, first, measured), law, rendering)[0])).max(axis=-1)
+        pushed = replace(body, a=moved, b=first)
+        return np.abs(np.linalg.eigvals(observed_wall(pushed, Laws.of(law), rendering)[0][0])).max(axis=-1)
 
     released, held = OpenLoop.of(fed_back).margins()
     for found, some in ((released, slice(-1, None)), (held, slice(-1))):

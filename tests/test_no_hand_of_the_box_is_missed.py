@@ -8,10 +8,9 @@ from boxes_of_hands import INSIDE, brute_force, random_gains, random_problem
 
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.stability.declared_device import whole_stability
-from avc_casadi.claims.stability.frozen_loop import frozen_parts
-from avc_casadi.claims.stability.scope import scope_slack
-from avc_casadi.claims.stability.worst_hand import worst_hands
+from avc_casadi.claims.scope import scope_slack
+from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.worst_hand import worst_hands
 from avc_casadi.model.hands import hand_set
 
 BROKEN = 562.19, 0.0
@@ -25,7 +24,7 @@ def schedule_of(problem, b, k, contact=0.0):
 
 
 def test_a_hand_inside_the_box_breaks_what_corners_and_draws_pass():
-    known = whole_stability(INSIDE.device, frozen_parts(INSIDE, *BROKEN), 0.0, hand_set(INSIDE.hands))
+    known = linear_stability(INSIDE.device, frozen_parts(INSIDE, *BROKEN), 0.0, hand_set(INSIDE.hands))
     assert known.radius.max() < 1
     worst = worst_hands(INSIDE.device, frozen_parts(INSIDE, *BROKEN), 0.0, INSIDE.hands)
     assert worst.radius[0] == pytest.approx(1.00102, abs=2e-5)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eig
 
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, size_of_terms
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions, size_of_terms
 
 T = 1e-3
 

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi.claims.passivity.sampled_loop import (
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.loops.sampled_loop import (
     SampledLoop,
     fractions,
     passive_limit_n_per_m,
     real_part,
     size_of_terms,
 )
-from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.model.device import Device
 
 T = 1e-3

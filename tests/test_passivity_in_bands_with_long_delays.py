@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, real_part
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions, real_part
 
 T = 1e-3
 

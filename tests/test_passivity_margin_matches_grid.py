@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, real_part, size_of_terms
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions, real_part, size_of_terms
 from avc_casadi.paper.equations import SampleAngle, hold, spring_damper
 from avc_casadi.paper.numbers import NUMPY
 

@@ -4,8 +4,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, real_part, size_of_terms
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions, real_part, size_of_terms
 from avc_casadi.paper.equations import SampleAngle, coupling_impedance, environment_impedance, hold, series
 from avc_casadi.paper.numbers import mpmath_numbers
 

@@ -13,10 +13,10 @@ from declared_device import MODE, lowest_eigenvalue, port_equations, random_devi
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.handle_port import handle_port
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.passivity.worst_port import CouplingSlack, RenderingSlack, port_worst
-from avc_casadi.claims.stability.declared_device import whole_stability
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions
+from avc_casadi.loops.wall import linear_stability
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand
@@ -144,7 +144,7 @@ def test_what_l3_passes_every_passive_hand_holds_still(device):
         assert level(b, low).margin_ns_per_m >= -1e-9 > failed.margin_ns_per_m
         hands = Hand(*10 ** rng.uniform([-4, -3, -1], [1, 2, 5], (60, 3)).T)
         parts = fractions(SampledLoop.of(case), np.array([b]), np.array([low]))
-        assert whole_stability(case.device, parts, 0.0, hands).radius.max() < 1
+        assert linear_stability(case.device, parts, 0.0, hands).radius.max() < 1
 
 
 @pytest.mark.thorough

@@ -16,9 +16,8 @@ from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import Multiplier, _bounds, _Cells, _rounded, verify
 from avc_casadi.claims.prove.rest import contact_radius, prove_rest
-from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import fraction_rendering, frozen_parts
-from avc_casadi.claims.stability.state_feedback import state_feedback_loop
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.wall import closed, fraction_rendering, frozen_parts
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import STYLUS_RANGES, Hand
@@ -184,12 +183,9 @@ def test_the_law_is_that_of_the_loop_in_contact(seed):
     contact = np.array([gains.contact_damping_ns_per_m])
     rendering, plants = (
         fraction_rendering(parts, contact, device.sample_time_s),
-        plants_with_forces(sampled_plant(device, hand)),
+        Body.of(sampled_plant(device, hand)).flat(),
     )
-    whole = closed_loop(*plants, rendering)[0, 0]
-    if observer is not None:
-        whole = state_feedback_loop(plants, observer, rendering)[0, 0]
-    values = np.linalg.eigvals(whole)
+    values = np.linalg.eigvals(closed(plants, rendering, observer)[0])
     assert abs(np.abs(values).max() - contact_radius(law, device, hand)[0]) < 1e-6
     for value in values:
         if abs(value) < 0.3:

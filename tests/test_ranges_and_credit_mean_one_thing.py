@@ -7,9 +7,9 @@ from schedule_problems import changed, figure5
 from avc_casadi import solve
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.model.corners import least_damped
 from avc_casadi.paper.loop import loop_at
 

@@ -10,7 +10,7 @@ import pytest
 from schedule_problems import figure5
 
 from avc_casadi import InputError, UnsupportedError, parse_problem, solve
-from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.claims.scope import scope_slack
 from avc_casadi.cli import main
 from avc_casadi.design.comparison.comparison import compare
 from avc_casadi.files.problem_document import dump_problem

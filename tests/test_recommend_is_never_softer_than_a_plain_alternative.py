@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.runtime import Runtime

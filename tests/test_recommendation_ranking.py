@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.lqg import Space
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import hand_corners, with_released

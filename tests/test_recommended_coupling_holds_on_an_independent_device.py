@@ -12,8 +12,8 @@ from whole_device import REST, WholeDevice, held, leaning, people, rests_as_trie
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of

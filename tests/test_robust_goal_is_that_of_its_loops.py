@@ -8,13 +8,12 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.claims.passivity.rendered_impedance import dead_zone_gain
-from avc_casadi.claims.stability.frozen_loop import frozen_rendering
-from avc_casadi.claims.stability.state_feedback import Laws, state_feedback_loop
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust import solve
 from avc_casadi.design.robust.goal import BAND_HZ, DECAY_PER_S, cost_of, distance, responses
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, why_no_law
+from avc_casadi.loops.wall import Laws, frozen_rendering, observed_wall
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.shaken import shaken
@@ -50,7 +49,7 @@ def test_the_share_at_rest_is_that_of_the_wall():
 
 
 def radius(plants, law, shares=(1.0,)):
-    return np.abs(np.linalg.eigvals(state_feedback_loop(plants, law, RENDERING, shares))).max()
+    return np.abs(np.linalg.eigvals(observed_wall(plants, Laws.of(law), RENDERING, shares)[0])).max()
 
 
 def test_the_radius_of_a_law_is_that_of_all_hands_and_of_the_released_device():
@@ -160,7 +159,7 @@ def test_a_law_may_believe_in_what_the_lightest_hand_and_the_device_weigh():
 @pytest.mark.parametrize("place", range(3))
 def test_of_many_loops_the_one_that_is_nearest_to_growing_is_kept(place):
     kept = LOOPS.hardest(LAWS[place], RENDERING)
-    assert len(kept.varied[0]) < len(LOOPS.varied[0])
+    assert len(kept.varied.a) < len(LOOPS.varied.a)
     for some, every in ((kept.varied, LOOPS.varied), *zip(kept.beside, LOOPS.beside, strict=True)):
         assert radius(some, LAWS[place]) == radius(every, LAWS[place])
     shares = tuple(DECAY_PER_S)

@@ -5,9 +5,9 @@ import pytest
 from robust_steps import step_at
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.state_feedback import Laws
 from avc_casadi.design.robust.cma_continuation import moved
 from avc_casadi.design.robust.lqg import Space
+from avc_casadi.loops.wall import Laws
 
 STIFFNESS = 5000.0
 SLOWEST = 3

@@ -5,13 +5,13 @@ import pytest
 from robust_steps import step_at
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import frozen_rendering
-from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
 from avc_casadi.design.robust.cma_continuation import continuation
 from avc_casadi.design.robust.goal import DECAY_PER_S, RANGED_DECAY_PER_S, cost_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.spectrum import largest_radius
+from avc_casadi.loops.wall import Laws, frozen_rendering, observed_wall
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.gains import spring_before
 from avc_casadi.model.hands import hand_corners
@@ -48,9 +48,9 @@ def test_a_stiffer_wall_is_reached_from_a_softer_one_on_a_device_of_many_corners
     found = steps[-1].best
     assert found.cost.holds
     for plants in (loops.nominal, loops.varied, loops.free):
-        assert largest_radius(state_feedback_loop(plants, found.law, stiff)).max() < 1
+        assert largest_radius(observed_wall(plants, Laws.of(found.law), stiff)[0]).max() < 1
     shares = np.linspace(0.01, 1.0, 34)
-    assert largest_radius(state_feedback_loop(loops.ranged, found.law, stiff, shares)).max() < 1
+    assert largest_radius(observed_wall(loops.ranged, Laws.of(found.law), stiff, shares)[0]).max() < 1
 
 
 @pytest.mark.thorough
@@ -62,11 +62,11 @@ def test_on_devices_within_the_ranges_any_share_of_the_innovation_may_pass():
     law = step_at(alone, 6000.0).best.law
     assert before.ranged is None
     hands, devices = hand_corners(ranged.hands), device_corners(ranged.device)
-    plants = plants_with_forces(sampled_plant(devices, hands))
-    corners = largest_radius(state_feedback_loop(plants, law, rendering, tuple(RANGED_DECAY_PER_S)))
-    nominal = largest_radius(state_feedback_loop(loops.nominal, law, rendering, tuple(DECAY_PER_S)))
+    plants = Body.of(sampled_plant(devices, hands)).flat()
+    corners = largest_radius(observed_wall(plants, Laws.of(law), rendering, tuple(RANGED_DECAY_PER_S))[0])
+    nominal = largest_radius(observed_wall(loops.nominal, Laws.of(law), rendering, tuple(DECAY_PER_S))[0])
     cost = cost_of(law, rendering, loops)
-    every = largest_radius(state_feedback_loop(loops.ranged, law, rendering, tuple(RANGED_DECAY_PER_S)))
+    every = largest_radius(observed_wall(loops.ranged, Laws.of(law), rendering, tuple(RANGED_DECAY_PER_S))[0])
     assert corners.max() <= every.max()
     assert cost.radius_any_share == pytest.approx(max(every.max(), nominal.max()), abs=1e-12)
     assert cost_of(law, rendering, before).radius_any_share == pytest.approx(nominal.max(), abs=1e-12)
@@ -80,14 +80,13 @@ def test_loops_that_are_kept_with_others_stand_once(known_to_a_tenth):
     one, other = (loops.hardest(space.law(start, 5000.0), rendering) for start in space.starts[:2])
     both = one.and_of(other)
     for all_of, part in ((loops.varied, both.varied), (loops.nominal, both.nominal)):
-        rows = {matrix.tobytes() for matrix in part[0]}
-        assert len(rows) == len(part[0])
-        assert rows <= {matrix.tobytes() for matrix in all_of[0]}
-    assert {row.tobytes() for row in both.varied[0]} == {
-        row.tobytes() for part in (one, other) for row in part.varied[0]
-    }
+        rows = {matrix.tobytes() for matrix in part.a}
+        assert len(rows) == len(part.a)
+        assert rows <= {matrix.tobytes() for matrix in all_of.a}
+    assert {row.tobytes() for row in both.varied.a} == {row.tobytes() for part in (one, other) for row in part.varied.a}
     same = one.and_of(one)
-    assert all(np.array_equal(*pair) for pair in zip(same.varied, one.varied, strict=True))
+    assert np.array_equal(same.varied.a, one.varied.a)
+    assert np.array_equal(same.varied.b, one.varied.b)
 
 
 @pytest.mark.thorough

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scene_reference import scene_problem
 
-from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
 from avc_casadi.design.scene_coupling import simulate
+from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.hands import Hand

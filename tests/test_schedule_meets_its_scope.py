@@ -7,7 +7,7 @@ from schedule_problems import changed, figure5
 
 from avc_casadi import solve
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.schedule.hands import hands_slack
 from avc_casadi.design.schedule.states import States
 from avc_casadi.model.corners import device_corners

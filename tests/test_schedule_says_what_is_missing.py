@@ -6,7 +6,7 @@ import pytest
 from schedule_problems import changed
 
 from avc_casadi import solve
-from avc_casadi.claims.stability.scope import scope_slack
+from avc_casadi.claims.scope import scope_slack
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.schedule import Status
 

@@ -8,13 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.frozen_loop import frozen_rendering
-from avc_casadi.claims.stability.state_feedback import Laws, stiffness_at_rest
-from avc_casadi.claims.stability.stiffest_wall import loop_radius, stiffest_wall
 from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops
 from avc_casadi.loops.spectrum import eigenvalues, leading_radii, worst_radius
+from avc_casadi.loops.wall import Laws, frozen_rendering, stiffness_at_rest
+from avc_casadi.loops.walls import loop_radius, stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 
 

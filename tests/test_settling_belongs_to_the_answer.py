@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.transient import SETTLED, transients
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.margins import SETTLED, transients
 from avc_casadi.model.gains import Gains
 
 WHEEL = """

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from sampled_wall import spectral_radius
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.boundary_curves import stable_walls
 from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, hand_set
 

@@ -9,11 +9,11 @@ import avc_casadi as avc
 from avc_casadi import InputError
 from avc_casadi.claims import feedback as _feedback_radius
 from avc_casadi.claims.feedback import feedback_radius
-from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import Rendering, frozen_rendering
-from avc_casadi.claims.stability.state_feedback import Laws, force_over_innovation, largest_radius, state_feedback_loop
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.design.robust.lqg import Space
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.spectrum import largest_radius
+from avc_casadi.loops.wall import Laws, Rendering, force_over_innovation, frozen_rendering, observed_wall
 from avc_casadi.model.device import Device
 from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.gains import Gains
@@ -81,12 +81,12 @@ def test_its_eigenvalues_are_those_of_the_jacobian(seed):
     wall = (0.0, 5e3) if seed % 2 else (3.0, 5e3)
     expected, problem = scene_eigenvalues(device, law, gains, wall)
     rendering = frozen_rendering(problem, gains.damping_ns_per_m, gains.stiffness_n_per_m)
-    plants = plants_with_forces(sampled_plant(device, HAND))
+    plants = Body.of(sampled_plant(device, HAND)).flat()
     # The share may stand in the innovation or beside it.
     whole = law_of(np.random.default_rng(seed))
     for found in (
-        state_feedback_loop(plants, law, rendering)[0, 0],
-        state_feedback_loop(plants, whole, rendering, (share,))[0, 0],
+        observed_wall(plants, Laws.of(law), rendering)[0][0, 0],
+        observed_wall(plants, Laws.of(whole), rendering, (share,))[0][0, 0],
     ):
         ours = np.linalg.eigvals(found)
         ours, theirs = (np.sort_complex(values[np.abs(values) > 1e-3]) for values in (ours, expected))
@@ -172,9 +172,9 @@ def feedback(problem, point):
 
 
 def radii(coupling, hands, shares):
-    plants = plants_with_forces(sampled_plant(coupling.problem.device, hands))
+    plants = Body.of(sampled_plant(coupling.problem.device, hands)).flat()
     rendering = frozen_rendering(coupling.problem, 0.0, coupling.table.at_rest.stiffness_n_per_m)
-    return largest_radius(state_feedback_loop(plants, coupling.runtime.state_feedback, rendering, shares))
+    return largest_radius(observed_wall(plants, Laws.of(coupling.runtime.state_feedback), rendering, shares)[0])
 
 
 def test_a_hand_between_the_corners_at_a_share_between_the_others_refuses_a_law():

@@ -6,10 +6,10 @@ import pytest
 from avc_casadi import UnsupportedError, parse_problem
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness, llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.design.constant.static import static_coupling
 from avc_casadi.design.methods import solve
+from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.realism import relative_errors

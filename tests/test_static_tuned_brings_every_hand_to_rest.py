@@ -8,9 +8,9 @@ from scene_reference import scene_problem
 
 import avc_casadi as avc
 from avc_casadi import UnsupportedError
-from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
 from avc_casadi.design.constant import static_tuned
 from avc_casadi.design.constant.static_tuned import Budget, tune_static, tuned_margin
+from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_set
 from avc_casadi.model.problem import Frequency

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius, softest_wall_n_per_m, stiffest_wall
+from avc_casadi.loops.walls import damping_range, loop_radius, softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.recommendation.sensitivity import what_would_help
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.frozen_loop import frozen_parts, linear_stability
-from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_radius, stiffest_wall
+from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.loops.walls import damping_range, loop_radius, stiffest_wall
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.model.scene import Hold
 from avc_casadi.simulation.population.operators import corner_subjects

@@ -13,12 +13,12 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.frozen_loop import Rendering
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.goal import costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops
+from avc_casadi.loops.wall import Rendering
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem

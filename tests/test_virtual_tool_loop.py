@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops, clocks
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.virtual_tool import ToolGains
 

@@ -8,9 +8,6 @@ import pytest
 from robust_steps import step_at
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import frozen_rendering
-from avc_casadi.claims.stability.state_feedback import Laws, largest_radius, state_feedback_loop
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust import cma_continuation
 from avc_casadi.design.robust.cma_continuation import continuation, weighed
@@ -18,6 +15,9 @@ from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.refinement import refined
 from avc_casadi.design.robust.uncertainty_set import Loops
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.spectrum import largest_radius
+from avc_casadi.loops.wall import Laws, frozen_rendering, observed_wall
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.runtime import Runtime
@@ -31,7 +31,7 @@ from avc_casadi.simulation.population.trial import Conditions, Ends
 
 HANDS = 20
 PROBLEM = avc.load_problem("reference-r1")
-HELD = plants_with_forces(sampled_plant(PROBLEM.device, hand_corners(PROBLEM.hands)))
+HELD = Body.of(sampled_plant(PROBLEM.device, hand_corners(PROBLEM.hands))).flat()
 FAR = 1e6
 BEFORE_FAR = PROBLEM.changed(environment={"stiffness_n_per_m": FAR, "damping_ns_per_m": 0.0})
 
@@ -289,5 +289,5 @@ def test_a_refined_law_gives_way_less_and_all_who_are_asked_still_settle(step):
     for one in (*nearer.candidates, *asked.candidates):
         assert cost_of(one.law, rendering, loops).holds
         assert one.cost.distance <= step.best.cost.distance
-        assert largest_radius(state_feedback_loop(HELD, one.law, rendering)).max() < 1
+        assert largest_radius(observed_wall(HELD, Laws.of(one.law), rendering)[0]).max() < 1
     assert all(one.law.feedback[0] / before <= 1.001 for one in asked.candidates)

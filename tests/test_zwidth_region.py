@@ -7,11 +7,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from avc_casadi import UnsupportedError, load_problem, parse_problem
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.claims.stability.frozen_loop import linear_stability
 from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
 from avc_casadi.design.methods import solve
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions
+from avc_casadi.loops.wall import linear_stability
 from avc_casadi.model.hands import no_hand
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at

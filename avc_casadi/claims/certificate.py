@@ -11,12 +11,11 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Columns, Tabular
 from avc_casadi.claims.registry import CLAIMS
-from avc_casadi.claims.stability.declared_device import rigid
-from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
+from avc_casadi.loops.wall import RADIUS_TOLERANCE, rigid
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.passivity.sampled_loop import Fractions
     from avc_casadi.coupling import Coupling
+    from avc_casadi.loops.sampled_loop import Fractions
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Model, Problem

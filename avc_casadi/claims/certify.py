@@ -9,11 +9,11 @@ import numpy as np
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certificate import Certificate
 from avc_casadi.claims.levels import Rows
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, passive_limit_n_per_m
 from avc_casadi.claims.registry import CLAIMS, Judged
-from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.coupling import check_sample_time, require_coupling
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions, passive_limit_n_per_m
+from avc_casadi.loops.wall import frozen_parts
 from avc_casadi.model.schedule import GainSchedule
 
 if TYPE_CHECKING:

@@ -23,9 +23,9 @@ from avc_casadi.claims.certify import certify
 from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.feedback import Worst, feedback_radius
 from avc_casadi.claims.hands_level import every_hand, looked_at, released_radius
-from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, frozen_parts
-from avc_casadi.claims.stability.margins import OpenLoop
 from avc_casadi.coupling import require_coupling
+from avc_casadi.loops.margins import OpenLoop
+from avc_casadi.loops.wall import RADIUS_TOLERANCE, frozen_parts
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.hands import hand_text, no_hand
 

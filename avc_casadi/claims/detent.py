@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.stability.stiffest_wall import damping_range, loop_poles, stiffest_wall
+from avc_casadi.loops.walls import damping_range, loop_poles, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_set, joined, no_hand
 

@@ -12,11 +12,10 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.levels import Rows, level_result
-from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, frozen_rendering
-from avc_casadi.claims.stability.state_feedback import largest_radius, state_feedback_loop
+from avc_casadi.loops.loop import Body
 from avc_casadi.loops.ranges import hand_boxes, worst_held
-from avc_casadi.loops.spectrum import largest_eigenvalue, leading_radii
+from avc_casadi.loops.spectrum import largest_eigenvalue, largest_radius, leading_radii
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, RADIUS_TOLERANCE, Laws, frozen_rendering, observed_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_ranges, device_set
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set, hand_text, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant
@@ -25,16 +24,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from avc_casadi._util.arrays import ComplexArray, FloatArray
-    from avc_casadi.claims.stability.frozen_loop import Rendering
     from avc_casadi.coupling import Coupling
     from avc_casadi.loops.ranges import Ranges
+    from avc_casadi.loops.wall import Rendering
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Hands
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.model.sampled_plant import SampledPlant
 
-
-Plants = tuple["FloatArray", "FloatArray", "FloatArray"]
 
 DRAWS = 24
 # Sector gains from 1 to nearly 0, where the hand alone decides.
@@ -82,7 +79,7 @@ def feedback_radius(coupling: Coupling, draws: int = DRAWS, seed: int = 0) -> Fe
     loop = _Loop(law, rendering, hand_ranges(problem.hands))
     held = np.stack([loop.leading(looked_at.held, share) for share in _SHARES])
     held = held.reshape(len(_SHARES), len(devices), len(hands))
-    free = largest_radius(state_feedback_loop(looked_at.free, law, rendering))[0]
+    free = largest_radius(observed_wall(looked_at.free, Laws.of(law), rendering)[0])[0]
     alone = int(free.argmax())
     whole = loop.worst(devices, hands, held[:1], (1.0,))
     # A sector gain of 1 is among these too, and their search may end in another maximum.
@@ -108,8 +105,8 @@ class _LookedAt:
 
     devices: list[Device]
     hands: Hand
-    held: Plants
-    free: Plants
+    held: Body
+    free: Body
 
 
 @lru_cache(maxsize=4)
@@ -119,7 +116,7 @@ def _looked_at(device: Device, hands: Hands, draws: int, seed: int) -> _LookedAt
     if max(one.delay_samples for one in devices) > MAX_DELAY_SAMPLES:
         raise UnsupportedError(f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay")
     some = hand_set(hands, draws=draws, seed=seed)
-    held, free = (plants_with_forces(sampled_plant(devices, who)) for who in (some, no_hand()))
+    held, free = (Body.of(sampled_plant(devices, who)).flat() for who in (some, no_hand()))
     return _LookedAt(devices, some, held, free)
 
 
@@ -129,15 +126,15 @@ class _Loop:
     rendering: Rendering
     ranges: FloatArray
 
-    def leading(self, plants: Plants, share: float) -> FloatArray:
+    def leading(self, plants: Body, share: float) -> FloatArray:
         """Return the radius with each plant at a sector gain, minus infinity where it is not among the largest."""
-        loops = state_feedback_loop(plants, self.law, self.rendering, (share,))
+        loops = observed_wall(plants, Laws.of(self.law), self.rendering, (share,))[0]
         return np.asarray(leading_radii(loops, _STARTS)[0])
 
     def radius(self, device: Device, hands: Hand, shares: tuple[float, ...] | FloatArray) -> FloatArray:
         """Return the radius at each sector gain with each hand, shape (shares, hands)."""
-        plants = plants_with_forces(sampled_plant(device, hands))
-        return largest_radius(state_feedback_loop(plants, self.law, self.rendering, shares))
+        plants = Body.of(sampled_plant(device, hands)).flat()
+        return largest_radius(observed_wall(plants, Laws.of(self.law), self.rendering, shares)[0])
 
     def worst(self, devices: list[Device], hands: Hand, known: FloatArray, shares: tuple[float, ...]) -> Worst:
         """Search from the worst of known radii, shape (shares, devices, hands); the result is no smaller than these."""
@@ -153,7 +150,7 @@ class _Loop:
 
         def leading(plant: SampledPlant, values: Mapping[str, FloatArray]) -> ComplexArray:
             # The loop is affine in the sector gain.
-            none, all_ = state_feedback_loop(plants_with_forces(plant), self.law, self.rendering, (0.0, 1.0))
+            none, all_ = observed_wall(Body.of(plant).flat(), Laws.of(self.law), self.rendering, (0.0, 1.0))[0]
             return largest_eigenvalue(none + values["share"][:, None, None] * (all_ - none))
 
         value, held, found, values = worst_held(device, hand, leading, share=share)

@@ -11,24 +11,26 @@ from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexAr
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.certificate import radius_limit
 from avc_casadi.claims.levels import Rows, level_result, not_judged
-from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, whole_stability
-from avc_casadi.claims.stability.frozen_loop import (
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.ranges import hand_boxes, worst_held
+from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.loops.wall import (
     MAX_DELAY_SAMPLES,
     RADIUS_TOLERANCE,
     fraction_rendering,
     frozen_parts,
+    linear_stability,
+    wall,
 )
-from avc_casadi.claims.stability.worst_hand import worst_hands
-from avc_casadi.loops.ranges import hand_boxes, worst_held
-from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.loops.worst_hand import worst_hands
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges, linear_values
 from avc_casadi.model.hands import Hand, hand_corners, hand_set, hand_text, no_hand
 
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import LevelResult
     from avc_casadi.claims.levels import Rows
-    from avc_casadi.claims.passivity.sampled_loop import Fractions
     from avc_casadi.loops.ranges import Ranges
+    from avc_casadi.loops.sampled_loop import Fractions
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
@@ -95,7 +97,7 @@ def released_radius(
 ) -> tuple[FloatArray, IndexArray, list[Device]]:
     """Return the largest released spectral radius of each row, shape (n,), its device, and all devices."""
     devices = device_corners(problem.device, LINEAR_KEYS)
-    radii = [whole_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in devices]
+    radii = [linear_stability(device, parts, contact, no_hand(), progress=progress).radius[:, 0] for device in devices]
     corner, radius = np.argmax(radii, axis=0), np.max(radii, axis=0)
     for row in _hardest(problem.device, radius):
         value, _, device = worst_rendering(problem.device, parts, contact, int(row), hand_boxes(problem)[-1])
@@ -121,7 +123,7 @@ def worst_rendering(
     rendering = fraction_rendering(parts.pick(only), contact[only], device.sample_time_s)
 
     def leading(plant: SampledPlant, _: object) -> ComplexArray:
-        return largest_eigenvalue(paired_loop(*plants_with_forces(plant), rendering))
+        return largest_eigenvalue(wall(Body.of(plant).flat(), rendering))
 
     return worst_held(device, hand, leading)[:3]
 
@@ -216,7 +218,7 @@ def damping_reserve(device: Device, parts: Fractions, contact: FloatArray, hand:
     bound = radius_limit(device, parts, hand)
 
     def stable(shift: float) -> bool:
-        return bool((whole_stability(device, parts, contact, hand, shift).radius < bound).all())
+        return bool((linear_stability(device, parts, contact, hand, shift).radius < bound).all())
 
     starts_stable = stable(0.0)
     available = device.damping_ns_per_m + hand.values(0)["damping_ns_per_m"]

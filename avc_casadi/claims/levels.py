@@ -12,11 +12,10 @@ from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import Fractions, SampledLoop, fractions
 from avc_casadi.claims.passivity.worst_frequency import RELATIVE_TOLERANCE, WorstMargin, worst_margin
 from avc_casadi.claims.passivity.worst_port import CouplingSlack, PortWorst, RenderingSlack, perceived_worst, port_worst
-from avc_casadi.claims.stability.declared_device import rigid, whole_stability
-from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE
+from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, fractions
+from avc_casadi.loops.wall import RADIUS_TOLERANCE, linear_stability, rigid
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, least_damped
 from avc_casadi.model.hands import Hand
 
@@ -306,6 +305,6 @@ def stable_with_one_hand(corners: list[Device], parts: Fractions, contact: Float
         time = device.sample_time_s
         mass = max(device.mass_kg, device.damping_ns_per_m * time, 1e-6)
         hand = Hand(*(np.array([value]) for value in (mass, mass / (10 * time), mass / (10 * time) ** 2)))
-        radius = whole_stability(device, parts, contact, hand).radius[:, 0]
+        radius = linear_stability(device, parts, contact, hand).radius[:, 0]
         stable &= radius < 1 - RADIUS_TOLERANCE
     return stable

@@ -14,10 +14,10 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.handle_port import handle_port
-from avc_casadi.claims.passivity.sampled_loop import Fractions
 from avc_casadi.claims.passivity.worst_frequency import quadratic_stretch, refine_minima
 from avc_casadi.claims.passivity.worst_port import frequencies_hz, wave
-from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
+from avc_casadi.loops.sampled_loop import Fractions
+from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.velocity import PLAIN, Poles, low_pass
 

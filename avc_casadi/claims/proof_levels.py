@@ -16,7 +16,7 @@ from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.rest import Rest, promising, prove_rest
-from avc_casadi.claims.stability.declared_device import rigid
+from avc_casadi.loops.wall import rigid
 
 if TYPE_CHECKING:
     from avc_casadi.claims.certificate import Certificate

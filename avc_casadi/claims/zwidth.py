@@ -17,10 +17,10 @@ from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.levels import ideal, what_is_declared
 from avc_casadi.claims.passive_walls import passive_walls
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, passive_limit_n_per_m
-from avc_casadi.claims.stability.boundary_curves import Stretches, stable_walls
-from avc_casadi.claims.stability.declared_device import rigid
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.loops.sampled_loop import SampledLoop, passive_limit_n_per_m
+from avc_casadi.loops.wall import rigid
+from avc_casadi.loops.walls import Stretches, stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.device import whole_delay

@@ -56,8 +56,8 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Load the problem or the device; its faults are raised."""
     from avc_casadi._util.json_values import plain
-    from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
     from avc_casadi.files.plausibility import plausibility
+    from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
     from avc_casadi.model.declared import declared
     from avc_casadi.present.rows import look
     from avc_casadi.recommendation.preconditions import not_used, why_infeasible

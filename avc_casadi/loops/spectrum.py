@@ -35,6 +35,11 @@ def largest_eigenvalue(matrices: FloatArray) -> ComplexArray:
     return np.asarray(np.take_along_axis(values, largest, axis=-1)[..., 0])
 
 
+def largest_radius(loop: FloatArray) -> FloatArray:
+    """Return the spectral radius of each loop, shape (...) for loops (..., s, s)."""
+    return np.asarray(np.abs(eigenvalues(loop)).max(axis=-1))
+
+
 @cache
 def _helper() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(1)

@@ -17,12 +17,12 @@ import numpy as np
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
-from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
-from avc_casadi.claims.stability.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.files.catalogue import catalogue_names, device_names
 from avc_casadi.files.device_file import load_device
 from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.files.toml_text import tables_of, text_of
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners, device_ranges
 from avc_casadi.model.problem import Impedance, Problem
 from avc_casadi.own_law.loops import Case, Law, Loops

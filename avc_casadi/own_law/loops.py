@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._errors import UnsupportedError
-from avc_casadi.claims.stability.boundary_curves import stable_walls
-from avc_casadi.claims.stability.frozen_loop import RADIUS_TOLERANCE, Rendering
-from avc_casadi.claims.stability.margins import Margins, OpenLoop
+from avc_casadi.loops.margins import Margins, OpenLoop
 from avc_casadi.loops.ranges import hand_boxes, worst_held
+from avc_casadi.loops.wall import RADIUS_TOLERANCE, Rendering
+from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import Hand, hand_corners, joined, no_hand
 from avc_casadi.model.sampled_plant import sampled_plant

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.stability.margins import SOUND_DISK
+from avc_casadi.loops.margins import SOUND_DISK
 from avc_casadi.own_law.loops import Law, Loops
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from avc_casadi.recommendation.screening import BEYOND_HANDS, beyond_file, held_
 from avc_casadi.simulation.population.operators import people_of
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.stiffest_wall import DampingRange
     from avc_casadi.coupling import Coupling
+    from avc_casadi.loops.walls import DampingRange
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.screening import Group
 

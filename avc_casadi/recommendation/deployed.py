@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.stability.margins import OpenLoop
-from avc_casadi.claims.stability.transient import Transient
+from avc_casadi.loops.margins import OpenLoop, Transient
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.scene import Press
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m

@@ -15,7 +15,6 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.parallel import ALONE, Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.passivity.rendered_impedance import Excitation, Handle, below_quarter_rate, wall_over_position
-from avc_casadi.claims.stability.stiffest_wall import DampingRange, damping_range
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.constant.static_tuned import tuned_margin
 from avc_casadi.design.robust.cma_continuation import continuation
@@ -26,6 +25,7 @@ from avc_casadi.design.robust.refinement import refined
 from avc_casadi.design.robust.solve import FIRST
 from avc_casadi.design.robust.uncertainty_set import why_no_law
 from avc_casadi.design.tuning import tuned
+from avc_casadi.loops.walls import DampingRange, damping_range
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import with_released
 from avc_casadi.model.problem import Impedance

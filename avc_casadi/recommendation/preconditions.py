@@ -8,10 +8,10 @@ import numpy as np
 
 from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.passivity.rendered_impedance import PRESS_N
-from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES
-from avc_casadi.claims.stability.stiffest_wall import damping_range, softest_wall_n_per_m
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.files.problem_file import BELOW_NYQUIST
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
+from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.declared import declared, declared_effects
 from avc_casadi.model.hands import hand_corners, with_released

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.stability.transient import transients
 from avc_casadi.design.robust.goal import BAND_HZ, distance, static_share
+from avc_casadi.loops.margins import transients
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
 from avc_casadi.recommendation.shaken import Shaken, shaken

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from avc_casadi._util.parallel import Crew
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import certified, deployable
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed

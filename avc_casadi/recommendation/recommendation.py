@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
-from avc_casadi.claims.stability.margins import OpenLoop
-from avc_casadi.claims.stability.transient import transients
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.other_end_coupling_file import other_end_document
+from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M
 from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m

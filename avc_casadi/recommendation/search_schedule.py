@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.parallel import ALONE, Crew
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m
+from avc_casadi.loops.walls import softest_wall_n_per_m
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.recommendation.evaluate import Evaluator
 from avc_casadi.recommendation.generate import (
@@ -25,8 +25,8 @@ from avc_casadi.recommendation.generate import (
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from avc_casadi.claims.stability.stiffest_wall import DampingRange
     from avc_casadi.design.robust.cma_continuation import Step
+    from avc_casadi.loops.walls import DampingRange
     from avc_casadi.model.hands import Hand
     from avc_casadi.model.problem import Problem
     from avc_casadi.recommendation.rank import Judged

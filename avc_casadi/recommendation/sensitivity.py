@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import with_released
 
 if TYPE_CHECKING:

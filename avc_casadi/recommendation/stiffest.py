@@ -11,8 +11,8 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.parallel import mapped
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.design.robust.cma_continuation import moved
+from avc_casadi.loops.walls import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.recommendation.preconditions import assumed, not_used, why_infeasible
 from avc_casadi.recommendation.rank import Judged, best_of, devices_of
@@ -24,8 +24,8 @@ from avc_casadi.simulation.population.operators import people_of
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from avc_casadi.claims.stability.stiffest_wall import DampingRange
     from avc_casadi.design.robust.cma_continuation import Step
+    from avc_casadi.loops.walls import DampingRange
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
 

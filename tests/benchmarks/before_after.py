@@ -34,7 +34,7 @@ from goldens.exported_c import exported
 from goldens.recommendations import HANDS, SECONDS, on_the_plant
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.transient import transients
+from avc_casadi.loops.margins import transients
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.rank import Judged

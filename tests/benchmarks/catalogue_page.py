@@ -101,7 +101,7 @@ TEXT = """# How stiff a wall each device of the catalogue can show
 
 The wall asked for is {wall} N/m, out of reach on purpose, on one axis. **Plain limit**: the stiffest wall that spring
 and damper hold with every corner of the hands and let go, at every corner of the device's ranges
-(`avc_casadi.claims.stability.stiffest_wall.stiffest_wall`), linear. **Recommended**: coupling and wall in series of
+(`avc_casadi.loops.walls.stiffest_wall`), linear. **Recommended**: coupling and wall in series of
 `avc recommend`; **felt**: median at the end of a press, hands at the force limit left out. **Leaning on friction**:
 what `with_friction_n_per_m` tells: of what was tried, so at least that. Trials: 100 hands, corners among them, on the
 nominal device. **Fresh hands**: {fresh} that `recommend` never saw, dealt out among {corners} devices at corners of

@@ -24,9 +24,9 @@ from whole_device import WholeDevice, rests_as_tried
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.device_file import DeviceFile, device_catalogue
+from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.corners import device_corners, device_set, device_with, linear_values
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains

@@ -31,8 +31,8 @@ from baseline_page import write_page
 from baseline_plant import TAIL_S, Deeds, Floats, Law, shaken, simulated
 
 import avc_casadi as avc
-from avc_casadi.claims.stability.stiffest_wall import damping_range, softest_wall_n_per_m, stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.walls import damping_range, softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.device import Device, DeviceRange
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released

@@ -23,10 +23,10 @@ from studied import about, made_by, rounded, table, write_rows
 import avc_casadi as avc
 from avc_casadi.claims.passive_walls import passive_walls
 from avc_casadi.claims.passivity.llewellyn import largest_llewellyn_stiffness
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
-from avc_casadi.claims.stability.boundary_curves import stable_walls
 from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.loops.sampled_loop import SampledLoop
+from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, no_hand

@@ -24,8 +24,8 @@ from studied import about, computed, cpu_seconds, expected_n_per_m, felt_n_per_m
 
 import avc_casadi as avc
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.stability.stiffest_wall import damping_range, stiffest_wall
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.walls import damping_range, stiffest_wall
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem

@@ -24,10 +24,10 @@ from sampled_wall import spectral_radius
 from script_arguments import script_arguments
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions
-from avc_casadi.claims.stability.boundary_curves import stable_walls
-from avc_casadi.claims.stability.frozen_loop import linear_stability
 from avc_casadi.claims.zwidth import zwidth
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions
+from avc_casadi.loops.wall import linear_stability
+from avc_casadi.loops.walls import stable_walls
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_set
 

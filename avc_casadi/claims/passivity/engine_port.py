@@ -29,8 +29,8 @@ import numpy as np
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop
 from avc_casadi.loops.engine import clocks
+from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.sampled_plant import sampled_plant

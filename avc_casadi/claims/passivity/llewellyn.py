@@ -8,7 +8,6 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.claims.passivity.sampled_loop import RIGID
 from avc_casadi.claims.passivity.worst_frequency import (
     has_roots,
     quadratic_stretch,
@@ -16,9 +15,10 @@ from avc_casadi.claims.passivity.worst_frequency import (
     refine_minima,
     seeds_hz,
 )
+from avc_casadi.loops.sampled_loop import RIGID
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.passivity.sampled_loop import SampledLoop, Values
+    from avc_casadi.loops.sampled_loop import SampledLoop, Values
 
 _ZERO_TURNS = 1e-150
 _ROUNDING = 1e-14

@@ -10,12 +10,12 @@ from numpy.polynomial import chebyshev
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress, chunks
-from avc_casadi.claims.passivity.sampled_loop import Fractions, SampledLoop, Values, fractions, real_part, size_of_terms
+from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, Values, fractions, real_part, size_of_terms
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from avc_casadi.claims.passivity.sampled_loop import Fractions, SampledLoop
+    from avc_casadi.loops.sampled_loop import Fractions, SampledLoop
     from avc_casadi.model.problem import Model
 
 

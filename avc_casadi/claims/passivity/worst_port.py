@@ -11,11 +11,11 @@ import numpy as np
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.claims.passivity.handle_port import HandlePort, handle_port, least_loss_ns_per_m, response
-from avc_casadi.claims.passivity.sampled_loop import RIGID
 from avc_casadi.claims.passivity.worst_frequency import refine_minima
+from avc_casadi.loops.sampled_loop import RIGID
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.passivity.sampled_loop import Fractions
+    from avc_casadi.loops.sampled_loop import Fractions
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Model
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from avc_casadi._util.json_values import plain
-from avc_casadi.claims.stability.frozen_loop import Rendering
+from avc_casadi.loops.wall import Rendering
 from avc_casadi.model.runtime import StateFeedback
 
 if TYPE_CHECKING:

@@ -11,13 +11,13 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.printed import Columns, Tabular, short
-from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.design.comparison.cross_check import CrossCheck, cross_check
 from avc_casadi.design.comparison.judged import HandTuned, Judged, constant_pair, judge_gains, judge_hand_tuned
 from avc_casadi.design.comparison.verdict import AGREEMENT, Verdict, judge
 from avc_casadi.design.methods import solve
 from avc_casadi.design.registry import METHODS, MethodName
 from avc_casadi.files.problem_file import AnyProblem, of_problem, with_wall
+from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import tustin

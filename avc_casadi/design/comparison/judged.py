@@ -11,8 +11,8 @@ from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.passivity.sampled_loop import SampledLoop, fractions, real_part
 from avc_casadi.coupling import Coupling
+from avc_casadi.loops.sampled_loop import SampledLoop, fractions, real_part
 from avc_casadi.model.corners import margin_over_range
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.realism import judge_realism

@@ -20,15 +20,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.claims.stability.frozen_loop import Rendering
-from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
 from avc_casadi.design.robust.goal import cost_of, costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, softened
+from avc_casadi.loops.wall import Rendering, stiffness_at_rest
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.state_feedback import Laws
     from avc_casadi.design.robust.goal import Cost
+    from avc_casadi.loops.wall import Laws
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback

@@ -9,21 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi.claims.passivity.rendered_impedance import Excitation, dead_zone_gain
-from avc_casadi.claims.stability.state_feedback import (
-    Laws,
-    force_over_innovation,
-    largest_radius,
-    poles,
-    state_feedback_loops,
-    stiffness_at_rest,
-)
-from avc_casadi.claims.stability.transient import settling_s
-from avc_casadi.loops.spectrum import worst_radius
+from avc_casadi.loops.margins import settling_s
+from avc_casadi.loops.spectrum import eigenvalues, largest_radius, worst_radius
+from avc_casadi.loops.wall import Laws, force_over_innovation, observed_wall, stiffness_at_rest
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-    from avc_casadi.claims.stability.frozen_loop import Rendering
     from avc_casadi.design.robust.uncertainty_set import Loops
+    from avc_casadi.loops.wall import Rendering
     from avc_casadi.model.runtime import StateFeedback
 
 BAND_HZ = np.array([1.0, 3.0, 10.0, 30.0])
@@ -228,7 +221,7 @@ def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
         "softness_3hz": found.softness_3hz,
         "softness_10hz": found.softness_10hz,
         "mismatch": found.mismatch,
-        "settling_s": settling_s(poles(state_feedback_loops(_nominal(loops.free), laws, rendering))[:, 0, 0], t),
+        "settling_s": settling_s(eigenvalues(observed_wall(loops.free.axes(slice(0, 1)), laws, rendering))[:, 0, 0], t),
     }
     over = np.maximum(0, found.softness_3hz - found.bound_3hz) + np.maximum(0, found.softness_10hz - found.bound_10hz)
     facts["static_share"] = np.full(
@@ -238,12 +231,6 @@ def _felt(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Felt]:
         _Felt({name: float(values[row]) for name, values in facts.items()}, float(over[row]))
         for row in range(len(laws))
     ]
-
-
-def _nominal(plants: tuple[FloatArray, FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the first of several plants: the nominal device, or its first corner."""
-    matrix, push, measured = plants
-    return matrix[:1], push[:1], measured
 
 
 def _paid(facts: dict[str, float]) -> float:
@@ -260,19 +247,19 @@ def _damped(laws: Laws, rendering: Rendering, loops: Loops) -> list[_Damped]:
     if len(laws) == 0:
         return []
     t = loops.sample_time_s
-    held = worst_radius(state_feedback_loops(loops.varied, laws, rendering, tuple(VARIED_DECAY_PER_S)))
-    free = worst_radius(state_feedback_loops(loops.free, laws, rendering))[:, 0]
+    held = worst_radius(observed_wall(loops.varied, laws, rendering, tuple(VARIED_DECAY_PER_S)))
+    free = worst_radius(observed_wall(loops.free, laws, rendering))[:, 0]
     radius = np.maximum(held[:, 0], free)
     found = [_Damped(1000 + 1000 * (one - 1), one) for one in radius.tolist()]
     rows = np.flatnonzero(radius <= _REJECTED_RADIUS)
     if len(rows) == 0:
         return found
     some = laws.pick(rows)
-    every = poles(state_feedback_loops(loops.nominal, some, rendering, tuple(DECAY_PER_S)))
-    beside = [largest_radius(state_feedback_loops(part, some, rendering)).max(axis=(1, 2)) for part in loops.beside]
+    every = eigenvalues(observed_wall(loops.nominal, some, rendering, tuple(DECAY_PER_S)))
+    beside = [largest_radius(observed_wall(part, some, rendering)).max(axis=(1, 2)) for part in loops.beside]
     ranged = np.zeros((len(rows), len(RANGED_DECAY_PER_S)))
     if loops.ranged is not None:
-        ranged = worst_radius(state_feedback_loops(loops.ranged, some, rendering, tuple(RANGED_DECAY_PER_S)))
+        ranged = worst_radius(observed_wall(loops.ranged, some, rendering, tuple(RANGED_DECAY_PER_S)))
     largest = [part.max(axis=-1) for part in largest_by_speed(every, t)]
     for place, row in enumerate(rows.tolist()):
         cost = sum(

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
 from avc_casadi.design.robust.cma_continuation import MOST_LAWS, Step, laws_of_all, settling
 from avc_casadi.design.robust.goal import costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, softened
+from avc_casadi.loops.wall import stiffness_at_rest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.claims.stability.state_feedback import Laws
+from avc_casadi.loops.wall import Laws
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.plant import DEVICE, transition
 from avc_casadi.model.runtime import StateFeedback

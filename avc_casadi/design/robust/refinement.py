@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.claims.stability.state_feedback import stiffness_at_rest
 from avc_casadi.design.robust.cma_continuation import MOST_LAWS, POPULATION, Step, laws_of_all, settling
 from avc_casadi.design.robust.goal import costs_of
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.uncertainty_set import Loops, softened
+from avc_casadi.loops.wall import stiffness_at_rest
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import FloatArray
-    from avc_casadi.claims.stability.frozen_loop import Rendering
     from avc_casadi.design.robust.cma_continuation import ResidualSpeed, ResidualSpeedAt
+    from avc_casadi.loops.wall import Rendering
     from avc_casadi.model.gains import Gains
     from avc_casadi.model.problem import Problem
 

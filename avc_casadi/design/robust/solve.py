@@ -9,11 +9,11 @@ import numpy as np
 
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.stability.stiffest_wall import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.design.robust.cma_continuation import Step, continuation
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.design.robust.refinement import refined
 from avc_casadi.design.robust.uncertainty_set import why_no_law
+from avc_casadi.loops.walls import softest_wall_n_per_m, stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.paper.rendered import gain_schedule

@@ -11,9 +11,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.rendered_impedance import Handle, below_quarter_rate
-from avc_casadi.claims.stability.declared_device import plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import MAX_DELAY_SAMPLES, Rendering, frozen_rendering
-from avc_casadi.claims.stability.state_feedback import largest_radius, poles, state_feedback_loop
 from avc_casadi.design.robust.goal import (
     BAND_HZ,
     DECAY_PER_S,
@@ -22,6 +19,9 @@ from avc_casadi.design.robust.goal import (
     largest_by_speed,
 )
 from avc_casadi.design.robust.lqg import dead_zone_m
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.spectrum import eigenvalues, largest_radius
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES, Laws, Rendering, frozen_rendering, observed_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_set, device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import FINGERTIP, Hand, hand_corners, no_hand, stylus_corners
@@ -29,13 +29,11 @@ from avc_casadi.model.problem import Hands
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.frozen_loop import Rendering
+    from avc_casadi.loops.wall import Rendering
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.runtime import StateFeedback
 
-
-Plants = tuple[FloatArray, FloatArray, FloatArray]
 
 # Assumed model mismatch where no range is declared: mass, resonance, delay in samples.
 _MASS, _RESONANCE, _DELAY_SAMPLES = (0.9, 1.1), (0.9, 1.1), 0.25
@@ -67,11 +65,11 @@ class Loops:
         handle: of the nominal device, over the band of the hand.
     """
 
-    nominal: Plants
-    beside: tuple[Plants, ...]
-    varied: Plants
-    ranged: Plants | None
-    free: Plants
+    nominal: Body
+    beside: tuple[Body, ...]
+    varied: Body
+    ranged: Body | None
+    free: Body
     frequency_hz: FloatArray
     response: ComplexArray
     sample_time_s: float
@@ -85,23 +83,22 @@ class Loops:
         device, hands = problem.device, problem.hands
         t = device.sample_time_s
         held = _with_middle(hands)
-        nominal = plants_with_forces(sampled_plant(device, held))
+        nominal = Body.of(sampled_plant(device, held)).flat()
         beside = tuple(
-            plants_with_forces(sampled_plant(device, one.at_handle(device.metres_per_unit)))
+            Body.of(sampled_plant(device, one.at_handle(device.metres_per_unit))).flat()
             for one in (stylus_corners(), hand_corners(FINGERTIP))
         )
         declared = _declared(device)
-        varied = plants_with_forces(sampled_plant([*declared, *assumed_devices(device)], held))
-        ranged = plants_with_forces(sampled_plant(declared, held)) if len(declared) > 1 else None
-        free = plants_with_forces(sampled_plant(declared, no_hand()))
+        varied = Body.of(sampled_plant([*declared, *assumed_devices(device)], held)).flat()
+        ranged = Body.of(sampled_plant(declared, held)).flat() if len(declared) > 1 else None
+        free = Body.of(sampled_plant(declared, no_hand())).flat()
         fast = np.geomspace(1.05 * _FAST_HZ, 0.499 / t, _FAST) if 0.4 / t > _FAST_HZ else np.zeros(0)
         slow = np.geomspace(_SLOW_HZ, min(_FAST_HZ, 0.45 / t), _SLOW)
         frequency = np.concatenate([slow, fast])
-        matrix, push, measured = nominal
         z = np.exp(2j * np.pi * frequency * t)
-        pencil = z[None, :, None, None] * np.eye(len(measured)) - matrix[:, None]
-        response = np.linalg.solve(pencil, np.broadcast_to(push[:, None, :, None], (*pencil.shape[:3], 1)))
-        seen = (response[..., 0] @ measured).astype(np.complex128)
+        pencil = z[None, :, None, None] * np.eye(nominal.size) - nominal.a[:, None]
+        response = np.linalg.solve(pencil, np.broadcast_to(nominal.b[:, None, :, None], (*pencil.shape[:3], 1)))
+        seen = (response[..., 0] @ nominal.measured).astype(np.complex128)
         handle = Handle.of(problem, below_quarter_rate(device, BAND_HZ))
         dead_zone = dead_zone_m(device)
         return cls(nominal, beside, varied, ranged, free, frequency, seen, t, device.metres_per_unit, dead_zone, handle)
@@ -129,34 +126,31 @@ class Loops:
         )
 
 
-def _together(plants: Plants, others: Plants) -> Plants:
+def _together(plants: Body, others: Body) -> Body:
     """Return the union of plants, all with the same measured output."""
-    matrix, push, measured = (np.concatenate([one, other]) for one, other in zip(plants, others, strict=True))
-    _, first = np.unique(matrix.reshape(len(matrix), -1), axis=0, return_index=True)
-    kept = np.sort(first)
-    return matrix[kept], push[kept], measured[: len(plants[2])]
+    a, b = np.concatenate([plants.a, others.a]), np.concatenate([plants.b, others.b])
+    _, first = np.unique(a.reshape(len(a), -1), axis=0, return_index=True)
+    return replace(plants, a=a, b=b).axes(np.sort(first))
 
 
 def _worst(
-    plants: Plants, law: StateFeedback, rendering: Rendering, decay_per_s: dict[float, float], t: float, kept: int
-) -> Plants:
-    matrix, push, measured = plants
-    if len(matrix) <= kept:
+    plants: Body, law: StateFeedback, rendering: Rendering, decay_per_s: dict[float, float], t: float, kept: int
+) -> Body:
+    if len(plants.a) <= kept:
         return plants
-    radius = largest_radius(state_feedback_loop(plants, law, rendering, tuple(decay_per_s)))
+    radius = largest_radius(observed_wall(plants, Laws.of(law), rendering, tuple(decay_per_s))[0])
     missing = (np.log(radius) / t + np.array(list(decay_per_s.values()))[:, None]).max(axis=0)
     worst = np.sort(np.argsort(-missing, kind="stable")[:kept])
-    return matrix[worst], push[worst], measured
+    return plants.axes(worst)
 
 
-def _slowest(plants: Plants, law: StateFeedback, rendering: Rendering, t: float) -> Plants:
+def _slowest(plants: Body, law: StateFeedback, rendering: Rendering, t: float) -> Body:
     """Return the plants whose fast or slow poles decay most slowly at some sector gain."""
-    matrix, push, measured = plants
-    every = poles(state_feedback_loop(plants, law, rendering, tuple(DECAY_PER_S)))
-    kept = np.zeros(len(matrix), dtype=np.bool_)
+    every = eigenvalues(observed_wall(plants, Laws.of(law), rendering, tuple(DECAY_PER_S))[0])
+    kept = np.zeros(len(plants.a), dtype=np.bool_)
     for largest in largest_by_speed(every, t):
         kept[np.argsort(-largest, axis=-1, kind="stable")[:, :_KEPT_NOMINAL]] = True
-    return matrix[kept], push[kept], measured
+    return plants.axes(kept)
 
 
 def assumed_devices(device: Device) -> list[Device]:

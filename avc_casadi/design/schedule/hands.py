@@ -10,10 +10,9 @@ import casadi as ca
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.claims.stability.declared_device import whole_stability
-from avc_casadi.claims.stability.frozen_loop import frozen_parts
 from avc_casadi.design.schedule.scope import deciding_corners
 from avc_casadi.design.schedule.states import States
+from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 
@@ -28,7 +27,7 @@ def hands_slack(problem: Problem, states: States, at: FloatArray) -> FloatArray:
     b, k, contact = states.gains(at)
     hands, margin = hand_corners(problem.hands), problem.stability.margin_ns_per_m
     slack = [
-        1 - whole_stability(corner.device, frozen_parts(corner, b, k), contact, hands, -margin).radius.max(axis=1)
+        1 - linear_stability(corner.device, frozen_parts(corner, b, k), contact, hands, -margin).radius.max(axis=1)
         for corner in deciding_corners(problem)
     ]
     return np.asarray(np.clip(np.min(slack, axis=0), -_CLIP, _CLIP))

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray
-from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import Rendering
 from avc_casadi.identification.diagnosis.law import Law
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.wall import Rendering, wall
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import Hand, no_hand
@@ -98,16 +98,17 @@ def notched_growth(answer: Hypothesis, law: Law, notch: Notch) -> float:
         notch: the filter.
     """
     period = answer.device.sample_time_s
-    matrix, push, measured = _plant(answer, law.lag)
-    s = push.shape[-1]
+    plant = _plant(answer, law.lag)
+    s, measured = plant.size, plant.measured
     b0, b1, b2, a1, a2 = notch.section(period)
     # y = b0 u + p, p' = b1 u - a1 y + q, q' = b2 u - a2 y: two states more, and y is what is rendered.
     whole = np.zeros((1, s + 2, s + 2))
-    whole[:, :s, :s] = matrix
+    whole[:, :s, :s] = plant.a
     whole[:, s, :s], whole[:, s + 1, :s] = (b1 - a1 * b0) * measured, (b2 - a2 * b0) * measured
     whole[:, s, s:], whole[:, s + 1, s] = (-a1, 1.0), -a2
-    pushed = np.concatenate([push, np.zeros((1, 2))], axis=1)
-    loop = closed_loop(whole, pushed, np.concatenate([b0 * measured, [1.0, 0.0]]), law.rendering(period))
+    pushed = np.concatenate([plant.b, np.zeros((1, 2))], axis=1)
+    notched = replace(plant, a=whole, b=pushed, measured=np.concatenate([b0 * measured, [1.0, 0.0]]))
+    loop = wall(notched, law.rendering(period))
     return math.log(max(float(_radius(loop).max()), 1e-300)) / period
 
 
@@ -165,19 +166,18 @@ def growth_of_two_rates(answer: Hypothesis, law: Law, slow: str, ticks: int, lat
         late: frames from a position to its force, beyond those of the frame itself.
     """
     period = answer.device.sample_time_s
-    matrix, push, measured = _plant(answer, law.lag)
-    s = len(measured)
+    plant = _plant(answer, law.lag)
     # States beyond the plant's: the position before, that of the last frame, and the delayed values, each as a row.
-    whole = np.eye(s + 3 + late)
-    states, before, framed, waiting = whole[:s], whole[s], whole[s + 1], list(whole[s + 2 :])
+    whole = np.eye(plant.size + 3 + late)
+    states, (before, framed, *waiting) = whole[: plant.size], whole[plant.size :]
     for tick in range(ticks):
-        here = measured @ states
+        here = plant.measured @ states
         if tick == 0:
             waiting = [*waiting[1:], here if slow == "spring" else (here - framed) / (ticks * period)]
             framed = here
         spring, speed = (waiting[0], (here - before) / period) if slow == "spring" else (here, waiting[0])
         force = law.stiffness_n_per_m * spring + law.damping_ns_per_m * speed
-        states, before = matrix[0] @ states + np.outer(push[0], force), here
+        states, before = plant.a[0] @ states + np.outer(plant.b[0], force), here
     frame = np.concatenate([states, [before, framed], waiting])
     return math.log(max(float(_radius(frame)), 1e-300)) / (ticks * period)
 
@@ -230,12 +230,12 @@ def _loops(answer: Hypothesis, law: Law, stiffness: FloatArray, damping: FloatAr
 
 
 def _closed(answer: Hypothesis, lag: int, rendering: Rendering) -> FloatArray:
-    return closed_loop(*_plant(answer, lag), rendering)[:, 0]
+    return wall(_plant(answer, lag), rendering)
 
 
-def _plant(answer: Hypothesis, lag: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _plant(answer: Hypothesis, lag: int) -> Body:
     device = answer.delayed(float(answer.device.delay_samples) + lag).device if lag else answer.device
-    return plants_with_forces(sampled_plant(device, answer.hand or no_hand()))
+    return Body.of(sampled_plant(device, answer.hand or no_hand())).flat()
 
 
 def _radius(matrices: FloatArray) -> FloatArray:

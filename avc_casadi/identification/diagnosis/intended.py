@@ -10,11 +10,11 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
 from avc_casadi._util.units import FORCE, KG, METRE, MM, N_PER_M, NS_PER_M, UM, Wording
-from avc_casadi.claims.stability.frozen_loop import Rendering, joint_rendering
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
 from avc_casadi.identification.diagnosis.oscillation import Oscillation
+from avc_casadi.loops.wall import Rendering, joint_rendering
 from avc_casadi.model.device import Device
 from avc_casadi.model.hands import STYLUS_RANGES, Hand, hand_corners, joined
 from avc_casadi.model.problem import Hands, defaults_at

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.claims.stability.frozen_loop import Rendering
 from avc_casadi.identification.closed_loop import regression
 from avc_casadi.identification.diagnosis.log import Log
+from avc_casadi.loops.wall import Rendering
 
 _MOST_LAG = 8
 _FEWEST = 25

@@ -17,8 +17,6 @@ from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.text import with_problem
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
-from avc_casadi.claims.stability.stiffest_wall import stiffest_wall
 from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.design.registry import METHODS
 from avc_casadi.files.catalogue import catalogue_names
@@ -26,6 +24,8 @@ from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
 from avc_casadi.files.gain_file import gain_csv
 from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
+from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.own_law.certificate import certify_law

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._util.json_values import plain
 from avc_casadi.claims.certificate import Certificate
 from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.passivity.sampled_loop import passive_limit_n_per_m
 from avc_casadi.claims.zwidth import ZWidth
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison.comparison import Comparison
 from avc_casadi.design.comparison.document import comparison_document
 from avc_casadi.design.scene_coupling import told_beside
 from avc_casadi.files.gain_file import gain_document
+from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.own_law.certificate import LawCertificate
 from avc_casadi.paper.errata import PAPER_ERRORS

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from shlex import quote
 from typing import TYPE_CHECKING
 
-from avc_casadi.claims.stability.margins import LEAST_DISK, SOUND_DISK
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, listed, marked, parts, row, span
 from avc_casadi.present.rows.subject import HAND, name_of
 

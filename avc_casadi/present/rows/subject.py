@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.claims.stability.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.design.virtual_tool import ToolSearchOptions
 from avc_casadi.files.catalogue import catalogue_names
+from avc_casadi.loops.margins import LEAST_DISK, SOUND_DISK
 from avc_casadi.present.row import Mark, Part, Quantity, Row, Value, listed, parts, row, span
 
 if TYPE_CHECKING:

@@ -22,8 +22,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi.claims.stability.declared_device import rigid
-from avc_casadi.claims.stability.frozen_loop import mechanics
+from avc_casadi.loops.loop import Body
+from avc_casadi.loops.wall import Rendering, plants_of, wall
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.sampled_plant import sampled_plant
 from avc_casadi.model.velocity import PLAIN, Poles, low_pass
@@ -40,9 +41,20 @@ _MOST_TURN, _SPLITS = 0.4, 40
 # Nodes about each pole, in bandwidths of its resonance.
 _ABOUT = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
 # Each zoom narrows the bracket of an extremum to a quarter, each root step at least every second one to a half.
-_ZOOMS, _NINE = 6, np.linspace(0.0, 1.0, 9)
+_CLOSER, _NINE = 6, np.linspace(0.0, 1.0, 9)
 _ROOT_STEPS, _ROOT = 60, 1e-13
 _EVENTS_AT_ONCE = 8_000_000
+_SCAN = 121
+_HALVINGS = 40
+# Up to so many pairs of device and hand all are evaluated every time; of more only those once critical, the others at
+# the end.
+_FEW = 32
+# The initial critical pairs are the worst at each of so many dampings.
+_PROBED = 9
+# The damping of the stiffest wall is scanned at so many values, then repeatedly at so many about the best.
+_COARSE, _FINE, _ZOOMS = 61, 61, 2
+# Relative distance of the result below the boundary, so that eigenvalues confirm it.
+_BELOW = 5e-5
 
 
 @dataclass(frozen=True)
@@ -83,7 +95,7 @@ def stable_walls(
         poles: a1 and a2 of a linear estimator of the velocity.
     """
     rows = len(damping_ns_per_m)
-    loops = _Loops.of(corners, hands, poles)
+    loops = _Curves.of(corners, hands, poles)
     if loops is None:
         return Stretches(np.full((rows, 1), np.nan), np.full((rows, 1), np.nan))
     nodes = _nodes(loops, corners, float(damping_ns_per_m.max(initial=0.0)))
@@ -101,7 +113,7 @@ def stable_walls(
 
 
 @dataclass(frozen=True)
-class _Loops:
+class _Curves:
     """Every corner with every hand from the force to the sampled position, from sample to sample.
 
     Attributes:
@@ -125,23 +137,15 @@ class _Loops:
     poles: Poles
 
     @classmethod
-    def of(cls, corners: Sequence[Device], hands: Hand | StylusHand, poles: Poles) -> _Loops | None:
+    def of(cls, corners: Sequence[Device], hands: Hand | StylusHand, poles: Poles) -> _Curves | None:
         """Return all cases with an equation of motion; None where a device with a hand has none."""
         first, h = corners[0], len(hands)
         back = hands.stiffness_n_per_m if isinstance(hands, Hand) else hands.arm_stiffness_n_per_m
-        if rigid(first) and isinstance(hands, Hand):
-            parts = [_rigid(corner, hands) for corner in corners]
-            matrix, new, old = (np.concatenate(part) for part in zip(*parts, strict=True))
-            measured = 0
-        else:
-            if min(corner.mass_kg for corner in corners) + np.min(hands.mass_kg) == 0:
-                return None
-            plant = sampled_plant(corners, hands)
-            s, period = len(plant.names), plant.sample_time_s
-            scale = np.array([period if name.endswith("_per_s") else 1.0 for name in plant.names])
-            matrix = (plant.matrix * scale[:, None] / scale).reshape(-1, s, s)
-            new, old = (plant.new * scale).reshape(-1, s), (plant.old * scale).reshape(-1, s)
-            measured = int(np.argmax(plant.measured))
+        plant = plants_of(corners, hands)
+        s, period = len(plant.names), plant.sample_time_s
+        scale = np.array([period if name.endswith("_per_s") else 1.0 for name in plant.names])
+        matrix = (plant.matrix * scale[:, None] / scale).reshape(-1, s, s)
+        new, old = (plant.new * scale).reshape(-1, s), (plant.old * scale).reshape(-1, s)
         if not (np.isfinite(matrix).all() and np.isfinite(new).all()):
             return None
         return cls(
@@ -149,15 +153,15 @@ class _Loops:
             new=new,
             old=old,
             whole_delay=np.repeat([math.floor(corner.delay_samples) for corner in corners], h).astype(np.float64),
-            measured=measured,
+            measured=int(np.argmax(plant.measured)),
             free=np.tile(np.broadcast_to(np.asarray(back) == 0, (h,)), len(corners)),
             sample_time_s=first.sample_time_s,
             poles=poles,
         )
 
-    def pick(self, cases: IndexArray | slice) -> _Loops:
+    def pick(self, cases: IndexArray | slice) -> _Curves:
         """Return some of the cases."""
-        return _Loops(
+        return _Curves(
             self.change[cases], self.new[cases], self.old[cases], self.whole_delay[cases], self.measured,
             self.free[cases], self.sample_time_s, self.poles,
         )  # fmt: skip
@@ -185,18 +189,7 @@ class _Loops:
             return np.asarray(denominator / numerator * late), damper
 
 
-def _rigid(device: Device, hands: Hand) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return A, B_new and B_old of a rigid device with an ideal amplifier, whatever its mass."""
-    moving = device.mass_kg + hands.mass_kg, device.damping_ns_per_m + hands.damping_ns_per_m, hands.stiffness_n_per_m
-    period, late = device.sample_time_s, device.delay_samples - math.floor(device.delay_samples)
-    step = mechanics(*moving, period)
-    new = -step[:, :, 2]
-    if late:
-        new = -mechanics(*moving, (1 - late) * period)[:, :, 2] / np.array([1.0, 1 - late])
-    return step[:, :, :2], new, -step[:, :, 2] - new
-
-
-def _nodes(loops: _Loops, corners: Sequence[Device], most_damping_ns_per_m: float) -> FloatArray:
+def _nodes(loops: _Curves, corners: Sequence[Device], most_damping_ns_per_m: float) -> FloatArray:
     """Return angles, shape (cases, m), between which B(theta) is monotone."""
     delay = max(corner.delay_samples for corner in corners)
     low = np.geomspace(_LOWEST_ANGLE, 0.1, 1 + _A_DECADE * 6)
@@ -227,7 +220,7 @@ def _nodes(loops: _Loops, corners: Sequence[Device], most_damping_ns_per_m: floa
     some, down = loops.pick(case), curve[case, index] < curve[case, index - 1]
     left, right, best = angle[case, index - 1], angle[case, index + 1], angle[case, index]
     every = np.arange(len(case))
-    for _ in range(_ZOOMS):
+    for _ in range(_CLOSER):
         points = np.sort(np.concatenate([left[:, None] + (right - left)[:, None] * _NINE, best[:, None]], axis=1))
         inverse, damper = some.response(points)
         values = inverse.imag / damper.imag
@@ -267,7 +260,7 @@ def _root(value: Callable[[FloatArray], FloatArray], left: FloatArray, right: Fl
 
 
 def _crossings(
-    loops: _Loops, angle: FloatArray, inverse_imag: FloatArray, damper_imag: FloatArray, damping: FloatArray
+    loops: _Curves, angle: FloatArray, inverse_imag: FloatArray, damper_imag: FloatArray, damping: FloatArray
 ) -> list[tuple[IndexArray, FloatArray, IndexArray]]:
     """Return rows of B, stiffnesses and the poles that leave the circle there as K grows."""
     above = inverse_imag > damping[:, None, None] * damper_imag
@@ -291,7 +284,7 @@ def _crossings(
 
 
 def _outside_without_spring(
-    loops: _Loops, angle: FloatArray, slope: FloatArray, curve: FloatArray, damping: FloatArray
+    loops: _Curves, angle: FloatArray, slope: FloatArray, curve: FloatArray, damping: FloatArray
 ) -> IndexArray:
     """Return the number of poles of all cases outside the circle at each B, for K just above 0.
 
@@ -343,3 +336,192 @@ def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leav
         np.where(there, np.take_along_axis(low, first, axis=1), np.nan),
         np.where(there, np.take_along_axis(high, first, axis=1), np.nan),
     )
+
+
+def loop_radius(
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
+) -> FloatArray:
+    """Return the spectral radius of the frozen loop in contact at the worst corner of the device, shape (walls, hands).
+
+    Args:
+        device: the device as declared.
+        subjects: the hands.
+        stiffness_n_per_m: K, shape (walls,).
+        damping_ns_per_m: D, shape (walls,).
+    """
+    every = _Loops.of(device, subjects).radius(stiffness_n_per_m, damping_ns_per_m)
+    return np.asarray(every.reshape(len(every), -1, len(subjects)).max(axis=1))
+
+
+def loop_poles(
+    device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
+) -> ComplexArray:
+    """Return the poles of the frozen loop with a spring of either sign and a damper, in contact, shape (pairs, poles).
+
+    Args:
+        device: the device as declared; its corners are the first axis.
+        subjects: the hands.
+        stiffness_n_per_m: K, below 0 where it repels the device.
+        damping_ns_per_m: D.
+    """
+    loops = _Loops.of(device, subjects)
+    rate = damping_ns_per_m / loops.body.sample_time_s
+    rendering = Rendering(np.array([[stiffness_n_per_m + rate, -rate, 0.0]]), np.zeros((1, 3)))
+    return np.asarray(np.linalg.eigvals(wall(loops.body, rendering)[..., :-1, :-1]))
+
+
+@dataclass(frozen=True)
+class _Loops:
+    """Every corner of a device with every hand.
+
+    Attributes:
+        body: one axis of pairs, corners first.
+        most_damping_ns_per_m: upper bound for any wall: 2 m/T of the total moving mass.
+        deciding: the critical pairs, evaluated every time.
+    """
+
+    body: Body
+    most_damping_ns_per_m: float
+    deciding: set[int]
+
+    @classmethod
+    def of(cls, device: Device, subjects: Hand | StylusHand) -> _Loops:
+        corners = device_corners(device, LINEAR_KEYS)
+        body = Body.of(sampled_plant(corners, subjects)).flat()
+        mass = max(corner.mass_kg for corner in corners) + float(np.max(subjects.mass_kg))
+        most = 2 * mass / device.sample_time_s
+        few = set(range(len(body.a))) if len(body.a) <= _FEW else set()
+        return cls(body, most, few)
+
+    def radius(
+        self, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray, pairs: IndexArray | None = None
+    ) -> FloatArray:
+        """Return the spectral radius of walls with all pairs, or some, shape (walls, pairs)."""
+        rate = damping_ns_per_m / self.body.sample_time_s
+        force = np.stack([stiffness_n_per_m + rate, -rate, np.zeros_like(rate)], axis=-1)
+        rendering = Rendering(force, np.zeros_like(force))
+        loop = wall(self.body.axes(slice(None) if pairs is None else pairs), rendering.column)
+        # The rendering has no state of its own here.
+        return np.asarray(np.abs(np.linalg.eigvals(loop[..., :-1, :-1])).max(axis=-1))
+
+    def worst(self, stiffness_n_per_m: float) -> Callable[[FloatArray], FloatArray]:
+        """Return the spectral radius of a wall as a function of its damping, with the worst critical pair."""
+
+        def radius(damping: FloatArray) -> FloatArray:
+            stiffness = np.full(len(damping), stiffness_n_per_m)
+            return np.asarray(self.radius(stiffness, damping, np.array(sorted(self.deciding))).max(axis=1))
+
+        return radius
+
+    def confirmed(self, stiffness_n_per_m: float, damping_ns_per_m: FloatArray) -> bool:
+        """Return whether a wall is stable with all pairs; where it is not, the worst become critical."""
+        if len(self.deciding) == len(self.body.a):
+            return True
+        every = self.radius(np.full(len(damping_ns_per_m), stiffness_n_per_m), damping_ns_per_m)
+        found = {int(pair) for row in every if row.max() >= 1 for pair in (np.argmax(row),)} - self.deciding
+        self.deciding.update(found)
+        return not found
+
+    def start(self, stiffness_n_per_m: float) -> None:
+        """Take the worst pairs at a scan of dampings as critical."""
+        if not self.deciding:
+            damping = np.linspace(0.0, self.most_damping_ns_per_m, _PROBED)
+            every = self.radius(np.full(len(damping), stiffness_n_per_m), damping)
+            self.deciding.update(int(pair) for pair in np.argmax(every, axis=1))
+
+
+@dataclass(frozen=True)
+class DampingRange:
+    """Damping of a wall within which every hand is stable.
+
+    Attributes:
+        stiffness_n_per_m: K.
+        lowest_ns_per_m: smallest D; not a number where no damping suffices.
+        highest_ns_per_m: largest D.
+    """
+
+    stiffness_n_per_m: float
+    lowest_ns_per_m: float
+    highest_ns_per_m: float
+
+
+def damping_range(device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float) -> DampingRange:
+    """Return the damping with which a wall is stable with every hand at every corner of the device.
+
+    The stable damping of each hand is an interval below 2 m/T of the total moving mass.
+    """
+    return _damping_range(_Loops.of(device, subjects), stiffness_n_per_m)
+
+
+def _damping_range(loops: _Loops, stiffness_n_per_m: float, known_ns_per_m: float | None = None) -> DampingRange:
+    radius = loops.worst(stiffness_n_per_m)
+    while True:
+        scan, inside = _stable_dampings(loops, stiffness_n_per_m, known_ns_per_m)
+        if len(inside) == 0:
+            return DampingRange(stiffness_n_per_m, np.nan, np.nan)
+        low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
+        last = len(scan) - 1
+        high = scan[-1] if inside[-1] == last else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
+        if loops.confirmed(stiffness_n_per_m, np.array([low, high])):
+            return DampingRange(stiffness_n_per_m, float(low), float(high))
+
+
+def _stable_dampings(
+    loops: _Loops, stiffness_n_per_m: float, known_ns_per_m: float | None
+) -> tuple[FloatArray, IndexArray]:
+    """Return a scan of dampings and which of them are stable; finer about the least radius where none is.
+
+    The scan is short where one stable damping is known.
+    """
+    most = loops.most_damping_ns_per_m
+    first = np.linspace(0.0, most, _SCAN) if known_ns_per_m is None else np.array([0.0, known_ns_per_m, most])
+    loops.start(stiffness_n_per_m)
+    radius = loops.worst(stiffness_n_per_m)
+    while True:
+        scan, found = first, radius(first)
+        if not (found < 1).any():
+            scan = _about(scan, int(np.argmin(found)))
+            found = radius(scan)
+        inside = np.flatnonzero(found < 1)
+        if len(inside) == 0 or loops.confirmed(stiffness_n_per_m, scan[inside[[0, -1]]]):
+            return scan, inside
+
+
+def _about(scan: FloatArray, best: int) -> FloatArray:
+    """Return a finer scan between the neighbours of the best."""
+    return np.linspace(scan[max(best - 1, 0)], scan[min(best + 1, len(scan) - 1)], _SCAN)
+
+
+def _edge(radius: Callable[[FloatArray], FloatArray], outside: float, inside: float) -> float:
+    for _ in range(_HALVINGS):
+        middle = (outside + inside) / 2
+        if radius(np.array([middle]))[0] < 1:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def softest_wall_n_per_m(device: Device) -> float:
+    """Return 1 N/m at the hand, the softest wall of a search."""
+    return device.metres_per_unit**2
+
+
+def stiffest_wall(device: Device, subjects: Hand | StylusHand) -> DampingRange:
+    """Return the stiffest wall that is stable with every hand for some damping, to 0.01 %.
+
+    For each damping the boundary curves give the largest stable stiffness. It is 0, and the damping not a number,
+    without any mass, or where no damping stabilises 1 N/m at the hand.
+    """
+    none = DampingRange(0.0, np.nan, np.nan)
+    if device.mass_kg + float(np.min(subjects.mass_kg)) == 0:
+        return none
+    loops, corners = _Loops.of(device, subjects), device_corners(device, LINEAR_KEYS)
+    damping, stiffest, best = np.linspace(0.0, loops.most_damping_ns_per_m, _COARSE), 0.0, 0
+    for _ in range(1 + _ZOOMS):
+        largest = np.nan_to_num(stable_walls(corners, subjects, damping).first_n_per_m)
+        best = int(np.argmax(largest))
+        stiffest, known = float(largest[best]), float(damping[best])
+        damping = np.linspace(damping[max(best - 1, 0)], damping[min(best + 1, len(damping) - 1)], _FINE)
+    stiffest *= 1 - _BELOW
+    return none if stiffest < softest_wall_n_per_m(device) else _damping_range(loops, stiffest, known)

@@ -13,15 +13,14 @@ import numpy as np
 
 from avc_casadi._util.arrays import ComplexArray, FloatArray, IndexArray
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi.claims.stability.declared_device import paired_loop, plants_with_forces, rigid, whole_stability
-from avc_casadi.claims.stability.frozen_loop import LinearStability, Rendering, fraction_rendering, paired_transition
+from avc_casadi.loops.loop import Body
 from avc_casadi.loops.ranges import ascend
 from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.loops.wall import LinearStability, Rendering, fraction_rendering, linear_stability, plants_of, wall
 from avc_casadi.model.hands import Hand, hand_ranges, hand_set
-from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.passivity.sampled_loop import Fractions, Values
+    from avc_casadi.loops.sampled_loop import Fractions, Values
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Hands
 
@@ -98,7 +97,7 @@ def worst_hands(
         )
         return each.pick(same.ravel())
     first = hand_set(hands, draws=draws, seed=seed)
-    known = whole_stability(device, parts, contact_damping_ns_per_m, first, damping_shift_ns_per_m, progress)
+    known = linear_stability(device, parts, contact_damping_ns_per_m, first, damping_shift_ns_per_m, progress)
     n = len(parts.direct)
     ranges = hand_ranges(hands)
     at = np.array([np.broadcast_to(value, (len(first),)) for value in vars(first).values()])
@@ -148,15 +147,8 @@ class _Search:
         """Return the largest eigenvalue of rows (m,), each with its own hand, (3, m) in shares of the ranges."""
         low, width = self.ranges[:, :1], np.ptp(self.ranges, axis=1)[:, None]
         hands = Hand(*(low + width * shares))
-        rendering = Rendering(self.rendering.force[rows], self.rendering.state[rows])
-        if rigid(self.device):
-            matrices = paired_transition(self.device, rendering, hands, self.shift)
-        else:
-            damping = self.device.damping_ns_per_m + self.shift
-            shifted = self.device.model_copy(update={"damping_ns_per_m": damping})
-            matrix, push, measured = plants_with_forces(sampled_plant(shifted, hands))
-            matrices = paired_loop(matrix, push, measured, rendering)
-        return largest_eigenvalue(matrices)
+        body = Body.of(plants_of([self.device], hands, self.shift)).flat()
+        return largest_eigenvalue(wall(body, self.rendering.pick(rows)))
 
     def climb(self, rows: IndexArray, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Ascend from initial guesses (3, m) in the box; return the final iterates, radii and frequencies."""

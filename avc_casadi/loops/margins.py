@@ -17,20 +17,13 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
-from avc_casadi.claims.stability.declared_device import closed_loop, plants_with_forces
-from avc_casadi.claims.stability.frozen_loop import frozen_rendering
-from avc_casadi.claims.stability.state_feedback import (
-    Laws,
-    force_over_innovation,
-    force_over_position,
-    state_feedback_loop,
-)
+from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import eigenvalues
-from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.loops.wall import Laws, Rendering, closed, force_over_innovation, force_over_position, frozen_rendering
+from avc_casadi.model.hands import Hand, hand_corners, no_hand, with_released
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
-    from avc_casadi.claims.stability.frozen_loop import Rendering
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.runtime import StateFeedback
     from avc_casadi.model.sampled_plant import SampledPlant
@@ -84,28 +77,18 @@ class OpenLoop:
     Attributes:
         law: observer with state feedback, or None.
         rendering: coupling and wall.
-        matrix: A of the plant with each hand, shape (h, s, s).
-        new: B_new of `SampledPlant`, shape (h, s).
-        old: B_old, shape (h, s).
-        measured: row of the measured position, shape (s,).
-        whole_delay: samples of delay, shape (h,).
-        closed: the closed loops, shape (h, n, n), the states of the plant first, velocities counted by the sample.
+        body: the plant with each hand.
+        closed: the closed loops, shape (h, n, n), the states of the plant first.
         moving: which states are velocities of masses, shape (n,).
         poles: of the closed loops, shape (h, n).
-        sample_time_s: T.
     """
 
     law: StateFeedback | None
     rendering: Rendering
-    matrix: FloatArray
-    new: FloatArray
-    old: FloatArray
-    measured: FloatArray
-    whole_delay: IndexArray
+    body: Body
     closed: FloatArray
     moving: BoolArray
     poles: ComplexArray
-    sample_time_s: float
 
     @classmethod
     def of(cls, coupling: Coupling) -> Self:
@@ -120,22 +103,25 @@ class OpenLoop:
     @classmethod
     def around(cls, plant: SampledPlant, rendering: Rendering, law: StateFeedback | None = None) -> Self:
         """Return the loop of one rendering around h plants, the last released."""
-        plants, s = plants_with_forces(plant), len(plant.names)
-        loops = (closed_loop(*plants, rendering) if law is None else state_feedback_loop(plants, law, rendering))[0]
+        body = Body.of(plant).flat()
+        loops = closed(body, rendering, law)
         moving = np.array([name.endswith("velocity_m_per_s") for name in plant.names])
         return cls(
             law=law,
             rendering=rendering,
-            matrix=plant.matrix.reshape(-1, s, s),
-            new=plant.new.reshape(-1, s),
-            old=plant.old.reshape(-1, s),
-            measured=plant.measured,
-            whole_delay=np.repeat(plant.whole_delay, plant.new.shape[1]),
+            body=body,
             closed=loops,
             moving=np.pad(moving, (0, loops.shape[-1] - len(moving))),
             poles=eigenvalues(loops),
-            sample_time_s=plant.sample_time_s,
         )
+
+    @property
+    def sample_time_s(self) -> float:
+        """T."""
+        return self.body.sample_time_s
+
+    def __len__(self) -> int:
+        return len(self.closed)
 
     def gain(self, turn: FloatArray, who: IndexArray | slice = slice(None)) -> ComplexArray:
         """Return L at z = exp(j turn).
@@ -147,12 +133,12 @@ class OpenLoop:
         Returns:
             Shape (h, n).
         """
-        angles = np.broadcast_to(turn, (len(self.matrix[who]), np.shape(turn)[-1]))
+        body = self.body.axes(who)
+        angles = np.broadcast_to(turn, (len(body.a), np.shape(turn)[-1]))
         z = np.exp(1j * angles)
-        late = z ** -self.whole_delay[who][:, None]
-        force = (self.new[who][:, None] + self.old[who][:, None] / z[..., None]) * late[..., None]
-        pencil = z[..., None, None] * np.eye(len(self.measured)) - self.matrix[who][:, None]
-        position = np.linalg.solve(pencil, force[..., None])[..., 0] @ self.measured
+        pencil = z[..., None, None] * np.eye(body.size) - body.a[:, None]
+        pushed = np.broadcast_to(body.b[:, None], (*angles.shape, body.size))
+        position = np.linalg.solve(pencil, pushed.astype(np.complex128)[..., None])[..., 0] @ body.measured
         if self.law is None:
             return np.asarray(-force_over_position(self.rendering, z) * position)
         hz = angles.ravel() / (2 * math.pi * self.sample_time_s)
@@ -161,7 +147,7 @@ class OpenLoop:
 
     def turns(self) -> FloatArray:
         """Return angles of z at which L is evaluated, dense at peaks of it or of 1/(1 + L), shape (n,)."""
-        poles = np.concatenate([self.poles.ravel(), np.linalg.eigvals(self.matrix).ravel()])
+        poles = np.concatenate([self.poles.ravel(), np.linalg.eigvals(self.body.a).ravel()])
         poles = poles[np.abs(poles) > _LOWEST_TURN]
         about = _about(poles[:, None])
         about = about[(about > _LOWEST_TURN) & (about < math.pi)]
@@ -177,18 +163,18 @@ class OpenLoop:
         state = np.broadcast_to(self.moving * speed_m_per_s * self.sample_time_s, self.poles.shape)
         found = np.empty((len(state), samples))
         for sample in range(samples):
-            found[:, sample] = state[:, : len(self.measured)] @ self.measured
+            found[:, sample] = state[:, : self.body.size] @ self.body.measured
             state = (self.closed @ state[..., None])[..., 0]
         return found
 
     def margins(self) -> tuple[Margins, Margins]:
         """Return the margins of the device released, the last loop, and the smallest of those with hands."""
-        alone = np.arange(len(self.matrix)) == len(self.matrix) - 1
+        alone = np.arange(len(self)) == len(self) - 1
         return self.least(alone), self.least(~alone)
 
     def least(self, some: BoolArray | slice = slice(None)) -> Margins:
         """Return the smallest margins of some of the loops, or of all."""
-        loops = np.arange(len(self.matrix))[some]
+        loops = np.arange(len(self))[some]
         turn = self.turns()
         gain = self.gain(turn, loops)
         of_phase = np.stack([np.sign(gain.imag), np.sign(np.abs(gain) - 1)])
@@ -288,3 +274,77 @@ def _swing(gain: ComplexArray) -> FloatArray:
 def _about(poles: ComplexArray) -> FloatArray:
     """Return angles of z about poles (..., 1)."""
     return np.asarray(np.abs(np.angle(poles)) + np.maximum(np.abs(1 - np.abs(poles)), _LOWEST_TURN) * _ABOUT)
+
+
+SETTLED = 0.02
+"""Share of its initial amplitude below which an oscillation counts as settled."""
+# A pole that turns less per sample does not oscillate; a smaller one is deadbeat.
+_TURN, _GONE = 1e-6, 1e-9
+
+
+@dataclass(frozen=True)
+class Transient:
+    """How the loop in contact settles, on the nominal device.
+
+    Attributes:
+        settling_s: time to settle of the slowest oscillation, to 2 %; 0 without oscillation, infinite where it does not
+            decay.
+        damping_ratio: of the least damped oscillation; 1 without oscillation.
+        frequency_hz: of the same; 0 without oscillation.
+    """
+
+    settling_s: float
+    damping_ratio: float
+    frequency_hz: float
+
+    @classmethod
+    def of(cls, loops: FloatArray, sample_time_s: float) -> Transient:
+        """Return the worst of some loops, shape (..., s, s)."""
+        poles = eigenvalues(loops).ravel()
+        swinging = poles[_swings(poles)]
+        if len(swinging) == 0:
+            return cls(0.0, 1.0, 0.0)
+        rate = np.log(swinging) / sample_time_s
+        ratio = -rate.real / np.abs(rate)
+        worst = int(np.argmin(ratio))
+        hz = float(np.abs(rate[worst].imag) / (2 * math.pi))
+        return cls(float(settling_s(poles, sample_time_s)), float(ratio[worst]), hz)
+
+
+def settling_s(poles: ComplexArray, sample_time_s: float) -> FloatArray:
+    """Return the settling time of the slowest oscillation of each loop, shape (...).
+
+    Args:
+        poles: of the loops, shape (..., s).
+        sample_time_s: T.
+    """
+    radius = np.where(_swings(poles), np.abs(poles), 0.0).max(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = sample_time_s * math.log(SETTLED) / np.log(radius)
+    return np.asarray(np.where(radius >= 1, np.inf, np.where(radius > 0, found, 0.0)))
+
+
+def _swings(poles: ComplexArray) -> BoolArray:
+    return np.asarray((np.abs(np.angle(poles)) > _TURN) & (np.abs(poles) > _GONE))
+
+
+def transients(coupling: Coupling) -> tuple[Transient, Transient]:
+    """Return the transients of the device in contact: released, and with the worst corner of the hands.
+
+    Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
+
+    Args:
+        coupling: gains with their runtime.
+    """
+    problem = coupling.problem
+    ranges = problem.hands.model_copy(update={"let_go": False})
+    return _transient(coupling, no_hand()), _transient(coupling, hand_corners(ranges))
+
+
+def _transient(coupling: Coupling, hands: Hand) -> Transient:
+    problem, gains = coupling.problem, coupling.table.at_rest
+    rendering = frozen_rendering(
+        problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
+    )
+    body = Body.of(sampled_plant(problem.device, hands)).flat()
+    return Transient.of(closed(body, rendering, coupling.runtime.state_feedback), problem.device.sample_time_s)

@@ -1,1 +1,0 @@
-"""Linear stability of the frozen loop with a set of hands."""

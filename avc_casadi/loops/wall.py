@@ -1,0 +1,319 @@
+"""The loop of a wall in the device's own loop, with each hand: frozen gains, and an observer with state feedback.
+
+Quantiser and dead zone of an observer together are a gain between 0 and 1 on the innovation. The loop is analysed with
+that sector gain constant: damping for every gain is necessary, not sufficient, for a loop without limit cycles between
+two encoder steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray, IndexArray
+from avc_casadi._util.progress import SILENT, Progress, chunks
+from avc_casadi.loops.loop import Body, Loop, Map
+from avc_casadi.loops.sampled_loop import Fractions, SampledLoop, Values, fractions
+from avc_casadi.loops.spectrum import largest_eigenvalue
+from avc_casadi.model.hands import Hand, StylusHand
+from avc_casadi.model.sampled_plant import SampledPlant, sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.runtime import StateFeedback
+
+
+def rigid(device: Device) -> bool:
+    """Return whether mechanics and amplifier are ideal."""
+    return device.amplifier_bandwidth_hz is None and device.resonance is None
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """How n frozen renderings turn sampled positions into force, with one state of their own.
+
+    Attributes:
+        force: shape (n, 3): force (N) from x, the x before and the state.
+        state: shape (n, 3): the next state from the same.
+    """
+
+    force: FloatArray
+    state: FloatArray
+
+    def pick(self, some: slice | IndexArray) -> Rendering:
+        """Return some of the rows."""
+        return Rendering(self.force[some], self.state[some])
+
+    @property
+    def column(self) -> Rendering:
+        """The rows along a first axis of two, the other that of plants."""
+        return Rendering(self.force[..., None, :], self.state[..., None, :])
+
+
+def fraction_rendering(parts: Fractions, contact_damping_ns_per_m: FloatArray, sample_time_s: float) -> Rendering:
+    """Return the rendering of partial fractions; a fraction without residue keeps a state that vanishes at once."""
+    damper = (parts.direct + contact_damping_ns_per_m) / sample_time_s
+    force = np.stack([damper, parts.integral / sample_time_s - damper, parts.decaying / sample_time_s], axis=-1)
+    one = np.ones_like(damper)
+    return Rendering(force, np.stack([one, -one, parts.pole + 0 * one], axis=-1))
+
+
+def joint_rendering(
+    problem: Problem, damping_ns_per_m: FloatArray, stiffness_n_per_m: FloatArray, contact_damping_ns_per_m: FloatArray
+) -> Rendering:
+    """Return the rendering of gains with the joint between coupling and wall as state, as on a device.
+
+    This state keeps its meaning when the gains switch. The gains must not leave the joint undefined (all of b, k, b_e
+    and k_e zero); where b or k is infinite the joint moves with the device.
+    """
+    t, wall = problem.device.sample_time_s, problem.environment
+    rigid = np.isinf(damping_ns_per_m) | np.isinf(stiffness_n_per_m)
+    b, k = (np.where(rigid, 1.0, gain) for gain in (damping_ns_per_m, stiffness_n_per_m))
+    contact = contact_damping_ns_per_m
+    lead, wall_lead = b + k * t, wall.damping_ns_per_m + wall.stiffness_n_per_m * t
+    total = lead + wall_lead
+    joint = np.stack([lead / total, -b / total, (b + wall.damping_ns_per_m) / total], axis=-1)
+    joint[rigid] = (1.0, 0.0, 0.0)
+    force = wall_lead / t * joint
+    force[:, 2] -= wall.damping_ns_per_m / t
+    force[:, 0] += contact / t
+    force[:, 1] -= contact / t
+    return Rendering(force, joint)
+
+
+@dataclass(frozen=True)
+class Laws:
+    """Laws of one structure, as arrays.
+
+    Attributes:
+        state: A, shape (laws, n, n).
+        force_m_per_n: B, shape (laws, n).
+        innovation: L, shape (laws, n).
+        feedback: R, shape (laws, n).
+        measures: index of the estimated measured position.
+        positions: indices of the positions.
+    """
+
+    state: FloatArray
+    force_m_per_n: FloatArray
+    innovation: FloatArray
+    feedback: FloatArray
+    measures: int
+    positions: tuple[int, ...]
+
+    @classmethod
+    def of(cls, law: StateFeedback) -> Laws:
+        """Return one law as arrays."""
+        state, asked, gain, weight = (
+            np.array(part)[None] for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
+        )
+        return cls(state, asked, gain, weight, law.measures, law.positions)
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    def pick(self, rows: IndexArray) -> Laws:
+        """Return some of the laws."""
+        state, asked, gain, weight = (
+            part[rows] for part in (self.state, self.force_m_per_n, self.innovation, self.feedback)
+        )
+        return Laws(state, asked, gain, weight, self.measures, self.positions)
+
+
+# Takes seconds for a table of 200 rows and 32 hands.
+MAX_DELAY_SAMPLES = 32
+# Eigenvalues of these matrices are right to about 1e-12; slower decay than this is indistinguishable from none.
+RADIUS_TOLERANCE = 1e-10
+_NUMBERS_AT_ONCE = 4_000_000
+
+
+@dataclass(frozen=True)
+class LinearStability:
+    """Spectral radii of n rows with h hands.
+
+    Attributes:
+        radius: largest modulus of an eigenvalue, shape (n, h); infinite where the mechanics is undefined.
+        frequency_hz: frequency of that eigenvalue, shape (n, h).
+    """
+
+    radius: FloatArray
+    frequency_hz: FloatArray
+
+    @property
+    def stable(self) -> BoolArray:
+        """Whether each row is stable with every hand, shape (n,)."""
+        return np.asarray(np.max(self.radius, axis=1) < 1 - RADIUS_TOLERANCE)
+
+
+def wall(body: Body, rendering: Rendering) -> Map:
+    """Return the loops of renderings (..., 3) around plants, shape (..., s + 2, s + 2): both broadcast.
+
+    States: those of the plant, the previous measured position, the rendering's own.
+    """
+    loop = Loop(plant=body.size, before=1, own=1)
+    seen = np.concatenate([(body.measured @ loop["plant"])[None], loop["before"], loop["own"]])
+    moved = body.moved(loop["plant"], rendering.force @ seen)
+    return loop.event(plant=moved, before=seen[:1], own=(rendering.state @ seen)[..., None, :])
+
+
+def observed_wall(body: Body, laws: Laws, rendering: Rendering, shares: FloatArray | tuple[float, ...] = (1.0,)) -> Map:
+    """Return the loops of p plants with each law, shape (laws, a, p, s + n + 2, s + n + 2).
+
+    Args:
+        body: one axis of p plants.
+        laws: observers and feedbacks with n states.
+        rendering: one frozen rendering, of the position that a law gives.
+        shares: sector gains of the dead zone, shape (a,); 1 is the loop without dead zone.
+
+    Returns:
+        Two states less where the rendering is a spring alone. States: those of the plant, of the observer, the previous
+        rendered position, the rendering's own.
+    """
+    (now, before, own), kept = rendering.force[0], int(rendering.force[0, 1:].any())
+    loop = Loop(plant=body.size, observer=laws.state.shape[-1], before=kept, own=kept)
+    observer = loop["observer"]
+    missed = body.measured @ loop["plant"] - observer[laws.measures]
+    passed = np.asarray(shares)[:, None] * laws.innovation[:, None]
+    corrected = observer + passed[..., None] * missed
+    seen = (laws.feedback[:, None, None, :] @ corrected)[..., 0, :]
+    force = now * seen
+    new = {}
+    if kept:
+        force = force + before * loop["before"][0] + own * loop["own"][0]
+        first, past, self_ = rendering.state[0]
+        inner = first * seen + past * loop["before"][0] + self_ * loop["own"][0]
+        new = {"before": seen[..., None, None, :], "own": inner[..., None, None, :]}
+    asked = laws.force_m_per_n[:, None, :, None] * force[..., None, :]
+    believed = (laws.state[:, None] @ corrected + asked)[:, :, None]
+    return loop.event(plant=body.moved(loop["plant"], force[:, :, None]), observer=believed, **new)
+
+
+def closed(body: Body, rendering: Rendering, law: StateFeedback | None = None) -> Map:
+    """Return the loops of one rendering, with an observer or without, around p plants, shape (p, n, n)."""
+    if law is None:
+        return wall(body, rendering.pick(slice(0, 1)))
+    return np.asarray(observed_wall(body, Laws.of(law), rendering)[0, 0])
+
+
+def plants_of(devices: Sequence[Device], hands: Hand | StylusHand, damping_shift_ns_per_m: float = 0.0) -> SampledPlant:
+    """Return every device with every hand; a rigid one without any mass is of first order, another not a number."""
+    light = np.array([np.broadcast_to(one.mass_kg + np.asarray(hands.mass_kg) == 0, len(hands)) for one in devices])
+    if isinstance(hands, StylusHand) or not light.any():
+        return sampled_plant(devices, hands, damping_shift_ns_per_m)
+    heavy = [Hand(np.where(row, 1.0, hands.mass_kg), *list(vars(hands).values())[1:]) for row in light]
+    plant = sampled_plant(devices, heavy, damping_shift_ns_per_m)
+    drag = np.array([one.damping_ns_per_m for one in devices])[:, None] + damping_shift_ns_per_m
+    k, b = (np.broadcast_to(one, light.shape) for one in (hands.stiffness_n_per_m, drag + hands.damping_ns_per_m))
+    late = np.array([one.delay_samples % 1 for one in devices])[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        whole, part = (
+            np.where(k > 0, -np.expm1(-k * step_s / b) / k, step_s / b)
+            for step_s in (plant.sample_time_s, (1 - late) * plant.sample_time_s)
+        )
+        decay = np.exp(-k * plant.sample_time_s / b)
+        parts = part, whole - part
+    first = np.zeros_like(plant.matrix)
+    first[..., 0, 0] = decay if plant.matrix.shape[-1] == 2 else np.nan
+    pushes = [np.pad(-one[..., None], ((0, 0), (0, 0), (0, plant.new.shape[-1] - 1))) for one in parts]
+    new, old = (np.where(light[..., None], mine, its) for mine, its in zip(pushes, (plant.new, plant.old), strict=True))
+    return replace(plant, matrix=np.where(light[..., None, None], first, plant.matrix), new=new, old=old)
+
+
+def linear_stability(
+    device: Device,
+    parts: Fractions,
+    contact_damping_ns_per_m: Values,
+    hands: Hand,
+    damping_shift_ns_per_m: float = 0.0,
+    progress: Progress = SILENT,
+) -> LinearStability:
+    """Return the spectral radius of each frozen rendering with each hand, on the device as declared.
+
+    Args:
+        device: mass, damping, sample time, delay, amplifier, resonance, side of the encoder.
+        parts: partial fractions of n renderings in the sampled-data model; the wall acts on both sides.
+        contact_damping_ns_per_m: b_p, broadcast to shape (n,).
+        hands: h hands.
+        damping_shift_ns_per_m: added to the damping of the device.
+        progress: reported over the rows.
+
+    Raises:
+        UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
+    """
+    if device.delay_samples > MAX_DELAY_SAMPLES:
+        raise UnsupportedError(
+            f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {device.delay_samples}"
+        )
+    n, h = len(parts.direct), len(hands)
+    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (n,))
+    rendering = fraction_rendering(parts, contact, device.sample_time_s)
+    body = Body.of(plants_of([device], hands, damping_shift_ns_per_m)).flat()
+    # Nothing moves without mass, damping and spring; a light device with its damping reduced may overflow in a sample.
+    defined = np.isfinite(body.a).all(axis=(-2, -1)) & np.isfinite(body.b).all(axis=-1)
+    body = replace(body, a=np.where(defined[:, None, None], body.a, 0.0), b=np.where(defined[:, None], body.b, 0.0))
+    rows_at_once = max(1, _NUMBERS_AT_ONCE // (h * (body.size + 2) ** 2))
+    radius, frequency = np.empty((n, h)), np.empty((n, h))
+    for some in chunks(n, rows_at_once, progress, "spectral radius") if n else ():
+        value = largest_eigenvalue(wall(body, rendering.pick(some).column))
+        radius[some] = np.where(defined, np.abs(value), np.inf)
+        frequency[some] = np.abs(np.angle(value)) / (2 * np.pi * device.sample_time_s)
+    return LinearStability(radius, frequency)
+
+
+def frozen_parts(problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
+    """Return partial fractions, n rows, of frozen gains in series with the wall, as a device computes them."""
+    b, k = np.broadcast_arrays(damping_ns_per_m, stiffness_n_per_m)
+    return fractions(SampledLoop.of(problem, "sampled-data"), np.ravel(b), np.ravel(k))
+
+
+def frozen_rendering(
+    problem: Problem, damping_ns_per_m: Values, stiffness_n_per_m: Values, contact_damping_ns_per_m: Values = 0.0
+) -> Rendering:
+    """Return the rendering of frozen gains in series with the wall; contact_damping is broadcast to n rows."""
+    parts = frozen_parts(problem, damping_ns_per_m, stiffness_n_per_m)
+    contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), parts.direct.shape)
+    return fraction_rendering(parts, contact, problem.device.sample_time_s)
+
+
+def force_over_innovation(
+    laws: Laws, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return force and estimated position over the innovation at each frequency, without dead zone.
+
+    Returns:
+        F/e and s_m/e, each of shape (laws, f): F/x is F/e over 1 + s_m/e.
+    """
+    z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
+    wall = force_over_position(rendering, z)
+    gain = laws.innovation[:, None, :]
+    closed = (
+        laws.state[:, None] + wall[:, None, None] * (laws.force_m_per_n[:, :, None] * laws.feedback[:, None])[:, None]
+    )
+    pencil = z[:, None, None] * np.eye(laws.state.shape[-1]) - closed
+    believed = np.linalg.solve(pencil, closed @ gain[..., None])[..., 0]
+    # One product for each law: a single product rounds differently where there is one frequency.
+    force = [wall * (states @ weight) for states, weight in zip(believed + gain, laws.feedback, strict=True)]
+    return np.reshape(force, believed.shape[:2]), np.asarray(believed[..., laws.measures])
+
+
+def stiffness_at_rest(rendering: Rendering) -> float:
+    """Return the stiffness of a rendering at rest."""
+    return float(force_over_position(rendering, np.ones(1, dtype=np.complex128))[0].real)
+
+
+def force_over_position(rendering: Rendering, z: ComplexArray) -> ComplexArray:
+    """Return the force of one rendering over its input position, N/m.
+
+    Args:
+        rendering: a single one.
+        z: points, of any shape.
+    """
+    now, before, own = rendering.force[0]
+    state = rendering.state[0]
+    inner = (state[0] + state[1] / z) / (z - state[2]) if own else 0.0
+    return np.asarray(now + before / z + own * inner)
