@@ -8,29 +8,32 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from avc_casadi._errors import InputError
 from avc_casadi._util.units import Units
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.model.gains import GainTable
+from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.model.schedule import Status
+from avc_casadi.model.schedule import GainSchedule, Status
 from avc_casadi.model.thinning import fewest_rows
+from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.paper.rendered import gain_schedule
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from avc_casadi.model.device import Device
-    from avc_casadi.model.gains import Gains
+    from avc_casadi.model.follower import Follower
     from avc_casadi.model.problem import Contact, Impedance, Problem
     from avc_casadi.model.runtime import StateFeedback
-    from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.model.virtual_tool import VirtualTool
 
 
+End = Literal["wall", "simulation", "follower"]
+"""What is beyond a coupling: a wall in the device's own loop, the tool of a simulation, or a second device."""
 FIRST_CONTACT: Contact = "gated"
 """The only contact law of earlier releases: that of files which name none, and part of no id of that time."""
 
@@ -59,6 +62,11 @@ def _device_document(device: Device) -> dict[str, Any]:
     return document
 
 
+def _named(runs: Mapping[str, Any]) -> str:
+    """Return the name of what runs: 8 hexadecimal digits of its hash."""
+    return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
+
+
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """Gains and runtime with the loop that they were designed for.
@@ -74,6 +82,7 @@ class Coupling:
         trial: result with simulated hands, a JSON document; None before it was tried.
         versions: of the software that made it, by package.
         lacks: facts missing from an older file, a sentence each.
+        end: what it leads to; the row of one to a simulation or a follower is B, K and the damper of each local loop.
 
     Example:
         >>> problem = avc.load_problem("soft")
@@ -90,6 +99,7 @@ class Coupling:
     trial: Mapping[str, Any] | None = field(default=None, repr=False)
     versions: Mapping[str, str] = field(default_factory=dict, repr=False)
     lacks: tuple[str, ...] = ()
+    end: End = "wall"
 
     @classmethod
     def of(
@@ -109,6 +119,75 @@ class Coupling:
         table = GainTable.constant_gains(gains, float(problem.frequencies_hz()[0]))
         beside = runtime or Runtime()
         return cls(problem, schedule_of(problem, table, method, beside.state_feedback), table, beside)
+
+    @classmethod
+    def between(
+        cls,
+        problem: Problem,
+        gains: ToolGains,
+        certificate: Mapping[str, Any] | None = None,
+        trial: Mapping[str, Any] | None = None,
+        versions: Mapping[str, str] | None = None,
+    ) -> Coupling:
+        """Return the coupling of a device to the [simulation] or the [follower] of its problem."""
+        end: End = "simulation" if problem.simulation is not None else "follower"
+        row = Gains(gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.local_damping_ns_per_m)
+        table = GainTable.constant_gains(row)
+        b, k, local = table.gains
+        nothing = np.full(1, np.nan + 0j)
+        schedule = GainSchedule(
+            problem=problem.name,
+            method="recommend",
+            solver=None,
+            structure="series",
+            model=problem.stability.model,
+            sample_time_s=problem.device.sample_time_s,
+            frequency_hz=table.frequency_hz,
+            damping_ns_per_m=b,
+            stiffness_n_per_m=k,
+            contact_damping_ns_per_m=local,
+            impedance=nothing,
+            target=nothing,
+            status=(Status.SOLVED,),
+            reason=("",),
+            requested_damping_ns_per_m=b,
+            requested_stiffness_n_per_m=k,
+            requested_contact_damping_ns_per_m=local,
+        )
+        return cls(problem, schedule, table, Runtime(), certificate, trial, versions or {}, end=end)
+
+    @property
+    def gains(self) -> ToolGains:
+        """K, B and the damper of each local loop, at the device."""
+        row = self.table.at_rest
+        return ToolGains(row.stiffness_n_per_m, row.damping_ns_per_m, row.contact_damping_ns_per_m)
+
+    @property
+    def tool(self) -> VirtualTool:
+        """The [simulation] of its problem."""
+        assert self.problem.simulation is not None  # noqa: S101 - asked of its end
+        return self.problem.simulation
+
+    @property
+    def follower(self) -> Follower:
+        """The [follower] of its problem."""
+        assert self.problem.follower is not None  # noqa: S101 - asked of its end
+        return self.problem.follower
+
+    @property
+    def in_scene(self) -> ToolGains:
+        """K and B in the engine's units of position and force; the local damper stays at the device."""
+        gains, scale = self.gains, self.tool.scale
+        return replace(
+            gains,
+            stiffness_n_per_m=gains.stiffness_n_per_m / scale,
+            damping_ns_per_m=gains.damping_ns_per_m / scale,
+        )
+
+    @property
+    def at_follower(self) -> ToolGains:
+        """All gains in the follower's units of position and force."""
+        return self.gains.at_scale(1 / self.follower.scale)
 
     @property
     def units(self) -> Units:
@@ -163,6 +242,10 @@ class Coupling:
     def id(self) -> str:
         """Identifier, a hash of table, runtime, wall and device: 8 hexadecimal digits."""
         wall = self.wall
+        if self.end != "wall":
+            there = self.tool if self.end == "simulation" else self.follower
+            device = self.problem.device.model_dump(mode="json")
+            return _named({"gains": vars(self.gains), "device": device, self.end: there.model_dump(mode="json")})
         runs = {
             "rows": self.table.rows.tolist(),
             "runtime": self.runtime.document(),
@@ -173,7 +256,7 @@ class Coupling:
             runs["contact"] = self.contact
         if self.problem.detent is not None:
             runs["detent"] = self.problem.detent.model_dump(mode="json")
-        return hashlib.sha256(json.dumps(runs, sort_keys=True).encode()).hexdigest()[:8]
+        return _named(runs)
 
     def on(self, problem: Problem) -> Coupling:
         """Return the same table and runtime on another problem: not certified, not tried."""
@@ -227,10 +310,15 @@ def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None
 
 
 def require_coupling(value: object) -> None:
-    """Refuse an object that is not a coupling, with the call that makes one."""
+    """Refuse what is no coupling to a wall, with the call that makes one."""
     if isinstance(value, Coupling):
-        return
-    if isinstance(value, str | PathLike):
+        if value.end == "wall":
+            return
+        hint = (
+            f"couples a device to a [{value.end}]: it has no wall and no gain table; avc export takes it"
+            f"{', as do avc certify and avc simulate' if value.end == 'simulation' else ''}"
+        )
+    elif isinstance(value, str | PathLike):
         hint = f"is the text {str(value)!r}; give what avc.read_coupling({str(value)!r}) returns"
     elif hasattr(value, "coupling"):
         hint = f"is a {type(value).__name__}; give the coupling in it: its attribute `coupling`, None where it has none"

@@ -10,8 +10,8 @@ from exported import C99, WARNINGS
 from hardware_bench import require, run, scratch
 
 import avc_casadi as avc
+from avc_casadi.coupling import Coupling
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_hardware import export_teleoperator_c
 
 LEADER = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
@@ -22,7 +22,7 @@ _ROOM = 512
 def teleoperator_coupling(follower, stiffness, damping, local=0.0, device=LEADER):
     """A coupling with gains of one's own to the [follower]."""
     gains = ToolGains(stiffness, damping, local)
-    return TeleoperatorCoupling(avc.parse_problem(f"{device}[follower]\n{follower}"), gains)
+    return Coupling.between(avc.parse_problem(f"{device}[follower]\n{follower}"), gains)
 
 
 class ExportedPair:

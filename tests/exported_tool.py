@@ -12,8 +12,8 @@ from exported import C99, WARNINGS
 from hardware_bench import require, run, scratch
 
 import avc_casadi as avc
+from avc_casadi.coupling import Coupling
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_casadi.other_end_coupling import ToolCoupling
 from avc_hardware import export_tool_c
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
@@ -23,7 +23,8 @@ _ROOM = 256
 
 def tool_coupling(simulation: str, stiffness: float, damping: float, local: float = 0.0, device: str = DEVICE):
     """A coupling with gains of one's own to the [simulation]."""
-    return ToolCoupling(avc.parse_problem(f"{device}[simulation]\n{simulation}"), ToolGains(stiffness, damping, local))
+    problem = avc.parse_problem(f"{device}[simulation]\n{simulation}")
+    return Coupling.between(problem, ToolGains(stiffness, damping, local))
 
 
 class ExportedTool:

@@ -19,8 +19,8 @@ from browser import (
 )
 
 import avc_casadi as avc
+from avc_casadi.coupling import Coupling
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.present.explore import explorer as _explorer
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.server import ExploreServer
@@ -37,7 +37,7 @@ def found_at_once(task, progress):
     """In place of the search of `recommend`, which has tests of its own."""
     progress.advance(1, 2, "K of 5 kN/m")
     trial = {"rendered_stiffness_n_per_m": 4000.0}
-    return ToolCoupling(task[0], ToolGains(4000.0, 15.0), None, trial), ["✓ Simulated: 100 of 100 hands settle"]
+    return Coupling.between(task[0], ToolGains(4000.0, 15.0), None, trial), ["✓ Simulated: 100 of 100 hands settle"]
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from teleoperator_simulator import run
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.files.other_end_coupling_file import read_teleoperator_coupling, write_other_end
+from avc_casadi.files.coupling_file import read_coupling, write_coupling
 from avc_hardware import export_teleoperator_c
 
 # In which a force fades, and after how many a link is silent, in samples.
@@ -221,8 +221,8 @@ def test_unstable_coupling_is_written_by_request_only():
 def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):
     coupling = teleoperator_coupling(f"{FOLLOWER}position_scale = 0.5\nforce_scale = 4.0\n", 900.0, 6.0, 2.0)
     path = tmp_path / "c.json"
-    write_other_end(coupling, path)
-    assert read_teleoperator_coupling(path) == coupling
+    write_coupling(coupling, path)
+    assert read_coupling(path) == coupling
     document = json.loads(path.read_text())
     assert document["at_follower"] == {
         "stiffness_n_per_m": 450.0,
@@ -231,15 +231,15 @@ def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):
     }
     path.write_text(json.dumps({**document, "stiffness_n_per_m": 901.0}))
     with pytest.raises(avc.InputError, match="changed since"):
-        read_teleoperator_coupling(path)
+        read_coupling(path)
     path.write_text(json.dumps({**document, "problem_file": {}, "damping_ns_per_m": -1.0}))
     with pytest.raises(avc.InputError, match=r"\[follower\] among them"):
-        read_teleoperator_coupling(path)
+        read_coupling(path)
 
 
 def test_command_writes_what_is_unstable_by_request_and_refuses_what_is_of_others(tmp_path, capsys):
     path = tmp_path / "c.json"
-    write_other_end(teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0), path)
+    write_coupling(teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0), path)
     command = ["export", str(path), "--c", str(tmp_path / "c")]
     assert main(command) == 1
     assert main([*command, "--unsafe", "--json"]) == 0
@@ -260,7 +260,7 @@ def test_bounds_of_both_handles_are_told():
 @pytest.mark.parametrize("verb", ["certify", "simulate", "trial"])
 def test_verbs_that_know_walls_say_who_takes_the_file(verb, tmp_path, capsys):
     path = tmp_path / "c.json"
-    write_other_end(teleoperator_coupling(FOLLOWER, 900.0, 6.0), path)
+    write_coupling(teleoperator_coupling(FOLLOWER, 900.0, 6.0), path)
     assert main([verb, str(path)]) == 2
     said = capsys.readouterr().err
     assert "couples a leader to a [follower]" in said
@@ -276,7 +276,7 @@ def test_command_writes_a_coupling_and_its_c(tmp_path, capsys):
     assert f"avc export {out}" in capsys.readouterr().out
     assert main(["export", str(out), "--c", str(tmp_path / "c"), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert document["coupling"] == read_teleoperator_coupling(out).id
+    assert document["coupling"] == read_coupling(out).id
     assert {path.name for path in (tmp_path / "c").iterdir()} == {"avc_coupling.h", "avc_coupling.c"}
     assert main(["export", str(out), "--c", str(tmp_path / "d")]) == 0
     assert "follower" in capsys.readouterr().out

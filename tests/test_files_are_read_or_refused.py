@@ -14,12 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.files.coupling_file import read_file
-from avc_casadi.files.other_end_coupling_file import other_end_document, read_tool_coupling
+from avc_casadi.coupling import Coupling
+from avc_casadi.files.coupling_file import coupling_document, read_coupling, read_file
 from avc_casadi.files.problem_file import as_problem
 from avc_casadi.identification.read import read_columns, read_logs
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_casadi.other_end_coupling import ToolCoupling
 
 MOST_CHARACTERS = 2000
 WALL = "[environment]\ndamping_ns_per_m = 1.0\nstiffness_n_per_m = 1000.0\n"
@@ -49,8 +48,8 @@ def csv_text(columns):
 
 
 def tool_document():
-    made = ToolCoupling(avc.load_problem("tool/mujoco-500hz"), ToolGains(500.0, 2.0, 0.5), {"margin": 0.1})
-    return json.dumps(other_end_document(made)).encode()
+    made = Coupling.between(avc.load_problem("tool/mujoco-500hz"), ToolGains(500.0, 2.0, 0.5), {"margin": 0.1})
+    return json.dumps(coupling_document(made)).encode()
 
 
 GAINS = {
@@ -65,7 +64,7 @@ KINDS = {
     "problem": (".toml", lambda: avc.catalogue_path("figure5").read_bytes(), avc.load_problem),
     "device": (".toml", DEVICE_FILE.read_bytes, avc.load_device),
     "coupling": (".json", GOLDEN.read_bytes, read_file),
-    "tool": (".json", tool_document, read_tool_coupling),
+    "tool": (".json", tool_document, read_coupling),
     "gains": (".csv", lambda: csv_text(GAINS), read_file),
     "log, CSV": (".csv", lambda: csv_text(log_columns()), read_columns),
     "log, NPZ": (".npz", lambda: saved(np.savez), read_columns),

@@ -16,7 +16,6 @@ ROOMS = (
     "model",
     "paper",
     "coupling",
-    "other_end_coupling",
     "loops",
     "files",
     "claims.passivity",

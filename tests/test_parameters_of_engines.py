@@ -9,7 +9,7 @@ from exported_tool import DEVICE, tool_coupling
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.cli.deploy import ENGINES as OF_THE_COMMAND
-from avc_casadi.files.other_end_coupling_file import write_other_end
+from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.present.engines import ENGINES, TABLE, parameters, values_of
 
 TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"
@@ -123,7 +123,7 @@ def test_engine_with_another_integrator_is_told():
 def test_fixed_place_and_device_that_turns_have_pages_too(engine, tmp_path, capsys):
     file = tmp_path / "c.json"
     for keys, device in (("step_s = 0.016", DEVICE), ("step_s = 0.002\ntool_inertia_kgm2 = 0.05", WHEEL)):
-        write_other_end(tool_coupling(keys, 20.0, 0.3, device=device), file)
+        write_coupling(tool_coupling(keys, 20.0, 0.3, device=device), file)
         if device is WHEEL and engine in ("chai3d", "sofa", "openhaptics"):
             assert main(["export", str(file), "--parameters", engine]) == 2
             capsys.readouterr()
@@ -140,7 +140,7 @@ def test_fixed_place_and_device_that_turns_have_pages_too(engine, tmp_path, caps
 
 def test_command_writes_c_and_one_document(tmp_path, capsys):
     file = tmp_path / "c.json"
-    write_other_end(tool_coupling(TOOL, 500.0, 5.0), file)
+    write_coupling(tool_coupling(TOOL, 500.0, 5.0), file)
     folder = tmp_path / "c"
     assert main(["export", str(file), "--c", str(folder), "--name", "knob", "--precision", "double", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -152,7 +152,7 @@ def test_command_writes_c_and_one_document(tmp_path, capsys):
 
 def test_unstable_coupling_is_written_on_request_alone(tmp_path, capsys):
     file = tmp_path / "c.json"
-    write_other_end(tool_coupling(f'{TOOL}exchange = "ahead"', 20000.0, 20.0), file)
+    write_coupling(tool_coupling(f'{TOOL}exchange = "ahead"', 20000.0, 20.0), file)
     assert main(["export", str(file), "--c", str(tmp_path / "c")]) == 1
     assert "linearly unstable" in capsys.readouterr().err
     assert not (tmp_path / "c").exists()
@@ -203,7 +203,7 @@ def test_numbers_for_sofa_are_the_certified_step_in_its_implicit_solver(mass):
 )
 def test_verbs_that_cannot_take_it_say_what_does(verb, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    write_other_end(tool_coupling(TOOL, 500.0, 5.0), "c.json")
+    write_coupling(tool_coupling(TOOL, 500.0, 5.0), "c.json")
     problem = avc.load_problem("soft")
     avc.write_coupling(avc.Coupling.of(problem, avc.solve(problem, "static")), "w.json")
     assert main(list(verb)) == 2
@@ -213,7 +213,7 @@ def test_verbs_that_cannot_take_it_say_what_does(verb, said, tmp_path, monkeypat
 
 def test_reading_it_as_a_coupling_says_what_takes_it(tmp_path):
     file = tmp_path / "c.json"
-    write_other_end(tool_coupling(TOOL, 500.0, 5.0), file)
+    write_coupling(tool_coupling(TOOL, 500.0, 5.0), file)
     with pytest.raises(avc.InputError, match=r"couples a device to a \[simulation\].*avc export"):
         avc.read_coupling(file)
 

@@ -11,7 +11,7 @@ from engine_simulator import EngineSimulator
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.files.other_end_coupling_file import read_tool_coupling, write_other_end
+from avc_casadi.files.coupling_file import read_coupling, write_coupling
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.recommendation.tool_sensitivity import least_tool_mass_kg
 
@@ -208,8 +208,8 @@ def test_wheel_with_a_spring_from_a_game_gets_a_damper_of_its_own():
 def test_file_of_a_coupling_to_a_simulation_reads_back(tmp_path):
     found = avc.recommend(problem("tool_mass_kg = 0.2\nstep_s = 0.002\nposition_scale = 10.0"), hands=HANDS)
     path = tmp_path / "c.json"
-    write_other_end(found.coupling, path)
-    again = read_tool_coupling(path)
+    write_coupling(found.coupling, path)
+    again = read_coupling(path)
     assert again == found.coupling
     assert again.problem == found.problem
     assert again.in_scene.stiffness_n_per_m == pytest.approx(again.gains.stiffness_n_per_m / 10)
@@ -217,7 +217,7 @@ def test_file_of_a_coupling_to_a_simulation_reads_back(tmp_path):
     changed["stiffness_n_per_m"] = 1.0
     path.write_text(json.dumps(changed))
     with pytest.raises(avc.InputError, match="it was changed since"):
-        read_tool_coupling(path)
+        read_coupling(path)
 
 
 def test_command_answers_in_a_page_and_writes_the_coupling(tmp_path, capsys):
@@ -229,7 +229,7 @@ def test_command_answers_in_a_page_and_writes_the_coupling(tmp_path, capsys):
     assert len(page.splitlines()) <= 15
     assert "spring K" in page
     assert "e+0" not in page
-    assert read_tool_coupling(out).tool.step_s == (0.002, 0.002)
+    assert read_coupling(out).tool.step_s == (0.002, 0.002)
     assert main(["recommend", str(file), "--stiffest"]) == 2
     assert "--stiffest" in capsys.readouterr().err
 

@@ -8,13 +8,13 @@ from engine_simulator import EngineSimulator
 
 import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch
-from avc_casadi.files.other_end_coupling_file import write_other_end
+from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.recommendation.tool_impedance import rendered_band
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
@@ -27,7 +27,7 @@ def answer(capsys, *words):
 
 def coupling_file(folder, name, gains):
     path = folder / "c.json"
-    write_other_end(ToolCoupling(avc.load_problem(name), gains), path)
+    write_coupling(Coupling.between(avc.load_problem(name), gains), path)
     return str(path)
 
 

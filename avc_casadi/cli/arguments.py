@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from avc_casadi.identification.units import Layout
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.model.virtual_tool import ToolGains
-    from avc_casadi.other_end_coupling import ToolCoupling
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
@@ -232,11 +231,10 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
         InputError: with every fault; for a problem in place of a coupling, with the command that makes one.
     """
     from avc_casadi._util.units import speak
-    from avc_casadi.coupling import Coupling
-    from avc_casadi.files.coupling_file import GAINS_ALONE, read_file
-    from avc_casadi.files.other_end_coupling_file import is_tool_coupling
+    from avc_casadi.coupling import Coupling, require_coupling
+    from avc_casadi.files.coupling_file import GAINS_ALONE, end_of, read_file
 
-    if is_tool_coupling(file):
+    if end_of(file) == "simulation":
         why = f"is a coupling to a simulation; {verb} takes one to a wall in the device's own loop: {TOOL_VERBS}"
         raise avc.InputError.of(why, file=file)
     if not is_coupling(file) and _is_problem(file):
@@ -246,6 +244,7 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
         return avc.read_coupling(Path(file), load_problem(problem))
     found = read_file(Path(file))
     if isinstance(found, Coupling):
+        require_coupling(found)
         speak(found.problem.units)
         return found
     raise avc.InputError.of(f"{GAINS_ALONE}: {beside}", file=file)
@@ -298,21 +297,22 @@ def couples_to_simulation(source: str) -> bool:
         source: as typed.
     """
     if is_coupling(source):
-        from avc_casadi.files.other_end_coupling_file import is_tool_coupling
+        from avc_casadi.files.coupling_file import end_of
 
-        return is_tool_coupling(source)
+        return end_of(source) == "simulation"
     try:
         return avc.load_problem(source).simulation is not None
     except avc.AvcError:  # reported where it is loaded
         return False
 
 
-def read_tool(file: str) -> ToolCoupling:
+def read_tool(file: str) -> Coupling:
     """Read a coupling to a simulation, and set the units of output to those of its device."""
     from avc_casadi._util.units import speak
-    from avc_casadi.files.other_end_coupling_file import read_tool_coupling
 
-    found = read_tool_coupling(file)
+    found = avc.read_coupling(file)
+    if found.end != "simulation":
+        raise avc.InputError.of(f"leads to a {found.end}; allowed: a coupling to a simulation", file=file)
     speak(found.problem.units)
     return found
 
@@ -328,7 +328,7 @@ def pair_of(source: str, gains: str | None, console: Console | None = None) -> t
     Raises:
         InputError: gains with a coupling, of another kind, or none is deployable.
     """
-    from avc_casadi.files.other_end_coupling_file import is_tool_coupling
+    from avc_casadi.files.coupling_file import end_of
 
     if is_coupling(source):
         if gains is not None:
@@ -337,7 +337,7 @@ def pair_of(source: str, gains: str | None, console: Console | None = None) -> t
         return coupling.problem, coupling.gains
     problem = load_problem(source)
     if gains is not None:
-        if not is_tool_coupling(gains):
+        if end_of(gains) != "simulation":
             make = f"avc recommend {quote(source)} --out c.json"
             raise avc.InputError.of(f"is no coupling to a simulation; make one: {make}", file=gains)
         return problem, read_tool(gains).gains
@@ -380,12 +380,13 @@ def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule,
     Raises:
         InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.
     """
-    from avc_casadi.coupling import Coupling, check_sample_time
+    from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
     from avc_casadi.files.coupling_file import read_file, same_problem
 
     found = read_file(file)
     check_sample_time(found.sample_time_s, problem, file)
     if isinstance(found, Coupling):
+        require_coupling(found)
         if same_problem(problem, found.problem):
             return found, []
         note = f"the coupling was made for {found.problem.name} with another {_differing(problem, found.problem)}"
@@ -408,19 +409,13 @@ def _differing(one: avc.Problem, other: avc.Problem) -> str:
     return ", ".join(f"[{key}]" for key in mine if isinstance(mine[key], dict) and mine[key] != theirs[key])
 
 
-def read_pair(file: str) -> Any:
+def read_pair(file: str) -> Coupling | None:
     """Read a coupling to a simulation or a follower; None for one to a wall."""
     from avc_casadi._util.units import speak
-    from avc_casadi.files.other_end_coupling_file import (
-        is_teleoperator_coupling,
-        is_tool_coupling,
-        read_teleoperator_coupling,
-    )
+    from avc_casadi.files.coupling_file import end_of
 
-    if is_tool_coupling(file):
-        return read_tool(file)
-    if not is_teleoperator_coupling(file):
+    if end_of(file) not in {"simulation", "follower"}:
         return None
-    found = read_teleoperator_coupling(file)
+    found = avc.read_coupling(file)
     speak(found.problem.units)
     return found

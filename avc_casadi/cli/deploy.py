@@ -91,10 +91,8 @@ def add_export(parser: argparse.ArgumentParser) -> None:
 
 def run_export(args: argparse.Namespace, console: Console) -> Answer:
     """Write both files, or print the parameters."""
-    from avc_casadi.coupling import Coupling
-
     found = read_pair(args.gains) or read_subject("export", args.gains, args.problem)
-    if isinstance(found, Coupling):
+    if found.end == "wall":
         if args.parameters is not None:
             raise avc.InputError.of(
                 "is of a coupling to a [simulation], and this file holds none; for C: --c DIR",
@@ -102,7 +100,7 @@ def run_export(args: argparse.Namespace, console: Console) -> Answer:
                 key="--parameters",
             )
         return _export_wall(found, args, console)
-    simulated = found.problem.simulation is not None
+    simulated = found.end == "simulation"
     alien = [one for one in ("problem", *(() if simulated else ("parameters",))) if getattr(args, one)]
     if alien:
         raise avc.InputError.of("does not apply to this coupling; for C: --c DIR", file=args.gains, key=f"--{alien[0]}")
@@ -359,13 +357,12 @@ def _stream_coupling(args: argparse.Namespace, console: Console) -> Coupling:
     """Read the coupling; or recommend one for a problem."""
     if is_coupling(args.subject):
         return read_subject("stream", args.subject, args.problem)
-    from avc_casadi.coupling import Coupling
     from avc_casadi.recommendation.recommend import recommend
 
     problem = load_problem(args.subject)
     with console.step("recommended coupling"):
         found = recommend(problem, progress=console)
-    if not isinstance(found.coupling, Coupling):
+    if found.coupling is None or found.coupling.end != "wall":
         raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
     return found.coupling
 

@@ -31,7 +31,6 @@ from avc_casadi.design.registry import methods_help
 from avc_casadi.files.new_options import DAMPING, EVERY, HANDS, HOLDS, MASS, RADIUS
 
 if TYPE_CHECKING:
-    from avc_casadi.coupling import Coupling
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.model.schedule import GainSchedule
@@ -193,14 +192,10 @@ def _recommended(problem: avc.Problem, console: Console, hands: int = 100, **opt
 
 def _coupling_text(found: Recommendation) -> str:
     from avc_casadi._util.json_values import json_text
-    from avc_casadi.coupling import Coupling
     from avc_casadi.files.coupling_file import coupling_document
-    from avc_casadi.files.other_end_coupling_file import other_end_document
 
     assert found.coupling is not None  # noqa: S101 - asked of those with one
-    if isinstance(found.coupling, Coupling):
-        return json_text(coupling_document(found.coupling))
-    return json_text(other_end_document(found.coupling))
+    return json_text(coupling_document(found.coupling))
 
 
 def add_solve(parser: argparse.ArgumentParser) -> None:
@@ -428,9 +423,8 @@ def _to_deploy(problem: avc.Problem, method: str | None, console: Console) -> Re
 def _pushed(found: Recommendation, *, unsafe: bool) -> dict[str, Any]:
     """Push what is deployable; trials refuse what the push, which judges linear stability alone, would take."""
     from avc_casadi.cli.deploy import push_or_say
-    from avc_casadi.coupling import Coupling
 
-    coupling: Coupling | None = found.coupling if isinstance(found.coupling, Coupling) else None
+    coupling = found.coupling if found.coupling and found.coupling.end == "wall" else None
     if coupling is None or found.deployable:
         return push_or_say(coupling, unsafe=unsafe)
     if not unsafe:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from pydantic import ConfigDict
@@ -13,7 +13,7 @@ from pydantic import ConfigDict
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
+from avc_casadi.coupling import Coupling, End, check_sample_time, require_coupling
 from avc_casadi.files.catalogue import require_source
 from avc_casadi.files.gain_file import (
     SCHEMA,
@@ -30,7 +30,6 @@ from avc_casadi.files.gain_file import (
     schedule_of_document,
     units_of_document,
 )
-from avc_casadi.files.other_end_coupling_file import TELEOPERATOR_SCHEMA, TOOL_SCHEMA
 from avc_casadi.files.problem_document import problem_document
 from avc_casadi.files.problem_file import AnyProblem, as_problem
 from avc_casadi.files.rotary_keys import in_keys_of
@@ -41,22 +40,16 @@ from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model.virtual_tool import ToolGains
 
 COUPLING_SCHEMA = "avc-coupling/1"
+_AGAIN = "make it again: avc recommend P --out FILE, or avc solve P --out FILE"
 _TABLE = tuple(GainTableDocument.model_fields)
 GAINS_ALONE = (
     "is a table of gains alone; it lacks the problem (wall, hands, device, force limit), what runs beside the gains "
     "and the certificate. Give the problem that it was made for beside it"
 )
 """What a gain file without a problem lacks."""
-_TO_SIMULATION = (
-    "couples a device to a [simulation]: it has no wall and no gain table, and its tool moves in an engine; "
-    "avc export, avc certify and avc simulate take it"
-)
-_TO_FOLLOWER = (
-    "couples a leader to a [follower]: it has no wall and no gain table; avc export takes it, and avc recommend judges "
-    "its problem"
-)
 _LACKS = (
     "what runs beside the gains: observer, estimator, adaptation, guard; those of a coupling that names none are taken",
     "its certificate on the loop as it is",
@@ -75,12 +68,36 @@ class RuntimeDocument(q.Table):
     state_feedback: StateFeedbackEffect | None = None
 
 
+class PairDocument(q.Table):
+    """The file of a coupling to a simulation or a second device; `in_scene` and `at_follower` follow from the gains."""
+
+    end: Literal["simulation", "follower"]
+    id: Any = None
+    stiffness_n_per_m: q.Stiffness
+    damping_ns_per_m: q.Damping
+    local_damping_ns_per_m: q.Damping
+    problem_file: Problem
+    certificate: JsonTable = None
+    trial: JsonTable = None
+    versions: JsonTable = None
+    in_scene: Any = None
+    at_follower: Any = None
+    motion: Any = None
+    units: Any = None
+
+    def faults(self) -> Iterator[q.Finding]:
+        """Yield a problem without the other end."""
+        if getattr(self.problem_file, self.end) is None:
+            yield ("problem_file", self.end), "is missing; allowed: the table of the other end"
+
+
 class CouplingDocument(GainDocument):
     """The file of a coupling; keys that follow from others must agree with them."""
 
     model_config = ConfigDict(extra="forbid")
     follow: ClassVar[tuple[str, ...]] = ("wall", "contact", "max_force_n")
 
+    end: Literal["wall"] = "wall"
     id: Any = None
     problem_file: Problem
     table: GainTableDocument
@@ -108,14 +125,27 @@ class CouplingDocument(GainDocument):
 
 def coupling_document(coupling: Coupling) -> dict[str, Any]:
     """Return the document of a coupling: JSON values only."""
+    kept = {
+        "schema": COUPLING_SCHEMA,
+        "end": coupling.end,
+        "id": coupling.id,
+        "problem_file": problem_document(coupling.problem),
+        "certificate": None if coupling.certificate is None else plain(dict(coupling.certificate)),
+        "trial": None if coupling.trial is None else plain(dict(coupling.trial)),
+        "versions": dict(coupling.versions),
+    }
+    if coupling.end == "simulation":
+        there = {key: value for key, value in vars(coupling.in_scene).items() if key != "local_damping_ns_per_m"}
+        return {**kept, **vars(coupling.gains), "in_scene": there}
+    if coupling.end == "follower":
+        return {**kept, **vars(coupling.gains), "at_follower": vars(coupling.at_follower)}
     wall = coupling.wall
     columns = zip(_TABLE, coupling.table.rows.T, strict=True)
     gains = {key: value for key, value in gain_document(coupling.schedule).items() if key != "state_feedback"}
-    return gains | {
-        "schema": COUPLING_SCHEMA,
-        "id": coupling.id,
+    return {
+        **gains,
+        **kept,
         "title": coupling.problem.title,
-        "problem_file": problem_document(coupling.problem),
         "structure": coupling.structure,
         "contact": coupling.contact,
         "constant": coupling.table.constant,
@@ -124,9 +154,6 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
         "wall": {"damping_ns_per_m": wall.damping_ns_per_m, "stiffness_n_per_m": wall.stiffness_n_per_m},
         "sample_time_s": coupling.sample_time_s,
         "max_force_n": coupling.max_force_n,
-        "certificate": None if coupling.certificate is None else plain(dict(coupling.certificate)),
-        "trial": None if coupling.trial is None else plain(dict(coupling.trial)),
-        "versions": dict(coupling.versions),
         "lacks": list(coupling.lacks),
     }
 
@@ -140,7 +167,8 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     Example:
         >>> avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft")), "soft.json")
     """
-    require_coupling(coupling)
+    if not isinstance(coupling, Coupling):
+        require_coupling(coupling)
     write_file(path, json_text(coupling.units.document(coupling_document(coupling))))
 
 
@@ -151,19 +179,27 @@ def read_file(path: str | Path) -> Coupling | GainSchedule:
     if path.suffix.lower() == ".csv":
         return read_csv(path)
     document = read_document(path)
-    if document.get("schema") == TOOL_SCHEMA:
-        raise InputError.of(_TO_SIMULATION, file=str(path))
-    if document.get("schema") == TELEOPERATOR_SCHEMA:
-        raise InputError.of(_TO_FOLLOWER, file=str(path))
     units = units_of_document(document)
     with in_keys_of(units):
         document = units.read(document)
+        if document.get("schema") == COUPLING_SCHEMA and document.get("end", "wall") != "wall":
+            return _pair(document, path)
         if document.get("schema") == COUPLING_SCHEMA or "problem_file" in document:
             return _from_document(document, path)
         if document.get("schema", SCHEMA) != SCHEMA:
             message = f"is {q.shown(document['schema'])}; allowed: {q.shown(SCHEMA)}, {q.shown(COUPLING_SCHEMA)}"
             raise InputError.of(message, file=str(path), key="schema")
         return schedule_of_document(document, path)
+
+
+def end_of(path: str | Path) -> End | None:
+    """Return what the coupling of a file leads to; None of gains alone, of another file and of what cannot be read."""
+    try:
+        document = read_document(Path(path)) if str(path).lower().endswith(".json") else {}
+    except InputError:
+        return None
+    end: End = document.get("end", "wall")
+    return end if document.get("schema") == COUPLING_SCHEMA and end in get_args(End) else None
 
 
 def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:
@@ -233,20 +269,33 @@ def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
     return coupling
 
 
+def _pair(document: Mapping[str, Any], path: Path) -> Coupling:
+    found = checked(PairDocument, {key: value for key, value in document.items() if key != "schema"})
+    if isinstance(found, list):
+        raise InputError(faults_of(found, str(path)))
+    gains = ToolGains(found.stiffness_n_per_m, found.damping_ns_per_m, found.local_damping_ns_per_m)
+    made = Coupling.between(found.problem_file, gains, found.certificate, found.trial, found.versions)
+    coupling = replace(made, end=found.end)
+    if found.id != coupling.id:
+        raise InputError([_changed(found.id, coupling, path)])
+    return coupling
+
+
+def _changed(given: Any, coupling: Coupling, path: Path) -> Fault:
+    message = f"is {q.shown(given)}, and what the file holds is {coupling.id!r}: it was changed since"
+    return Fault(str(path), None, "id", f"{message}; {_AGAIN}")
+
+
 def _check_whole(coupling: Coupling, found: CouplingDocument, path: Path) -> None:
     """Refuse a file that was changed in part: what is certified must be what runs."""
-    again = "make it again: avc recommend P --out FILE, or avc solve P --out FILE"
-    faults = []
-    if found.id != coupling.id:
-        message = f"is {q.shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since; {again}"
-        faults.append(Fault(str(path), None, "id", message))
+    faults = [] if found.id == coupling.id else [_changed(found.id, coupling, path)]
     beside = GainTable.of(coupling.schedule)(coupling.table.frequency_hz)
     if not np.allclose(beside, coupling.table.gains, rtol=1e-9, atol=0.0):
-        faults.append(Fault(str(path), None, "table", f"is not that of the gains beside it; {again}"))
+        faults.append(Fault(str(path), None, "table", f"is not that of the gains beside it; {_AGAIN}"))
     document = coupling_document(coupling)
     for key in CouplingDocument.follow:
         if getattr(found, key) != document[key]:
-            message = f"is not that of problem_file and gains, {q.shown(document[key])}; {again}"
+            message = f"is not that of problem_file and gains, {q.shown(document[key])}; {_AGAIN}"
             faults.append(Fault(str(path), None, key, message))
     if faults:
         raise InputError(faults)

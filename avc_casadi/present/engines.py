@@ -15,7 +15,7 @@ from avc_casadi.present.row import Answer, Mark, Value, parts, row
 from avc_casadi.present.rows.subject import notes, pair
 
 if TYPE_CHECKING:
-    from avc_casadi.other_end_coupling import ToolCoupling
+    from avc_casadi.coupling import Coupling
 
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _text:
     TABLE: tuple[dict[str, str], ...] = tuple(csv.DictReader(_text))
@@ -60,7 +60,7 @@ _EXCHANGE = {
 }
 
 
-def values_of(coupling: ToolCoupling) -> dict[str, float]:
+def values_of(coupling: Coupling) -> dict[str, float]:
     """Return the value of each formula that applies: of K, B, m, h, T, F, position scale p and force scale f."""
     tool, k, b = coupling.tool, coupling.in_scene.stiffness_n_per_m, coupling.in_scene.damping_ns_per_m
     device, p, f = coupling.problem.device, tool.position_scale, tool.force_scale
@@ -80,7 +80,7 @@ def values_of(coupling: ToolCoupling) -> dict[str, float]:
     return found
 
 
-def parameters(coupling: ToolCoupling, engine: str, shown: str = "coupling.json", unsafe: str = "") -> Answer:
+def parameters(coupling: Coupling, engine: str, shown: str = "coupling.json", unsafe: str = "") -> Answer:
     """Return a coupling to a simulation in the parameters and units of an engine."""
     if engine not in ENGINES:
         raise InputError.of(f"is {engine!r}; allowed: {', '.join(ENGINES)}", key="--parameters")

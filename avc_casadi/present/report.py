@@ -183,11 +183,10 @@ def paper_sections(
 
 def wall_pictures(found: Recommendation) -> Drawn:
     """Return the figures of a coupling to a wall; none without one."""
-    from avc_casadi.coupling import Coupling  # noqa: PLC0415 - with the simulators, in a process of its own
     from avc_casadi.present.figures.deployed import draw_loop, draw_rendered  # noqa: PLC0415 - likewise
     from avc_casadi.recommendation.deployed import deployed  # noqa: PLC0415 - likewise
 
-    if not isinstance(found.coupling, Coupling):
+    if found.coupling is None or found.coupling.end != "wall":
         return {}
     responses = deployed(found.coupling)
     draws: dict[str, Callable[..., Figure]] = {"rendered": draw_rendered, "loop": draw_loop}
@@ -207,14 +206,13 @@ def pair_pictures(found: Recommendation, progress: Progress) -> Drawn:
     """Return the figures of a coupling to another end: the rendering, and of a simulation the stable couplings."""
     from dataclasses import replace  # noqa: PLC0415 - as above
 
-    from avc_casadi.coupling import Coupling  # noqa: PLC0415 - as above
     from avc_casadi.design.tool_region import tool_region  # noqa: PLC0415 - as above
     from avc_casadi.present.figures.tool_impedance import draw_rendered_impedance  # noqa: PLC0415 - as above
     from avc_casadi.present.figures.tool_region import draw_tool_region  # noqa: PLC0415 - as above
     from avc_casadi.recommendation.tool_impedance import rendered_band  # noqa: PLC0415 - as above
 
     drawn, coupling = {}, found.coupling
-    gains = None if coupling is None or isinstance(coupling, Coupling) else coupling.gains
+    gains = None if coupling is None else coupling.gains
     if gains is not None:
         band = rendered_band(found.problem, gains)
         caption = "Rendered against wanted: device and other end as one body, and the coupling's spring."

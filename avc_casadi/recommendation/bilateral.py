@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
 from avc_casadi.loops.follower import BilateralLoops, required_follower
-from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation
 from avc_casadi.recommendation.tool_impedance import rendered_follower
@@ -90,7 +90,7 @@ def recommend_bilateral(
     coupling = None
     if gains is not None and trial is not None:
         certificate = {"loops": len(loops), "gain_margin": gain_margin, "passivity_margin_ns_per_m": margin}
-        coupling = TeleoperatorCoupling(problem, gains, certificate, trial.document(), versions or {})
+        coupling = Coupling.between(problem, gains, certificate, trial.document(), versions or {})
     return Recommendation(
         problem=problem,
         coupling=coupling,

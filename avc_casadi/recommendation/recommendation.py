@@ -12,10 +12,8 @@ from avc_casadi._util.json_values import plain
 from avc_casadi._util.printed import Printed
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.other_end_coupling_file import other_end_document
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M
-from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
 from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.rebound import rebound
@@ -112,7 +110,7 @@ class Recommendation(Printed):
     """
 
     problem: Problem
-    coupling: Coupling | ToolCoupling | TeleoperatorCoupling | None
+    coupling: Coupling | None
     deployable: bool
     reason: str
     trial: CouplingTrial | ToolTrial | BilateralTrial | None = None
@@ -163,7 +161,7 @@ class Recommendation(Printed):
         return found
 
     def _of_wall(self) -> dict[str, Any]:
-        coupling = self.coupling if isinstance(self.coupling, Coupling) else None
+        coupling = self.coupling
         return {
             "rest": None if self.rest is None else self.rest.document(),
             "coupling": None if coupling is None else coupling_document(coupling),
@@ -189,7 +187,7 @@ class Recommendation(Printed):
         coupling, tried = self.coupling, self.trial and self.trial.document()
         pressed = None if not tried else tried["rendered_stiffness_n_per_m"]
         return {
-            "coupling": None if coupling is None or isinstance(coupling, Coupling) else other_end_document(coupling),
+            "coupling": None if coupling is None else coupling_document(coupling),
             "felt": {
                 "stiffness_n_per_m": pressed,
                 "on_stiffest_contact_n_per_m": _in_series(pressed, self.problem),
@@ -197,9 +195,9 @@ class Recommendation(Printed):
             },
             "pair": {
                 **{key: value for key, value in vars(pair).items() if key not in {"felt", "mode", "worst", "stiffest"}},
-                "gains": None if coupling is None or isinstance(coupling, Coupling) else vars(coupling.gains),
-                "in_scene": vars(coupling.in_scene) if isinstance(coupling, ToolCoupling) else None,
-                "at_follower": vars(coupling.at_follower) if isinstance(coupling, TeleoperatorCoupling) else None,
+                "gains": None if coupling is None else vars(coupling.gains),
+                "in_scene": vars(coupling.in_scene) if coupling and coupling.end == "simulation" else None,
+                "at_follower": vars(coupling.at_follower) if coupling and coupling.end == "follower" else None,
                 "stiffest": vars(pair.stiffest),
                 "least_damped": None if pair.mode is None else asdict(pair.mode),
                 "limited_by": asdict(pair.worst),
@@ -209,7 +207,7 @@ class Recommendation(Printed):
     def felt(self) -> dict[str, Any]:
         """Return what is rendered: stiffness, impedance error against the physical wall, tap, vibration."""
         coupling, trial = self.coupling, self.trial
-        if not isinstance(coupling, Coupling) or trial is None:
+        if coupling is None or coupling.end != "wall" or trial is None:
             return {"stiffness_n_per_m": None, "share_of_wall": None}
         device, tried = self.problem.device, trial.document()
         springy = self.problem.environment.stiffness_n_per_m > 0
@@ -246,7 +244,7 @@ class Recommendation(Printed):
         Gain margins as factors, up and down, phase margin in degrees, delay margin in samples; None without a limit;
         empty without a coupling to a wall.
         """
-        if not isinstance(self.coupling, Coupling):
+        if self.coupling is None or self.coupling.end != "wall":
             return {}
         found = zip(("released", "worst_hand"), OpenLoop.of(self.coupling).margins(), strict=True)
         margins: dict[str, Any] = plain({who: vars(one) for who, one in found})

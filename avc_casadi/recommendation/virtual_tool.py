@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import quantity
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.loops.engine import ToolLoops, required_tool
-from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation
 from avc_casadi.recommendation.tool_impedance import rendered_tool
@@ -70,7 +70,7 @@ def recommend_tool(
     if gains is not None and trial is not None:
         margin, mode = search.gain_margin_over_ranges(gains), search.loops.slowest(gains)
         certificate = tool_certificate(problem, gains, search)
-        coupling = ToolCoupling(problem, gains, certificate, trial.document(), versions or {})
+        coupling = Coupling.between(problem, gains, certificate, trial.document(), versions or {})
     same = gains.stiffness_n_per_m if gains is not None else wanted
     return Recommendation(
         problem=problem,

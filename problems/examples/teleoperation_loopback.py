@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.other_end_coupling import TeleoperatorCoupling
+from avc_casadi.coupling import Coupling
 from avc_hardware import export_teleoperator_c
 
 Array = NDArray[np.float64]
@@ -177,7 +177,7 @@ def board(end: str, library: str, ports: tuple[int, int], begin: Barrier, slower
     Path(out).write_text(json.dumps({"late_s": late, "rows": rows}), encoding="utf-8")
 
 
-def compiled(coupling: TeleoperatorCoupling, folder: Path) -> str:
+def compiled(coupling: Coupling, folder: Path) -> str:
     """Return the library that a C compiler makes of the exported coupling."""
     compiler = shutil.which(os.environ.get("CC", "cc"))
     if compiler is None:
@@ -216,7 +216,7 @@ def main() -> int:
     args = parser.parse_args()
     out, slower = args.out, args.slower
     answer = avc.recommend(avc.parse_problem(PROBLEM), hands=20)
-    if not isinstance(answer.coupling, TeleoperatorCoupling):
+    if answer.coupling is None:
         print(answer.reason)
         return 1
     with tempfile.TemporaryDirectory() as name:

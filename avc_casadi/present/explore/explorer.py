@@ -16,7 +16,6 @@ from avc_casadi._util.units import Units
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
 from avc_casadi.model.schedule import GainSchedule, Status
-from avc_casadi.other_end_coupling import TeleoperatorCoupling
 from avc_casadi.paper.rendered import gain_schedule
 from avc_casadi.present.explore.background import Background
 from avc_casadi.present.explore.forms import WALL, Form, form_of
@@ -27,8 +26,8 @@ from avc_casadi.present.rows.recommend import recommendation
 from avc_casadi.recommendation.answer import recommend
 
 if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
     from avc_casadi.model.problem import Problem
-    from avc_casadi.other_end_coupling import ToolCoupling
 
 T = TypeVar("T")
 
@@ -219,7 +218,7 @@ def _at_all_frequencies(coupling: Coupling) -> GainSchedule:
     )
 
 
-def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | ToolCoupling | None, list[str]]:
+def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | None, list[str]]:
     """Return the coupling of a slow method, and its rows as texts."""
     problem, method = task
     if method == "recommend":
@@ -228,9 +227,7 @@ def _worked(task: tuple[Problem, str], progress: Progress) -> tuple[Coupling | T
         # What is known of any pair stands in the table of the page.
         shown = [one for one in rows if one.rank == 0 and (found.pair is None or one.label not in _IN_TABLE)]
         marks = {mark: "" if mark is Mark.NONE else f"{mark.value} " for mark in Mark}
-        coupling = found.coupling
-        assert not isinstance(coupling, TeleoperatorCoupling)  # noqa: S101 - the page has no follower
-        return coupling, [f"{marks[one.mark]}{one.label}: {one.text(problem.units)}" for one in shown]
+        return found.coupling, [f"{marks[one.mark]}{one.label}: {one.text(problem.units)}" for one in shown]
     gains = solve(problem, method, progress=progress)
     if not gains.usable.any():
         return None, list(dict.fromkeys(gains.reason))

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._errors import InputError
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi._util.text import quantity
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch, designed
-from avc_casadi.files.other_end_coupling_file import other_end_document
+from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.problem_document import dump_problem
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_casadi.other_end_coupling import ToolCoupling
 from avc_casadi.present.explore.answers import (
     Part,
     asked_settings,
@@ -165,13 +165,13 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     gains = _gains(explorer, settings)
     if gains is None:
         raise InputError.of("no pair is stable: there is nothing to save", key="method")
-    ran: ToolCoupling | None = explorer.found(settings)
+    ran: Coupling | None = explorer.found(settings)
     certificate = tool_certificate(problem, gains, _search(explorer, problem))
-    coupling = ToolCoupling(problem, gains, certificate, None if ran is None else ran.trial, explorer.versions)
+    coupling = Coupling.between(problem, gains, certificate, None if ran is None else ran.trial, explorer.versions)
     told = stability(certificate)[0].text(problem.units) + _tried(explorer, settings)
     return {
         "name": f"{stem}-coupling.json",
-        "text": json_text(other_end_document(coupling)),
+        "text": json_text(coupling_document(coupling)),
         "told": told_on_page(explorer, told),
     }
 
@@ -203,7 +203,7 @@ def _gains(explorer: Explorer, settings: Settings) -> ToolGains | None:
     if settings.method == "constant":
         return ToolGains(**constant_gains(settings, explorer.form))
     if explorer.done(settings):
-        ran: ToolCoupling | None = explorer.found(settings)
+        ran: Coupling | None = explorer.found(settings)
         return None if ran is None else ran.gains
     _limit(explorer, problem)
     search = _search(explorer, problem)
@@ -217,7 +217,7 @@ def _tried(explorer: Explorer, settings: Settings) -> str:
 
 def _pressed(explorer: Explorer, settings: Settings) -> float | None:
     """Return the stiffness that the hands of a run met, where there was one."""
-    ran: ToolCoupling | None = explorer.found(settings)
+    ran: Coupling | None = explorer.found(settings)
     return None if ran is None or ran.trial is None else ran.trial["rendered_stiffness_n_per_m"]
 
 

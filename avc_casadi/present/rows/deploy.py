@@ -11,7 +11,6 @@ from avc_casadi.present.rows.subject import gains, headline, notes, pair, plural
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
-    from avc_casadi.other_end_coupling import TeleoperatorCoupling, ToolCoupling
 
 _LIMITED: tuple[tuple[str, str, Any], ...] = (
     ("Force", "force_n", "force"),
@@ -111,12 +110,12 @@ def _columns(coupling: Coupling) -> dict[str, Any]:
     return {key: getattr(coupling.schedule, key) for key in keys}
 
 
-def pair_export(data: Mapping[str, Any], coupling: ToolCoupling | TeleoperatorCoupling, shown: str) -> Answer:
+def pair_export(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
     """Return the answer of `export` of a coupling to a simulation or a follower."""
     problem, far = coupling.problem, data.get("follower_sample_time_s")
     springs = [pair(vars(coupling.gains))]
     if problem.follower is not None:
-        springs.append(parts("at the follower", pair(vars(coupling.at_follower))))  # type: ignore[union-attr]
+        springs.append(parts("at the follower", pair(vars(coupling.at_follower))))
     rates = listed(Value(1 / one, "frequency") for one in dict.fromkeys(filter(None, (data["sample_time_s"], far))))
     rows = [
         *_unsafe(data),

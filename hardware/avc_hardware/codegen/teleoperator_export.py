@@ -14,9 +14,9 @@ from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_
 from avc_hardware.codegen.teleoperator_header import teleoperator_header
 
 if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device
     from avc_casadi.model.virtual_tool import ToolGains
-    from avc_casadi.other_end_coupling import TeleoperatorCoupling
 
 # A link without so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.
 _MESSAGES = 5
@@ -148,7 +148,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
 
 @in_its_units
 def export_teleoperator_c(
-    coupling: TeleoperatorCoupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
+    coupling: Coupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
     """Return a coupling between two devices as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = checked(precision, name)
@@ -167,7 +167,7 @@ def export_teleoperator_c(
     return named(coupling.problem, files, name)
 
 
-def _numbers(coupling: TeleoperatorCoupling, precision: Precision) -> dict[str, str]:
+def _numbers(coupling: Coupling, precision: Precision) -> dict[str, str]:
     """Return the literals of a coupling for both files, and the silences of the link in words."""
     literal, leader, follower = precision.literal, coupling.problem.device, coupling.follower
     to_leader, to_follower = _delays(coupling)
@@ -189,7 +189,7 @@ def _numbers(coupling: TeleoperatorCoupling, precision: Precision) -> dict[str, 
     }
 
 
-def _silence_samples(coupling: TeleoperatorCoupling, own: Device, far: Device, delay_s: float) -> int:
+def _silence_samples(coupling: Coupling, own: Device, far: Device, delay_s: float) -> int:
     """Return the number of samples without a new message after which the link to one end is silent."""
     late = 2 * coupling.follower.jitter * delay_s
     return math.ceil((_MESSAGES * max(own.sample_time_s, far.sample_time_s) + late) / own.sample_time_s - 1e-9)
@@ -199,13 +199,13 @@ def _fade_samples(own: Device) -> int:
     return max(1, round(FADE_S / own.sample_time_s))
 
 
-def _delays(coupling: TeleoperatorCoupling) -> tuple[float, float]:
+def _delays(coupling: Coupling) -> tuple[float, float]:
     """Return the longest delay to the leader, and to the follower."""
     there, back = coupling.follower.delays_s[-1]
     return back, there
 
 
-def _ends(coupling: TeleoperatorCoupling, precision: Precision) -> str:
+def _ends(coupling: Coupling, precision: Precision) -> str:
     """Return both ends as constants."""
     leader, follower = coupling.problem.device, coupling.follower
     to_leader, to_follower = _delays(coupling)
@@ -219,7 +219,7 @@ def _ends(coupling: TeleoperatorCoupling, precision: Precision) -> str:
 
 
 def _end(
-    coupling: TeleoperatorCoupling,
+    coupling: Coupling,
     precision: Precision,
     name: str,
     own: Device,

@@ -12,8 +12,8 @@ from avc_hardware.codegen.sensor_rule import SensorBounds
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from avc_casadi.coupling import Coupling
     from avc_casadi.model.virtual_tool import ToolGains
-    from avc_casadi.other_end_coupling import TeleoperatorCoupling
 
 _HEADER = """\
 /* The coupling between a leader and its follower, made by avc-casadi; do not edit. One source for both ends.
@@ -132,7 +132,7 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m);
 {end_c}"""
 
 
-def teleoperator_header(coupling: TeleoperatorCoupling, verdict: str, made: Mapping[str, str]) -> str:
+def teleoperator_header(coupling: Coupling, verdict: str, made: Mapping[str, str]) -> str:
     """Return the header; every text passes the allow-list of comments."""
     problem, follower, gains, far = coupling.problem, coupling.follower, coupling.gains, coupling.at_follower
     device = problem.device

@@ -14,8 +14,8 @@ from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_
 from avc_hardware.codegen.tool_header import MISSED_STEPS, tool_header
 
 if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
     from avc_casadi.model.virtual_tool import VirtualTool
-    from avc_casadi.other_end_coupling import ToolCoupling
 
 
 _SOURCE = """\
@@ -141,7 +141,7 @@ _TARGET = """\
 
 @in_its_units
 def export_tool_c(
-    coupling: ToolCoupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
+    coupling: Coupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
     """Return a coupling to a simulation as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = checked(precision, name)
@@ -168,7 +168,7 @@ def _engine_c(tool: VirtualTool, numbers: dict[str, str]) -> str:
     return "\n".join(found)
 
 
-def _numbers(coupling: ToolCoupling, precision: Precision) -> dict[str, str]:
+def _numbers(coupling: Coupling, precision: Precision) -> dict[str, str]:
     """Return the literals of a coupling for both files."""
     device, tool, literal = coupling.problem.device, coupling.tool, precision.literal
     bounds = SensorBounds.of(device)
@@ -206,7 +206,7 @@ def _clip(limit: str) -> str:
     )
 
 
-def _law(coupling: ToolCoupling, precision: Precision, fastest: float) -> dict[str, str]:
+def _law(coupling: Coupling, precision: Precision, fastest: float) -> dict[str, str]:
     """Return the force on the device as expressions: spring, dampers, valid inputs."""
     gains, tool, literal = coupling.gains, coupling.tool, precision.literal
     local = f"{literal(gains.local_damping_ns_per_m)} * coupling->velocity_m_per_s"

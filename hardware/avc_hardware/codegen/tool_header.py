@@ -13,8 +13,8 @@ from avc_hardware.codegen.sensor_rule import SensorBounds
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from avc_casadi.coupling import Coupling
     from avc_casadi.model.virtual_tool import Exchange, VirtualTool
-    from avc_casadi.other_end_coupling import ToolCoupling
 
 MISSED_STEPS = 5
 """An engine that has missed so many of its longest steps counts as hanging."""
@@ -142,7 +142,7 @@ _SOLVED = {
 }
 
 
-def tool_header(coupling: ToolCoupling, verdict: str, made: Mapping[str, str]) -> str:
+def tool_header(coupling: Coupling, verdict: str, made: Mapping[str, str]) -> str:
     """Return the header; every text passes the allow-list of comments."""
     problem, tool, gains, scene = coupling.problem, coupling.tool, coupling.gains, coupling.in_scene
     device = problem.device
@@ -235,7 +235,7 @@ def _order(tool: VirtualTool) -> list[str]:
     return [f"avc_coupling_step(position, {given}), the same until the next step", engine]
 
 
-def _otherwise(coupling: ToolCoupling) -> str:
+def _otherwise(coupling: Coupling) -> str:
     """Describe the other exchanges for which these gains hold."""
     used = coupling.tool.exchange
     held = {
