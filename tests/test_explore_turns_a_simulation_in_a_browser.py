@@ -188,7 +188,7 @@ def test_two_settings_are_compared_and_saved(page, tmp_path):
     problem = avc.load_problem(until(lambda: next(tmp_path.glob("*.toml"), None)))
     assert problem.simulation.tool_mass_kg == (0.4, 0.4)
     saved = json.loads(until(lambda: next(tmp_path.glob("*.json"), None)).read_text(encoding="utf-8"))
-    assert saved["schema"] == "avc-tool-coupling/1"
+    assert saved["schema"] == "avc-coupling/1"
     assert saved["problem_file"]["simulation"]["tool_mass_kg"] == [0.4, 0.4]
     by_id(page, "copy-command").click()
     assert "avc recommend mujoco-500hz-explored-b.toml" in until(lambda: by_id(page, "command").text).replace(

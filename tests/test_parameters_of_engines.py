@@ -211,13 +211,6 @@ def test_verbs_that_cannot_take_it_say_what_does(verb, said, tmp_path, monkeypat
     assert not (tmp_path / "o").exists()
 
 
-def test_reading_it_as_a_coupling_says_what_takes_it(tmp_path):
-    file = tmp_path / "c.json"
-    write_coupling(tool_coupling(TOOL, 500.0, 5.0), file)
-    with pytest.raises(avc.InputError, match=r"couples a device to a \[simulation\].*avc export"):
-        avc.read_coupling(file)
-
-
 def test_command_knows_the_engines():
     assert tuple(ENGINES) == OF_THE_COMMAND
     with pytest.raises(avc.InputError, match="allowed: mujoco"):
