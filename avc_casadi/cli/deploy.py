@@ -33,10 +33,11 @@ from avc_casadi.cli.arguments import (
 from avc_casadi.cli.console import Console, output_file, output_folder
 
 if TYPE_CHECKING:
+    from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
     from avc_casadi.model.problem import Problem
-    from avc_casadi.present.row import Answer
+    from avc_casadi.present.row import Answer, Part
     from avc_hardware import BoardLimits, Device, DeviceStatus, StreamSample, TelemetryLog, TelemetrySample
 
 # Names of `avc_casadi.present.engines`.
@@ -409,27 +410,28 @@ def _monitor_sample_document(sample: TelemetrySample, words: str) -> Any:
 
 def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     """Watch the device; Ctrl-C ends it with all samples so far."""
-    from avc_casadi._util.units import FORCE, MM, N_PER_M, NEWTON, NS_PER_M, speak, units_for
+    from avc_casadi._util.units import units_for
+    from avc_casadi.present.row import Value, text_of
     from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
 
-    speak(units_for(args.motion))
+    units = units_for(args.motion)
     out = output_file(args.out, "--out", LOG_ENDINGS) if args.out else None
     samples: list[dict[str, Any]] = []
-    document: dict[str, Any] = {"port": args.port, "note": None, "samples": samples}
-    document |= {"records": 0, "lost": 0, "ended": None, "out": None if out is None else str(out)}
+    document: dict[str, Any] = {"port": args.port, "note": None, "samples": samples, "records": 0, "lost": 0}
+    document |= {"ended": None, "out": args.out}
     code, shown = 0, -1.0
     log: TelemetryLog | None = None
     if args.port == EMULATOR:
         document["note"] = EMULATOR_IS_FRESH
-        console.say(f"note: {EMULATOR_IS_FRESH}")
 
     def begun(device: Device) -> None:
         nonlocal log
         if out is not None and log is None:  # not before there is something to log
             log = stack.enter_context(open_log(out, args.motion))
-        console.say(_monitor_device(device))
-        head = ("ticks", "f Hz", f"b {NS_PER_M}", f"k {N_PER_M}", f"x {MM}", f"{FORCE} {NEWTON}", "energy J")
-        console.say(_monitor_line(head, "mode"))
+        own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
+        running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
+        told = (f"device {own} with firmware {device.build}: a tick every", tick, ", at most", most, running)
+        console.say(text_of(told, units))
 
     def ended(status: DeviceStatus) -> None:
         document["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
@@ -463,7 +465,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
                         break
                 if not 0 <= sample.time_s - shown < 1 / _LINES_HZ - 1e-6:
                     shown = sample.time_s
-                    console.say(_monitor_state(sample, words))
+                    console.say(text_of(_monitor_state(sample, words), units))
         except KeyboardInterrupt:
             if not document["records"]:
                 raise
@@ -471,22 +473,10 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             code = EXIT_CODE
     if code:
         document = avc.fault_document(avc.InputError.of("interrupted")) | document
-    return _monitor_end(document, args, code)
+    return _monitor_end(document, args, units, code)
 
 
-def _monitor_device(device: Device) -> str:
-    from avc_casadi._util.units import NEWTON
-
-    running = f"coupling {device.coupling_id}" if device.coupling_id else "no coupling"
-    own = f" {device.unique_id}" if device.unique_id else ""
-    return (
-        f"device{own} with firmware {device.build}: a tick every {1e3 * device.sample_time_s:g} ms, at most "
-        f"{device.max_force_n:g} {NEWTON}, {running}"
-    )
-
-
-def _monitor_end(data: dict[str, Any], args: argparse.Namespace, code: int) -> Answer:
-    from avc_casadi._util.units import units_for
+def _monitor_end(data: dict[str, Any], args: argparse.Namespace, units: Units, code: int) -> Answer:
     from avc_casadi.present.row import Answer as Result
     from avc_casadi.present.row import Mark, Value, row
 
@@ -501,29 +491,29 @@ def _monitor_end(data: dict[str, Any], args: argparse.Namespace, code: int) -> A
         rows.append(row("Heartbeat", "ended, at", Value(ended["force_n"], "force"), until))
     elif args.heartbeat_s:
         rows.append(row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself"))
-    return Result("monitor", data, rows=tuple(rows), units=units_for(args.motion), code=code)
+    return Result("monitor", data, rows=tuple(rows), units=units, code=code)
 
 
-def _monitor_state(sample: TelemetrySample, faults: str) -> str:
-    from avc_casadi._util.units import FORCE
+def _monitor_state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
+    from avc_casadi.present.row import Value, listed
 
-    values = (
-        sample.frequency_hz,
-        sample.damping_ns_per_m,
-        sample.stiffness_n_per_m,
-        1e3 * sample.position_m,
-        sample.force_n,
-        sample.energy_j,
+    mode = sample.mode if sample.has_table or faults else "idle"
+    coupling = f"coupling {sample.coupling_id}" if sample.has_table else "no coupling"
+    return listed(
+        [
+            f"tick {sample.ticks}",
+            ("f", Value(sample.frequency_hz, "frequency")),
+            ("b", Value(sample.damping_ns_per_m, "damping")),
+            ("k", Value(sample.stiffness_n_per_m, "stiffness")),
+            ("at", Value(sample.position_m, "length")),
+            ("applied", Value(sample.force_n, "force")),
+            Value(sample.energy_j, "energy"),
+            mode,
+            "streaming" if sample.streaming else None,
+            f"({faults})" if faults else None,
+            coupling,
+        ]
     )
-    mode = sample.mode if sample.has_table or faults else f"no {FORCE}"
-    mode += ", streaming" if sample.streaming else ""
-    mode += f" ({faults})" if faults else ""
-    mode += f", coupling {sample.coupling_id}" if sample.has_table else ", no coupling"
-    return _monitor_line((str(sample.ticks), *map(number, values)), mode)
-
-
-def _monitor_line(cells: tuple[str, ...], mode: str) -> str:
-    return "  ".join([*(f"{cell:>9}" for cell in cells), mode])
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:

@@ -33,7 +33,7 @@ _DECADES, _NEAR = 2.0, ((-3.2, 2.0), (-1.7, 1.7))
 def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time."""
     found = found if isinstance(found, Deployed) else deployed(found)
-    titles = ("(a) stiffness by sinusoidal excitation", "(b) hands press the wall, simulated")
+    titles = ("(a) stiffness by sinusoidal excitation", "(b) simulated hands press; the approach is cut")
     panels = Panels.of(axes, titles, 2.9, lambda figure: figure.subplots(1, 2).ravel())
     wall, shaken = found.coupling.problem.environment, found.shaken
     left, right = panels.axes
@@ -73,9 +73,9 @@ def _pressed(axes: Axes, found: Deployed) -> None:
     if wall > 0:
         axes.axhline(aim * spring / (wall + spring), label="wanted", **_WANTED)
     axes.axhline(0, color="0.5", linewidth=0.8, zorder=1)
-    depths = 1e3 * found.press_m[np.isfinite(found.press_m)]
-    if depths.size and depths.max() > 0:
-        axes.set_ylim(1.05 * min(depths.min(), 0.0), 1.15 * depths.max())
+    deepest = float(np.max(1e3 * found.press_m, initial=0.0))
+    if np.isfinite(deepest) and deepest > 0:
+        axes.set_ylim(-0.6 * deepest, 1.15 * deepest)
     axes.set_xlim(0, found.press_s[-1])
     axes.set_xlabel("time (s)")
     axes.set_ylabel(f"depth in the wall ({found.coupling.problem.units.unit('mm')})")
