@@ -194,7 +194,7 @@ def test_softer_couplings_are_tried_until_hands_settle_and_some_for_rest_without
 
 def test_a_stiffness_that_is_wanted_is_the_one_that_is_tried(monkeypatch):
     first, gains = [], ToolGains(5000.0, 8.0)
-    loops = SimpleNamespace(radius=lambda _: (0.9, None))
+    loops = type("Loops", (), {"radius": lambda *_: (0.9, None), "__len__": lambda _: 1})()
     search = SimpleNamespace(limit=(gains, False), holds=lambda *_, **__: True, loops=loops)
     search.stiffest_with_margin = lambda limit, margin, **_: 0.9 * limit.stiffness_n_per_m / margin
     monkeypatch.setattr(_tool, "ToolSearch", lambda _: search)

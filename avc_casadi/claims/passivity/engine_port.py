@@ -30,6 +30,7 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import ComplexArray, FloatArray
 from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.loops.engine import clocks
+from avc_casadi.loops.loop import Body, Loop
 from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.hands import hand_corners, with_released
@@ -160,19 +161,14 @@ class Port:
 
     def __init__(self, plant: SampledPlant, gains: ToolGains, delays: PortDelays, *, held_force: bool) -> None:
         self._gains, self._delays, self._held_force = gains, delays, held_force
-        self._t = t = plant.sample_time_s
-        matrix, self._force = plant.with_forces_under_way()
-        n = matrix.shape[-1]
-        position = np.zeros(n + 1)
-        position[: len(plant.measured)] = plant.measured
-        velocity = (position - np.eye(n + 1)[n]) / t
-        self._read = np.stack([position, velocity])
-        k, b = (0.0, 0.0) if held_force else (gains.stiffness_n_per_m, gains.damping_ns_per_m)
-        self._sample = np.zeros((*matrix.shape[:-2], n + 1, n + 1))
-        self._sample[..., :n, :n] = matrix
-        asked = k * position + (b + gains.local_damping_ns_per_m) * velocity
-        self._sample[..., :n, :] += self._force[..., None] * asked
-        self._sample[..., n, :] = position
+        self._body = body = Body.of(plant)
+        self._loop = loop = Loop(plant=body.size, before=1, told=1 + delays.told if held_force else 2)
+        x, told, k, b = body.measured @ loop["plant"], loop["told"], gains.stiffness_n_per_m, gains.damping_ns_per_m
+        v = (x - loop["before"][0]) / body.sample_time_s
+        self._coupled = k * x + b * v
+        pull = told[-1] if held_force else self._coupled - k * told[0] - b * told[1]
+        force = pull + gains.local_damping_ns_per_m * v
+        self._sample = loop.event(plant=body.moved(loop["plant"], force), before=x[None])
 
     def impedance(self, samples: int, angles: FloatArray) -> ComplexArray:
         """Return G, N.s/m, shape (angles, devices, hands).
@@ -181,13 +177,14 @@ class Port:
             samples: N.
             angles: omega T_s, above 0, shape (angles,).
         """
-        k, b = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m
+        k, b, late = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m, self._delays
         z = np.exp(1j * angles)[:, None, None]
-        late, place = self._delays, samples * self._t * z / (z - 1)
+        place = samples * self._body.sample_time_s * z / (z - 1)
         own = k * place * z**-late.spring + b * z**-late.damper
-        matrix, drive = self._lifted(samples)
-        inverse = np.linalg.solve(z[..., None, None] * np.eye(matrix.shape[-1]) - matrix, drive.astype(complex))
-        moved = np.tensordot(inverse, self._coupled, axes=(-2, 0)) * z[..., None] ** -late.told
+        whole, inner = np.linalg.matrix_power(self._sample, samples), self._body.size + 1
+        matrix, drive = whole[..., :inner, :inner], whole[..., :inner, -1 if self._held_force else inner :]
+        inverse = np.linalg.solve(z[..., None, None] * np.eye(inner) - matrix, drive.astype(complex))
+        moved = np.tensordot(inverse, self._coupled[:inner], axes=(-2, 0)) * z[..., None] ** -late.told
         if self._held_force:
             loop = moved[..., 0]
             return np.asarray(own + loop / (1 - loop) * z**-late.held * (k * place + b))
@@ -199,19 +196,9 @@ class Port:
         Args:
             samples: N.
         """
-        matrix, drive = self._lifted(samples)
-        if self._held_force:
-            n, late = matrix.shape[-1], self._delays.told
-            whole = np.zeros((*matrix.shape[:-2], n + late, n + late))
-            whole[..., :n, :n] = matrix
-            if late:
-                whole[..., :n, n + late - 1] = drive[..., 0]
-                whole[..., n, :n] = self._coupled
-                whole[..., np.arange(n + 1, n + late), np.arange(n, n + late - 1)] = 1.0
-            else:
-                whole[..., :n, :n] += drive * self._coupled
-            matrix = whole
-        return float(np.abs(np.linalg.eigvals(matrix)).max())
+        whole = np.linalg.matrix_power(self._sample, samples)
+        told = self._loop.queue("told", self._coupled[None]) if self._held_force else 0.0 * self._loop["told"]
+        return float(np.abs(np.linalg.eigvals(whole @ self._loop.event(told=told))).max())
 
     def lowest(self, samples: int) -> tuple[float, float, int]:
         """Return the lowest Re G, its angle and the indices of device and hand.
@@ -232,22 +219,6 @@ class Port:
             found = float(values[place, row]), float(angles[place]), row
             angles = np.linspace(angles[max(place - 1, 0)], angles[min(place + 1, len(angles) - 1)], 41)
         return found
-
-    @property
-    def _coupled(self) -> FloatArray:
-        """Return the coupling's force as a row of the device's state."""
-        gains = self._gains
-        return np.asarray(gains.stiffness_n_per_m * self._read[0] + gains.damping_ns_per_m * self._read[1])
-
-    def _lifted(self, samples: int) -> tuple[FloatArray, FloatArray]:
-        """Return A_N and B_N: of the tool's position and velocity, or of the held force."""
-        k, b = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m
-        by = np.array([[1.0]] if self._held_force else [[-k, -b]])
-        force = np.concatenate([self._force, np.zeros((*self._force.shape[:-1], 1))], axis=-1)[..., None] * by
-        power, drive = np.broadcast_to(np.eye(force.shape[-2]), self._sample.shape), np.zeros_like(force)
-        for _ in range(samples):
-            drive, power = self._sample @ drive + force, self._sample @ power
-        return np.asarray(power), drive
 
 
 def _with_any_hand(device: Device, tool: VirtualTool, gains: ToolGains) -> float | None:
