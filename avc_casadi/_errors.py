@@ -103,7 +103,15 @@ def fault_document(error: InputError) -> dict[str, list[dict[str, str | int | No
 
 
 class UnsupportedError(AvcError, NotImplementedError):
-    """The request is valid but this method, model or combination does not offer it; names one that does."""
+    """The request is valid but this method, model or combination does not offer it; names one that does.
+
+    Example:
+        >>> try:
+        ...     avc.solve("hard/undamped-device", "static")
+        ... except avc.UnsupportedError as error:
+        ...     print(error.key)
+        device.damping_ns_per_m
+    """
 
     def __init__(self, message: str = "", *, key: str = "") -> None:
         super().__init__(message)

@@ -42,9 +42,6 @@ class LawCertificate(Printed):
     """Whether a law of one's own holds on a device, by how much, where its limits are, and what would help.
 
     Attributes:
-        problem: device and hands.
-        law: what was judged.
-        held: with the worst hand.
         released: without a hand; None where nothing has a mass then.
         free: b_p alone, outside the wall, the worse of held and released; None without b_p.
         largest_stiffness_n_per_m: up to which k holds at this b; 0 where none does.
@@ -54,7 +51,10 @@ class LawCertificate(Printed):
         encoder_step_n: change of the force by one step of the encoder.
         noise_n: rms of the force at rest, of the noise of the position.
         quiet_n: rms below which that is held by dry friction, or not felt.
-        remedies: what would help, each alone.
+
+    Example:
+        >>> avc.certify_law("knob", k=1.0, b=0.002, remedies=False).stable
+        True
     """
 
     problem: Problem
@@ -175,7 +175,7 @@ def certify_law(
     Example:
         >>> law = avc.certify_law("knob", k=1.0, b=0.002)
         >>> law.passed, round(law.held.damping_ratio, 2)
-        (True, 0.27)
+        (False, 0.06)
     """
     law, found = Law(k, b, b_p, cutoff_hz), _problem_of(problem)
     _refuse(law, found.device)
