@@ -178,11 +178,7 @@ class Coupling:
     def in_scene(self) -> ToolGains:
         """K and B in the engine's units of position and force; the local damper stays at the device."""
         gains, scale = self.gains, self.tool.scale
-        return replace(
-            gains,
-            stiffness_n_per_m=gains.stiffness_n_per_m / scale,
-            damping_ns_per_m=gains.damping_ns_per_m / scale,
-        )
+        return ToolGains(gains.stiffness_n_per_m / scale, gains.damping_ns_per_m / scale, gains.local_damping_ns_per_m)
 
     @property
     def at_follower(self) -> ToolGains:
@@ -320,10 +316,6 @@ def require_coupling(value: object) -> None:
         )
     elif isinstance(value, str | PathLike):
         hint = f"is the text {str(value)!r}; give what avc.read_coupling({str(value)!r}) returns"
-    elif hasattr(value, "coupling"):
-        hint = f"is a {type(value).__name__}; give the coupling in it: its attribute `coupling`, None where it has none"
-    elif value is None:
-        hint = "is None: nothing could be recommended or read; the reason stands beside it"
     else:
-        hint = f"is a {type(value).__name__}; give a Coupling, for example avc.Coupling.of(problem, gains)"
+        hint = f"is a {type(value).__name__}; give a Coupling: that of a recommendation is its attribute `coupling`"
     raise InputError.of(hint, key="coupling")
