@@ -42,65 +42,47 @@ class ReferenceCoupling:
 
     def start(self) -> None:
         """Forget everything."""
-        self._known: NDArray[Any] = np.zeros(self._devices, dtype=int)
-        self._below = self._wary = self._known
-        self._before: NDArray[Any] = np.zeros(self._devices, self._precision.dtype)
-        self._moved = self._face = self._before
-        self._left = self._known + self._bounds.leaving_samples
-        self._states: Columns = {name: np.zeros(self._devices, self._precision.dtype) for name in self._program.states}
+        number = self._precision.dtype
+        self._known = self._runs = self._shifted = np.zeros(self._devices, dtype=bool)
+        self._before: NDArray[Any] = np.zeros(self._devices, number)
+        self._moved = self._face = self._depth = self._before
+        zero = np.zeros(self._devices, number)
+        self._states: Columns = states_at_rest(self._program.states, self._program.initial, zero)
 
     def step(self, position_m: ArrayLike) -> NDArray[Any]:
         """Run one sample, as `avc_coupling_step`; position and force have shape (devices,)."""
         number, zero = self._precision.dtype, self._precision.dtype(0)
         given = np.broadcast_to(np.asarray(position_m, dtype=number), (self._devices,))
-        jump = number(self._bounds.jump_m)
-        left = self._left < self._bounds.leaving_samples
-        after = np.where(left, number(self._bounds.leaving_m), number(self._bounds.outside_m))
-        inside = (self._left == 0) if self._wall_alone else True
-        change = np.where(inside, number(self._bounds.change_m), after)
-        good = (given >= number(-FARTHEST_M)) & (given <= number(FARTHEST_M))
-        moved = given - self._before
-        steady = ((self._known == 1) & (self._wary == 0)) | (np.abs(moved - self._moved) <= change)
-        good &= (self._known == 0) | ((np.abs(moved) <= jump) & steady)
-        doubted = self._wall_alone & ~good & (self._known == 1) & (np.abs(moved) <= jump)
-        x = np.where(good, given, zero)
-        begins, shown = good & (self._known == 0), self._face
-        below, wary, anew = self._below, np.where(good, self._wary, 2), begins
-        silent = np.zeros_like(good)
+        finite = (given >= number(-FARTHEST_M)) & (given <= number(FARTHEST_M))
+        x = np.where(finite, given, zero)
+        moved = np.where(self._known, x - self._before, zero)
+        inside = (self._before > 0) if self._wall_alone else True
+        change = np.where(inside, number(self._bounds.change_m), number(self._bounds.outside_m))
+        good = finite & (np.abs(moved) <= number(self._bounds.jump_m)) & (np.abs(moved - self._moved) <= change)
+        self._before, self._moved = np.where(finite, x, self._before), np.where(finite, moved, self._moved)
+        self._known = self._known | finite
+        begins = good & ~self._runs
         if self._wall_alone:
-            depth = np.maximum(self._before - self._face, zero)
-            deeper = begins & (x - self._face > depth)
-            shown = np.where(deeper, x - depth, self._face)
-            shown = np.where(deeper & (x - shown > depth), x, shown)
-            wary = np.where(begins & (x - shown > 0), 0, wary)
-            leaves = (x <= 0) & (shown > 0)
-            shown = np.where(leaves, zero, shown)
-            below = np.where(x < 0, np.minimum(self._below + 1, 2), np.where(self._below < 2, 0, 2))
-            clipped = good & (x == 0) & (below < 2)
-            anew = (begins & (x - shown <= 0)) | leaves
-            wary = np.where(good & (wary > 0), np.where(x > shown, wary - 1, 2), wary)
-            shown = np.where(good & (wary == 1), x, shown)
-            silent = clipped | (good & (wary > 0))
+            deeper = begins & (x - self._face > self._depth)
+            face = np.where(deeper, x - self._depth, self._face)
+            face = np.where(x <= 0, zero, face)
+            depth = np.maximum(x - face, zero)
+            anew = good & ((begins & (depth <= 0)) | ((x <= 0) & self._shifted))
+            self._face, self._depth = np.where(good, face, self._face), np.where(good, depth, self._depth)
+            self._shifted = np.where(good, face > 0, self._shifted)
         else:
-            clipped, wary = silent, np.zeros_like(wary)
-            good &= ~(begins & (x > 0))
-        seen = x - shown
+            good = good & ~(begins & (x > 0))
+            anew = begins & good
+        seen = x - self._face
         fresh = states_at_rest(self._program.states, self._program.initial, seen)
         states = {name: np.where(anew, fresh[name], value) for name, value in self._states.items()}
         following, command, force = self._tick(seen, states)
-        runs = good & ~silent
-        following = {name: np.where(silent, fresh[name], value) for name, value in following.items()}
-        following = {name: np.where(good, value, self._states[name]) for name, value in following.items()}
-        told = good & (silent | np.isfinite(command))
-        following = {name: np.where(good & ~told, fresh[name], value) for name, value in following.items()}
-        self._moved = np.where((good & ~begins) | doubted, moved, self._moved)
-        self._known = np.where(told, np.where(begins | clipped, 1, 2), 0)
-        self._before, self._face = np.where(good, x, self._before), np.where(good, shown, self._face)
-        self._below, self._wary = np.where(good, below, self._below), wary
-        left = np.where(x > 0, 0, np.minimum(self._left + 1, self._bounds.leaving_samples))
-        self._left = np.where(good, left, self._left)
-        self._states = {name: np.asarray(following[name], dtype=number) for name in states}
-        return np.where(runs & told, force, zero).astype(number)
+        told = good & np.isfinite(command)
+        for name, value in self._states.items():
+            kept = np.where(told, following[name], np.where(good, fresh[name], value))
+            self._states[name] = np.asarray(kept, dtype=number)
+        self._runs = told
+        return np.where(told, force, zero).astype(number)
 
     def _tick(self, x: NDArray[Any], states: Columns) -> tuple[Columns, NDArray[Any], NDArray[Any]]:
         program = self._program

@@ -335,19 +335,6 @@ def test_header_says_which_exchange_holds_and_what_another_costs():
     assert "ahead, still stable" in " ".join(soft.replace("\n * ", " ").split())
 
 
-def test_device_that_turns_is_told_in_its_own_words():
-    keys = "tool_inertia_kgm2 = 0.05\nstep_s = 0.002\n"
-    files = export_tool_c(tool_coupling(keys, 20.0, 0.3, device=TURNING), name="wheel")
-    header = files["wheel.h"]
-    assert "WHEEL_MAX_TORQUE_NM 8.0f" in header
-    assert "N.m/rad" in header
-    assert "position_rad" in header
-    assert "N/m" not in header
-    # 10 m/s at the handle.
-    assert "66.67 rad/s" in header
-    assert not any("avc_coupling" in text for text in files.values())
-
-
 @pytest.mark.parametrize(("options", "said"), [({"precision": "half"}, "half"), ({"name": "a*/"}, "name: is ")])
 def test_options_that_are_none_are_refused(options, said):
     with pytest.raises(avc.InputError, match=said):

@@ -7,7 +7,6 @@ import textwrap
 from typing import TYPE_CHECKING
 
 from avc_casadi import InputError
-from avc_casadi._util.units import FORCE, M_PER_S, N_PER_M, NEWTON, NS_PER_M
 from avc_casadi.simulation.emit import DOUBLE, PRECISIONS, Precision
 
 if TYPE_CHECKING:
@@ -49,17 +48,8 @@ _END = """\
 
 #endif
 """
-WORDS = {
-    "FORCE": FORCE,
-    "NEWTON": NEWTON,
-    "NS_PER_M": NS_PER_M,
-    "N_PER_M": N_PER_M,
-    "M_PER_S": M_PER_S,
-    "loop": _LOOP,
-    "begin_c": _BEGIN,
-    "end_c": _END,
-}
-"""Nouns, units and the frame of a header in templates of C."""
+FRAME = {"loop": _LOOP, "begin_c": _BEGIN, "end_c": _END}
+"""Frame of a header in templates of C."""
 
 _NO_FAST_MATH = """\
 #ifdef __FAST_MATH__
@@ -92,10 +82,17 @@ def compiler_checks(precision: Precision) -> str:
     return _NO_FAST_MATH + (_WIDE_ENOUGH if precision is DOUBLE else "")
 
 
-def named(problem: Problem, files: Mapping[str, str], name: str) -> dict[str, str]:
-    """Return files in the units of a device, under a given name."""
-    made = {file: problem.units.code(text) for file, text in files.items()}
-    return made if name == NAME else {_renamed(file, name): _renamed(text, name) for file, text in made.items()}
+def units_line(problem: Problem) -> str:
+    """Return what a head comment says of names of a device that turns; nothing for one that slides."""
+    turns = "It turns: read m as rad, N as N.m, N/m as N.m/rad and N.s/m as N.m.s/rad in names and numbers."
+    return "" if problem.units.linear else f"\n * {turns}"
+
+
+def named(files: Mapping[str, str], name: str) -> dict[str, str]:
+    """Return files under a given name."""
+    if name == NAME:
+        return dict(files)
+    return {_renamed(file, name): _renamed(text, name) for file, text in files.items()}
 
 
 def _renamed(text: str, name: str) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M
-from avc_hardware.codegen.c_frame import WORDS, comment, comment_lines
+from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, units_line
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 
 if TYPE_CHECKING:
@@ -20,11 +19,11 @@ _HEADER = """\
  *
  * Coupling {id} for {problem}{title}
  * method {method}, structure {structure}, {rows}
- * wall: {wall_b:.9g} {NS_PER_M} and {wall_k:.9g} {N_PER_M}, on one side, at position 0; contact law {contact}
+ * wall: {wall_b:.9g} N.s/m and {wall_k:.9g} N/m, on one side, at position 0; contact law {contact}
  * beside the gains: {beside}{detents}
- * {FORCE}: {force}
+ * force: {force}
  * {verdict}
- * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
+ * sample time: {sample_time:.9g} s, and no other: the gains mean another loop at another rate{units}
  *
  * C99, also C++11 and later; no heap, no library; an int of 16 bits is enough{table}. IEEE {precision} precision.
  * The bits are the same on every machine, with gcc and clang without any flag; elsewhere let the compiler not contract
@@ -43,15 +42,13 @@ typedef {real} avc_coupling_real_t;
 
 /* What the coupling remembers between two samples. */
 typedef struct {{
-    /* Known of the position: 0 nothing, 1 the last one, 2 its movement too. Samples below 0 in a row, up to 2. Samples
-     * in a row inside the wall until what was outside at a fault is believed to be there. */
-    unsigned char started, below, wary;
-    /* Samples since the device was inside, up to those after which no {FORCE} acts on it any more. */
-    unsigned int left;
-    /* Of the last position that was believed. */
+    /* Whether a position is known, whether the law runs, and whether the wall begins deeper than at 0. */
+    unsigned char known, runs, moved;
+    /* The last position that is a number, and the movement that brought it. */
     {real} position_before_m, moved_before_m;
-    /* Where the wall begins until the device has left it: what it went into the wall unseen does not count. */
-    {real} face_m;
+    /* Where the wall begins until the device has left it, what it went into it unseen not counted; and how deep it was
+     * when the law ran last. */
+    {real} face_m, depth_m;
 {states}
 }} avc_coupling_t;
 
@@ -59,42 +56,36 @@ typedef struct {{
 void avc_coupling_start(avc_coupling_t *coupling);
 
 /* One sample. position_m: as measured, signed, never clipped: above 0 inside the wall, below 0 outside.
- * Returns the {FORCE} on the device, {NEWTON}, positive out of the wall{limited}; never NaN.
+ * Returns the force on the device, N, positive out of the wall{limited}; never NaN.
 {faults}
  */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m);
 
 {end_c}"""
 _UNBELIEVED = (
-    "{bounds} Then the {FORCE} is 0, and the next position is believed. Outside all is forgotten, and there is no "
-    "{FORCE} until the device has gone deeper for two samples. Inside the coupling goes on at the depth that it knows. "
-    "What a device went into the wall unseen or without {FORCE}, before the first sample or in a fault, does not "
-    "count: the wall begins so much deeper until the device has been at 0 or below, and gives back no energy that it "
-    "has not got, as far as the positions tell: in one that jumps elsewhere and stays there, the {FORCE} goes on as "
-    "at the depth before."
+    "Not believed is a position that is NaN, infinite or beyond {farthest:.0e} m; one that is more than {jump:.4g} m "
+    "from the one before, {fastest:.4g} m/s, which no hand does; and one that comes by a movement which differs "
+    "from the one before by more than {outside:.4g} m outside of the wall, {inside:.4g} m inside. Then the force is 0; "
 )
-_SIGNLESS = (
-    "A position that is 0 where none was below 0 twice in a row since the start is taken for a depth that is clipped "
-    "at 0 (of an engine, of a proxy): outside, where there is no {FORCE} and all is forgotten."
+_OF_WALLS = (
+    "the coupling goes on as soon as a position is believed, at the depth that it knows. What a device went into the "
+    "wall unseen, before the first sample or in a fault, does not count: the wall begins so much deeper until the "
+    "device has been at 0 or below."
 )
-_UNBELIEVED_BY_DETENTS = (
-    "{bounds} Then the {FORCE} is 0 and all is forgotten; so it is inside the wall before the first sample outside, "
-    "until the device has been at 0 or below."
-)
+_OF_DETENTS = "so it is until the device has been at 0 or below."
 
 
 def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Precision, verdict: Deployable) -> str:
     """Return the header; a verdict stands in it."""
     problem, runtime, force = coupling.problem, coupling.runtime, coupling.max_force_n
-    bounds = SensorBounds.of(problem.device, detents=problem.detent is not None)
     beside = []
     if runtime.observer_mass_kg is not None:
         ahead = problem.device.delay_samples
-        beside.append(f"observer for {runtime.observer_mass_kg:g} {KG}" + (f", {ahead} samples ahead" if ahead else ""))
+        beside.append(f"observer for {runtime.observer_mass_kg:g} kg" + (f", {ahead} samples ahead" if ahead else ""))
     if runtime.state_feedback is not None:
         half = runtime.state_feedback.dead_zone_m
         beside.append(
-            f"observer of {runtime.state_feedback.states} states with a dead zone of +-{half:.4g} {METRE}, and feedback"
+            f"observer of {runtime.state_feedback.states} states with a dead zone of +-{half:.4g} m, and feedback"
         )
     if program.before is not None:
         slew = "no slew limit" if runtime.slew_per_s is None else f"at most {runtime.slew_per_s:g} a second"
@@ -105,7 +96,7 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
     count = len(coupling.table)
     low, high = coupling.table.frequency_hz[[0, -1]]
     return _HEADER.format(
-        **WORDS,
+        **FRAME,
         id=coupling.id,
         problem=comment(problem.name or "a problem"),
         title=comment(f": {problem.title}") if problem.title else "",
@@ -113,6 +104,7 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
         structure=comment(coupling.structure),
         contact=comment(coupling.contact),
         rows="constant gains" if program.before is None else f"{count} rows from {low:.6g} to {high:.6g} Hz",
+        units=units_line(problem),
         verdict=comment_lines(
             verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"
         ),
@@ -120,7 +112,7 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
         wall_k=coupling.wall.stiffness_n_per_m,
         beside=comment("; ".join(beside) or "nothing"),
         detents=_detents(problem),
-        force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} {NEWTON}",
+        force="the problem knows no limit; limit it yourself" if force is None else f"limited at {force:.9g} N",
         sample_time=coupling.sample_time_s,
         sample_time_literal=precision.literal(coupling.sample_time_s),
         sample_time_ns=round(coupling.sample_time_s * 1e9),
@@ -130,23 +122,21 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
         table="" if program.before is None else "; on AVR the table stays in flash",
         states="\n".join(f"    {precision.c_type} {name};" for name in program.states),
         limited="" if force is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
-        faults="\n".join(
-            f" * {comment_lines(told.format(**WORDS, bounds=_unbelieved(bounds)))}"
-            for told in ((_UNBELIEVED, _SIGNLESS) if problem.detent is None else (_UNBELIEVED_BY_DETENTS,))
-        ),
+        faults=f" * {comment_lines(_faults(coupling))}",
     )
 
 
-def _unbelieved(bounds: SensorBounds) -> str:
-    """Return the description of rejected positions."""
-    return (
-        f"Not believed is a position that is NaN, infinite or beyond {FARTHEST_M:.0e} {METRE}; one that is more than "
-        f"{bounds.jump_m:.4g} {METRE} from the one before, {bounds.fastest_m_per_s:.4g} {M_PER_S}, which no hand does; "
-        f"and one that comes by a movement which differs from the one before by more than {bounds.outside_m:.4g} "
-        f"{METRE} outside of the wall, {bounds.outside_m_per_s2:.4g} {M_PER_S} in a second, {bounds.leaving_m:.4g} "
-        f"{METRE} as long as the last {FORCE} may act there, or {bounds.change_m:.4g} {METRE} inside, "
-        f"{bounds.acceleration_m_per_s2:.4g} {M_PER_S} in a second."
+def _faults(coupling: Coupling) -> str:
+    detents = coupling.problem.detent is not None
+    bounds = SensorBounds.of(coupling.problem.device, detents=detents)
+    told = _UNBELIEVED.format(
+        farthest=FARTHEST_M,
+        jump=bounds.jump_m,
+        fastest=bounds.fastest_m_per_s,
+        outside=bounds.outside_m,
+        inside=bounds.change_m,
     )
+    return told + (_OF_DETENTS if detents else _OF_WALLS)
 
 
 def _detents(problem: Problem) -> str:
@@ -154,9 +144,9 @@ def _detents(problem: Problem) -> str:
     one = problem.detent
     if one is None:
         return ""
-    damper = f", a damper of {one.damping_ns_per_m:.9g} {NS_PER_M}" if one.damping_ns_per_m else ""
+    damper = f", a damper of {one.damping_ns_per_m:.9g} N.s/m" if one.damping_ns_per_m else ""
     return (
-        f"\n * detents everywhere: {one.force_n:.9g} {NEWTON} at most, every {one.pitch_m:.9g} {METRE} from "
-        f"{one.centre_m:.9g} {METRE}, on"
+        f"\n * detents everywhere: {one.force_n:.9g} N at most, every {one.pitch_m:.9g} m from "
+        f"{one.centre_m:.9g} m, on"
         f"\n * {100 * one.width:.9g} % of the way{damper}"
     )

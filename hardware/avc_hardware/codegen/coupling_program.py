@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi import InputError
-from avc_casadi._util.units import FORCE
 from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.simulation.contact import Environment, coupling_parameters, wall_force
 from avc_casadi.simulation.effects.actuation import Saturation
@@ -44,7 +43,7 @@ def coupling_program(coupling: Coupling, precision: Precision = SINGLE) -> Coupl
     wall = coupling.wall
     if not wall.damping_ns_per_m + wall.stiffness_n_per_m > 0:
         raise InputError.of(
-            f"gives no {FORCE}: damping and stiffness are 0; allowed: one of them above 0",
+            "gives no force: damping and stiffness are 0; allowed: one of them above 0",
             file=coupling.problem.name,
             key="environment",
         )

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi._util.units import in_its_units
 from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.simulation.emit import SINGLE, Precision
-from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
+from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, checked, compiler_checks, named
 from avc_hardware.codegen.coupling_header import coupling_header
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
-from avc_hardware.codegen.sensor_rule import SensorBounds, believed_c
+from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
 
@@ -38,7 +37,6 @@ _SOURCE = """\
 #pragma GCC optimize ("fp-contract=off")
 #endif
 {look_up}
-{believed}
 /* The state of a device that has always rested at a position. */
 static void rest(avc_coupling_t *coupling, {real} position_m)
 {{
@@ -48,27 +46,46 @@ static void rest(avc_coupling_t *coupling, {real} position_m)
 void avc_coupling_start(avc_coupling_t *coupling)
 {{
     rest(coupling, {zero});
-    coupling->started = 0u;
-    coupling->below = 0u;
-    coupling->wary = 0u;
-    coupling->left = {leaving};
+    coupling->known = 0u;
+    coupling->runs = 0u;
+    coupling->moved = 0u;
     coupling->position_before_m = {zero};
     coupling->moved_before_m = {zero};
     coupling->face_m = {zero};
+    coupling->depth_m = {zero};
+}}
+
+static int within({real} value, {real} most)
+{{
+    return value >= -most && value <= most;
+}}
+
+/* Whether a position is a number, and has come by a movement that a hand can make after the one before. */
+static int believed(avc_coupling_t *coupling, {real} position_m)
+{{
+    const {real} before_m = coupling->position_before_m, moved_before_m = coupling->moved_before_m;
+    const {real} moved_m = coupling->known != 0u ? position_m - before_m : {zero};
+    if (!within(position_m, {farthest})) {{
+        return 0;
+    }}
+    coupling->known = 1u;
+    coupling->position_before_m = position_m;
+    coupling->moved_before_m = moved_m;
+    return within(moved_m, {jump}) &&
+           within(moved_m - moved_before_m, before_m > {zero} ? {inside} : {outside});
 }}
 
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m)
 {{
-{declared}    if (!believed(position_m, coupling->position_before_m, coupling->moved_before_m,
-                  coupling->started == 1u && coupling->wary != 0u ? 2u : coupling->started, {jump},
-                  {steady})) {{
-{doubt}        coupling->started = 0u;
+    if (!believed(coupling, position_m)) {{
+        coupling->runs = 0u;
         return {zero};
     }}
-{begin}{body}
+{begin}
+{body}
     if (!(command_n >= {lowest} && command_n <= {largest})) {{
         rest(coupling, position_m);
-        coupling->started = 0u;
+        coupling->runs = 0u;
         return {zero};
     }}
 {stores}
@@ -76,75 +93,30 @@ void avc_coupling_start(avc_coupling_t *coupling)
 }}
 """
 
-# After a fault a movement must match the previous one, or be seen twice.
-_DOUBT = """\
-        if (coupling->started == 1u && within(position_m - coupling->position_before_m, {jump})) {{
-            coupling->moved_before_m = position_m - coupling->position_before_m;
-        }}
-        coupling->wary = 2u;
-"""
-# A coupling starts, initially and after a fault, without stored energy.
+# What a device went into the wall unseen does not count, so that nothing begins stretched.
 _BEGIN = """\
-    if (coupling->started == 0u) {{
-        /* No deeper than it last was, at the depth that was seen; far away a difference is coarse. */
-        {real} depth_m = coupling->position_before_m - coupling->face_m;
-        depth_m = depth_m > {zero} ? depth_m : {zero};
-        if (position_m - coupling->face_m > depth_m) {{
-            coupling->face_m = position_m - depth_m;
-            coupling->face_m = position_m - coupling->face_m > depth_m ? position_m : coupling->face_m;
-        }}
-        if (position_m - coupling->face_m > {zero}) {{
-            coupling->wary = 0u; /* it goes on with what it knows: for it no time has passed */
-        }} else {{
-            rest(coupling, position_m - coupling->face_m);
-        }}
-        coupling->started = 1u;
-    }} else {{
-        coupling->moved_before_m = position_m - coupling->position_before_m;
-        coupling->started = 2u;
+    if (coupling->runs == 0u && position_m - coupling->face_m > coupling->depth_m) {{
+        coupling->face_m = position_m - coupling->depth_m;
     }}
-    if (position_m <= {zero} && coupling->face_m > {zero}) {{
+    if (position_m <= {zero}) {{
         coupling->face_m = {zero};
-        rest(coupling, position_m);
     }}
-    coupling->position_before_m = position_m;
-    if (position_m > {zero}) {{
-        coupling->left = 0u;
-    }} else if (coupling->left < {leaving}) {{
-        coupling->left++;
+    coupling->depth_m = position_m > coupling->face_m ? position_m - coupling->face_m : {zero};
+    if ((coupling->runs == 0u && coupling->depth_m <= {zero}) || (position_m <= {zero} && coupling->moved != 0u)) {{
+        rest(coupling, position_m - coupling->face_m);
     }}
-    if (position_m < {zero} && coupling->below < 2u) {{
-        coupling->below++;
-    }} else if (position_m >= {zero} && coupling->below < 2u) {{
-        coupling->below = 0u;
-    }}
-    clipped = position_m >= {zero} && position_m <= {zero} && coupling->below < 2u;
-    if (coupling->wary != 0u) {{
-        coupling->wary = position_m > coupling->face_m ? (unsigned char)(coupling->wary - 1u) : 2u;
-        coupling->face_m = coupling->wary == 1u ? position_m : coupling->face_m;
-    }}
-    position_m = position_m - coupling->face_m;
-    if (clipped || coupling->wary != 0u) {{
-        rest(coupling, position_m);
-        coupling->started = clipped ? 1u : coupling->started;
-        return {zero};
-    }}
-"""
+    coupling->moved = coupling->face_m > {zero} ? 1u : 0u;
+    coupling->runs = 1u;
+    position_m = position_m - coupling->face_m;"""
 # Detents have fixed positions: behind a moved wall they would differ.
 _BEGIN_OUTSIDE = """\
-    if (coupling->started == 0u) {{
+    if (coupling->runs == 0u) {{
         if (position_m > {zero}) {{
             return {zero};
         }}
         rest(coupling, position_m);
-        coupling->started = 1u;
-    }} else {{
-        coupling->moved_before_m = position_m - coupling->position_before_m;
-        coupling->started = 2u;
-        coupling->wary = 0u;
-    }}
-    coupling->position_before_m = position_m;
-"""
+        coupling->runs = 1u;
+    }}"""
 _LOOK_UP = """
 enum {{ ROWS = {rows} }};
 
@@ -158,7 +130,7 @@ enum {{ ROWS = {rows} }};
 #define FROM_FLASH(place) (place)
 #endif
 
-/* ln(frequency), frequency (Hz), b ({NS_PER_M}), k ({N_PER_M}), b_p ({NS_PER_M}). */
+/* ln(frequency), frequency (Hz), b, k, b_p. */
 static const {real} table[ROWS][5] IN_FLASH = {{
 {table}
 }};
@@ -218,7 +190,6 @@ static void look_up({real} frequency_hz, {real} gains[3])
 """
 
 
-@in_its_units
 def export_c(
     coupling: Coupling,
     *,
@@ -235,28 +206,23 @@ def export_c(
         HEADER: coupling_header(coupling, program, chosen, verdict),
         SOURCE: _source(coupling, program, chosen, rows),
     }
-    return named(coupling.problem, files, name)
+    return named(files, name)
 
 
 def _source(coupling: Coupling, program: CouplingProgram, precision: Precision, rows: NDArray[Any]) -> str:
     literal = precision.literal
     wall = coupling.problem.detent is None
     bounds = SensorBounds.of(coupling.problem.device, detents=not wall)
-    words, leaving = {"real": precision.c_type, "zero": literal(0.0)}, f"{bounds.leaving_samples}u"
+    words = {"real": precision.c_type, "zero": literal(0.0)}
     return _SOURCE.format(
         id=coupling.id,
         checks=compiler_checks(precision),
         **words,
-        believed=believed_c(precision),
+        farthest=literal(FARTHEST_M),
         jump=literal(bounds.jump_m),
-        leaving=leaving,
-        steady=f"coupling->left == 0u ? {literal(bounds.change_m)} : coupling->left < {leaving} ? "
-        f"{literal(bounds.leaving_m)} : {literal(bounds.outside_m)}"
-        if wall
-        else literal(bounds.change_m),
-        declared="    int clipped;\n" if wall else "",
-        doubt=_DOUBT.format(jump=literal(bounds.jump_m)),
-        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words, leaving=leaving),
+        inside=literal(bounds.change_m),
+        outside=literal(bounds.outside_m),
+        begin=(_BEGIN if wall else _BEGIN_OUTSIDE).format(**words),
         look_up="" if program.before is None else _look_up(rows, precision),
         rest=_indented(start_lines("coupling", program.states, program.initial, precision=precision)),
         lowest=literal(-precision.largest),
@@ -274,7 +240,6 @@ def _look_up(rows: NDArray[Any], precision: Precision) -> str:
     ]
     first, *others = map(literal, precision.ln.coefficients)
     return _LOOK_UP.format(
-        **WORDS,
         rows=len(rows),
         table="\n".join(lines),
         real=precision.c_type,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 from avc_casadi import NotDeployableError
-from avc_hardware.codegen.c_frame import WORDS
+from avc_hardware.codegen.c_frame import FRAME
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -16,7 +16,7 @@ FADE_S = 0.05
 """Fade time of a force, down and up: long for a sample, short for a hand."""
 
 _EASED = """\
-/* What is left of a {FORCE} that fades; 0 where it is no number. */
+/* What is left of a force that fades; 0 where it is no number. */
 static {real} left_of({real} force_n, unsigned long faded, unsigned long fade)
 {{
     if (!within(force_n, {largest})) {{
@@ -25,14 +25,14 @@ static {real} left_of({real} force_n, unsigned long faded, unsigned long fade)
     return faded == 0ul ? force_n : force_n * (({real})(fade - faded) / ({real})fade);
 }}
 
-/* A {FORCE} that is no larger than another, and in no other direction. */
+/* A force that is no larger than another, and in no other direction. */
 static {real} no_more({real} force_n, {real} than_n)
 {{
     const {real} low = than_n < {zero} ? than_n : {zero}, high = than_n > {zero} ? than_n : {zero};
     return force_n < low ? low : (force_n > high ? high : force_n);
 }}
 
-/* The {FORCE} to give where the law asks for one. While something is wrong it fades and never grows, although a spring
+/* The force to give where the law asks for one. While something is wrong it fades and never grows, although a spring
  * that has lost its damper may ask for more; then it comes back from where it was. */
 static {real} eased(avc_coupling_t *coupling, {real} asked_n, int sound, unsigned long fade)
 {{
@@ -89,7 +89,7 @@ def eased_c(precision: Precision) -> str:
     """Return the force that fades as functions of C: ``left_of``, ``no_more`` and ``eased``; they follow ``within``."""
     literal = precision.literal
     return _EASED.format(
-        **WORDS,
+        **FRAME,
         real=precision.c_type,
         zero=literal(0.0),
         one_and_a_half=literal(1.5),

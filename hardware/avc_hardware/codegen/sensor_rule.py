@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -25,24 +24,17 @@ _STEPS = 4
 # By which movements may differ, at the handle, where no encoder is declared: it has steps all the same, of 50 um or
 # less. Otherwise a fast loop would take each of them for a fault, and its wall would never push.
 _UNDECLARED_M = 1e-4
-# Time constants after which nothing is left of a force.
-_LAGS = 5
-# An int of 16 bits counts them.
-_MOST_SAMPLES = 2**16 - 1
 
 
 @dataclass(frozen=True)
 class SensorBounds:
     """Bounds of a position about its prediction, in the device's own units."""
 
-    fastest_m_per_s: float
-    outside_m_per_s2: float
-    acceleration_m_per_s2: float
-    jump_m: float
-    outside_m: float
-    change_m: float
-    leaving_m: float
-    leaving_samples: int
+    fastest_m_per_s: float  # of the handle, by the radius of a rotary one
+    acceleration_m_per_s2: float  # above it the encoder has jumped: as monitored by firmware, `board_limits`
+    jump_m: float  # farthest from the position before; the fastest and a step of the encoder at both ends
+    outside_m: float  # largest change of movement outside the wall: by a hand, the last forces, steps and noise
+    change_m: float  # the same inside, where actuator and hand act
 
     @classmethod
     def of(cls, device: Device, *, detents: bool = False) -> Self:
@@ -52,11 +44,7 @@ class SensorBounds:
         noise = max((device.position_noise_rms_m, *(ranges.position_noise_rms_m or ())))
         fastest = FASTEST_M_PER_S / device.metres_per_unit
         most = board_limits(device).max_acceleration_m_per_s2
-        alone = most if detents else HAND_M_PER_S2 / device.metres_per_unit
-        # A second difference is of forces up to two samples old at the actuator.
-        delay = max((device.delay_samples, *(ranges.delay_samples or ())))
-        slowest = min((device.amplifier_bandwidth_hz or math.inf, *(ranges.amplifier_bandwidth_hz or ())))
-        lag = _LAGS / (2 * math.pi * slowest * time)
+        alone = HAND_M_PER_S2 / device.metres_per_unit + actuator_m_per_s2(device)
         unsure: float = _STEPS * step + _NOISE * noise
         least = 0.0 if step else _UNDECLARED_M / device.metres_per_unit
 
@@ -65,13 +53,10 @@ class SensorBounds:
 
         return cls(
             fastest_m_per_s=fastest,
-            outside_m_per_s2=alone,
             acceleration_m_per_s2=most,
             jump_m=fastest * time + 2 * step,
-            outside_m=change_m(alone),
+            outside_m=change_m(most if detents else min(most, alone)),
             change_m=change_m(most),
-            leaving_m=change_m(min(most, alone + actuator_m_per_s2(device))),
-            leaving_samples=min(math.ceil(delay + lag) + 2, _MOST_SAMPLES),
         )
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.units import in_its_units
 from avc_casadi.loops.follower import BilateralLoops
 from avc_casadi.simulation.emit import Precision
-from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
+from avc_hardware.codegen.c_frame import FRAME, HEADER, NAME, SOURCE, checked, compiler_checks, named
 from avc_hardware.codegen.other_end_export import FADE_S, eased_c, verdict
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 from avc_hardware.codegen.teleoperator_header import teleoperator_header
@@ -146,7 +145,6 @@ void avc_coupling_sample(avc_coupling_t *coupling, {real} own_position_m)
 """
 
 
-@in_its_units
 def export_teleoperator_c(
     coupling: Coupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
@@ -162,9 +160,9 @@ def export_teleoperator_c(
     numbers = _numbers(coupling, chosen)
     files = {
         HEADER: teleoperator_header(coupling, judged, numbers),
-        SOURCE: _SOURCE.format(**WORDS, **numbers, ends=_ends(coupling, chosen)),
+        SOURCE: _SOURCE.format(**FRAME, **numbers, ends=_ends(coupling, chosen)),
     }
-    return named(coupling.problem, files, name)
+    return named(files, name)
 
 
 def _numbers(coupling: Coupling, precision: Precision) -> dict[str, str]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.units import FORCE, M_PER_S, NEWTON, NS_PER_M
-from avc_hardware.codegen.c_frame import WORDS, comment, comment_lines
+from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, units_line
 from avc_hardware.codegen.other_end_export import FADE_S
 from avc_hardware.codegen.sensor_rule import SensorBounds
 
@@ -19,33 +18,33 @@ _HEADER = """\
 /* The coupling between a leader and its follower, made by avc-casadi; do not edit. One source for both ends.
  *
  * Coupling {id} for {problem}{title}
- * at the leader: spring {stiffness:.9g} {N_PER_M}, damper {damping:.9g} {NS_PER_M}{local}
- * at the follower: spring {far_stiffness:.9g} {N_PER_M}, damper {far_damping:.9g} {NS_PER_M}{far_local}
+ * at the leader: spring {stiffness:.9g} N/m, damper {damping:.9g} N.s/m{local}
+ * at the follower: spring {far_stiffness:.9g} N/m, damper {far_damping:.9g} N.s/m{far_local}
  * {architecture}; {scales}
  * link: {link}
- * {FORCE}: {force}
+ * force: {force}
  * {verdict}
- * sample times: leader {leader_t:.9g} s, follower {follower_t:.9g} s, and no other: the gains mean another loop then
+ * sample times: leader {leader_t:.9g} s, follower {follower_t:.9g} s, and no other{units}
  *
  * Each end, once:     avc_coupling_init(&coupling, &AVC_COUPLING_LEADER), or AVC_COUPLING_FOLLOWER
  * in each sample:     avc_coupling_receive for each message that has arrived, in any order (the last may go with step);
- *                     {FORCE} = avc_coupling_step(&coupling, own_position, NULL or a message);
+ *                     force = avc_coupling_step(&coupling, own_position, NULL or a message);
  *                     message = avc_coupling_message(&coupling), sent to the other end.
  * A message holds each end's own units and scales are applied here by who receives it. How it is packed into bytes is
  * yours; number is what tells old from new.{measured}
  *
- * What goes wrong ends in less {FORCE}, never in a kick:
- * - The {FORCE} comes in over {fade_s:.3g} s, at the beginning and after every fault, wherever both ends are.
+ * What goes wrong ends in less force, never in a kick:
+ * - The force comes in over {fade_s:.3g} s, at the beginning and after every fault, wherever both ends are.
  * - Old messages and duplicates are ignored. So are those with a number that is none (NaN, infinite), or that is
  *   farther from the last good one than {fastest} would bring it, as no hand does.
  * - No new message for more than {leader_silence} s at the leader, {follower_silence} s at the follower: the
- *   {FORCE} fades to 0 over {fade_s:.3g} s. Once nothing is left, any sound message but the last one again is believed:
- *   the other end may have started anew, and then counts from 1. The {FORCE} comes back as slowly. So the link may
+ *   force fades to 0 over {fade_s:.3g} s. Once nothing is left, any sound message but the last one again is believed:
+ *   the other end may have started anew, and then counts from 1. The force comes back as slowly. So the link may
  *   repeat its newest message for ever, but must never hand out older ones again.
  * - An own position that is none, or jumps, by that speed or by a movement that differs from the one before by more
- *   than {accelerations}: the last good one is held, the dampers are left out, the {FORCE}
+ *   than {accelerations}: the last good one is held, the dampers are left out, the force
  *   fades while it lasts, and no new message is made: the other end fades too.
- * - While it fades the {FORCE} neither grows nor turns, and it comes back from where it was.
+ * - While it fades the force neither grows nor turns, and it comes back from where it was.
  * - At the beginning, and after a fault of more than {fade_s:.3g} s, the spring comes in stretched by how far the ends
  *   are apart, and pulls them together with energy that no hand has put in: bring them together first.
  *
@@ -83,10 +82,10 @@ typedef struct {{
     /* The farthest that the own position goes in a sample, that its movement changes by, and that the other's goes from
      * one message to the next; what its encoder adds; its fastest. */
     {real} jump_m, change_m, far_jump_m, far_step_m, far_fastest_m_per_s;
-    /* In own samples: until a link is silent, and in which a {FORCE} fades; messages that may lie between two. */
+    /* In own samples: until a link is silent, and in which a force fades; messages that may lie between two. */
     unsigned long watchdog, fade;
     uint32_t most;
-    /* Whether a {FORCE} of the other end is felt in place of spring and damper. */
+    /* Whether a force of the other end is felt in place of spring and damper. */
     unsigned char feels_force;
 }} avc_coupling_end_t;
 
@@ -102,7 +101,7 @@ typedef struct {{
     avc_coupling_message_t far;
     /* Samples since the last good position, and since the last good message. */
     unsigned long missed, silent;
-    /* How far the {FORCE} has faded; 0 is all of it. */
+    /* How far the force has faded; 0 is all of it. */
     unsigned long faded;
     /* That was given last. */
     {real} force_n;
@@ -114,7 +113,7 @@ typedef struct {{
 /* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
 void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end);
 
-/* One sample; returns the {FORCE} on the own device, {NEWTON}, along its positions; never NaN.
+/* One sample; returns the force on the own device, N, along its positions; never NaN.
  * own_position_m: as measured. message: one that has arrived, or NULL. */
 {real} avc_coupling_step(
     avc_coupling_t *coupling, {real} own_position_m, const avc_coupling_message_t *message);
@@ -138,7 +137,7 @@ def teleoperator_header(coupling: Coupling, verdict: str, made: Mapping[str, str
     device = problem.device
     to_follower, to_leader = follower.delays_s[-1]
     limits = [
-        f"{who} {'no limit is known, limit it yourself' if force is None else f'limited at {force:.9g} {NEWTON}'}"
+        f"{who} {'no limit is known, limit it yourself' if force is None else f'limited at {force:.9g} N'}"
         for who, force in (("leader", device.max_force_n), ("follower", follower.max_force_n))
     ]
     measured = follower.architecture == "position-force" and follower.force == "measured"
@@ -153,32 +152,32 @@ def teleoperator_header(coupling: Coupling, verdict: str, made: Mapping[str, str
         "far_damping": far.damping_ns_per_m,
         "far_local": _local(far),
         "architecture": comment(
-            follower.architecture + (f", {FORCE} {follower.force}" if follower.architecture == "position-force" else "")
+            follower.architecture + (f", force {follower.force}" if follower.architecture == "position-force" else "")
         ),
-        "scales": comment(f"position scale {follower.position_scale:.9g}, {FORCE} scale {follower.force_scale:.9g}"),
+        "scales": comment(f"position scale {follower.position_scale:.9g}, force scale {follower.force_scale:.9g}"),
         "link": comment(
             f"up to {to_follower:.9g} s to the follower, {to_leader:.9g} s back; jitter {follower.jitter:.9g}, "
             f"lost {follower.lost_share:.9g}"
         ),
         "force": comment("; ".join(limits)),
+        "units": units_line(problem),
         "verdict": comment_lines(verdict),
         "leader_t": device.sample_time_s,
         "follower_t": follower.sample_time_s,
         "measured": (
-            f"\n * The follower puts the {FORCE} with which it presses, as measured, into message.force_n before "
-            "it sends."
+            "\n * The follower puts the force with which it presses, as measured, into message.force_n before it sends."
             if measured
             else ""
         ),
         "fade_s": FADE_S,
-        "fastest": " and ".join(f"{one.fastest_m_per_s:.4g} {M_PER_S} ({who})" for who, one in bounds.items()),
+        "fastest": " and ".join(f"{one.fastest_m_per_s:.4g} m/s ({who})" for who, one in bounds.items()),
         "accelerations": " and ".join(
-            f"{one.acceleration_m_per_s2:.4g} {M_PER_S} in a second ({who})" for who, one in bounds.items()
+            f"{one.acceleration_m_per_s2:.4g} m/s in a second ({who})" for who, one in bounds.items()
         ),
     }
-    return _HEADER.format(**WORDS, **made, **told)
+    return _HEADER.format(**FRAME, **made, **told)
 
 
 def _local(gains: ToolGains) -> str:
     own = gains.local_damping_ns_per_m
-    return f", damper of its own loop {own:.9g} {NS_PER_M}" if own else ""
+    return f", damper of its own loop {own:.9g} N.s/m" if own else ""

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.units import FORCE, in_its_units
 from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.simulation.emit import Precision
-from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, WORDS, checked, compiler_checks, named
+from avc_hardware.codegen.c_frame import FRAME, HEADER, NAME, SOURCE, checked, compiler_checks, named
 from avc_hardware.codegen.other_end_export import FADE_S, eased_c, verdict
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds, believed_c
 from avc_hardware.codegen.tool_header import MISSED_STEPS, tool_header
@@ -23,7 +22,7 @@ _SOURCE = """\
 #include "avc_coupling.h"
 
 {checks}
-/* In samples: until an engine that does not step hangs, and in which the {FORCE} fades. */
+/* In samples: until an engine that does not step hangs, and in which the force fades. */
 #define WATCHDOG {watchdog}ul
 #define FADE {fade}ul
 
@@ -139,7 +138,6 @@ _TARGET = """\
 """
 
 
-@in_its_units
 def export_tool_c(
     coupling: Coupling, *, precision: str = "single", name: str = NAME, unsafe: bool = False
 ) -> dict[str, str]:
@@ -149,9 +147,9 @@ def export_tool_c(
     words, numbers = _words(coupling.tool, chosen), _numbers(coupling, chosen)
     files = {
         HEADER: tool_header(coupling, judged, {**words, **numbers}),
-        SOURCE: _SOURCE.format(**WORDS, **words, **numbers, engine=_engine_c(coupling.tool, numbers)),
+        SOURCE: _SOURCE.format(**FRAME, **words, **numbers, engine=_engine_c(coupling.tool, numbers)),
     }
-    return named(coupling.problem, files, name)
+    return named(files, name)
 
 
 def _engine_c(tool: VirtualTool, numbers: dict[str, str]) -> str:
@@ -244,7 +242,7 @@ def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
             "given": f"{real} tool_force_n",
             "passed": "tool_force_n",
             "held": "tool_force_n",
-            "held_is": f"The last good {FORCE} on the tool, in units of the scene.",
+            "held_is": "The last good force on the tool, in units of the scene.",
             "given_is": f"tool_force_n: {_newest(tool)}, the same until its next step; 0 before the first one.",
         }
     return {
@@ -262,7 +260,7 @@ def _words(tool: VirtualTool, precision: Precision) -> dict[str, str]:
 def _newest(tool: VirtualTool) -> str:
     if tool.solved != "nothing":
         return "the newest one\n * of avc_coupling_handed_force"
-    return f"the newest {FORCE} on the tool, from avc_coupling_tool_force\n * or of the engine itself"
+    return "the newest force on the tool, from avc_coupling_tool_force\n * or of the engine itself"
 
 
 def _lines(lines: list[str], indent: int) -> str:

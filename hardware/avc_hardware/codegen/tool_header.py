@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avc_casadi._util.units import FORCE, KG, M_PER_S, METRE, NEWTON, NS_PER_M
 from avc_casadi.loops.engine import ToolLoops
-from avc_hardware.codegen.c_frame import WORDS, comment, comment_lines
+from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, units_line
 from avc_hardware.codegen.other_end_export import FADE_S
 from avc_hardware.codegen.sensor_rule import SensorBounds
 
@@ -24,12 +23,12 @@ _HEADER = """\
 /* The coupling between a haptic device and the tool of a simulation, made by avc-casadi; do not edit.
  *
  * Coupling {id} for {problem}{title}
- * at the device: spring {stiffness:.9g} {N_PER_M}, damper {damping:.9g} {NS_PER_M}{local}
+ * at the device: spring {stiffness:.9g} N/m, damper {damping:.9g} N.s/m{local}
  * in the scene: spring {scene_stiffness:.9g}, damper {scene_damping:.9g}; {scales}
  * engine: {engine}
- * {FORCE}: {force}
+ * force: {force}
  * {verdict}
- * sample time of the device: {sample_time:.9g} s, and no other: the gains mean another loop at another rate
+ * sample time of the device: {sample_time:.9g} s, and no other: the gains mean another loop at another rate{units}
  *
  * EXCHANGE, for which this is certified: {exchange}.
  * In every sample, in this order:
@@ -40,15 +39,15 @@ _HEADER = """\
  * The tool's numbers are the engine's own, in SI units of the scene, with the device's origin and direction. Put the
  * tool where the device is before the first sample: the spring pulls from then on.
  *
- * What goes wrong ends in less {FORCE}, never in a kick:
+ * What goes wrong ends in less force, never in a kick:
  * - The first sample has no velocity.
  * - {bad}
- *   The last good ones are held, the dampers are left out, and the {FORCE} fades to 0 over {fade_s:.3g} s as
- *   long as it lasts. Once nothing is left of it, whatever comes is believed, and the {FORCE} comes back as slowly.
- * - No step of the engine in more than {watchdog} samples, {steps} of its steps: it hangs, and the {FORCE} fades to 0
+ *   The last good ones are held, the dampers are left out, and the force fades to 0 over {fade_s:.3g} s as
+ *   long as it lasts. Once nothing is left of it, whatever comes is believed, and the force comes back as slowly.
+ * - No step of the engine in more than {watchdog} samples, {steps} of its steps: it hangs, and the force fades to 0
  *   over {fade_s:.3g} s; it comes back as slowly. {call} says that the engine lives; where it
  *   is called on another computer, call avc_coupling_alive whenever something of the tool comes in.
- * - While it fades the {FORCE} neither grows nor turns, and it comes back from where it was.
+ * - While it fades the force neither grows nor turns, and it comes back from where it was.
  * - After a fault of more than {fade_s:.3g} s the spring comes back stretched by how far device and tool have gone
  *   apart meanwhile, and pulls them together with energy that no hand has put in: bring the tool to the device first.
  *
@@ -81,7 +80,7 @@ typedef struct {{
     {real} {held};
     /* Samples since the last good position, since the last good number of the engine, and since its last step. */
     unsigned long missed, lost, silent;
-    /* How far the {FORCE} has faded; 0 is all of it. */
+    /* How far the force has faded; 0 is all of it. */
     unsigned long faded;
     /* That was given last, to the device, to the tool, and out of the engine. */
     {real} force_n, to_tool_n, handed_n;
@@ -93,7 +92,7 @@ typedef struct {{
 /* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
 void avc_coupling_init(avc_coupling_t *coupling);
 
-/* One sample of the device; returns the {FORCE} on it, {NEWTON}{limited}; never NaN.
+/* One sample of the device; returns the force on it, N{limited}; never NaN.
  * position_m: as measured. {given_is} */
 {real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given});
 
@@ -108,7 +107,7 @@ void avc_coupling_alive(avc_coupling_t *coupling);
 {end_c}"""
 
 _TOOL_FORCE = """\
-/* The {FORCE} on the tool{without}, in units of the scene, from the device's newest sample: once in each
+/* The force on the tool{without}, in units of the scene, from the device's newest sample: once in each
  * step of the engine, with position and velocity that the step begins with. 0 before the first sample, and where one
  * of them is no number. */
 {real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
@@ -119,7 +118,7 @@ _TARGET = """\
 {real} avc_coupling_target(avc_coupling_t *coupling, {real} *position_m, {real} *velocity_m_per_s);
 """
 _HANDED = """
-/* The {FORCE} for the device's loop, in units of the scene, not to be put on the tool: once in each step of the engine,
+/* The force for the device's loop, in units of the scene, not to be put on the tool: once in each step of the engine,
  * with position and velocity that the step begins with. */
 {real} avc_coupling_handed_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
 """
@@ -136,7 +135,7 @@ _SOLVED = {
 
  * THE ENGINE HAS SPRING AND DAMPER: AVC_COUPLING_TOOL_STIFFNESS and AVC_COUPLING_TOOL_DAMPING, each
  * times the share that avc_coupling_target returns, between the tool and the position and velocity that it tells; it
- * solves both implicitly. No {FORCE} of this coupling is put on the tool: one that is computed before the step is
+ * solves both implicitly. No force of this coupling is put on the tool: one that is computed before the step is
  * another loop, in which a light tool is unstable. Where a position is bad the target stands still at the last one.
  *""",
 }
@@ -153,18 +152,17 @@ def tool_header(coupling: Coupling, verdict: str, made: Mapping[str, str]) -> st
         "title": comment(f": {problem.title}") if problem.title else "",
         "stiffness": gains.stiffness_n_per_m,
         "damping": gains.damping_ns_per_m,
-        "local": f", damper of the device's own loop {own:.9g} {NS_PER_M}"
-        if (own := gains.local_damping_ns_per_m)
-        else "",
+        "local": f", damper of the device's own loop {own:.9g} N.s/m" if (own := gains.local_damping_ns_per_m) else "",
         "scene_stiffness": scene.stiffness_n_per_m,
         "scene_damping": scene.damping_ns_per_m,
-        "scales": comment(f"position scale {tool.position_scale:.9g}, {FORCE} scale {tool.force_scale:.9g}"),
+        "scales": comment(f"position scale {tool.position_scale:.9g}, force scale {tool.force_scale:.9g}"),
         "engine": comment(_engine(tool)),
         "force": (
             "the problem knows no limit; limit it yourself"
             if device.max_force_n is None
-            else f"limited at {device.max_force_n:.9g} {NEWTON}"
+            else f"limited at {device.max_force_n:.9g} N"
         ),
+        "units": units_line(problem),
         "verdict": comment_lines(verdict),
         "sample_time": device.sample_time_s,
         "exchange": comment(tool.exchange + (f", and {_steps(tool.steps_late)} later" if tool.steps_late else "")),
@@ -172,19 +170,19 @@ def tool_header(coupling: Coupling, verdict: str, made: Mapping[str, str]) -> st
         "otherwise": comment_lines(_otherwise(coupling)),
         "bad": comment_lines(
             f"A number that is none (NaN, infinite), and a position of {whose} that moves faster than "
-            f"{bounds.fastest_m_per_s:.4g} {M_PER_S}, as no hand does; of the device one with a movement that differs "
-            f"from the one before by more than {bounds.change_m:.4g} {METRE}, {bounds.acceleration_m_per_s2:.4g} "
-            f"{M_PER_S} in a second."
+            f"{bounds.fastest_m_per_s:.4g} m/s, as no hand does; of the device one with a movement that differs "
+            f"from the one before by more than {bounds.change_m:.4g} m, {bounds.acceleration_m_per_s2:.4g} "
+            f"m/s in a second."
         ).replace(" * ", " *   "),
         "fade_s": max(1, round(FADE_S / device.sample_time_s)) * device.sample_time_s,
         "steps": MISSED_STEPS,
         "name": tool.exchange,
         "call": _call(tool),
-        "solved": _SOLVED[tool.solved].format(**WORDS),
-        "engine_c": _engine_c(tool, {**WORDS, **made}),
+        "solved": _SOLVED[tool.solved].format(**FRAME),
+        "engine_c": _engine_c(tool, {**FRAME, **made}),
         "limited": "" if device.max_force_n is None else ", limited at AVC_COUPLING_MAX_FORCE_N",
     }
-    return _HEADER.format(**WORDS, **made, **told)
+    return _HEADER.format(**FRAME, **made, **told)
 
 
 def _engine(tool: VirtualTool) -> str:
@@ -193,7 +191,7 @@ def _engine(tool: VirtualTool) -> str:
     what = "the spring leads to a place that the engine sets"
     if tool.tool_mass_kg is not None:
         masses = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.tool_mass_kg))
-        what = f"a tool of {masses} {KG} (in the scene), {tool.integrator}"
+        what = f"a tool of {masses} kg (in the scene), {tool.integrator}"
     return f"a step every {steps} s, {what}"
 
 
@@ -211,19 +209,19 @@ def _engine_c(tool: VirtualTool, names: Mapping[str, object]) -> str:
 
 def _order(tool: VirtualTool) -> list[str]:
     """Return the operations of a sample of the exchange, in order."""
-    engine = f"where the engine steps: {FORCE} = avc_coupling_tool_force(its state), then the step"
+    engine = "where the engine steps: force = avc_coupling_tool_force(its state), then the step"
     if tool.solved == "spring and damper":
         engine = "where the engine steps: avc_coupling_target(...) for its spring and damper, then the step"
     late = tool.queued
     age = f" {_steps(late)} before this one" if late else ""
     if tool.exchange == "held-force":
         if tool.solved != "nothing":
-            engine = engine.replace(", then the step", f"; {FORCE} to hand out = avc_coupling_handed_force(its state)")
+            engine = engine.replace(", then the step", "; force to hand out = avc_coupling_handed_force(its state)")
             engine += "; then the step"
         return [
             "avc_coupling_sample(position)",
             engine,
-            f"avc_coupling_force({f'the {FORCE} of{age}' if late else f'that {FORCE}'}), the same until the next step",
+            f"avc_coupling_force({f'the force of{age}' if late else 'that force'}), the same until the next step",
         ]
     if tool.exchange == "ahead":
         return [
@@ -247,8 +245,8 @@ def _otherwise(coupling: Coupling) -> str:
     return (
         f"With these gains another exchange is another loop: {told}. On-time hands out the state that the engine's "
         "step begins with, late that of the step before, ahead the state that the step has just made: it lies in the "
-        f"future of the {FORCE} that made it, and costs a factor of 10 to 60 of the stiffness. Held-force hands out "
-        f"the {FORCE}."
+        f"future of the force that made it, and costs a factor of 10 to 60 of the stiffness. Held-force hands out "
+        f"the force."
     )
 
 
