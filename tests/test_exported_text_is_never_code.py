@@ -107,10 +107,12 @@ int main(void)
     stiff_t other;
     soft_start(&one);
     stiff_start(&other);
-    soft_step(&one, -(soft_real_t)SOFT_SAMPLE_TIME_S);
-    stiff_step(&other, -(stiff_real_t)STIFF_SAMPLE_TIME_S);
-    printf("%a %a %s\\n", (double)soft_step(&one, (soft_real_t)SOFT_SAMPLE_TIME_S),
-           (double)stiff_step(&other, (stiff_real_t)STIFF_SAMPLE_TIME_S), SOFT_ID);
+    double soft = 0.0, stiff = 0.0;
+    for (int k = -5; k <= 5; k++) {
+        soft = (double)soft_step(&one, (soft_real_t)k * (soft_real_t)SOFT_SAMPLE_TIME_S * (soft_real_t)0.1f);
+        stiff = (double)stiff_step(&other, (stiff_real_t)k * (stiff_real_t)STIFF_SAMPLE_TIME_S * (stiff_real_t)0.1f);
+    }
+    printf("%a %a %s\\n", soft, stiff, SOFT_ID);
     return 0;
 }
 """
