@@ -14,6 +14,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import write_file
 from avc_casadi._util.json_values import json_text, plain
 from avc_casadi.coupling import Coupling, End, check_sample_time, require_coupling
+from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import require_source
 from avc_casadi.files.gain_file import (
     SCHEMA,
@@ -32,7 +33,6 @@ from avc_casadi.files.gain_file import (
 )
 from avc_casadi.files.problem_document import problem_document
 from avc_casadi.files.problem_file import AnyProblem, as_problem
-from avc_casadi.files.rotary_keys import in_keys_of
 from avc_casadi.model import quantity as q
 from avc_casadi.model.effects import StateFeedbackEffect
 from avc_casadi.model.findings import checked

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi.files.border import COUNTS, Border, overridden
 from avc_casadi.files.catalogue import device_names, device_path, require_source
 from avc_casadi.files.key_lines import KeyLines
-from avc_casadi.files.rotary_keys import COUNTS, Border, overridden
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model import quantity as q
 from avc_casadi.model.device import Device, radius_findings

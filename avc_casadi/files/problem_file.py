@@ -10,10 +10,10 @@ from typing import Any, TypeVar, cast
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
+from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import catalogue_names, catalogue_path, require_source
 from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
-from avc_casadi.files.rotary_keys import in_keys_of
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.problem import Frequency, Problem
 from avc_casadi.model.quantity import Finding, dotted, shown

@@ -31,27 +31,14 @@ LINEAR_KEYS = (
 
 
 def device_corners(device: Device, keys: Collection[str] | None = None) -> list[Device]:
-    """Return the devices at the corners of the declared ranges, each without ranges.
-
-    Args:
-        device: with its ranges; where it has none, it is the only corner.
-        keys: ranges that apply, such as `LINEAR_KEYS`, the others staying at their nominal value; None takes every
-            range. There are two corners to each range.
-    """
+    """Return the devices at the corners of the declared ranges, each without ranges."""
     ends = {key: tuple(sorted(set(interval))) for key, interval in device_ranges(device, keys).items()}
     whole = device.model_dump(exclude={"range"})
     return [_changed(whole, dict(zip(ends, corner, strict=True))) for corner in product(*ends.values())]
 
 
 def device_set(device: Device, keys: Collection[str] | None = None, *, draws: int = 16, seed: int = 0) -> list[Device]:
-    """Return the devices at the corners of the declared ranges, then devices drawn uniformly within them.
-
-    Args:
-        device: with its ranges; where it has none, it is the only one.
-        keys: ranges that apply, as in `device_corners`.
-        draws: number of devices beside the corners.
-        seed: of the draws.
-    """
+    """Return the devices at the corners of the declared ranges, then devices drawn uniformly within them."""
     corners = device_corners(device, keys)
     if len(corners) == 1:
         return corners
@@ -126,21 +113,13 @@ def corner_problems(problem: Problem) -> tuple[Problem, ...]:
 
 @lru_cache(maxsize=16)
 def least_damped(problem: Problem, credit_ns_per_m: float = 0.0) -> Problem:
-    """Return the problem with the lowest damping that its device may have: Re Z_h grows with it.
-
-    Args:
-        problem: the problem.
-        credit_ns_per_m: damping of the hand, credited to the device.
-    """
+    """Return the problem with the lowest damping that its device may have: Re Z_h grows with it."""
     lowest = min(device.damping_ns_per_m for device in device_corners(problem.device, ("damping_ns_per_m",)))
     known = {"damping_ns_per_m": lowest + credit_ns_per_m, "range": {"damping_ns_per_m": None}}
     return problem.changed(device=known)
 
 
 def margin_over_range(problem: Problem) -> float:
-    """Return the Re Z_h of the nominal device at which every device of its range keeps the margin, N.s/m.
-
-    Re Z_h does not depend on the mass and grows with the damping, so that the least damped device decides.
-    """
+    """Return the Re Z_h of the nominal device at which every device of its range keeps the margin, N.s/m."""
     spread = problem.device.damping_ns_per_m - least_damped(problem).device.damping_ns_per_m
     return problem.stability.margin_ns_per_m + spread

@@ -4,21 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avc_casadi.model.effects import (
-    AmplifierEffect,
-    BacklashEffect,
-    CoulombFrictionEffect,
-    DelayEffect,
-    DetentEffect,
-    Effect,
-    EncoderEffect,
-    HandEffect,
-    NoiseEffect,
-    ResonanceEffect,
-    SaturationEffect,
-    SimulationEffect,
-    WallEffect,
-)
+from avc_casadi.model import effects as e
 from avc_casadi.model.registries import EFFECTS
 
 if TYPE_CHECKING:
@@ -51,28 +37,28 @@ def declared(problem: Problem) -> tuple[str, ...]:
     return tuple(found)
 
 
-def declared_effects(problem: Problem) -> tuple[Effect, ...]:
+def declared_effects(problem: Problem) -> tuple[e.Effect, ...]:
     """Return the scene tables of a hand, a wall or a simulation, and all that the device declares."""
     device = problem.device
     at_handle = device.encoder_at == "handle" and device.resonance is not None
-    found: list[tuple[bool, Effect]] = [
-        (True, HandEffect()),
-        (problem.simulation is None, WallEffect()),
-        (problem.simulation is not None, SimulationEffect()),
-        (problem.detent is not None, DetentEffect()),
-        (device.resonance is not None, ResonanceEffect()),
-        (device.coulomb_friction_n > 0, CoulombFrictionEffect()),
-        (device.backlash_m > 0 and not at_handle, BacklashEffect()),
-        (device.position_noise_rms_m > 0, NoiseEffect()),
-        (device.encoder_resolution_m > 0 or at_handle, EncoderEffect()),
-        (device.delay_samples > 0, DelayEffect()),
-        (device.max_force_n is not None, SaturationEffect()),
-        (device.amplifier_bandwidth_hz is not None, AmplifierEffect()),
+    found: list[tuple[bool, e.Effect]] = [
+        (True, e.HandEffect()),
+        (problem.simulation is None, e.WallEffect()),
+        (problem.simulation is not None, e.SimulationEffect()),
+        (problem.detent is not None, e.DetentEffect()),
+        (device.resonance is not None, e.ResonanceEffect()),
+        (device.coulomb_friction_n > 0, e.CoulombFrictionEffect()),
+        (device.backlash_m > 0 and not at_handle, e.BacklashEffect()),
+        (device.position_noise_rms_m > 0, e.NoiseEffect()),
+        (device.encoder_resolution_m > 0 or at_handle, e.EncoderEffect()),
+        (device.delay_samples > 0, e.DelayEffect()),
+        (device.max_force_n is not None, e.SaturationEffect()),
+        (device.amplifier_bandwidth_hz is not None, e.AmplifierEffect()),
     ]
     return tuple(effect for there, effect in found if there)
 
 
-def scene_effects(problem: Problem) -> tuple[Effect, ...]:
+def scene_effects(problem: Problem) -> tuple[e.Effect, ...]:
     """Return the effects that a scene lists, or if it lists none all declared ones."""
     return problem.scene.effects or declared_effects(problem)
 
@@ -80,7 +66,7 @@ def scene_effects(problem: Problem) -> tuple[Effect, ...]:
 def with_gains(problem: Problem, gains: ToolGains) -> Problem:
     """Return the problem with a scene in which the engine is joined to the device by these gains."""
     joined = tuple(
-        one.model_copy(update=vars(gains)) if isinstance(one, SimulationEffect) and not one.stiffness_n_per_m else one
+        one.model_copy(update=vars(gains)) if isinstance(one, e.SimulationEffect) and not one.stiffness_n_per_m else one
         for one in scene_effects(problem)
     )
     return problem.changed(scene={"effects": joined, "coupling": "none"})

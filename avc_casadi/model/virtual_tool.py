@@ -125,13 +125,7 @@ class VirtualTool(q.Table):
 
 @dataclass(frozen=True)
 class ToolGains:
-    """The coupling between a device and a virtual tool, in the device's units of position and force.
-
-    Attributes:
-        stiffness_n_per_m: K.
-        damping_ns_per_m: B.
-        local_damping_ns_per_m: b_l of a damper that the device's local loop adds at T, towards ground.
-    """
+    """K, B and the damper of each local loop towards ground, in the device's units of position and force."""
 
     stiffness_n_per_m: float
     damping_ns_per_m: float
