@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from enum import Enum
 from typing import Any
 
 import numpy as np
 
-from avc_casadi._util.units import spoken
+from avc_casadi._util.units import LINEAR, Units
 
 
 def plain(value: Any) -> Any:
@@ -29,8 +30,6 @@ def plain(value: Any) -> Any:
     return value
 
 
-def json_text(document: Any) -> str:
-    """Return the text of a JSON file or answer, in the current units."""
-    if isinstance(document, dict):
-        document = spoken().document(document)
-    return json.dumps(document, indent=1, allow_nan=False) + "\n"
+def json_text(document: Mapping[str, Any], units: Units = LINEAR) -> str:
+    """Return the text of a JSON file or answer, with the keys of a motion."""
+    return json.dumps(units.document(document), indent=1, allow_nan=False) + "\n"

@@ -16,7 +16,6 @@ from typing import Any, Self, TypeVar
 
 from avc_casadi._errors import InputError, MissingExtraError, WorkerLostError
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.units import speaks, spoken
 
 R = TypeVar("R")
 T = TypeVar("T")
@@ -149,7 +148,7 @@ class Crew:
 
 def _submitted(executor: Executor, task: Callable[[], R]) -> Future[R]:
     with without_interrupts():
-        return executor.submit(speaks, spoken(), task)
+        return executor.submit(task)
 
 
 def _result(future: Future[R], task: Callable[[], R] | None) -> R:

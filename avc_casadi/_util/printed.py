@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avc_casadi._util.text import number
-from avc_casadi._util.units import Units, Wording, in_its_units, spoken
+from avc_casadi._util.units import LINEAR, Units, Wording
 
 Columns = dict[str, np.ndarray[Any, Any]]
 
@@ -40,10 +40,9 @@ class Printed:
     @property
     def units(self) -> Units:
         """Names and units in which it is printed."""
-        units: Units = spoken() if self._problem is None else self._problem.units
+        units: Units = LINEAR if self._problem is None else self._problem.units
         return units
 
-    @in_its_units
     def __str__(self) -> str:
         return repr(self) if self._problem is None else str(import_module(PAGES).text_of(self))
 
@@ -59,6 +58,5 @@ class Tabular(Printed, ABC):
     def _summary(self) -> str:
         """Return a one-line summary."""
 
-    @in_its_units
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._summary()})"

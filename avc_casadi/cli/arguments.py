@@ -103,12 +103,6 @@ def add_motion(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def named(option: argparse.Action) -> tuple[str, str]:
-    """Return the option's name in faults: of a linear device, and of a rotary one."""
-    strings = option.option_strings
-    return (strings[0], strings[-1]) if isinstance(option, _Worded) else (strings[-1], strings[-1])
-
-
 def check_worded(args: argparse.Namespace, units: Units) -> None:
     """Refuse options of the other kind of motion."""
     from avc_casadi import Fault, InputError
@@ -159,31 +153,13 @@ _FILES = (".json", ".csv")
 TOOL_VERBS = "avc recommend, certify, zwidth, explore, simulate, run, check and export know a [simulation]"
 
 
-def load_problem(source: str) -> avc.Problem:
-    """Load a problem, and set the units of output to those of its device."""
-    from avc_casadi._util.units import speak
-
-    problem = avc.load_problem(source)
-    speak(problem.units)
-    return problem
-
-
-def load_device(source: str) -> DeviceFile:
-    """Load a device file, and set the units of output to its own."""
-    from avc_casadi._util.units import speak
-
-    file = avc.load_device(source)
-    speak(file.device.units)
-    return file
-
-
 def load_known(source: str) -> DeviceFile:
-    """Load a device file, or the device of a problem, and set the units of output to its own."""
+    """Load a device file, or the device of a problem."""
     from avc_casadi.files.device_file import DeviceFile
 
     if not _has_wall(source):
-        return load_device(source)
-    problem = load_problem(source)
+        return avc.load_device(source)
+    problem = avc.load_problem(source)
     return DeviceFile(name=problem.name, title=problem.title, device=problem.device)
 
 
@@ -230,7 +206,6 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
     Raises:
         InputError: with every fault; for a problem in place of a coupling, with the command that makes one.
     """
-    from avc_casadi._util.units import speak
     from avc_casadi.coupling import Coupling, require_coupling
     from avc_casadi.files.coupling_file import GAINS_ALONE, end_of, read_file
 
@@ -241,11 +216,10 @@ def read_subject(verb: str, file: str, problem: str | None = None, *, beside: st
         make = f"avc recommend {quote(file)} --out c.json"
         raise avc.InputError.of(f"is a problem; {verb} takes a coupling: {make}", file=file)
     if problem is not None:
-        return avc.read_coupling(Path(file), load_problem(problem))
+        return avc.read_coupling(Path(file), avc.load_problem(problem))
     found = read_file(Path(file))
     if isinstance(found, Coupling):
         require_coupling(found)
-        speak(found.problem.units)
         return found
     raise avc.InputError.of(f"{GAINS_ALONE}: {beside}", file=file)
 
@@ -307,13 +281,10 @@ def couples_to_simulation(source: str) -> bool:
 
 
 def read_tool(file: str) -> Coupling:
-    """Read a coupling to a simulation, and set the units of output to those of its device."""
-    from avc_casadi._util.units import speak
-
+    """Read a coupling to a simulation."""
     found = avc.read_coupling(file)
     if found.end != "simulation":
         raise avc.InputError.of(f"leads to a {found.end}; allowed: a coupling to a simulation", file=file)
-    speak(found.problem.units)
     return found
 
 
@@ -335,7 +306,7 @@ def pair_of(source: str, gains: str | None, console: Console | None = None) -> t
             raise avc.InputError.of("is given beside a coupling; give the problem, or leave it out", file=gains)
         coupling = read_tool(source)
         return coupling.problem, coupling.gains
-    problem = load_problem(source)
+    problem = avc.load_problem(source)
     if gains is not None:
         if end_of(gains) != "simulation":
             make = f"avc recommend {quote(source)} --out c.json"
@@ -411,11 +382,8 @@ def _differing(one: avc.Problem, other: avc.Problem) -> str:
 
 def read_pair(file: str) -> Coupling | None:
     """Read a coupling to a simulation or a follower; None for one to a wall."""
-    from avc_casadi._util.units import speak
     from avc_casadi.files.coupling_file import end_of
 
     if end_of(file) not in {"simulation", "follower"}:
         return None
-    found = avc.read_coupling(file)
-    speak(found.problem.units)
-    return found
+    return avc.read_coupling(file)

@@ -22,8 +22,6 @@ from avc_casadi.cli.arguments import (
     faults_of,
     is_coupling,
     is_device,
-    load_device,
-    load_problem,
     positive,
     positive_int,
     read_pair,
@@ -360,7 +358,7 @@ def _stream_coupling(args: argparse.Namespace, console: Console) -> Coupling:
         return read_subject("stream", args.subject, args.problem)
     from avc_casadi.recommendation.recommend import recommend
 
-    problem = load_problem(args.subject)
+    problem = avc.load_problem(args.subject)
     with console.step("recommended coupling"):
         found = recommend(problem, progress=console)
     if found.coupling is None or found.coupling.end != "wall":
@@ -553,13 +551,12 @@ def run_device(args: argparse.Namespace, console: Console) -> Answer:
 
 def _device_limited(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.json_values import plain
-    from avc_casadi._util.units import speak, units_for
+    from avc_casadi._util.units import units_for
     from avc_casadi.present.rows.deploy import limits
     from avc_hardware import set_limits
 
     units = units_for(args.motion)
     check_worded(args, units)
-    speak(units)
     with console.step(f"limits of {args.port}"):
         found = set_limits(
             args.port,
@@ -620,7 +617,6 @@ def add_firmware(parser: argparse.ArgumentParser) -> None:
 def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     """Build the image and print the commands that flash it."""
     from avc_casadi._util.json_values import plain
-    from avc_casadi._util.units import spoken
     from avc_casadi.present.rows.deploy import firmware
     from avc_hardware import build_firmware
 
@@ -628,7 +624,7 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     if is_coupling(args.subject):
         subject = read_subject("firmware", args.subject, args.problem)
     else:
-        subject = load_device(args.subject).device if is_device(args.subject) else load_problem(args.subject)
+        subject = avc.load_device(args.subject).device if is_device(args.subject) else avc.load_problem(args.subject)
     with output_folder(args.out, "--out") as folder, console.step(f"firmware for {args.board}"):
         built = build_firmware(subject, args.board, folder, baud=args.baud)
     baud = args.baud or _USUAL_BAUD
@@ -650,23 +646,18 @@ def run_firmware(args: argparse.Namespace, console: Console) -> Answer:
     )
     at = "" if baud == _USUAL_BAUD else f" --baud {baud}"
     held = f"pushed: avc push{at}; estimator {figures.estimator}"
-    return firmware(document, built.title, spoken(), held)
+    return firmware(document, built.title, subject.units, held)
 
 
 def _firmware_notes(subject: Coupling | Problem | DeviceModel, limits: BoardLimits) -> list[str]:
     """Describe defaults of the image that the file does not give, and keys of the file that it ignores."""
-    from avc_casadi._util.units import METRE, NEWTON, spoken_key
-
     problem = getattr(subject, "problem", subject)
     device = getattr(problem, "device", problem)
     notes = []
     if getattr(subject, "detent", None) is not None:
         notes.append("[detent] has no place in what is pushed: export it (avc export)")
-    for key, value, unit in (
-        ("max_force_n", limits.max_force_n, NEWTON),
-        ("encoder_resolution_m", limits.metres_per_count, METRE),
-    ):
+    for key, value in (("max_force_n", limits.max_force_n), ("encoder_resolution_m", limits.metres_per_count)):
         if not getattr(device, key):
-            known = f"{number(value)} {unit} is the board's own"
-            notes.append(f"the file has no {spoken_key(f'device.{key}')}: {known}; give the device's")
+            name = device.units.key(key)
+            notes.append(f"the file has no device.{name}: {number(value)} is the board's own; give the device's")
     return notes

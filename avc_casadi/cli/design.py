@@ -14,7 +14,6 @@ from avc_casadi.cli.arguments import (
     add_verbose,
     add_worded,
     check_worded,
-    load_problem,
     positive_int,
     refuse,
 )
@@ -65,7 +64,6 @@ def add_new(parser: argparse.ArgumentParser) -> None:
 
 def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Take the options; write, read back and show."""
-    from avc_casadi._util.units import speak
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.files.problem_document import problem_document
     from avc_casadi.present.rows.design import new as answer
@@ -77,7 +75,6 @@ def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG0
     turned = RADIUS.key in typed or any(given != names[0] for given, names in getattr(args, "worded", {}).values())
     new = NewProblem(path, args.like or "", "rotary" if turned else "linear", args.held, typed)
     check_worded(args, new.units)
-    speak(new.units)
     known = {one.key for one in new.options()}
     of_hands = "goes with --held foot or --held other; leave it out"
     whys = {RADIUS.key: "is that of the device of --like; leave it out", **{one.key: of_hands for one in HANDS}}
@@ -154,7 +151,7 @@ def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
         refuse(args, ("out", "prove"), "goes with a recommendation, not with --stiffest; leave one of them out")
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     with console.step(args.problem):
-        problem = load_problem(args.problem)
+        problem = avc.load_problem(args.problem)
     if problem.simulation is not None or problem.follower is not None:
         refuse(args, ("stiffest", "lean_on_friction", "prove"))
     lean, workers = args.lean_on_friction, min(2, processors())
@@ -195,7 +192,7 @@ def _coupling_text(found: Recommendation) -> str:
     from avc_casadi.files.coupling_file import coupling_document
 
     assert found.coupling is not None  # noqa: S101 - asked of those with one
-    return json_text(coupling_document(found.coupling))
+    return json_text(coupling_document(found.coupling), found.coupling.units)
 
 
 def add_solve(parser: argparse.ArgumentParser) -> None:
@@ -228,7 +225,7 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
 
     method = args.method or ("closed-form" if args.as_printed else "direct")
     out = None if args.out is None else output_file(args.out, "--out", (".json", ".csv"))
-    problem = load_problem(args.problem)
+    problem = avc.load_problem(args.problem)
     with console.step(f"{method}: {len(problem.frequencies_hz())} frequencies"):
         gains = avc.solve(
             problem, method, solver=args.solver, tolerance=args.tolerance, as_printed=args.as_printed, progress=console
@@ -238,12 +235,12 @@ def run_solve(args: argparse.Namespace, console: Console) -> Answer:
     with console.step(f"certificate of {gains.rows} rows"):
         data = solution_data(problem, gains, coupling, avc.certify(problem, gains, progress=console))
     if out is not None:
-        text = json_text(data)
+        text = json_text(data, problem.units)
         if out.suffix.lower() == ".csv":
             text = gain_csv(gains)
         elif coupling is not None:
             certificate = data["certificate"] | {"deployable": data["deployable"]}
-            text = json_text(data | coupling_document(coupling.with_certificate(certificate)))
+            text = json_text(data | coupling_document(coupling.with_certificate(certificate)), problem.units)
         write_text(out, text, "--out")
     return solution(data, problem, args.problem, args.out)
 
@@ -278,7 +275,7 @@ def run_compare(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows.design import comparison
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", PICTURES)
-    problem = load_problem(args.problem)
+    problem = avc.load_problem(args.problem)
     found = _compared(problem, args.mine, console)
     if plot is not None:
         from avc_casadi.present.figures.comparison import draw_comparison
@@ -317,7 +314,7 @@ def add_run(parser: argparse.ArgumentParser) -> None:
 def run_run(args: argparse.Namespace, console: Console) -> Answer:
     """Run the main job."""
     with console.step(args.problem):
-        problem = load_problem(args.problem)
+        problem = avc.load_problem(args.problem)
     wanted = f"avc-{problem.name.replace('/', '-')}" if args.out is None else args.out
     with output_folder(wanted, "--out") as folder:
         if problem.simulation is not None or problem.follower is not None:
@@ -388,9 +385,9 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     compare = comparison_document(comparison)
     beside = design.paper_data(comparison, gains) | {"push": push}
     files = {
-        "gains.json": json_text(gain_document(gains) | {"certificate": certificate}),
+        "gains.json": json_text(gain_document(gains) | {"certificate": certificate}, problem.units),
         "gains.csv": gain_csv(gains),
-        "compare.json": json_text(compare),
+        "compare.json": json_text(compare, problem.units),
     }
     if coupling is not None and push.get("deployable") is not False:
         files["coupling.json"] = _coupling_text(found)

@@ -6,11 +6,10 @@ A verb is ``add_<verb>(parser)``, whose docstring is its help, and ``run_<verb>(
 from __future__ import annotations
 
 import argparse
-import contextvars
 import re
 import sys
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
@@ -31,7 +30,6 @@ from avc_casadi import (
     fault_document,
 )
 from avc_casadi._util.interrupt import EXIT_CODE, interrupted, take_interrupt
-from avc_casadi.cli.arguments import named
 from avc_casadi.cli.console import Console, silence
 
 if TYPE_CHECKING:
@@ -110,7 +108,7 @@ def build_parser() -> argparse.ArgumentParser:
             add(command)
             command.add_argument("--json", action="store_true", help="print one JSON document and nothing else")
             # A positional argument has no option as its name.
-            options = {action.dest: named(action) for action in command._actions if action.option_strings}  # noqa: SLF001
+            options = {action.dest: action.option_strings[-1] for action in command._actions if action.option_strings}  # noqa: SLF001
             command.set_defaults(run=run, options=options)
             summary = words.partition("\n")[0].rstrip(".")
             listed += wrap(summary, 110, initial_indent=f"  {name:<12}", subsequent_indent=" " * 14)
@@ -137,8 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             console = Console(as_json=as_json)
             return _refused(console, error)
         console = Console(as_json=as_json)
-        # The units of a device apply to this call alone.
-        return contextvars.copy_context().run(_answered, args, console)
+        return _answered(args, console)
     except KeyboardInterrupt:
         take_interrupt()
         (console or Console(as_json=as_json)).interrupted()
@@ -157,7 +154,7 @@ def _answered(args: argparse.Namespace, console: Console) -> int:
     except BrokenPipeError:
         raise
     except InputError as error:
-        return _refused(console, _as_options(error, args.options))
+        return _refused(console, _as_options(error, args))
     except (AvcError, OSError) as error:
         return _refused(console, error)
     except Exception as error:  # noqa: BLE001 - an internal error must not end in the code of a plain no
@@ -183,38 +180,23 @@ def _run(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _refused(console: Console, error: AvcError | OSError) -> int:
-    from avc_casadi._util.units import spoken
-
     if isinstance(error, InputError):
-        error = InputError(
-            [replace(fault, file=fault.file or "command line", key=spoken().key(fault.key)) for fault in error.faults]
-        )
+        error = InputError([replace(fault, file=fault.file or "command line") for fault in error.faults])
         count = len(error.faults)
         told = error.told
         summary = f"\navc: {count} faults" if count > 1 else ""
         console.refuse(fault_document(error), "\n".join(f"avc: {fault}" for fault in told) + summary)
         return BAD_INPUT
-    key = spoken().key(error.key) if isinstance(error, UnsupportedError) else ""
+    key = error.key if isinstance(error, UnsupportedError) else ""
     console.refuse(_document(str(error), key), f"avc: {error}")
     said_no = isinstance(error, LinkError | NotDeployableError) and not isinstance(error, PortError)
     return NO if said_no else BAD_INPUT
 
 
-def _as_options(error: InputError, options: Mapping[str, tuple[str, str]]) -> InputError:
-    """Name the option, as typed for this motion, where an argument of a call is at fault.
-
-    A key of a file is unchanged.
-    """
-    from avc_casadi._util.units import spoken
-
-    units = spoken()
-    typed = {units.key(key): both[not units.linear] for key, both in options.items()}
-    return InputError(
-        [
-            fault if fault.file else replace(fault, key=typed.get(units.key(fault.key), fault.key))
-            for fault in error.faults
-        ]
-    )
+def _as_options(error: InputError, args: argparse.Namespace) -> InputError:
+    """Name the option, as it was typed, where an argument of a call is at fault; a key of a file is unchanged."""
+    typed = args.options | {key: given for key, (given, _) in getattr(args, "worded", {}).items()}
+    return InputError([one if one.file else replace(one, key=typed.get(one.key, one.key)) for one in error.faults])
 
 
 def _document(message: str, key: str = "") -> dict[str, Any]:

@@ -14,7 +14,6 @@ from avc_casadi.cli.arguments import (
     couples_to_simulation,
     gains_for,
     is_coupling,
-    load_problem,
     pair_of,
     positive_int,
     read_subject,
@@ -132,7 +131,7 @@ def _certify_wall(args: argparse.Namespace, console: Console, proofs: Path | Non
     written = {} if proofs is None else proof_files(problem, found)
     for name, one in written.items():
         assert proofs is not None  # noqa: S101 - written to it alone
-        write_file(proofs / name, json_text(one))
+        write_file(proofs / name, json_text(one, problem.units))
     verdict: dict[str, Any] = {"pass": False, "sentence": "not deployable: no row has gains"}
     if coupling is not None:
         with console.step("table that runs"):
@@ -154,7 +153,7 @@ def _subject_of_certify(args: argparse.Namespace) -> tuple[avc.Problem, GainSche
     from avc_casadi.coupling import Coupling
 
     if args.gains is not None:
-        problem = load_problem(args.problem)
+        problem = avc.load_problem(args.problem)
         found, notes = gains_for(problem, args.gains)
         return (problem, found.schedule, found, notes) if isinstance(found, Coupling) else (problem, found, None, notes)
     if not is_coupling(args.problem):
@@ -307,7 +306,7 @@ def _subject_of_scene(
             raise avc.InputError.of("does not go with a coupling file; give the problem instead", key="--gains")
         coupling = read_subject("simulate", args.problem, beside=f"avc simulate P --gains {quote(args.problem)}")
         return coupling.problem, coupling, []
-    problem = load_problem(args.problem)
+    problem = avc.load_problem(args.problem)
     if args.gains is not None:
         return problem, *gains_for(problem, args.gains)
     if (method := problem.scene.coupling) == "none":
@@ -412,7 +411,7 @@ def _region_of_walls(args: argparse.Namespace, plot: Path | None, console: Conso
     from avc_casadi.design.constant.static import static_coupling
     from avc_casadi.present.rows.judge import walls
 
-    problem = load_problem(args.problem)
+    problem = avc.load_problem(args.problem)
     with console.step("region"):
         found = zwidth(problem, console)
     gains, rendered = None, {}

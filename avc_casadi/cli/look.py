@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
 from avc_casadi._util.interrupt import take_interrupt
-from avc_casadi.cli.arguments import add_verbose, add_workers, is_device, load_device, load_problem, positive_int
+from avc_casadi.cli.arguments import add_verbose, add_workers, is_device, positive_int
 from avc_casadi.cli.console import PICTURES, Console, output_file, package_versions, write_figure
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def run_check(args: argparse.Namespace, console: Console) -> Answer:  # noqa: AR
 
     if is_device(args.problem):
         return _device(args.problem)
-    stated = load_problem(args.problem)
+    stated = avc.load_problem(args.problem)
     frequency, device, tool, follower = stated.frequencies_hz(), stated.device, stated.simulation, stated.follower
     warnings = [{"key": fault.key, "message": fault.message} for fault in plausibility(stated)]
     if tool is not None:
@@ -100,7 +100,7 @@ def _device(source: str) -> Answer:
     from avc_casadi.files.catalogue import device_names
     from avc_casadi.present.rows.look import device
 
-    file = load_device(source)
+    file = avc.load_device(source)
     values = file.device.model_dump(mode="json", exclude_unset=True)
     ranges, known = values.pop("range", {}), device_names().get(file.name)
     elsewhere = source.endswith(".toml") and (known is None or Path(source).resolve() != Path(str(known)).resolve())
@@ -140,7 +140,7 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.explore.server import ExploreServer
     from avc_casadi.present.row import Answer as Result
 
-    problem = load_problem(args.problem)
+    problem = avc.load_problem(args.problem)
     if problem.follower is not None:
         message = "has a [follower], and the page has a wall or a [simulation]; avc recommend, run and export know it"
         raise avc.InputError.of(message, file=args.problem)
@@ -263,7 +263,7 @@ def run_accuracy(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.rows.look import accuracy
 
     plot = None if args.plot is None else output_file(args.plot, "--plot", PICTURES)
-    problem = load_problem(args.problem)
+    problem = avc.load_problem(args.problem)
     with console.step("time and error of each solver"):
         costs = solver_costs(problem, console)
     if plot is not None:

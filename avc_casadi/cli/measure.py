@@ -18,9 +18,7 @@ from avc_casadi.cli.arguments import (
     add_worded,
     check_worded,
     is_device,
-    load_device,
     load_known,
-    load_problem,
     log_layout,
     positive,
     positive_int,
@@ -147,12 +145,11 @@ def run_excite(args: argparse.Namespace, console: Console) -> Answer:
 
 
 def _excite_device(source: str) -> Device:
-    return load_device(source).device if is_device(source) else load_problem(source).device
+    return avc.load_device(source).device if is_device(source) else avc.load_problem(source).device
 
 
 def _excite_plan(made: Excitation) -> dict[str, Any]:
     from avc_casadi._util.json_values import plain
-    from avc_casadi._util.units import spoken_key
 
     plan, found = made.plan, made.forecast
     low, high = plan.band_hz
@@ -166,7 +163,7 @@ def _excite_plan(made: Excitation) -> dict[str, Any]:
             "tones": len(plan.signal.step),
             "peak_force_n": made.peak_force_n,
             "crest_factor": made.crest,
-            "held_back_by": spoken_key(made.held_back_by),
+            "held_back_by": plan.units.key(made.held_back_by),
             "limits": {
                 "force_n": plan.max_force_n,
                 "speed_m_per_s": plan.max_speed_m_per_s,
@@ -185,24 +182,20 @@ def _excite_plan(made: Excitation) -> dict[str, Any]:
 
 def _excite_too_little(log: Mapping[str, Any], device: Device) -> str:
     """Describe why a log that was played to its end does not identify the device."""
-    from avc_casadi._util.units import spoken_key
-
     steps = log["peak_travel_m"] / device.encoder_resolution_m if device.encoder_resolution_m else math.inf
     if steps >= _FEWEST_STEPS:
         return ""
     return (
         f"the device moved by {number(steps, 2)} steps of its encoder only, as if dry friction or a hand held it: free "
-        f"it, or give more {spoken_key('--force-n')}"
+        "it, or give more force"
     )
 
 
 def _excite_advice(log: ExcitationLog) -> str:
-    from avc_casadi._util.units import spoken_key
-
     if "limit" in log.end:
         return (
             "the device is lighter, freer or otherwise held than declared: clear its way, widen [device.range], or "
-            f"give less {spoken_key('--force-n')}"
+            "give less force"
         )
     return "look at the link, then excite again"
 
@@ -381,7 +374,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
 
 def _diagnose_declared(args: argparse.Namespace) -> tuple[Device | None, Hands | None]:
     if args.problem:
-        problem = load_problem(args.problem)
+        problem = avc.load_problem(args.problem)
         return problem.device, problem.hands
     return (load_known(args.device).device if args.device else None), None
 

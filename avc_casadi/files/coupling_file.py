@@ -169,7 +169,7 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     """
     if not isinstance(coupling, Coupling):
         require_coupling(coupling)
-    write_file(path, json_text(coupling.units.document(coupling_document(coupling))))
+    write_file(path, json_text(coupling_document(coupling), coupling.units))
 
 
 def read_file(path: str | Path) -> Coupling | GainSchedule:

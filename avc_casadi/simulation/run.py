@@ -198,7 +198,7 @@ class Run(Tabular):
             stored_j=self.ledger.stored_j,
             dissipated_j=self.ledger.dissipated_j,
         )
-        text = json_text(self.units.document(self.document(target) | {"effects": list(self.effects)}))
+        text = json_text(self.document(target) | {"effects": list(self.effects)}, self.units)
         write_file(target, arrays.getvalue())
         write_file(target.with_suffix(".json"), text)
         return target

@@ -245,7 +245,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         return {"name": f"{stem}-gains.csv", "text": gain_csv(coupling.schedule)}
     verdict = deployable(coupling).document()
     certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
-    text = json_text(problem.units.document(coupling_document(coupling.with_certificate(certificate))))
+    text = json_text(coupling_document(coupling.with_certificate(certificate)), problem.units)
     return {"name": f"{stem}-coupling.json", "text": text, "told": told_on_page(explorer, verdict["sentence"])}
 
 

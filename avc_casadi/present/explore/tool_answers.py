@@ -171,7 +171,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     told = stability(certificate)[0].text(problem.units) + _tried(explorer, settings)
     return {
         "name": f"{stem}-coupling.json",
-        "text": json_text(coupling_document(coupling)),
+        "text": json_text(coupling_document(coupling), explorer.units),
         "told": told_on_page(explorer, told),
     }
 
