@@ -56,26 +56,6 @@ def made(source: str, about: Document) -> str:
     return f"*`results/{source}.json`: `{about['command']}`, seed {about['seed']}, {where}, {about['machine']}.*"
 
 
-def robust_goals(found: Document) -> str:
-    head = (
-        "device",
-        "wall, N/m",
-        "felt at the sensor (second simulation), N/m",
-        "at rest, declared friction: as declared / others",
-        "at rest, no friction: as declared / others",
-    )
-    rows = []
-    for row in found["rows"]:
-        leans = " (leaning on friction)" if row["leans_on_friction"] else ""
-        shares = (
-            f"{percent(row[key]['at_rest'])} % / {percent(row[key]['at_rest_worst_of_8_devices'])} %"
-            for key in ("friction", "no_friction")
-        )
-        felt = f"{row['friction']['felt_motor']:.0f}"
-        rows.append((f"`{row['device']}`{leans}", f"{row['wall_n_per_m']:.0f}", felt, *shares))
-    return table(head, rows)
-
-
 def reference_walls(found: Document) -> str:
     head = (
         "wall 5 kN/m",
@@ -298,7 +278,6 @@ def real_drive(found: Document) -> str:
 
 BLOCKS: Mapping[str, ResultBlock] = {
     "real-drive": ResultBlock("real_drive", real_drive),
-    "robust-goals": ResultBlock("robust_goals", robust_goals),
     "reference-walls": ResultBlock("recommended", reference_walls),
     "figure5-recommended": ResultBlock("recommended", figure5_recommended, quiet=True),
     "what-would-help": ResultBlock("recommended", what_would_help),

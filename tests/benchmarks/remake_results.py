@@ -57,7 +57,7 @@ STUDIES = (
     Study("published.py", 0.3, ("published",)),
     Study("hardware_figures.py", None, ("hardware",)),
     Study("table1_study.py 200", 1.5, ("table1",)),
-    Study("robust_goals.py", 2, ("robust_goals",)),
+    Study("program.py", 3, ("program",)),
     Study("exported_rest.py", 1.6, ("exported_rest",)),
     Study("sensor_faults.py", 1.2, ("sensor_faults",)),
     Study("passivity_baselines.py", 10, ("passivity_baselines",)),

@@ -6,7 +6,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 GONE = re.compile(
     r"avc (arm|study|screen|ports|limits|clear|store|commission)\b|--compare\b|commission|FOAW|Levant\b|compensator"
-    r"|platformio|zephyr|clarabel|\bL[89]\b|sphinx|measured bounds|\bfatrop\b|\balpaqa\b|ipqp|common_lyapunov"
+    r"|platformio|zephyr|\bL[89]\b|sphinx|measured bounds|\bfatrop\b|\balpaqa\b|ipqp|common_lyapunov"
     r"|felt\.strikes|checkpoint|avc_arm|adam-robotics",
     re.IGNORECASE,
 )

@@ -1,0 +1,150 @@
+"""Cones of one step of the program, solved with few of them at a time, and Zames-Falb multipliers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+
+PER_CONTACT, PER_LACK = 10.0, 2.0
+"""Weights of unmet contact and of missing decay, in units of the squared error."""
+_ROUNDS = 6
+_TAPS = (1, 2, 3, 5, 8, 13, 21, 34, 55)
+# Least cosine with which a multiplier serves.
+_SERVES = 0.03
+
+
+class Cones:
+    """Cones of the variables w, L = L_0 + W w, then gamma, and the slacks of contact and of decay."""
+
+    def __init__(self, gain: FloatArray, axes: FloatArray) -> None:
+        self._gain, self._axes = gain, axes
+        self._blocks: list[tuple[object, FloatArray, FloatArray, bool]] = []
+
+    def _rows(self, rows: FloatArray, constant: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.pad(rows @ self._axes, ((0, 0), (0, 3))), constant + rows @ self._gain
+
+    def linear(
+        self, key: object, rows: FloatArray, constant: FloatArray, *, contact: float = 0.0, lack: float = 0.0
+    ) -> None:
+        """Require rows L + constant >= 0, with a slack."""
+        matrix, level = self._rows(rows, constant)
+        matrix[:, -2:] = contact, lack
+        whole = isinstance(key, tuple) and key[0] == "pole"
+        self._blocks.append((key, matrix[:, None], level[:, None], whole))
+
+    def second(
+        self, key: object, bound: tuple[FloatArray, FloatArray], rows: ComplexArray, constant: FloatArray
+    ) -> None:
+        """Require |rows L + constant| <= bound."""
+        parts = self._rows(*bound), self._rows(rows.real, constant), self._rows(rows.imag, 0 * constant)
+        matrix, level = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
+        self._blocks.append((key, matrix, level, False))
+
+    def error(self, near: ComplexArray, near_0: ComplexArray, far: ComplexArray, far_0: ComplexArray) -> None:
+        """Require |near|^2 <= gamma times the tangent of |far|^2."""
+        value = far @ self._gain + far_0
+        size = 1 / np.abs(value)
+        turned = np.conj(value) * size**2
+        half, half_0 = (turned[:, None] * far).real, (turned * far_0).real - 0.5
+        over = size[:, None] * near, size * near_0
+        parts = [
+            self._rows(half, half_0),
+            self._rows(-half, -half_0),
+            self._rows(over[0].real, over[1].real),
+            self._rows(over[0].imag, over[1].imag),
+        ]
+        matrix, level = (np.stack(part, axis=1) for part in zip(*parts, strict=True))
+        matrix[:, :2, -3] = 0.5
+        self._blocks.append(("error", matrix, level, True))
+
+    def solved(self, near: dict[object, BoolArray]) -> FloatArray:
+        """Minimise gamma and the slacks: a few of the cones, then those that the solution violates, until none is.
+
+        Args:
+            near: cones to begin with, by key, of the last time; changed.
+        """
+        import clarabel  # noqa: PLC0415
+        from scipy import sparse  # noqa: PLC0415
+
+        n = len(self._gain) + 3
+        positive = np.pad(np.eye(2), ((0, 0), (n - 2, 0)))
+        blocks = [*self._blocks, ("slack", positive[:, None], np.zeros((2, 1)), True)]
+        masks = [_mask(near.get(key), len(level), whole=whole) for key, _, level, whole in blocks]
+        cost = np.zeros(n)
+        cost[-3:] = 1.0, PER_CONTACT, PER_LACK
+        quadratic = sparse.diags(np.append(np.full(n - 3, 1e-6), np.zeros(3))).tocsc()
+        settings = clarabel.DefaultSettings()
+        settings.verbose, settings.max_iter = False, 60
+        settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas = 1e-6, 1e-4, 1e-7
+        for _ in range(_ROUNDS):
+            some = [(matrix[mask], level[mask]) for (_, matrix, level, _), mask in zip(blocks, masks, strict=True)]
+            some.sort(key=lambda one: one[0].shape[1] > 1)
+            linear = sum(len(level) for _, level in some if level.shape[1] == 1)
+            kinds = [clarabel.NonnegativeConeT(linear)]
+            for _, level in some:
+                if level.shape[1] > 1:
+                    kinds += [clarabel.SecondOrderConeT(level.shape[1])] * len(level)
+            rows = sparse.csc_matrix(-np.concatenate([matrix.reshape(-1, n) for matrix, _ in some]))
+            right = np.concatenate([level.ravel() for _, level in some])
+            solution = np.array(clarabel.DefaultSolver(quadratic, cost, rows, right, kinds, settings).solve().x)
+            gaps = [_gap(matrix @ solution + level) for _, matrix, level, _ in blocks]
+            violated = [(gap < -1e-5) & ~mask for gap, mask in zip(gaps, masks, strict=True)]
+            if not any(map(np.any, violated)):
+                break
+            masks = [mask | more for mask, more in zip(masks, violated, strict=True)]
+        for (key, *_), gap, mask in zip(blocks, gaps, masks, strict=True):
+            near[key] = mask & (gap < 0.15 * max(1e-9, float(np.median(gap))))
+        return np.asarray(self._gain + self._axes @ solution[:-3])
+
+
+def _mask(near: BoolArray | None, count: int, *, whole: bool) -> BoolArray:
+    """Return the cones of a block to begin with: those near the last time, and every twelfth."""
+    mask = np.full(count, whole) if near is None or len(near) != count else near | whole
+    mask[::12] = True
+    return mask
+
+
+def _gap(values: FloatArray) -> FloatArray:
+    return np.asarray(values[:, 0] - np.linalg.norm(values[:, 1:], axis=1))
+
+
+def multiplier(z: ComplexArray, loop: ComplexArray, known: ComplexArray | None = None) -> tuple[ComplexArray, float]:
+    """Return M = 1 - sum h_k z^-k, h >= 0 of sum below 1, of the largest least cosine of M times a loop; and that.
+
+    Args:
+        z: points on the unit circle.
+        loop: its values there.
+        known: M of a loop nearby, kept where it serves.
+    """
+    from scipy.optimize import linprog  # noqa: PLC0415
+
+    unit = loop / np.abs(loop)
+    if known is not None and (least := float((known * unit).real.min())) > _SERVES:
+        return known, least
+    single = np.append(0.0, 1 - np.geomspace(0.5, 0.002, 8))[:, None]
+    tried = 1 - np.concatenate([single / z, single * z])
+    tried /= np.abs(tried)
+    cosines = (tried * unit).real.min(axis=1)
+    best, least = tried[cosines.argmax()], float(cosines.max())
+    if least > _SERVES:
+        return best, least
+    taps = np.array([*_TAPS, *(-k for k in _TAPS)])
+    delayed, weight = -(z[:, None] ** -taps), np.ones(len(z))
+    for _ in range(2):
+        rows = np.pad(-(delayed * unit[:, None]).real * weight[:, None], ((0, 1), (0, 1)), constant_values=1.0)
+        rows[-1, -1] = 0.0
+        right = np.append(unit.real * weight, 0.9995)
+        goal = np.append(np.zeros(len(taps)), -1.0)
+        found = linprog(goal, A_ub=rows, b_ub=right, bounds=[(0, 1)] * len(taps) + [(-2, 2)], method="highs")
+        if found.status != 0 or found.x is None:
+            break
+        one = 1 + delayed @ found.x[:-1]
+        weight = 1 / np.maximum(np.abs(one), 1e-3)
+        one = one / np.abs(one)
+        if (reached := float((one * unit).real.min())) > least:
+            best, least = one, reached
+    return best, least

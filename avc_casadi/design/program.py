@@ -1,0 +1,599 @@
+"""A coupling by one convex program: the smallest impedance error with a margin for every hand, by cutting planes.
+
+A law is an observer with state feedback, s+ = s + L e, F = K R s+. Its model and feedback are fixed and its gain L is
+free, filters of the innovation among the states. Over the poles of the law without innovation its numerator X and its
+denominator 1 + Y are linear in L, and so is Phi_h = 1 + (Y + P_h X) L, zero at the poles of the loop with hand h:
+P_h leads from force to measured position. With c the last value of Phi_h, each condition is a cone in L:
+
+  disk margin a                 |1 + (Y - P_h X) L| <= (2/a) Re(conj(c)/|c| Phi_h)
+  encoder noise to force        |X L| <= N Re(conj(c)/|c| Phi_h)
+  dead zone, its gain g         1 + g (Phi_h - 1) keeps its winding on a contour inside the unit circle (rate of decay)
+  contact made and broken       Re(M Phi_h/O) > 0: O of the observer alone, M a Zames-Falb multiplier of the clip
+  impedance error, 1 to 30 Hz   |E_n(L)|^2 <= gamma |E_d(L)|^2, the right side by its tangent
+
+and gamma is minimised about the last iterate (Karimi and Kammer, Automatica 2017). Poles that decay too slowly are
+moved by their derivatives. What was found is judged by exact eigenvalues.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._errors import UnsupportedError
+from avc_casadi.claims.passivity.rendered_impedance import Handle
+from avc_casadi.claims.passivity.worst_port import impedance_at_handle
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.cones import PER_LACK, Cones, multiplier
+from avc_casadi.design.robust.lqg import Space, dead_zone_m
+from avc_casadi.loops.spectrum import eigenvalues
+from avc_casadi.model.corners import LINEAR_KEYS, device_corners
+from avc_casadi.model.gains import Gains, near_rigid_n_per_m
+from avc_casadi.model.hands import Hand, hand_corners, no_hand
+from avc_casadi.model.runtime import MOST_STATES, Runtime, StateFeedback
+from avc_casadi.model.sampled_plant import sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.hands import StylusHand
+    from avc_casadi.model.problem import Problem
+    from avc_casadi.model.sampled_plant import SampledPlant
+
+    Loops = tuple[FloatArray, FloatArray, FloatArray]
+
+DISK_MARGIN, RIPPLE_N, NOISE_OVER_STIFFNESS = 0.2, 1.5, 12.0
+"""Default goals: margin; force for a sine of one encoder step, N, or noise gain over stiffness if that is more."""
+BAND_HZ, NEAR = (1.0, 30.0), 0.1
+"""Of the error; and that at which no other guess of model and feedback is tried."""
+GAINS = np.array([1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015])
+"""Sector gains of quantiser and dead zone at which the loop is required to decay."""
+# Rates of decay at each gain, 1/s, of oscillations and of what is slower than some hertz; share of |Phi| kept free.
+_FAST, _SLOW = np.array([1, 0.9, 0.8, 0.6, 0.3, 0.1, 0.02]), np.array([1, 1, 0.8, 0.6, 0.35, 0.15, 0.05])
+_FASTEST_PER_S, _SLOWEST_PER_S, _SLOW_HZ = 5.0, 10.0, 4.0
+_FREE = np.array([0.35, 0.25, 0.17, 0.12, 0.06, 0.0, 0.0])
+# Share of Phi on contours, and twice that of the observer, that a step leaves at least; after one that failed, more.
+_LEFT, _CONTACT = (0.2, 0.6, 0.85), 0.01
+# Judged as met: shares of the goals.
+_MET, _NOISE_MET, _CONTACT_MET = 0.985, 1.02, 0.003
+_ITERATIONS, _STEPS = 40, (1.0, 0.6, 0.3, 0.1)
+
+
+def contour_per_s(device: Device, hz: FloatArray, row: int) -> FloatArray:
+    """Return the required decay at frequencies for one of `GAINS`, 1/s.
+
+    Before a wall without a damper a lightly damped device decays slowly, and is asked for less.
+    """
+    fast = min(_FASTEST_PER_S, 4.0 + 0.05 * device.damping_ns_per_m / device.mass_kg) * _FAST[row]
+    return np.asarray(fast + (_SLOWEST_PER_S * _SLOW[row] - fast) / (1 + (hz / _SLOW_HZ) ** 4))
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Model and feedback of a law, and filters of its innovation; see `StateFeedback` for A, B, R.
+
+    Attributes:
+        state: A, shape (n, n), a diagonal part for the filters.
+        force: B, shape (n,).
+        feedback: R, shape (n,).
+        measures: index of the estimated measured position.
+        positions: indices of the positions.
+        modelled: number of states that the force moves.
+        innovation: L of the regulator that the model comes from, shape (n,).
+        stiffness_n_per_m: K.
+    """
+
+    state: FloatArray
+    force: FloatArray
+    feedback: FloatArray
+    measures: int
+    positions: tuple[int, ...]
+    modelled: int
+    innovation: FloatArray
+    stiffness_n_per_m: float
+
+    @classmethod
+    def of(cls, problem: Problem, guess: int, filters: int) -> Structure:
+        """Return the model and feedback of one of the guesses of `Space`, with filters from 3 Hz to T/4."""
+        space, t = Space(problem.device, problem.hands), problem.device.sample_time_s
+        stiffness = problem.environment.stiffness_n_per_m
+        law = space.law(space.starts[guess], stiffness)
+        n, poles = law.states, np.exp(-2 * np.pi * t * np.geomspace(3.0, 0.25 / t, filters))
+        state = np.diag(np.concatenate([np.zeros(n), poles]))
+        state[:n, :n] = law.state
+        force, none, one = np.array(law.force_m_per_n), np.zeros(filters), np.ones(filters)
+        parts = np.concatenate([force, none]), np.concatenate([law.feedback, one])
+        gain = np.concatenate([law.innovation, none])
+        return cls(state, *parts, law.measures, law.positions, n, gain, stiffness)
+
+    @cached_property
+    def closed(self) -> FloatArray:
+        """A + K B R: the law without innovation."""
+        return np.asarray(self.state + self.stiffness_n_per_m * np.outer(self.force, self.feedback))
+
+    def rows(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return X and Y at points z, shape (..., n) each."""
+        inner = np.linalg.inv(np.eye(len(self.force)) - self.closed / z[..., None, None])
+        x = self.stiffness_n_per_m * (self.feedback @ inner)
+        return np.asarray(x), np.asarray((self.closed[self.measures] @ inner) / z[..., None])
+
+    def observer_rows(self, z: ComplexArray) -> ComplexArray:
+        """Return O - 1 as rows of L at points z: the observer fed with the force as clipped, shape (..., n)."""
+        n = self.modelled
+        found = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
+        inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.state[:n, :n])
+        found[..., :n] = inner[..., self.measures, :] @ self.state[:n, :n]
+        return found
+
+    def observer_radius(self, gain: FloatArray) -> float:
+        """Return the spectral radius of the observer alone."""
+        n = self.modelled
+        matrix = self.state[:n, :n].copy()
+        matrix[:, self.measures] -= matrix @ gain[:n]
+        return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+    def loops(self, plants: Loops, gain: FloatArray, passed: float = 1.0) -> FloatArray:
+        """Return the closed loops of plants at a sector gain of the innovation, shape (p, s + n, s + n)."""
+        matrix, push, _ = plants
+        s, n = matrix.shape[-1], len(self.force)
+        loop = np.zeros((len(matrix), s + n, s + n))
+        loop[:, :s, :s], loop[:, s:, s:] = matrix, self.closed
+        loop[:, :s, s:] = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
+        seen, moved = self._through(plants)
+        loop += passed * (moved @ gain)[..., None] * seen
+        return loop
+
+    def _through(self, plants: Loops) -> tuple[FloatArray, FloatArray]:
+        """Return the row of the innovation over the states, and what a corrected state moves."""
+        _, push, measured = plants
+        n = len(self.force)
+        seen = np.concatenate([measured, -np.eye(n)[self.measures]])
+        force = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
+        return seen, np.concatenate([force, np.broadcast_to(self.closed, (len(push), n, n))], axis=1)
+
+    def slopes(self, plants: Loops, gain: FloatArray, passed: float) -> tuple[ComplexArray, ComplexArray]:
+        """Return the poles of each loop and their derivatives by L, shapes (p, m) and (p, m, n)."""
+        poles, right = np.linalg.eig(self.loops(plants, gain, passed))
+        seen, moved = self._through(plants)
+        return poles, passed * (np.linalg.inv(right) @ moved) * (seen @ right)[..., None]
+
+    def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
+        """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""
+        a, b, r, found = self.state, self.force, self.feedback, gain
+        per_sample = problem.environment.damping_ns_per_m / problem.device.sample_time_s
+        if per_sample > 0:
+            total = self.stiffness_n_per_m + per_sample
+            r = np.append(self.stiffness_n_per_m * r, per_sample) / total
+            a = np.concatenate([np.pad(a, ((0, 0), (0, 1))), r[None]])
+            b, found = np.append(b, 0.0), np.append(found, 0.0)
+        half_m = dead_zone_m(problem.device)
+        return StateFeedback(
+            state=tuple(map(tuple, a.tolist())),
+            force_m_per_n=tuple(b.tolist()),
+            innovation=tuple(found.tolist()),
+            feedback=tuple(r.tolist()),
+            positions=self.positions,
+            measures=self.measures,
+            dead_zone_m=half_m,
+            face_m=half_m,
+        )
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What a law reaches over all hands and devices.
+
+    Attributes:
+        error: largest |Z_h - Z|/max(|Z|, |Z_e|) from 1 to 30 Hz, Z of device and physical wall, Z_e of the wall.
+        disk_margin: the smallest, a hand or released: 2/max |(1 - L)/(1 + L)| of the loop L at the actuator.
+        noise_n_per_m: largest force over a sine of encoder noise.
+        contact: least cosine of a multiplied loop of the clip; above 0 contact is absolutely stable.
+        decay: least decay over the required one, at each of `GAINS`.
+        free: least |1 + g (Phi - 1)| with a hand, at each of `GAINS`.
+        radius: spectral radius.
+    """
+
+    error: float
+    disk_margin: float
+    noise_n_per_m: float
+    contact: float
+    decay: FloatArray
+    free: FloatArray
+    radius: float
+
+    @property
+    def lack(self) -> float:
+        """Largest missing share of decay and of |Phi|; 0 where none is missing."""
+        asked = _FREE > 0
+        return max(0.0, 0.97 - float(self.decay.min()), 0.95 - float((self.free[asked] / _FREE[asked]).min()))
+
+
+@dataclass(frozen=True)
+class ProgramAnswer:
+    """The coupling of the program.
+
+    Attributes:
+        coupling: with its law, not yet tried.
+        judged: what it reaches.
+        met: whether margin, noise, contact and decay are as asked for.
+        iterations: number of programs solved.
+    """
+
+    coupling: Coupling
+    judged: Judged
+    met: bool
+    iterations: int
+
+
+@dataclass(eq=False)
+class Program:
+    """The program of one structure on a problem.
+
+    Attributes:
+        problem: device with its ranges, hands and wall.
+        structure: of the law.
+        hands: corners of [hands], without the released device, which is always there.
+        disk_margin: goal.
+        noise_n_per_m: goal; infinite for none.
+        solved: number of cone programs solved.
+    """
+
+    problem: Problem
+    structure: Structure
+    hands: Hand | StylusHand
+    disk_margin: float
+    noise_n_per_m: float
+    solved: int = 0
+    _multipliers: dict[int, ComplexArray] = field(default_factory=dict)
+    _near: dict[object, BoolArray] = field(default_factory=dict)
+    _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        device = self.problem.device
+        corners = device_corners(device, LINEAR_KEYS)
+        held, free = (plants_with_forces(sampled_plant(corners, who)) for who in (self.hands, no_hand()))
+        self.held: Loops = held
+        self.plants: Loops = (np.concatenate([held[0], free[0]]), np.concatenate([held[1], free[1]]), held[2])
+        self.hz = self._grid(2)
+        self.z = np.exp(2j * np.pi * self.hz * device.sample_time_s)
+        self.response = force_to_position(self.plants, self.z)
+        self.x, self.y = self.structure.rows(self.z)
+        self.phi = self.y + self.response[..., None] * self.x
+        self.observer = self.structure.observer_rows(self.z)
+        z = np.exp(2j * np.pi * self._grid(8) * device.sample_time_s)
+        x, y = self.structure.rows(z)
+        # Of the denser grid on which margin and noise are judged: X, Y and Phi.
+        self.dense = x, y, y + force_to_position(self.plants, z)[..., None] * x
+        self.error = self._error_rows(np.geomspace(*BAND_HZ, 12))
+
+    def _grid(self, density: int) -> FloatArray:
+        """Return frequencies from 0.1 Hz to the Nyquist frequency itself, dense about resonances."""
+        device, rate = self.problem.device, 1 / self.problem.device.sample_time_s
+        lower, upper = min(3.0, 0.01 * rate), 0.08 * rate
+        parts = [
+            np.geomspace(0.1, lower, 6 * density),
+            np.geomspace(lower, upper, 32 * density),
+            np.linspace(upper, 0.5 * rate, 24 * density),
+        ]
+        for one in device_corners(device, LINEAR_KEYS):
+            if one.resonance is not None:
+                about = np.geomspace(0.004, 0.5, 6 * density)
+                parts.append(one.resonance.frequency_hz * np.concatenate([1 - about, 1 + about]))
+        hz = np.unique(np.concatenate(parts))
+        return hz[hz <= 0.5 * rate * (1 + 1e-12)]
+
+    def _error_rows(self, hz: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+        """Return rows and constants of E_n and E_d: the handle's impedance is a ratio of terms linear in the law's."""
+        device, wall, k = self.problem.device, self.problem.environment, self.structure.stiffness_n_per_m
+        unit, s = Handle.of(self.problem, hz).unit, 2j * np.pi * hz
+        # Z = (z_0 + p C)/(1 + q C), from three laws C.
+        alone, one, other = (impedance_at_handle(device, c * unit, hz) for c in (0j, k + 0j, 1j * k))
+        matrix = np.array([[k + 0 * one, -k * one], [1j * k + 0 * one, -1j * k * other]]).transpose(2, 0, 1)
+        p, q = np.linalg.solve(matrix, np.array([one - alone, other - alone]).T[..., None])[..., 0].T
+        own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+        wanted = device.mass_kg * s + device.damping_ns_per_m + own
+        size = np.maximum(np.abs(wanted), np.abs(own)) + 0j
+        x, y = self.structure.rows(np.exp(s * device.sample_time_s))
+        near = (p - wanted * q)[:, None] * x + (alone - wanted)[:, None] * y
+        return near, alone - wanted, size[:, None] * (y + q[:, None] * x), size
+
+    def judged(self, gain: FloatArray, *, contact: bool = True) -> Judged:
+        """Return what a gain L reaches; without the contact condition that counts as met."""
+        structure = self.structure
+        phi = 1 + self.phi @ gain
+        near, near_0, far, far_0 = self.error
+        decay, radius = [], 0.0
+        for row, passed in enumerate(GAINS):
+            poles = eigenvalues(structure.loops(self.plants if row == 0 else self.held, gain, passed))
+            radius = max(radius, float(np.abs(poles).max())) if row == 0 else radius
+            decay.append(float(self._decays(poles, row).min()))
+        held = len(self.held[0])
+        free = [np.abs(1 + passed * (phi[:held] - 1)).min() for passed in GAINS]
+        least = 1.0
+        if contact:
+            observer = 1 + self.observer @ gain
+            for row, one in enumerate(phi):
+                self._multipliers[row], cosine = multiplier(self.z, one / observer, self._multipliers.get(row))
+                least = min(least, cosine)
+        margin, noise = _margin_and_noise(gain, *self.dense)
+        return Judged(
+            error=float((np.abs(near @ gain + near_0) / np.abs(far @ gain + far_0)).max()),
+            disk_margin=margin,
+            noise_n_per_m=noise,
+            contact=least,
+            decay=np.array(decay),
+            free=np.array(free),
+            radius=radius,
+        )
+
+    def _decays(self, poles: ComplexArray, row: int) -> FloatArray:
+        """Return the decay of poles over the required one at one of `GAINS`."""
+        t = self.problem.device.sample_time_s
+        wanted = contour_per_s(self.problem.device, np.abs(np.angle(poles)) / (2 * np.pi * t), row)
+        return np.asarray(-np.log(np.maximum(np.abs(poles), 1e-9)) / t / wanted)
+
+    def met(self, found: Judged) -> bool:
+        """Return whether all but the error is as asked for."""
+        return self._excess(found) <= 0 and found.lack <= 0 and found.radius < 1
+
+    def _excess(self, found: Judged) -> float:
+        """Return by how much margin, noise and contact miss their goals, weighed; 0 where they do not."""
+        margin = max(0.0, _MET * self.disk_margin - found.disk_margin)
+        contact = max(0.0, _CONTACT_MET - found.contact)
+        noise = (
+            max(0.0, math.log(found.noise_n_per_m / self.noise_n_per_m / _NOISE_MET)) if found.noise_n_per_m else 0.0
+        )
+        return 20 * (margin + contact) + noise
+
+    def _cost(self, found: Judged) -> float:
+        return 30 * self._excess(found) + PER_LACK * found.lack + found.error**2
+
+    def improved(self, gain: FloatArray) -> tuple[FloatArray, Judged]:
+        """Return a gain improved by programs about the last one until nothing is gained, and what it reaches.
+
+        A step is shortened until all holds that held, judged exactly.
+
+        Args:
+            gain: a stable start.
+        """
+        best, failed = self.judged(gain), 0
+        for _ in range(_ITERATIONS):
+            wide = best.disk_margin >= self.disk_margin
+            reach = (1.15, 0.9) if failed == 0 else (0.98, 1.0)
+            margin = self.disk_margin if wide else max(min(self.disk_margin, reach[0] * best.disk_margin), 0.02)
+            noise = max(self.noise_n_per_m, reach[1] * best.noise_n_per_m)
+            decay = np.where(best.decay > 1, 1.0, np.round(best.decay - 0.02 * np.abs(best.decay), 3))
+            towards = self._step(gain, best, margin, noise, decay, _LEFT[failed])
+            for share in _STEPS:
+                tried = gain + share * (towards - gain)
+                found = self._tried(tried, best, decay)
+                if found is not None:
+                    break
+            else:
+                failed += 1
+                if failed == len(_LEFT):
+                    break
+                continue
+            won, before = self._cost(best) - self._cost(found), self._cost(found)
+            gain, best, failed = tried, found, 0
+            if self.met(best) and won < 5e-3 * before:
+                break
+        return gain, best
+
+    def _tried(self, gain: FloatArray, before: Judged, decay: FloatArray) -> Judged | None:
+        """Return what a gain reaches if that is better, and decays as it must."""
+        if not np.isfinite(gain).all() or self.structure.observer_radius(gain) >= 1:
+            return None
+        kept = dict(self._multipliers)
+        found = self.judged(gain)
+        keeps = found.radius < 1 and bool((found.decay >= decay - 0.03 * np.abs(decay) - 0.01).all())
+        if keeps and self._cost(found) < self._cost(before) - 1e-5:
+            return found
+        self._multipliers = kept
+        return None
+
+    def _contour(self, row: int, share: float) -> ComplexArray:
+        """Return rows of Phi on the contour of a share of the required decay at one of `GAINS`, held hands alone."""
+        key = (row, share)
+        if key not in self._contours:
+            hz = np.concatenate([[1e-4, 0.03], self.hz])
+            decay = contour_per_s(self.problem.device, hz, row)
+            z = np.exp((2j * np.pi * hz - share * decay) * self.problem.device.sample_time_s)
+            x, y = self.structure.rows(z)
+            plants = self.plants if row == 0 else self.held
+            self._contours[key] = y + force_to_position(plants, z)[..., None] * x
+        return self._contours[key]
+
+    def _step(
+        self, gain: FloatArray, now: Judged, margin: float, noise: float, decay: FloatArray, left: float
+    ) -> FloatArray:
+        """Solve the program about a gain, with those cones that matter: cutting planes."""
+        c = 1 + self.phi @ gain
+        size = 1 / np.abs(c)
+        turned = np.conj(c) * size**2
+        # Variables are whitened by the relative change of Phi.
+        relative = _flat(size[..., None] * self.phi)
+        _, values, axes = np.linalg.svd(np.concatenate([relative.real, relative.imag]), full_matrices=False)
+        scale = np.sqrt(2 * len(relative)) / np.maximum(values, 1e-7 * values[0])
+        cones = Cones(gain, axes.T * scale)
+        # What lies between the points is asked for at the points.
+        margin_there, noise_there = _margin_and_noise(gain, self.x, self.y, self.phi)
+        margin *= max(1.0, margin_there / now.disk_margin)
+        noise *= min(1.0, noise_there / now.noise_n_per_m)
+        real, real_0 = _flat((turned[..., None] * self.phi).real), turned.real.ravel()
+        away = _flat(size[..., None] * (2 * self.y - self.phi))
+        cones.second("margin", (2 / margin * real, 2 / margin * real_0), away, size.ravel())
+        if math.isfinite(noise):
+            cones.second("noise", (real, real_0), _flat(size[..., None] / noise * self.x), 0 * size.ravel())
+        for row, passed in enumerate(GAINS):
+            self._decaying(cones, gain, row, (float(decay[row]), left), slow=now.decay[row] < 0.999)
+            if _FREE[row] > 0:
+                held = 1 + passed * (c[: len(self.held[0])] - 1)
+                unit = np.conj(held) / np.abs(held)
+                rows = _flat((passed * unit[..., None] * self.phi[: len(held)]).real)
+                level = unit.real.ravel()
+                cones.linear(("free", row), rows, level - min(_FREE[row], 0.98 * now.free[row]))
+                if now.free[row] < 0.98 * _FREE[row]:
+                    cones.linear(("freer", row), rows / _FREE[row], level / _FREE[row] - 1, lack=1.0)
+        observer = 1 + self.observer @ gain
+        unit = np.conj(observer) / np.abs(observer) ** 2
+        cones.linear("observer", (unit[:, None] * self.observer).real, unit.real - 0.5 * left)
+        for row, one in enumerate(c):
+            weight = self._multipliers[row] / observer / np.abs(one / observer)
+            rows = (weight[:, None] * self.phi[row]).real
+            cones.linear(("contact", row), rows, weight.real - _CONTACT, contact=1.0)
+        cones.error(*self.error)
+        self.solved += 1
+        return cones.solved(self._near)
+
+    def _decaying(self, cones: Cones, gain: FloatArray, row: int, kept: tuple[float, float], *, slow: bool) -> None:
+        """Keep the poles at one of `GAINS` inside their contour, and move those that decay too slowly."""
+        passed, rows = float(GAINS[row]), self._contour(row, kept[0]) * GAINS[row]
+        value = 1 + rows @ gain
+        turned = np.conj(value) / np.abs(value) ** 2
+        cones.linear(("decay", row), _flat((turned[..., None] * rows).real), turned.real.ravel() - kept[1])
+        if not slow:
+            return
+        poles, slopes = self.structure.slopes(self.plants if row == 0 else self.held, gain, passed)
+        t, reached = self.problem.device.sample_time_s, self._decays(poles, row)
+        some = (reached < 1.1) & (poles.imag >= 0) & (np.abs(poles) > 0.5)
+        wanted = contour_per_s(self.problem.device, np.abs(np.angle(poles[some])) / (2 * np.pi * t), row)
+        change = -(slopes[some] / poles[some][:, None]).real / t / wanted[:, None]
+        aim = np.minimum(1.02, reached[some] + 0.5)
+        cones.linear(("pole", row), change, reached[some] - change @ gain - aim, lack=1.0)
+
+
+def _margin_and_noise(gain: FloatArray, x: ComplexArray, y: ComplexArray, phi: ComplexArray) -> tuple[float, float]:
+    """Return the smallest disk margin and the largest force over noise, from rows of X, Y and Phi."""
+    whole = 1 + phi @ gain
+    margin = 2 / np.abs((2 * (1 + y @ gain) - whole) / whole).max()
+    return float(margin), float(np.abs((x @ gain) / whole).max())
+
+
+def _flat(rows: Any) -> Any:
+    return rows.reshape(-1, rows.shape[-1])
+
+
+def plants_with_forces(plant: SampledPlant) -> Loops:
+    """Return A, B and the measured row of each plant with its forces under way, devices and hands along one axis."""
+    matrix, push = plant.with_forces_under_way()
+    size = push.shape[-1]
+    measured = np.pad(plant.measured, (0, size - len(plant.measured)))
+    return matrix.reshape(-1, size, size), push.reshape(-1, size), measured
+
+
+def force_to_position(plants: Loops, z: ComplexArray) -> ComplexArray:
+    """Return measured position over force at points z, positive where the force pushes out, shape (p, len(z))."""
+    matrix, push, measured = plants
+    pencil = z[:, None, None] * np.eye(len(measured)) - matrix[:, None]
+    right = np.broadcast_to(-push[:, None, :, None], (*pencil.shape[:3], 1))
+    return np.asarray(np.linalg.solve(pencil, right)[..., 0] @ measured)
+
+
+def _starts(program: Program) -> Iterator[FloatArray]:
+    """Yield gains to start from: spring and damper of some margin, stiffer at rest by a lag, and the regulator's own.
+
+    A law's static stiffness is the wall's whatever its gain, so the softer spring of a start stiffens slowly.
+    """
+    device, k, z = program.problem.device, program.structure.stiffness_n_per_m, program.z
+    t = device.sample_time_s
+    springs, poles, lags = k * np.geomspace(1, 0.003, 17), np.array([0.6, 0.2]), np.array([0.3, 0.7, 1.5, 3.0, 6.0])
+    dampers = np.geomspace(0.003, 1.2, 18) * 2 * device.mass_kg / t / (1 + device.delay_samples)
+    grid = np.array(np.meshgrid(springs, dampers, poles, lags, indexing="ij")).reshape(4, -1).T
+
+    def force(some: FloatArray, z: ComplexArray) -> ComplexArray:
+        spring, damper, pole, lag = some.T[..., None]
+        slow = np.exp(-2 * np.pi * lag * t)
+        damped = damper / t * (1 - 1 / z) * (1 - pole) / (1 - pole / z)
+        return np.asarray(spring + damped + (k - spring) * (1 - slow) / (z - slow))
+
+    coarse = slice(None, None, 2)
+    law, margin, held = force(grid, z[coarse]), np.full(len(grid), np.inf), len(program.held[0])
+    for row, response in enumerate(program.response):
+        phi = 1 + response[coarse] * law
+        # Stable where Phi does not wind; of a released device it begins with the turn of two integrators at most.
+        turn = np.angle(phi[:, 1:] / phi[:, :-1]).sum(axis=1) + (np.angle(phi[:, 0]) if row < held else 0.0)
+        stable = np.abs(turn) < 0.5 if row < held else (turn > -0.5) & (turn < 4)
+        margin = np.where(stable, np.minimum(margin, 2 / np.abs((2 - phi) / phi).max(axis=1)), 0.0)
+    # Of each spring the fastest lag and the largest margin.
+    enough = np.minimum(margin, 1.25 * program.disk_margin)
+    for score in (enough + 1e-3 * grid[:, 3], margin):
+        for some in np.argsort(-score.reshape(len(springs), -1), axis=1)[:, 0] + np.arange(
+            0, len(grid), len(grid) // len(springs)
+        ):
+            if margin[some] > 0:
+                yield _matched(program, force(grid[some : some + 1], z)[0])
+    yield program.structure.innovation
+
+
+def _matched(program: Program, law: ComplexArray) -> FloatArray:
+    """Return the gain whose law is nearest to a transfer from position to force, by the relative change of Phi."""
+    weight = (np.abs(program.response) / np.abs(1 + program.response * law)).max(axis=0)
+    rows, right = (program.x - law[:, None] * program.y) * weight[:, None], law * weight
+    both, aim = np.concatenate([rows.real, rows.imag]), np.concatenate([right.real, right.imag])
+    scale = np.linalg.norm(both, axis=0)
+    return np.asarray(np.linalg.lstsq(both / scale, aim, rcond=1e-9)[0] / scale)
+
+
+def started(program: Program) -> FloatArray | None:
+    """Return the most promising start that is stable with every hand and released; None without any."""
+    best: FloatArray | None = None
+    cost = math.inf
+    for gain in _starts(program):
+        if program.structure.observer_radius(gain) >= 1:
+            continue
+        found = program.judged(gain, contact=False)
+        lack = PER_LACK * max(0.0, 1 - float(found.decay.min())) + 4 * max(
+            0.0, 1 - found.disk_margin / program.disk_margin
+        )
+        noise = max(0.0, math.log(max(found.noise_n_per_m, 1e-9) / program.noise_n_per_m))
+        if found.radius < 1 and (total := lack + noise + found.error**2) < cost:
+            best, cost = gain, total
+    return best
+
+
+def solve_program(
+    problem: Problem, disk_margin: float = DISK_MARGIN, noise_n_per_m: float | None = None, *, filters: int = 4
+) -> ProgramAnswer | None:
+    """Return the coupling of the smallest impedance error with a disk margin; None where none is found.
+
+    Args:
+        problem: device with its ranges, hands and wall.
+        disk_margin: of every hand and released.
+        noise_n_per_m: largest force over a sine of encoder noise; None is the default goal.
+        filters: of the innovation, at most.
+
+    Raises:
+        UnsupportedError: no mass, or no stiffness to render.
+    """
+    device = problem.device
+    if not (device.mass_kg > 0 and problem.environment.stiffness_n_per_m > 0):
+        raise UnsupportedError(f"{problem.name}: program: the device has no mass or the wall no stiffness")
+    if noise_n_per_m is None:
+        step, least = device.encoder_resolution_m, NOISE_OVER_STIFFNESS * problem.environment.stiffness_n_per_m
+        noise_n_per_m = max(RIPPLE_N * device.metres_per_unit / step, least) if step else math.inf
+    best: ProgramAnswer | None = None
+    hands, solved = hand_corners(problem.hands.model_copy(update={"let_go": False})), 0
+    for guess in (1, 2, 0):
+        structure = Structure.of(problem, guess, filters)
+        spare = MOST_STATES - len(structure.force) - (problem.environment.damping_ns_per_m > 0)
+        if spare < 0:
+            structure = Structure.of(problem, guess, max(0, filters + spare))
+        program = Program(problem, structure, hands, disk_margin, noise_n_per_m)
+        gain = started(program)
+        if gain is None:
+            continue
+        gain, found = program.improved(gain)
+        solved += program.solved
+        if best is None or (program.met(found), -found.error) > (best.met, -best.judged.error):
+            rigid, runtime = near_rigid_n_per_m(device), Runtime(state_feedback=structure.law(gain, problem))
+            coupling = Coupling.constant(problem, Gains(0.0, rigid), "robust", runtime)
+            best = ProgramAnswer(coupling, found, program.met(found), 0)
+        if best is not None and best.met and best.judged.error <= NEAR:
+            break
+    return None if best is None else replace(best, iterations=solved)
