@@ -14,7 +14,7 @@ import avc_casadi as avc
 from avc_casadi.claims.hands_level import every_hand, released_radius
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
 from avc_casadi.loops.engine import ToolLoops
-from avc_casadi.loops.follower import BilateralLoops, link_clocks
+from avc_casadi.loops.follower import FollowerLoops, link_clocks
 from avc_casadi.loops.ranges import worst_point
 from avc_casadi.loops.wall import frozen_parts
 from avc_casadi.model.corners import device_corners, device_with
@@ -143,7 +143,7 @@ def settles(gains, contact_n_per_m, delay_s):
 
 
 def test_a_contact_inside_refutes_what_some_contacts_pass():
-    loops, gains = BilateralLoops(teleoperator(5e-3)), ToolGains(673.1, 2.143)
+    loops, gains = FollowerLoops(teleoperator(5e-3)), ToolGains(673.1, 2.143)
     assert loops.stable(gains)
     assert not loops.stable_over_ranges(gains)
     case = loops.radius(gains)[1]
@@ -155,7 +155,7 @@ def test_a_contact_inside_refutes_what_some_contacts_pass():
 @pytest.mark.parametrize("delay_s", [5e-3, 3e-3])
 def test_no_contact_inside_breaks_a_teleoperator(delay_s):
     stated = teleoperator(delay_s)
-    limit = CouplingSearch(BilateralLoops(stated), Scale.of(stated, 2 * delay_s)).stiffest()
+    limit = CouplingSearch(FollowerLoops(stated), Scale.of(stated, 2 * delay_s)).stiffest()
     assert all(settles(limit.times(0.97), contact, delay_s) for contact in np.geomspace(300.0, 4e3, 24))
 
 

@@ -12,7 +12,7 @@ from teleoperator_simulator import run
 import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.cli import main
-from avc_casadi.loops.follower import BilateralLoops, Link, Touch, link_clocks
+from avc_casadi.loops.follower import FollowerLoops, Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.model.hands import Hand, hand_corners
 from avc_casadi.model.sampled_plant import sampled_plant
@@ -51,7 +51,7 @@ def test_spectral_radius_is_the_growth_of_a_plain_simulation(
     )
     hands = "[hands]\nmass_kg = [0.1, 0.1]\ndamping_ns_per_m = [5.0, 5.0]\nstiffness_n_per_m = [400.0, 400.0]"
     gains = ToolGains(stiffness, damping, local)
-    radius, worst = BilateralLoops(problem(text, hands)).radius(gains)
+    radius, worst = FollowerLoops(problem(text, hands)).radius(gains)
     if not 1.02 < radius < 2:  # other loops die, or drown in rounding, before their growth can be read
         return
     seconds = 30 / math.log(radius) * 1e-3
@@ -110,7 +110,7 @@ def test_passive_teleoperator_is_stable_with_every_hand_and_environment():
     for share in (1.01, 0.2):
         b = share * needed
         stated = problem(text.format(b=b)).changed(device={"damping_ns_per_m": b, "delay_samples": 0})
-        stable[share] = BilateralLoops(stated).stable(gains)
+        stable[share] = FollowerLoops(stated).stable(gains)
     assert stable == {1.01: True, 0.2: False}
 
 
@@ -194,8 +194,8 @@ def test_scaled_follower_is_the_same_coupling():
     plain = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001"
     scaled = "mass_kg = 3.0\ndamping_ns_per_m = 10.0\ndelay_s = 0.001\nposition_scale = 0.2\nforce_scale = 0.5"
     gains = ToolGains(2000.0, 10.0)
-    assert BilateralLoops(problem(plain)).radius(gains)[0] == pytest.approx(
-        BilateralLoops(problem(scaled)).radius(gains)[0], rel=1e-9
+    assert FollowerLoops(problem(plain)).radius(gains)[0] == pytest.approx(
+        FollowerLoops(problem(scaled)).radius(gains)[0], rel=1e-9
     )
 
 

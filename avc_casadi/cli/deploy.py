@@ -142,14 +142,14 @@ def _write(to: str, files: dict[str, str]) -> list[str]:
 def _export_pair(coupling: Any, args: argparse.Namespace, console: Console) -> Answer:
     """Write both ends of a coupling to a simulation or a follower, or return its parameters for an engine."""
     from avc_casadi.loops.engine import ToolLoops
-    from avc_casadi.loops.follower import BilateralLoops
+    from avc_casadi.loops.follower import FollowerLoops
     from avc_casadi.present.engines import parameters
     from avc_casadi.present.rows.deploy import pair_export
     from avc_hardware import export_teleoperator_c, export_tool_c
     from avc_hardware.codegen.other_end_export import verdict
 
     problem, gains, tool = coupling.problem, coupling.gains, coupling.problem.simulation
-    loops: Any = BilateralLoops(problem) if tool is None else ToolLoops(problem)
+    loops: Any = FollowerLoops(problem) if tool is None else ToolLoops(problem)
     if args.parameters is not None:
         judged = verdict(problem, loops, gains, unsafe=args.unsafe)
         return parameters(coupling, args.parameters, args.gains, "" if loops.stable(gains) else judged)

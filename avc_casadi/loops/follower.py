@@ -257,7 +257,7 @@ class Link:
         return np.asarray((fixed * commanded + (1 - fixed) * measured)[..., None, :])
 
 
-class BilateralLoops(System):
+class FollowerLoops(System):
     """All loops of a problem with [follower]: hands, released, environments, both devices, delays, clocks.
 
     Args:

@@ -12,7 +12,7 @@ from avc_casadi._util.text import quantity
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearchOptions
-from avc_casadi.loops.follower import BilateralLoops, required_follower
+from avc_casadi.loops.follower import FollowerLoops, required_follower
 from avc_casadi.recommendation.preconditions import assumed, not_used
 from avc_casadi.recommendation.recommendation import Pair, Recommendation
 from avc_casadi.recommendation.tool_impedance import rendered_follower
@@ -72,7 +72,7 @@ def recommend_bilateral(
     Raises:
         InputError: the problem has no [follower].
     """
-    follower, loops = required_follower(problem), BilateralLoops(problem)
+    follower, loops = required_follower(problem), FollowerLoops(problem)
     slow_s = max(sum(one) for one in follower.delays_s)
     search = CouplingSearch(loops, Scale.of(problem, slow_s), _SEARCH)
     wanted = follower.stiffness_n_per_m

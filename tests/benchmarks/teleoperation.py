@@ -27,7 +27,7 @@ from teleoperator_lanes import Lanes, SpringAndDampers
 
 import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m
-from avc_casadi.loops.follower import BilateralLoops
+from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.recommendation.bilateral import recommend_bilateral
 
@@ -89,10 +89,10 @@ class Case:
     damping: float
     local: float
 
-    def loops(self) -> BilateralLoops:
+    def loops(self) -> FollowerLoops:
         m_h, b_h, k_h = self.hand
         k_c, b_c = self.contact
-        return BilateralLoops(
+        return FollowerLoops(
             avc.parse_problem(
                 f"[device]\nmass_kg = {self.leader[0]}\ndamping_ns_per_m = {self.leader[1]}\n"
                 f"sample_time_s = {self.period!r}\ndelay_samples = {COMPUTING}\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from avc_casadi.loops.follower import BilateralLoops
+from avc_casadi.loops.follower import FollowerLoops
 from avc_casadi.simulation.emit import Precision
 from avc_hardware.codegen.c_frame import FRAME, HEADER, NAME, SOURCE, checked, compiler_checks, named
 from avc_hardware.codegen.other_end_export import FADE_S, eased_c, verdict
@@ -152,7 +152,7 @@ def export_teleoperator_c(
     chosen = checked(precision, name)
     judged = verdict(
         coupling.problem,
-        BilateralLoops(coupling.problem),
+        FollowerLoops(coupling.problem),
         coupling.gains,
         unsafe=unsafe,
         also=", the follower free and in contact",
