@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avc_casadi._util.text import number
-from avc_casadi._util.units import LINEAR, Units, Wording
+from avc_casadi._util.units import LINEAR, Units
 
 Columns = dict[str, np.ndarray[Any, Any]]
 
@@ -18,7 +18,7 @@ PAGES = "avc_casadi.present.rows"
 """The renderer of results, imported when printing: results stand below their presentation."""
 
 
-def short(values: ArrayLike, unit: str | Wording = "") -> str:
+def short(values: ArrayLike, unit: str = "") -> str:
     """Return the span of an array, as "0.3 to 41 N/m", or its one value; a dash where none is finite."""
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array)]

@@ -3,21 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Sequence
-from itertools import zip_longest
-
-from avc_casadi._util.units import Wording
-
-_OF_PROBLEM = re.compile(r"\b(avc [a-z][a-z0-9-]*) P\b")
-
-
-def with_problem(text: str, problem: str) -> str:
-    """Return a text whose commands name the problem in place of ``P``."""
-    return _OF_PROBLEM.sub(lambda found: f"{found[1]} {problem}", text)
-
-
-ROWS_SHOWN = 20
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -30,9 +15,8 @@ _LEAST = 1e-12
 _PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
-def quantity(value: float | None, unit: str | Wording, digits: int = 3) -> str:
+def quantity(value: float | None, unit: str, digits: int = 3) -> str:
     """Return a value with its unit, to so many significant digits: 99 040 N/m as ``99.0 kN/m``; a dash for none."""
-    unit = str(unit)
     if value is None or math.isnan(value):
         return "-"
     if unit.startswith("kg"):
@@ -57,26 +41,8 @@ def percent(share: float | None) -> str:
     return f"{value:.1f} %" if 99 <= value < 99.95 else f"{value:.2g} %" if value < 99 else f"{value:.0f} %"
 
 
-def rows_text(rows: int) -> str:
-    """Return a number of rows in words: "1 row", "3 rows"."""
-    return f"{rows} row{'' if rows == 1 else 's'}"
-
-
-def sample_rows(rows: int, most: int = ROWS_SHOWN) -> list[int]:
+def sample_rows(rows: int, most: int = 20) -> list[int]:
     """Return at most so many row numbers, evenly spread, first and last among them."""
     if rows <= most:
         return list(range(rows))
     return sorted({round(i * (rows - 1) / (most - 1)) for i in range(most)})
-
-
-def text_table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: Sequence[int] = ()) -> str:
-    """Align cells in columns; a header cell may hold several lines."""
-    head_rows = list(zip_longest(*(cell.split("\n") for cell in header), fillvalue=""))
-    body = [[*row] for row in rows]
-    widths = [max(len(row[column]) for row in [*head_rows, *body]) for column in range(len(header))]
-
-    def line(row: Sequence[str]) -> str:
-        cells = zip(row, widths, range(len(widths)), strict=True)
-        return "  ".join(c.ljust(w) if i in left else c.rjust(w) for c, w, i in cells).rstrip()
-
-    return "\n".join([*map(line, head_rows), line(["-" * width for width in widths]), *map(line, body)])

@@ -11,7 +11,6 @@ from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.arrays import BoolArray
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.progress import SILENT, Progress
-from avc_casadi._util.text import rows_text
 from avc_casadi.claims.certificate import LevelResult
 from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
@@ -61,14 +60,14 @@ def rest_level(judged: Judged) -> LevelResult:
     rows = coupling.table.rows
     found = []
     for done, row in enumerate(rows.tolist()):
-        with judged.progress.step(f"proof of rest, {done + 1} of {rows_text(len(rows))}"):
+        with judged.progress.step(f"proof of rest, {done + 1} of {len(rows)} rows"):
             found.append(_of_row(coupling, row, judged.seed, judged.progress))
     outcomes = [one.outcome for one in found]
     worst = min(range(len(found)), key=lambda row: _WORST_FIRST.index(outcomes[row]))
     claim = found[worst].sentence
     if len(found) > 1:
         counts = ", ".join(f"{outcomes.count(one)} {one}" for one in _WORST_FIRST if one in outcomes)
-        claim = f"{counts} of {rows_text(len(found))}, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
+        claim = f"{counts} of {len(found)} rows, each held; the row of {rows[worst, 0]:.5g} Hz: {claim}"
         claim += "; this says nothing of gains that change"
     passed = np.array([outcome == "proved" for outcome in outcomes])
     return _level(found, outcomes[worst], claim, passed, worst)

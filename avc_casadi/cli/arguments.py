@@ -195,17 +195,7 @@ def add_unsafe(parser: argparse.ArgumentParser) -> None:
 
 
 def read_subject(verb: str, file: str, problem: str | None = None, *, beside: str = "--problem P") -> Coupling:
-    """Read a coupling file, or a gain file for the problem of --problem.
-
-    Args:
-        verb: command, for messages.
-        file: the argument.
-        problem: of a gain file; None where none was given.
-        beside: option for the problem of a gain file.
-
-    Raises:
-        InputError: with every fault; for a problem in place of a coupling, with the command that makes one.
-    """
+    """Read a coupling file, or a gain file for the problem of --problem."""
     from avc_casadi.coupling import Coupling, require_coupling
     from avc_casadi.files.coupling_file import GAINS_ALONE, end_of, read_file
 
@@ -265,11 +255,7 @@ def is_device(source: str) -> bool:
 
 
 def couples_to_simulation(source: str) -> bool:
-    """Return whether a source is a coupling to a simulation, or a problem with one; False if unreadable.
-
-    Args:
-        source: as typed.
-    """
+    """Return whether a source is a coupling to a simulation, or a problem with one; False if unreadable."""
     if is_coupling(source):
         from avc_casadi.files.coupling_file import end_of
 
@@ -289,16 +275,7 @@ def read_tool(file: str) -> Coupling:
 
 
 def pair_of(source: str, gains: str | None, console: Console | None = None) -> tuple[avc.Problem, ToolGains | None]:
-    """Return the problem, and the gains; None where a problem came alone and none are asked for.
-
-    Args:
-        source: problem, or coupling to a simulation.
-        gains: file of the gains, for a problem.
-        console: shows the search of the recommended ones; without one none are searched.
-
-    Raises:
-        InputError: gains with a coupling, of another kind, or none is deployable.
-    """
+    """Return the problem, and the gains; None where a problem came alone and none are asked for."""
     from avc_casadi.files.coupling_file import end_of
 
     if is_coupling(source):
@@ -347,9 +324,6 @@ def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule,
 
     A coupling file is checked as everywhere and put on this problem with its table and runtime; a table of gains alone
     stays one.
-
-    Raises:
-        InputError: faults of the file, or another sample time: frequencies and gains then mean another loop.
     """
     from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
     from avc_casadi.files.coupling_file import read_file, same_problem

@@ -341,7 +341,7 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     layout = log_layout(args)
     device, hands = _diagnose_declared(args)
     coupling = _diagnose_coupling(args.coupling)
-    from avc_casadi._util.units import spoken
+    from avc_casadi._util.units import LINEAR
     from avc_casadi.identification.diagnosis.diagnose import diagnose
     from avc_casadi.identification.diagnosis.told import diagnosis_document
     from avc_casadi.present.rows.measure import diagnosis
@@ -366,7 +366,9 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     written += [] if page is None else [str(page)]
     healthy = all(each.verdict == "nothing wrong" for each in found)
     code = 0 if healthy or all(each.cause for each in found) else 1
-    answer = diagnosis(document, found, spoken(), f"avc diagnose {' '.join(args.log)} -v", written)
+    answer = diagnosis(
+        document, found, LINEAR if device is None else device.units, f"avc diagnose {' '.join(args.log)} -v", written
+    )
     if page is not None:
         _diagnose_report(answer, found, page, console)
     return replace(answer, code=code)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avc_casadi._util.units import FORCE, Wording
 from avc_casadi.identification.diagnosis.hypothesis import (
     Hypothesis,
     Mode,
@@ -25,7 +24,7 @@ from avc_casadi.identification.diagnosis.oscillation import Oscillation
 from avc_casadi.identification.diagnosis.plant import Fit
 from avc_casadi.identification.diagnosis.saturation import outgrows
 
-CAUSES: Mapping[str, str | Wording] = {
+CAUSES: Mapping[str, str] = {
     "delay": "delay",
     "damping": "too much damping",
     "encoder": "encoder limit cycle",
@@ -34,7 +33,7 @@ CAUSES: Mapping[str, str | Wording] = {
     "let-go": "hand released the device",
     "ticks": "dropped ticks",
     "rate": "halved rate",
-    "relay": Wording.of(lambda: f"a {FORCE} switched by a sign"),
+    "relay": "a force switched by a sign",
     "rates": "two rates in one loop",
 }
 """Causes by key, in words."""

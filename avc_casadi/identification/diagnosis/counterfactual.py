@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.text import number
-from avc_casadi._util.units import UM
 from avc_casadi.files.problem_document import problem_of
 from avc_casadi.identification.diagnosis.causes import CAUSES, Asked, shares_of, shorter, timing
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis
@@ -218,4 +217,4 @@ def _still(played: Oscillation, as_found: Oscillation) -> bool:
 def _told(played: Oscillation) -> str:
     if not played.sustained:
         return "rests"
-    return f"{number(1e6 * played.peak_to_peak_m, 3)} {UM} at {number(played.frequency_hz, 3)} Hz"
+    return f"{number(1e6 * played.peak_to_peak_m, 3)} at {number(played.frequency_hz, 3)} Hz"

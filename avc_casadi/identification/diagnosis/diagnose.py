@@ -12,7 +12,6 @@ import numpy as np
 from avc_casadi._errors import InputError
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, N_PER_M, NEWTON, NS_PER_M, in_its_units, spoken_key
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.causes import weigh
 from avc_casadi.identification.diagnosis.evidence import (
@@ -80,7 +79,6 @@ def diagnose(
     return _diagnosed(columns, device, hands, meant, flip_force, seed, progress)
 
 
-@in_its_units
 def _diagnosed(
     columns: Columns,
     device: Device | None,
@@ -97,7 +95,7 @@ def _diagnosed(
     if not np.ptp(grid.position_m):
         if np.ptp(grid.force_n):
             raise InputError.of(
-                f"never changes, and the {FORCE} does; allowed: a log of a device that moves. An encoder that is "
+                "never changes, and the force does; allowed: a log of a device that moves. An encoder that is "
                 "stuck, or a column that is not the position, looks like this",
                 file=columns.file,
                 key="position",
@@ -111,22 +109,19 @@ def _diagnosed(
         unlimited = declared.device.model_copy(update={"max_force_n": None, "range": ranges})
         declared = replace(declared, device=unlimited)
         most = number(float(np.abs(grid.force_n).max()), 3)
-        said = (
-            f"the log commands up to {most} {NEWTON}, and {spoken_key('max_force_n')} declares {number(limit_n, 3)} "
-            f"{NEWTON}"
-        )
+        said = f"the log commands up to {most}, and max_force_n declares {number(limit_n, 3)} "
         notes = [*notes, f"{said}, beyond which it may not have acted: is the limit, or a unit, another one?"]
     grid = without_repeats(with_outside_force(grid, declared.device.max_force_n), declared.device.max_force_n)
     if grid.outside_n:
-        said = f"a constant {FORCE} of {number(-grid.outside_n, 3)} {NEWTON} stands outside contact"
+        said = f"a constant force of {number(-grid.outside_n, 3)} stands outside contact"
         notes = [*notes, f"{said}: a weight that is compensated, or an offset of that column"]
     with progress.step("oscillation"):
         swing = limited(grid, find_oscillation(grid), declared.device.max_force_n)
     law = find_law(grid, declared.device.max_force_n)
     if law is not None and law.told and law.stiffness_n_per_m < 0 and law.damping_ns_per_m < 0:
         raise InputError.of(
-            f"gives k = {number(law.stiffness_n_per_m, 3)} {N_PER_M} and b = {number(law.damping_ns_per_m, 3)} "
-            f"{NS_PER_M}: the {FORCE} drives the device away; allowed: {FORCE} along +position, or --flip-force; or "
+            f"gives k = {number(law.stiffness_n_per_m, 3)} and b = {number(law.damping_ns_per_m, 3)} "
+            f": the force drives the device away; allowed: force along +position, or --flip-force; or "
             "the sign of the loop is wrong, and that is what is wrong with it",
             file=columns.file,
             key="force",
@@ -137,9 +132,7 @@ def _diagnosed(
         law = None
         evidence.append(integral_sentence(integral))
     elif law is None:
-        evidence.append(
-            f"the {FORCE} tells of no spring and no damper" if grid.force_n.any() else f"no {FORCE} is commanded"
-        )
+        evidence.append("the force tells of no spring and no damper" if grid.force_n.any() else "no force is commanded")
     else:
         evidence.append(law_sentence(law, grid.ticks.period_s))
         notes += law_differs(law, swing.found, grid, coupling, stiffness_n_per_m, damping_ns_per_m)

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, NEWTON, NS_PER_M
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.envelope import LOWEST_HZ
 from avc_casadi.identification.diagnosis.evidence import felt, limit_sentence, steps_sentence, toggles
@@ -56,7 +55,7 @@ class EarlyJudge:
         if found.frequency_hz < LOWEST_HZ and not fed(log, self._swing, self._declared.device):
             said = (
                 f"nothing wrong: above {LOWEST_HZ:g} Hz nothing swings, and what goes to and fro at "
-                f"{number(found.frequency_hz, 2)} Hz takes work from the {FORCE}: a hand moves it"
+                f"{number(found.frequency_hz, 2)} Hz takes work from the force: a hand moves it"
             )
             return self._made("nothing wrong", said)
         if toggles(found) and felt(log, self._swing, self._declared) < 1:
@@ -70,7 +69,7 @@ class EarlyJudge:
             said = f"nothing wrong: after {cycles} cycles until {number(found.ends_s, 3)} s it settles in contact"
             return self._made("nothing wrong", said)
         if found.contact_share == 0:
-            said = f"not the loop: it swings while no {FORCE} is commanded; a hand, a cable or the table moves it"
+            said = "not the loop: it swings while no force is commanded; a hand, a cable or the table moves it"
             return self._made("not the loop", said)
         return None
 
@@ -88,7 +87,7 @@ class EarlyJudge:
         size = number(jump.force_n, 3)
         told = jump_sentence(jump, self._log.reach_m)
         said = (
-            f"{CAUSES['stiffness']}: the {FORCE} jumps by {size} {NEWTON} where contact begins, a spring without "
+            f"{CAUSES['stiffness']}: the force jumps by {size} where contact begins, a spring without "
             "length; let it grow with the depth (k below its limit), or keep it on through the whole cycle"
         )
         return self._made("named", said, cause="stiffness", candidates=("stiffness",), evidence=[*self._evidence, told])
@@ -100,8 +99,8 @@ class EarlyJudge:
         hertz = self._swing.found.frequency_hz
         takes, has = found.takes_ns_per_m(hertz), found.damping_ns_per_m
         said = (
-            f"cannot tell: the {FORCE} has an integral term, which at {number(hertz, 3)} Hz takes {number(takes, 3)} "
-            f"{NS_PER_M} of damping and the {FORCE} gives {number(has, 3)}; no loop model is made with one"
+            f"cannot tell: the force has an integral term, which at {number(hertz, 3)} Hz takes {number(takes, 3)} "
+            f" of damping and the force gives {number(has, 3)}; no loop model is made with one"
         )
         return self._made("cannot tell", said, decides="the same log without the integral term, or with half of it")
 
@@ -170,17 +169,17 @@ class EarlyJudge:
         """Return the verdict where no loop model can be made."""
         limit = limit_sentence(self._log, self._declared.device.max_force_n)
         if limit:
-            less = f"the same log below the {FORCE} limit: a smaller start or touch, or a quarter of both k and b"
+            less = "the same log below the force limit: a smaller start or touch, or a quarter of both k and b"
             return self._made("cannot tell", f"cannot tell: {limit}", decides=less)
         uneven = uneven_ticks(self._log)
         if uneven:
             return self._made("cannot tell", f"cannot tell: {uneven}", decides=EVEN)
         coarse = steps_sentence(self._log)
         if coarse:
-            rounds = f"the same log with the {FORCE} as it is before it is rounded"
+            rounds = "the same log with the force as it is before it is rounded"
             return self._made("cannot tell", f"cannot tell: {coarse}", decides=rounds)
         said = (
-            f"cannot tell: the {FORCE} of this log is not that of a spring and a damper on its position, so that no "
+            "cannot tell: the force of this log is not that of a spring and a damper on its position, so that no "
             "loop model can be made"
         )
         decides = "the same with a spring and a damper alone, or with the position that the law itself reads"

@@ -9,7 +9,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, KG, MASS, MM, N_PER_M, NEWTON, NS_PER_M, UM, Wording, spoken_key
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.hypothesis import Hypothesis, worst_growth_of_hands
 from avc_casadi.identification.diagnosis.intended import Declared
@@ -57,13 +56,11 @@ def _moved_by_its_force(log: Log, swing: TracedOscillation, declared: Declared) 
 
 
 _DECIDES = {
-    "delay": Wording.of(lambda: f"a log of a {FORCE} pulse commanded in free space, which tells the delay"),
+    "delay": "a log of a force pulse commanded in free space, which tells the delay",
     "damping": "the same press with b halved and k as it is",
     "stiffness": "the same press with k halved and b as it is",
     "encoder": "the same press with the encoder's positions smoothed by a velocity filter, or with b halved",
-    "resonance": Wording.of(
-        lambda: f"a slow sine sweep of the {FORCE} in free space (its peak is the resonance), for avc identify"
-    ),
+    "resonance": "a slow sine sweep of the force in free space (its peak is the resonance), for avc identify",
     "let-go": "the same with the device held firmly, and once released, in one log",
     "ticks": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
     "rate": "the time stamps of the ticks themselves, taken by the computer that runs the loop",
@@ -87,12 +84,12 @@ def oscillation_sentence(found: Oscillation, felt: float) -> str:
         what = "grew" if found.growth_per_s > 0 else "decays"
         grows = f"; it {what} by {number(abs(found.growth_per_s), 2)} +- {number(found.growth_error_per_s, 1)} 1/s"
     share = found.at_force_limit_share
-    stands = f", {100 * share:.0f} % of it with the {FORCE} at its limit of {number(found.largest_force_n, 3)} {NEWTON}"
+    stands = f", {100 * share:.0f} % of it with the force at its limit of {number(found.largest_force_n, 3)}"
     bounded = f"{stands}, which bounds it" if share > _CUT else ""
     return (
         f"{found.looks} at {number(found.frequency_hz, 3)} +- {number(found.frequency_error_hz, 1)} Hz from "
         f"{number(found.begins_s, 3)} to {number(found.ends_s, 3)} s: {_um(found.peak_to_peak_m)} peak to peak{steps}, "
-        f"{number(found.force_peak_to_peak_n, 3)} {NEWTON}, in contact {100 * found.contact_share:.0f} % of the time, "
+        f"{number(found.force_peak_to_peak_n, 3)}, in contact {100 * found.contact_share:.0f} % of the time, "
         f"{number(felt, 2)} times what a hand on a stylus detects{bounded}{grows}"
     )
 
@@ -101,11 +98,11 @@ def ticks_sentence(ticks: Ticks, declared: Declared) -> str:
     """Describe the timing of the ticks."""
     parts = [f"ticks of {number(1e3 * ticks.sample_time_s, 4)} ms"]
     if ticks.held > 1:
-        parts.append(f"a new {FORCE} only every {ticks.held} samples, {number(1 / ticks.period_s)} Hz")
+        parts.append(f"a new force only every {ticks.held} samples, {number(1 / ticks.period_s)} Hz")
     if declared.known and abs(ticks.period_s / declared.device.sample_time_s - 1) > 0.02:
         parts.append(f"declared {number(1e3 * declared.device.sample_time_s)} ms")
     if ticks.missed_share > 0:
-        how = f"did not run: the {FORCE} stays while the position moves" if ticks.repeats else "missing"
+        how = "did not run: the force stays while the position moves" if ticks.repeats else "missing"
         parts.append(f"{100 * ticks.missed_share:.2g} % {how}, at most {ticks.longest_gap} in a row")
     if ticks.uneven_share > 0.02:
         parts.append(f"each {100 * ticks.uneven_share:.2g} % earlier or later after the one before")
@@ -118,15 +115,15 @@ def law_sentence(law: Law, sample_time_s: float) -> str:
     """Describe how the force follows the position."""
     if not law.told:
         return (
-            f"the {FORCE} is no spring and damper of the position: {100 * law.misfit:.0f} % of it is left (another "
-            f"{FORCE}, a filter of higher order, or a position that is not the one measured)"
+            f"the force is no spring and damper of the position: {100 * law.misfit:.0f} % of it is left (another "
+            f"force, a filter of higher order, or a position that is not the one measured)"
         )
     cut = law.filter_hz(sample_time_s)
     filtered = "" if cut is None else f", velocity filter {number(cut, 3)} Hz"
     late = f", {law.lag} samples after the position" if law.lag else ""
     return (
-        f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} {N_PER_M} and b = "
-        f"{number(law.damping_ns_per_m, 3)} {NS_PER_M}{filtered}{late}, which is the {FORCE} to "
+        f"the computer rendered k = {number(law.stiffness_n_per_m, 4)} and b = "
+        f"{number(law.damping_ns_per_m, 3)}{filtered}{late}, which is the force to "
         f"{number(max(100 * law.misfit, 0.1), 2)} %"
     )
 
@@ -134,9 +131,9 @@ def law_sentence(law: Law, sample_time_s: float) -> str:
 def integral_sentence(found: IntegralTerm) -> str:
     """Describe a force with an integral term."""
     return (
-        f"the computer rendered k = {number(found.stiffness_n_per_m, 4)} {N_PER_M}, b = "
-        f"{number(found.damping_ns_per_m, 3)} {NS_PER_M} and an integral term of "
-        f"{number(found.integral_n_per_ms, 3)} {N_PER_M} in a second"
+        f"the computer rendered k = {number(found.stiffness_n_per_m, 4)}, b = "
+        f"{number(found.damping_ns_per_m, 3)} and an integral term of "
+        f"{number(found.integral_n_per_ms, 3)} in a second"
     )
 
 
@@ -150,7 +147,7 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
     if declared.known and measured.hand is None:
         # The force of a swing tells mass and delay together.
         moved, meant = measured.device["mass_kg"], declared.device.mass_kg
-        late += f", for a device of {number(moved, 3)} {KG}, {known} {number(meant, 3)}"
+        late += f", for a device of {number(moved, 3)}, {known} {number(meant, 3)}"
     beyond = max(
         measured.delay_samples - measured.declared_delay_samples,
         measured.least_declared_delay_samples - measured.delay_samples,
@@ -160,24 +157,22 @@ def measured_sentences(measured: Measured, declared: Declared) -> list[str]:
         late = f"the log does not tell the delay; {known} {number(low, 3)} to {number(high, 3)} samples"
     lines = [late]
     if measured.hand is None:
-        lines.append(f"the device answers its {FORCE} as it does when no hand holds it")
+        lines.append("the device answers its force as it does when no hand holds it")
     else:
         mass, damping, stiffness = measured.hand.values()
-        held = f"held by about {{}} {KG}, {{}} {NS_PER_M}, {{}} {N_PER_M}"
+        held = "held by about {}, {}, {}"
         if not declared.known:
             own_mass, own_damping = measured.device.values()
             mass, damping = mass + own_mass, damping + own_damping
-            held = (
-                f"device and hand, which the log does not tell apart: about {{}} {KG}, {{}} {NS_PER_M}, {{}} {N_PER_M}"
-            )
+            held = "device and hand, which the log does not tell apart: about {}, {}, {}"
         elif mass == 0:
-            held = f"held by a grip of about {{1}} {NS_PER_M}, {{2}} {N_PER_M}, as on a stylus, its {MASS} behind it"
+            held = "held by a grip of about {1}, {2}, as on a stylus, its mass behind it"
         lines.append(held.format(number(mass, 2), number(damping, 2), number(stiffness, 2)))
     if measured.resonance is not None:
         frequency, ratio, share = measured.resonance.values()
         lines.append(
             f"a resonance of {number(frequency, 3)} Hz, damping ratio {number(ratio, 2)}, {100 * share:.0f} % of the "
-            f"{MASS} beyond it"
+            f"mass beyond it"
         )
     what = "grow by" if measured.growth_per_s > 0 else "decay by"
     lines.append(
@@ -195,24 +190,23 @@ def named_sentence(cause: str, measured: Measured, law: Law, log: Log, declared:
     known = "meant" if declared.known else "assumed"
     why = {
         "delay": f"{number(measured.delay_samples, 3)} samples, {known} {number(meant, 3)}, at which the loop settles",
-        "damping": f"b = {number(law.damping_ns_per_m, 3)} {NS_PER_M} {smallest}",
-        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} {N_PER_M} {smallest}",
-        "encoder": f"the loop settles without steps of {number(1e6 * log.encoder_m, 3)} {UM}, and swings with them",
+        "damping": f"b = {number(law.damping_ns_per_m, 3)} {smallest}",
+        "stiffness": f"k = {number(law.stiffness_n_per_m, 4)} {smallest}",
+        "encoder": f"the loop settles without steps of {number(1e6 * log.encoder_m, 3)}, and swings with them",
         "resonance": f"{'' if shape is None else number(shape['frequency_hz'], 3)} Hz; with rigid mechanics it settles",
         "let-go": _released(measured, law, declared, answer) if cause == "let-go" else "",
         "ticks": f"{100 * log.ticks.missed_share:.2g} % of the ticks are missing; with all of them {_rests(measured)}",
-        "rate": f"a new {FORCE} every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was intended it "
-        "settles",
+        "rate": f"a new force every {number(1e3 * log.ticks.period_s, 3)} ms; at the rate that was intended it settles",
     }[cause]
     return f"{words}: {why}"
 
 
 def _released(measured: Measured, law: Law, declared: Declared, answer: Hypothesis) -> str:
     """Describe what holds the device, and why a hand is missing."""
-    who = f"no hand holds the device, or one too light to be told from its {MASS}"
+    who = "no hand holds the device, or one too light to be told from its mass"
     if measured.hand is not None:
         mass, damping, _ = measured.hand.values()
-        who = f"hardly any hand holds the device, {number(mass, 2)} {KG} and {number(damping, 2)} {NS_PER_M}"
+        who = f"hardly any hand holds the device, {number(mass, 2)} and {number(damping, 2)}"
     if (worst_growth_of_hands(answer, law, declared.box()) < 0).all():
         return f"{who}; with a hand of {_box(declared)} on it the loop settles"
     return f"{who}, and while it was held the loop rested"
@@ -221,11 +215,11 @@ def _released(measured: Measured, law: Law, declared: Declared, answer: Hypothes
 def _box(declared: Declared) -> str:
     """Return the intended hands."""
     ends = (
-        (declared.hands.mass_kg, KG),
-        (declared.hands.damping_ns_per_m, NS_PER_M),
-        (declared.hands.stiffness_n_per_m, N_PER_M),
+        declared.hands.mass_kg,
+        declared.hands.damping_ns_per_m,
+        declared.hands.stiffness_n_per_m,
     )
-    return ", ".join(f"{number(low, 3)} to {number(high, 3)} {unit}" for (low, high), unit in ends)
+    return ", ".join(f"{number(low, 3)} to {number(high, 3)}" for low, high in ends)
 
 
 def _rests(measured: Measured) -> str:
@@ -252,13 +246,13 @@ def limit_sentence(log: Log, limit_n: float | None) -> str:
     share = np.count_nonzero(at_limit) / np.count_nonzero(log.touching)
     if begins.size >= _FEW and np.mean(jumps) > _NEARLY_ALL and share < _SELDOM:
         return (
-            f"{CAUSES['damping']} or {CAUSES['encoder']}; whenever the count changes the {FORCE} jumps to {limit} "
-            f"{NEWTON}, its limit, and what a damper would be beyond it is not in the log"
+            f"{CAUSES['damping']} or {CAUSES['encoder']}; whenever the count changes the force jumps to {limit} "
+            f", its limit, and what a damper would be beyond it is not in the log"
         )
     if share < _OFTEN:
         return ""
     return (
-        f"the {FORCE} stands at {limit} {NEWTON}, its limit, for {100 * share:.0f} % of the contact, and what it would "
+        f"the force stands at {limit}, its limit, for {100 * share:.0f} % of the contact, and what it would "
         "be beyond is not in the log"
     )
 
@@ -268,12 +262,12 @@ def steps_sentence(log: Log) -> str:
     step_n = output_step_n(log.force_n)
     if not np.ptp(log.force_n) < _FEWEST_LEVELS * step_n:
         return ""
-    return f"the {FORCE} comes in steps of {number(step_n, 3)} {NEWTON}, too few to tell its spring and damper"
+    return f"the force comes in steps of {number(step_n, 3)}, too few to tell its spring and damper"
 
 
 def declared_resonance(measured: Measured) -> str:
     """Describe the identified resonance as the device file takes it."""
-    told = ", ".join(f"{spoken_key(key)} = {value:.3g}" for key, value in (measured.resonance or {}).items())
+    told = ", ".join(f"{key} = {value:.3g}" for key, value in (measured.resonance or {}).items())
     return f"with resonance = {{ {told} }} under [device] in its file, avc recommend finds gains and a filter beside it"
 
 
@@ -289,4 +283,4 @@ def deciding_log(candidates: Sequence[str], *, known: bool) -> str:
 
 
 def _um(length_m: float) -> str:
-    return f"{number(1e3 * length_m, 3)} {MM}" if length_m >= 1e-3 else f"{number(1e6 * length_m, 3)} {UM}"
+    return f"{number(1e3 * length_m, 3)}" if length_m >= 1e-3 else f"{number(1e6 * length_m, 3)}"

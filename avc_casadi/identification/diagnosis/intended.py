@@ -9,7 +9,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, KG, METRE, MM, N_PER_M, NS_PER_M, UM, Wording
 from avc_casadi.coupling import Coupling
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
@@ -58,7 +57,7 @@ class Declared:
         if device is None:
             device = Device.model_validate({**_ASSUMED, "sample_time_s": sample_time_s})
             notes.append(
-                f"no device was given: 0.1 {KG} and one sample of delay are assumed, within a factor of 3, so that a "
+                "no device was given: 0.1 and one sample of delay are assumed, within a factor of 3, so that a "
                 "released device is not distinguished from a held one; better: --device NAME|FILE"
             )
             return cls(device, known=False, hands=hands or Hands(), notes=tuple(notes))
@@ -150,20 +149,20 @@ def law_differs(
         hertz = found.frequency_hz if math.isfinite(found.frequency_hz) else 10.0
         angle = 2 * math.pi * hertz * period
         asked, ran = _dynamic(rendering, angle), _dynamic(law.rendering(period), angle)
-        for what, key, unit in (("spring", "real", N_PER_M), ("damper", "imag", NS_PER_M)):
+        for what, key in (("spring", "real"), ("damper", "imag")):
             scale = 1.0 if key == "real" else 1 / (2 * math.pi * hertz)
             one, other = float(getattr(asked, key)) * scale, float(getattr(ran, key)) * scale
             if abs(other - one) > _OTHER * max(abs(one), abs(other)):
-                meant[f"{what} at {number(hertz, 3)} Hz, {unit}: {number(other, 4)} ran, {number(one, 4)}"] = one
+                meant[f"{what} at {number(hertz, 3)} Hz: {number(other, 4)} ran, {number(one, 4)}"] = one
         return [f"the log does not run the coupling that was given: {each} was meant" for each in meant]
     notes = []
-    for name, told, wanted, unit in (
-        ("k", law.stiffness_n_per_m, stiffness_n_per_m, N_PER_M),
-        ("b", law.damping_ns_per_m, damping_ns_per_m, NS_PER_M),
+    for name, told, wanted in (
+        ("k", law.stiffness_n_per_m, stiffness_n_per_m),
+        ("b", law.damping_ns_per_m, damping_ns_per_m),
     ):
         if wanted is not None and abs(told - wanted) > _OTHER * max(abs(told), abs(wanted)):
             notes.append(
-                f"the log does not run the gains that were given: {name} = {number(told, 4)} {unit} ran, "
+                f"the log does not run the gains that were given: {name} = {number(told, 4)} ran, "
                 f"{number(wanted, 4)} was meant"
             )
     return notes
@@ -181,19 +180,19 @@ def _dynamic(rendering: Rendering, angle: float) -> complex:
 # Ratio of a declared to a read length, and the unit errors that cause it.
 _FACTORS = {
     1e-2: ("100 times too large", "cm read as m"),
-    1e-3: ("1000 times too large", Wording.of(lambda: f"{MM} read as {METRE}, or {UM} as {MM}")),
-    1e-6: ("a million times too large", Wording.of(lambda: f"{UM} read as {METRE}")),
+    1e-3: ("1000 times too large", "mm read as m, or um as mm"),
+    1e-6: ("a million times too large", "um read as m"),
     1e2: ("100 times too small", "m read as cm"),
-    1e3: ("1000 times too small", Wording.of(lambda: f"{MM} read as {UM}, or {METRE} as {MM}")),
-    1e6: ("a million times too small", Wording.of(lambda: f"{METRE} read as {UM}")),
+    1e3: ("1000 times too small", "mm read as um, or m as mm"),
+    1e6: ("a million times too small", "m read as um"),
 }
 _ANGLE_FACTORS = {
     math.pi / 180: ("57 times too large", "degrees read as rad"),
     180 / math.pi: ("57 times too small", "rad read as degrees"),
-    1e-3: ("1000 times too large", "mrad read as rad"),
-    1e-6: ("a million times too large", "urad read as rad"),
-    1e3: ("1000 times too small", "rad read as mrad"),
-    1e6: ("a million times too small", "rad read as urad"),
+    1e-3: ("1000 times too large", "mm read as m, or um as mm"),
+    1e-6: ("a million times too large", "um read as m"),
+    1e3: ("1000 times too small", "mm read as um, or m as mm"),
+    1e6: ("a million times too small", "m read as um"),
 }
 _LENGTHS = (1.0, 1e-2, 1e-3, 1e-6, 1e-9)
 _ANGLES = (1.0, math.pi / 180, 1e-3, 1e-6)
@@ -232,12 +231,10 @@ def other_unit(
         # Millimetres read as metres make a spring a thousand times softer.
         factor = _factor(law.stiffness_n_per_m / meant, turns)
         if factor:
-            signs.append(
-                (factor, f"k = {number(law.stiffness_n_per_m, 3)} {N_PER_M} ran and {number(meant, 3)} was meant")
-            )
+            signs.append((factor, f"k = {number(law.stiffness_n_per_m, 3)} ran and {number(meant, 3)} was meant"))
     step = declared.device.encoder_resolution_m
     if step and log.encoder_m:
-        told = f"their step is {number(log.encoder_m, 3)} {METRE} and {number(step, 3)} {METRE} is declared"
+        told = f"their step is {number(log.encoder_m, 3)} and {number(step, 3)} is declared"
         factor = _factor(step / log.encoder_m, turns)
         if factor:
             signs.append((factor, told))
@@ -249,13 +246,13 @@ def other_unit(
     if math.isfinite(found.frequency_hz) and found.force_peak_to_peak_n > 0 and found.contact_share > _TOUCHING:
         swings = found.force_peak_to_peak_n / found.peak_to_peak_m / (2 * math.pi * found.frequency_hz) ** 2
         heaviest = declared.device.mass_kg + declared.hands.mass_kg[1]
-        told = f"at {number(found.frequency_hz, 3)} Hz their {FORCE} swings {number(swings, 2)} {KG}"
+        told = f"at {number(found.frequency_hz, 3)} Hz their force swings {number(swings, 2)}"
         if swings < declared.device.mass_kg / _ABSURD:
-            told = f"{told}, the device has {number(declared.device.mass_kg, 3)} {KG}"
-            kinds = "degrees or counts read as rad" if turns else f"{MM}, {UM} or counts read as {METRE}"
+            told = f"{told}, the device has {number(declared.device.mass_kg, 3)}"
+            kinds = "degrees or counts read as rad" if turns else ", or counts read as"
             return f"the positions look like {kinds}: {told}"
         if swings > heaviest * _ABSURD:
-            return f"the positions look too small, or the {FORCE} too large, by a unit: {told}"
+            return f"the positions look too small, or the force too large, by a unit: {told}"
     return ""
 
 

@@ -22,7 +22,6 @@ import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, METRE, N_PER_M, NEWTON, NS_PER_M
 from avc_casadi.identification.closed_loop import regression
 from avc_casadi.identification.diagnosis.law import Law
 from avc_casadi.identification.diagnosis.log import Log
@@ -69,11 +68,11 @@ class SwitchedForce:
         """Describe the force in one sentence."""
         band = f" by {number(self.band_m, 3)}" if self.band_m else ""
         where = {
-            "position": f"where the position {'leaves' if band else 'crosses'} {number(self.at_m, 3)} {METRE}{band}",
+            "position": f"where the position {'leaves' if band else 'crosses'} {number(self.at_m, 3)}{band}",
             "speed": "against the motion" if self.force_n > 0 else "along the motion (friction that is compensated)",
-            "force": f"with its own sign: no {FORCE} is smaller (a minimum {FORCE})",
+            "force": "with its own sign: no force is smaller (a minimum force)",
         }[self.by]
-        return f"a {FORCE} of +-{number(abs(self.force_n), 3)} {NEWTON} is switched {where}"
+        return f"a force of +-{number(abs(self.force_n), 3)} is switched {where}"
 
 
 def find_switched_force(
@@ -217,12 +216,10 @@ def jump_sentence(jump: Jump, reach_m: float) -> str:
         reach_m: travel of the hand per unit of position.
     """
     nothing = _NOTHING * reach_m**2
-    parts = [f"{number(jump.force_n, 3)} {NEWTON}"]
-    parts += (
-        [f"{number(jump.stiffness_n_per_m, 3)} {N_PER_M} of depth"] if abs(jump.stiffness_n_per_m) > nothing else []
-    )
-    parts += [f"{number(jump.damping_ns_per_m, 3)} {NS_PER_M}"] if abs(jump.damping_ns_per_m) > nothing else []
-    return f"in contact the {FORCE} is {' + '.join(parts)}, and 0 outside: every cycle switches it"
+    parts = [f"{number(jump.force_n, 3)}"]
+    parts += [f"{number(jump.stiffness_n_per_m, 3)} of depth"] if abs(jump.stiffness_n_per_m) > nothing else []
+    parts += [f"{number(jump.damping_ns_per_m, 3)}"] if abs(jump.damping_ns_per_m) > nothing else []
+    return f"in contact the force is {' + '.join(parts)}, and 0 outside: every cycle switches it"
 
 
 def find_jump(log: Log, swing: TracedOscillation, law: Law | None, limit_n: float | None) -> Jump | None:
@@ -314,8 +311,8 @@ class TwoRates:
         late = f" and {self.late} frame{'' if self.late == 1 else 's'} late" if self.late else ""
         return (
             f"two rates in one loop: the {self.slow} is new every {number(1e3 * self.ticks * period_s, 3)} ms{late}, "
-            f"the {fast} every {number(1e3 * period_s, 3)} ms (k = {number(self.law.stiffness_n_per_m, 3)} {N_PER_M}, "
-            f"b = {number(self.law.damping_ns_per_m, 3)} {NS_PER_M})"
+            f"the {fast} every {number(1e3 * period_s, 3)} ms (k = {number(self.law.stiffness_n_per_m, 3)}, "
+            f"b = {number(self.law.damping_ns_per_m, 3)})"
         )
 
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, M_PER_S, METRE, N_PER_M, NEWTON, NS_PER_M, UM
 from avc_casadi.identification.diagnosis.causes import intended_period, shorter
 from avc_casadi.identification.diagnosis.counterfactual import NOTHING, can_replay, replay
 from avc_casadi.identification.diagnosis.hypothesis import (
@@ -96,7 +95,7 @@ def remedies_of_relay(
     size, law = found.force_n, found.law
     if size < 0:
         share = _RESERVE * friction_n
-        change = f"{number(share, 3)} {NEWTON} along the motion in place of {number(-size, 3)}: less than the friction"
+        change = f"{number(share, 3)} along the motion in place of {number(-size, 3)}: less than the friction"
         mode = worst_mode(answers[0], law)
         return (Remedy(change, "switched_n", share, mode.growth_per_s, mode.stable),)
     step = log.encoder_m or 1e-4 * float(np.ptp(log.position_m))
@@ -109,11 +108,8 @@ def remedies_of_relay(
     if not slope > 0 or not _all_rest(answers, _sloped(found, slope)):
         return ()
     width = size / slope
-    unit, gain = {"position": (METRE, N_PER_M), "speed": (M_PER_S, NS_PER_M), "force": (NEWTON, "")}[found.by]
-    change = (
-        f"the {number(size, 3)} {NEWTON} over a width of {number(width, 3)} {unit} to either side in place of at once"
-    )
-    change += f" (a slope of {number(slope, 3)} {gain})" if gain else f" (of the {FORCE} itself)"
+    change = f"the {number(size, 3)} over a width of {number(width, 3)} to either side in place of at once"
+    change += f" (a slope of {number(slope, 3)})" if found.by != "force" else " (of the force itself)"
     growth = worst_mode(answers[0], _sloped(found, slope)).growth_per_s
     return (Remedy(change, "switch_width", width, growth, rests=True),)
 
@@ -150,8 +146,8 @@ def remedies_of_two_rates(found: TwoRates, answers: Sequence[Hypothesis], period
             last = growth_of_two_rates(
                 answers[0], replace(found.law, **{key: value}), found.slow, found.ticks, found.late
             )
-            symbol, unit = ("k", N_PER_M) if found.slow == "spring" else ("b", NS_PER_M)
-            change = f"{symbol} = {number(value, 3)} {unit} in place of {number(now, 3)}, at the two rates as they are"
+            symbol = "k" if found.slow == "spring" else "b"
+            change = f"{symbol} = {number(value, 3)} in place of {number(now, 3)}, at the two rates as they are"
             cures.append(Remedy(change, key, value, last, last < 0))
             break
     return tuple(cure for cure in cures if cure.rests)
@@ -168,7 +164,7 @@ def remedies_of_sign(law: Law, answers: Sequence[Hypothesis]) -> tuple[Remedy, .
     for value in (-now, 0.0):
         turned = replace(law, damping_ns_per_m=value)
         if _all_rest(answers, turned):
-            change = f"b = {number(value, 3)} {NS_PER_M} in place of {number(now, 3)}"
+            change = f"b = {number(value, 3)} in place of {number(now, 3)}"
             growth = worst_mode(answers[0], turned).growth_per_s
             return (Remedy(change, "damping_ns_per_m", value, growth, rests=True),)
     return ()
@@ -193,10 +189,9 @@ def _gain(gain: str, answer: Hypothesis, law: Law) -> list[Remedy]:
     key = f"{gain}_n{'' if gain == 'stiffness' else 's'}_per_m"
     now = float(getattr(law, key))
     share = _RESERVE * limit
-    symbol, unit = ("k", N_PER_M) if gain == "stiffness" else ("b", NS_PER_M)
+    symbol = "k" if gain == "stiffness" else "b"
     change = (
-        f"{symbol} = {number(share * now, 3)} {unit} in place of {number(now, 3)} (it settles below "
-        f"{number(limit * now, 3)})"
+        f"{symbol} = {number(share * now, 3)} in place of {number(now, 3)} (it settles below {number(limit * now, 3)})"
     )
     return [_of(change, key, share * now, answer, law, **{gain: share})]
 
@@ -267,8 +262,8 @@ def _ticks(answer: Hypothesis, law: Law, log: Log) -> list[Remedy]:
         growth = growth_over(answer, softer, log.pattern)
         if growth < 0:
             change = (
-                f"or k = {number(softer.stiffness_n_per_m, 3)} {N_PER_M} and b = {number(softer.damping_ns_per_m, 3)} "
-                f"{NS_PER_M} with the ticks as they are"
+                f"or k = {number(softer.stiffness_n_per_m, 3)} and b = {number(softer.damping_ns_per_m, 3)} "
+                f" with the ticks as they are"
             )
             found.append(Remedy(change, "stiffness_n_per_m", softer.stiffness_n_per_m, growth, rests=True))
             break
@@ -294,9 +289,7 @@ def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Remedy]:
     for factor in _SOFTER if law.damping_ns_per_m > NOTHING * log.reach_m**2 else ():
         softer = replace(law, damping_ns_per_m=factor * law.damping_ns_per_m)
         if worst_mode(answer, softer).stable and small(softer, step):
-            change = (
-                f"b = {number(softer.damping_ns_per_m, 3)} {NS_PER_M} in place of {number(law.damping_ns_per_m, 3)}"
-            )
+            change = f"b = {number(softer.damping_ns_per_m, 3)} in place of {number(law.damping_ns_per_m, 3)}"
             found.append(Remedy(change, "damping_ns_per_m", softer.damping_ns_per_m, math.nan, rests=True))
             break
     if law.keep == 0:
@@ -309,7 +302,7 @@ def _encoder(answer: Hypothesis, law: Law, log: Log) -> list[Remedy]:
                 break
     for finer in _FINER:
         if small(law, step / finer):
-            change = f"an encoder of {number(1e6 * step / finer, 3)} {UM} in place of {number(1e6 * step, 3)}"
+            change = f"an encoder of {number(1e6 * step / finer, 3)} in place of {number(1e6 * step, 3)}"
             found.append(Remedy(change, "encoder_resolution_m", step / finer, math.nan, rests=True))
             break
     return found

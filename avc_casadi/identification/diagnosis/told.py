@@ -7,7 +7,6 @@ from typing import Any
 
 from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
-from avc_casadi._util.units import spoken_key
 from avc_casadi.identification.diagnosis.causes import CAUSES
 from avc_casadi.identification.diagnosis.model import Diagnosis
 
@@ -27,7 +26,7 @@ def diagnosis_document(found: Diagnosis) -> dict[str, Any]:
         "conclusion": found.conclusion,
         "evidence": list(found.evidence),
         "shares": dict(found.shares),
-        "cures": [vars(cure) | {"key": spoken_key(cure.key)} for cure in found.cures],
+        "cures": [vars(cure) | {"key": cure.key} for cure in found.cures],
         "decides": found.decides,
         "oscillation": {**vars(found.oscillation), "sustained": found.oscillation.sustained},
         "ticks": vars(found.ticks),

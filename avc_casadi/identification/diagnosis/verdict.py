@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from avc_casadi._util.text import number
-from avc_casadi._util.units import FORCE, NS_PER_M, Wording
 from avc_casadi.identification.diagnosis.causes import CAUSES, OTHER, Asked, shares_of
 from avc_casadi.identification.diagnosis.counterfactual import doubts_of_encoder, settled
 from avc_casadi.identification.diagnosis.early import EVEN, EarlyJudge, answers_of, mostly, uneven_ticks
@@ -33,7 +32,7 @@ from avc_casadi.identification.diagnosis.saturation import GROWN, unlimited
 _SURE = 2 / 3
 # Log ratio of measured and modelled frequency, in contact throughout, beyond which the model is rejected.
 _FREQUENCY = 0.3
-_FORCE_OFF = Wording.of(lambda: f"the same log with the {FORCE} off: what a {FORCE} from outside drives goes on")
+_FORCE_OFF = "the same log with the force off: what a force from outside drives goes on"
 # The tremor of a hand: its frequencies, and an amplitude above its own.
 _TREMOR_HZ, _TREMOR_M = (6.0, 13.0), 2e-3
 # With a delay so much longer than declared, in samples, a strong tremor is as likely a cause.
@@ -60,7 +59,7 @@ class Judge(EarlyJudge):
         cures = remedies_of_sign(law, answers)
         if not cures or mostly(worst_mode(one, law).stable for one in answers):
             return None
-        said = f"the damper has the wrong sign: b = {number(b, 3)} {NS_PER_M} drives the motion on"
+        said = f"the damper has the wrong sign: b = {number(b, 3)} drives the motion on"
         return self._made("named", said, cause="damping", candidates=("damping",), cures=cures)
 
     def judged(self, law: Law, fits: Sequence[Fit], asked: Sequence[Asked]) -> Diagnosis:
@@ -116,7 +115,7 @@ class Judge(EarlyJudge):
             # At the odds at which a cause is named, none of them is.
             unknown = shares.get(OTHER, 0.0) >= _SURE
             candidates = () if unknown else tuple(cause for cause in causes if cause != OTHER)[:2]
-            known = [str(CAUSES[cause]) for cause in candidates] + [f"a {FORCE} from outside the loop"] * (
+            known = [str(CAUSES[cause]) for cause in candidates] + ["a force from outside the loop"] * (
                 driven or trembles
             )
             names = " or ".join(known) or "none of the causes it knows"

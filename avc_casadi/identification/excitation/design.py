@@ -12,15 +12,14 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
-from avc_casadi._util.units import KG, M_PER_S, MASS, METRE, NEWTON, NS_PER_M, Wording, in_its_units, spoken_key
 from avc_casadi.identification.excitation.information import Centring, Room, best_power
 from avc_casadi.identification.excitation.plan import Forecast, Kind, Plan, corners_of, forecast, speed_window
 from avc_casadi.identification.excitation.signal import FULL, KNOTS, Signal, crest_factor, low_crest_phases
 from avc_casadi.model.device import Device
 from avc_casadi.model.sampled_plant import device_plant
 
-KINDS: Mapping[Kind, str | Wording] = {
-    "multisine": Wording.of(lambda: f"sines of which the sum tells the most of {MASS}, damping, friction and delay"),
+KINDS: Mapping[Kind, str] = {
+    "multisine": "sines of which the sum tells the most of mass, damping, friction and delay",
     "chirp": "one sine whose frequency grows by a constant factor, as strong as the limits allow",
     "sweep": "the same at a constant speed of the device",
     "release": "pulled slowly against a spring and released, to either side",
@@ -84,7 +83,6 @@ class Excitation:
         return max(near, key=lambda key: near[key])
 
 
-@in_its_units
 def plan_excitation(
     device: Device,
     kind: Kind = "multisine",
@@ -167,10 +165,10 @@ def _checked(plan: Plan, devices: Sequence[Device], progress: Progress = SILENT)
 
 def _broken(plan: Plan, devices: Sequence[Device], found: Forecast) -> list[Fault]:
     faults = []
-    for key, reached, most, unit in (
-        ("force_n", found.force_n, plan.max_force_n, NEWTON),
-        ("speed_m_per_s", found.speed_m_per_s, plan.max_speed_m_per_s, M_PER_S),
-        ("travel_m", found.travel_m, plan.max_travel_m, METRE),
+    for key, reached, most in (
+        ("force_n", found.force_n, plan.max_force_n),
+        ("speed_m_per_s", found.speed_m_per_s, plan.max_speed_m_per_s),
+        ("travel_m", found.travel_m, plan.max_travel_m),
     ):
         worst = int(np.argmax(reached[:, 0]))
         value = float(reached[worst, 0])
@@ -181,9 +179,9 @@ def _broken(plan: Plan, devices: Sequence[Device], found: Forecast) -> list[Faul
                     "",
                     None,
                     key,
-                    f"would reach {number(value)} {unit} on a device of the ranges ({number(one.mass_kg)} {KG}, "
-                    f"{number(one.damping_ns_per_m)} {NS_PER_M}, {number(one.coulomb_friction_n)} {NEWTON} of "
-                    f"friction); allowed: {number(most)} {unit}",
+                    f"would reach {number(value)} on a device of the ranges ({number(one.mass_kg)}, "
+                    f"{number(one.damping_ns_per_m)}, {number(one.coulomb_friction_n)} of "
+                    f"friction); allowed: {number(most)}",
                 )
             )
     return faults
@@ -196,13 +194,13 @@ def _check(
     reach = device.metres_per_unit
     if kind not in KINDS:
         faults.append(Fault("", None, "signal", f"is {kind!r}; allowed: {', '.join(KINDS)}"))
-    for key, value, low, high, unit in (
-        ("seconds", seconds, 2.0, 120.0, "s"),
-        ("speed_m_per_s", speed_m_per_s, 1e-3 / reach, min(5.0 / reach, _FIRMWARE_MOST), M_PER_S),
-        ("travel_m", travel_m, 1e-4 / reach, min(1.0 / reach, _FIRMWARE_MOST), METRE),
+    for key, value, low, high in (
+        ("seconds", seconds, 2.0, 120.0),
+        ("speed_m_per_s", speed_m_per_s, 1e-3 / reach, min(5.0 / reach, _FIRMWARE_MOST)),
+        ("travel_m", travel_m, 1e-4 / reach, min(1.0 / reach, _FIRMWARE_MOST)),
     ):
         if not low <= value <= high:
-            faults.append(Fault("", None, key, f"is {value:g} {unit}; allowed: {low:g} to {high:g} {unit}"))
+            faults.append(Fault("", None, key, f"is {value:g}; allowed: {low:g} to {high:g}"))
     most = device.max_force_n or math.inf
     if force_n is not None and not 0 < force_n <= most:
         faults.append(
@@ -210,7 +208,7 @@ def _check(
                 "",
                 None,
                 "force_n",
-                f"is {force_n:g} {NEWTON}; allowed: above 0, at most {most:g} {NEWTON}, the device's",
+                f"is {force_n:g}; allowed: above 0, at most {most:g}, the device's",
             )
         )
     if force_n is None and device.max_force_n is None:
@@ -219,7 +217,7 @@ def _check(
                 "",
                 None,
                 "force_n",
-                f"is not given and the device states no {spoken_key('max_force_n')}; allowed: give one",
+                "is not given and the device states no max_force_n; allowed: give one",
             )
         )
     if device.mass_kg <= 0:
@@ -276,8 +274,8 @@ def _sweep_band(
     first, past = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0], default=(0, 1))
     if grid[past - 1] < 2 * grid[first]:
         raise InputError.of(
-            f"leave no octave for a sweep at {number(plan.max_speed_m_per_s)} {M_PER_S}; allowed: less "
-            f"{spoken_key('--speed-m-per-s')}, more {spoken_key('--force-n')} or {spoken_key('--travel-m')}",
+            f"leave no octave for a sweep at {number(plan.max_speed_m_per_s)}; allowed: less "
+            f"--speed-m-per-s, more --force-n or --travel-m",
             key="limits",
         )
     return float(grid[first]), float(grid[past - 1])
@@ -358,8 +356,8 @@ def _largest(plan: Plan, devices: Sequence[Device], scales: FloatArray, progress
     holds = np.flatnonzero(np.cumprod(good))
     if not holds.size:
         raise InputError.of(
-            f"would be exceeded with {number(_SCALES[0] * plan.max_force_n)} {NEWTON} already by a device of the "
-            f"ranges ({number(plan.max_speed_m_per_s)} {M_PER_S}, {number(plan.max_travel_m)} {METRE}); allowed: wider "
+            f"would be exceeded with {number(_SCALES[0] * plan.max_force_n)} already by a device of the "
+            f"ranges ({number(plan.max_speed_m_per_s)}, {number(plan.max_travel_m)}); allowed: wider "
             "limits or narrower ranges",
             key="limits",
         )
@@ -377,8 +375,8 @@ def _moves(plan: Plan, devices: Sequence[Device], found: Forecast) -> None:
     friction = max(one.coulomb_friction_n for one in devices)
     if steps < _MOVES_STEPS or peak < _MOVES_FRICTION * friction:
         raise InputError.of(
-            f"leave {number(peak)} {NEWTON}, which moves a device of the ranges by {number(steps)} encoder steps only "
-            f"(its friction: up to {number(friction)} {NEWTON}); allowed: more {spoken_key('--force-n')}, "
-            f"{spoken_key('--speed-m-per-s')}, {spoken_key('--travel-m')}, or narrower ranges",
+            f"leave {number(peak)}, which moves a device of the ranges by {number(steps)} encoder steps only "
+            f"(its friction: up to {number(friction)}); allowed: more --force-n, "
+            f"--speed-m-per-s, --travel-m, or narrower ranges",
             key="limits",
         )

@@ -14,7 +14,6 @@ import numpy as np
 
 from avc_casadi._errors import AvcError, Fault, InputError, fault_document
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi._util.text import with_problem
 from avc_casadi.claims.certify import certify
 from avc_casadi.claims.deployable import deployable
 from avc_casadi.claims.zwidth import zwidth
@@ -58,6 +57,7 @@ _DIGITS = 6
 # Points of a trace: a lowest and a highest in each of half as many stretches.
 _TRACE_POINTS = 1200
 # A command that the page does itself.
+_OF_PROBLEM = re.compile(r"\b(avc [a-z][a-z0-9-]*) P\b")
 _METHOD = re.compile(r"`?avc (?:recommend P|solve P --method ([a-z-]+))`?(?! --)")
 
 
@@ -203,7 +203,9 @@ def work(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     settings = asked_settings(explorer, asked)
     told = explorer.work(settings, begin=bool(asked.get("begin")))
     saved = f"{stem_of(explorer.problem(settings), asked)}.toml" if changed(settings) else explorer.source
-    told["lines"] = [with_problem(line, shlex.quote(saved)) for line in told.get("lines", [])]
+    told["lines"] = [
+        _OF_PROBLEM.sub(lambda found: f"{found[1]} {shlex.quote(saved)}", line) for line in told.get("lines", [])
+    ]
     return told | {key: told_on_page(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
 
 

@@ -68,13 +68,7 @@ class _Task:
 
 @dataclass
 class Explorer:
-    """Everything that a server of the page needs; it keeps no state but caches.
-
-    Attributes:
-        base: the problem that the page begins with.
-        source: how the user named it.
-        versions: versions by package, for the coupling files that it writes.
-    """
+    """Everything that a server of the page needs; it keeps no state but caches."""
 
     base: Problem
     source: str
@@ -98,11 +92,7 @@ class Explorer:
         return form_of(self.base)
 
     def problem(self, settings: Settings) -> Problem:
-        """Return the problem that the settings mean.
-
-        Raises:
-            InputError: with every fault.
-        """
+        """Return the problem that the settings mean."""
         return self.problems(
             f"{settings.method in WALL.live} {settings.method == 'constant' and settings.gains} {settings.stated}",
             lambda: problem_of_settings(self.base, settings),
@@ -136,12 +126,7 @@ class Explorer:
         return None if task is None or task.of.result is None else task.of.result[0]
 
     def work(self, settings: Settings, *, begin: bool) -> dict[str, Any]:
-        """Say how far the work of the settings is; begin it where it is asked to.
-
-        Raises:
-            InputError: the settings mean no problem.
-            RequestError: too much is under way.
-        """
+        """Say how far the work of the settings is; begin it where it is asked to."""
         if settings.method in self.form.live:
             raise RequestError(400, f"{settings.method} follows at once and is no work")
         problem, key = self.problem(settings), settings.run

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi._util.units import FORCE, MICROMETRE, MM, NEWTON, Wording
 from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import styled
 
@@ -21,7 +20,7 @@ _BLUE, _ORANGE, _GREY = "#08306b", "#d1600a", "0.55"
 _TITLES = (
     "(a) position",
     "(b) what swings, and its envelope",
-    Wording.of(lambda: f"(c) {FORCE} against position, some cycles"),
+    "(c) force against position, some cycles",
     "(d) amplitudes while it swings",
 )
 _LOWEST_HZ = 2.0
@@ -45,7 +44,7 @@ def draw_diagnosis(found: Diagnosis, axes: GivenAxes = None) -> Figure:
 def _whole(position: Axes, swing: Axes, found: Diagnosis) -> None:
     trace, size, unit = found.trace, *_unit(found)
     position.plot(trace.time_s, 1e3 * trace.position_m, color=_BLUE, linewidth=0.8)
-    position.set_ylabel(f"position ({MM})")
+    position.set_ylabel("position (mm)")
     swing.plot(trace.time_s, size * trace.fast_m, color=_BLUE, linewidth=0.6, label="position above 4 Hz")
     begins, ends = found.oscillation.begins_s, found.oscillation.ends_s
     if math.isfinite(begins):
@@ -76,7 +75,7 @@ def _some_cycles(axes: Axes, found: Diagnosis) -> None:
     inside = (trace.time_s >= end - length) & (trace.time_s <= end)
     axes.plot(size * trace.position_m[inside], trace.force_n[inside], color=_BLUE, linewidth=0.8)
     axes.set_xlabel(f"position ({unit})")
-    axes.set_ylabel(f"commanded {FORCE} ({NEWTON})")
+    axes.set_ylabel("commanded force (N)")
 
 
 def _spectrum(axes: Axes, found: Diagnosis) -> None:
@@ -117,4 +116,4 @@ def _spectrum(axes: Axes, found: Diagnosis) -> None:
 
 def _unit(found: Diagnosis) -> tuple[float, str]:
     travel = found.oscillation.peak_to_peak_m
-    return (1e3, str(MM)) if math.isfinite(travel) and travel > 2e-3 else (1e6, str(MICROMETRE))
+    return (1e3, "mm") if math.isfinite(travel) and travel > 2e-3 else (1e6, "\N{MICRO SIGN}m")

@@ -97,7 +97,7 @@ class Reason(IntEnum):
 
 
 _SENTENCES = {
-    Reason.VERSION: "the firmware speaks protocol {detail}, this program {own}; bring both to the same release",
+    Reason.VERSION: "the firmware has protocol {detail}, this program {own}; bring both to the same release",
     Reason.MESSAGE: "the firmware does not know message or unit {detail}; update the firmware",
     Reason.SIZE: "a message or the table has a wrong size (the device counts {detail})",
     Reason.BUSY: "another host is sending a table (session {detail:#010x}); wait until it has ended",
