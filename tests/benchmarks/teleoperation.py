@@ -365,8 +365,10 @@ def many_hands(count: int, answers: dict[float, Any]) -> list[dict[str, Any]]:
     rows = []
     for delay_s, answer in answers.items():
         for name, contact in CONTACTS.items():
-            found = tried(springs(answer.gains), hands(count), contact, delay_s, jitter=0.1, lost=0.01)
-            rows.append({"part": "hands", "delay_s": delay_s, "contact": name, "gains": vars(answer.gains)} | found)
+            found = tried(springs(answer.coupling.gains), hands(count), contact, delay_s, jitter=0.1, lost=0.01)
+            rows.append(
+                {"part": "hands", "delay_s": delay_s, "contact": name, "gains": vars(answer.coupling.gains)} | found
+            )
     return rows
 
 
@@ -404,7 +406,7 @@ def schemes(count: int, answers: dict[float, Any]) -> list[dict[str, Any]]:
     """Each scheme on the same hands."""
     people, rows = hands(count), []
     for delay_s, answer in answers.items():
-        for name, laws in options(answer.gains, delay_s).items():
+        for name, laws in options(answer.coupling.gains, delay_s).items():
             found = [tried(law(1.0), people, math.inf, delay_s) | {"numbers": numbers} for numbers, law in laws]
             place = max(range(len(laws)), key=lambda one: (found[one]["all"], found[one]["rendered_n_per_m"] or 0.0))
             law = laws[place][1]
