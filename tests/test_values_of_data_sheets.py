@@ -57,12 +57,12 @@ def test_a_value_of_a_sheet_is_the_value_of_the_file(sheet, key, typed, attribut
         (LINEAR, "encoder_resolution_dpi", "450", "allowed: "),
         (LINEAR, "sample_rate_hz", "2000", "sample_time_s = 0.0005"),
         (LINEAR, "max_torque_nm", "0.2", "allowed: max_force_n"),
-        (LINEAR, "max_force_n", '"12 N.cm"', "a number; allowed: "),
+        (LINEAR, "max_force_n", '"12 N.cm"', "allowed: a number"),
         (ROTARY, "max_torque_ncm", "12", "max_torque_nm = 0.12"),
         (ROTARY, "max_torque_mnm", "85", "max_torque_nm = 0.085"),
         (ROTARY, "encoder_resolution_deg", "0.1", "encoder_resolution_rad = 0.00174532925199"),
         (ROTARY, "max_force_n", "8", "max_torque_nm"),
-        (ROTARY, "coulomb_friction_nm", '"2 N"', "a number; allowed: "),
+        (ROTARY, "coulomb_friction_nm", '"2 N"', "allowed: a number"),
     ],
 )
 def test_a_value_under_a_wrong_key_or_unit_says_what_to_write(sheet, key, value, write):

@@ -58,18 +58,20 @@ class Border:
     def checked(self, model: type[M], name: str) -> M | list[q.Finding]:
         """Return the tables as a model, or all faults, each at its path in the file."""
         found = checked(model, self.tables, name)
-        faults = dict(self._findings)
+        faults: dict[q.Path, str] = {}
         for path, message in found if isinstance(found, list) else ():
             place, text = self._in_file(path, message)
             # A key that no table has is no key of the other motion.
-            if place not in faults or message.startswith(UNKNOWN):
-                faults[place] = text
+            faults[place] = text if message.startswith(UNKNOWN) else self._findings.get(place, text)
+        faults |= {place: text for place, text in self._findings.items() if place not in faults}
         return list(faults.items()) if faults or isinstance(found, list) else found
 
     def _in_file(self, path: q.Path, message: str) -> q.Finding:
         units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
         known = next(length for length in range(len(path), -1, -1) if path[:length] in self._written)
         rest = (units.key(part) if isinstance(part, str) else part for part in path[known:])
+        if message.startswith(UNKNOWN) and not units.linear and q.nearest_key(str(path[-1]), (COUNTS,)):
+            message = f"{message}; did you mean {COUNTS}?"
         return (*self._written[path[:known]], *rest), units.words(message)
 
     def inner(self, value: Any, units: Units, path: q.Path, written: q.Path) -> Any:
@@ -87,8 +89,22 @@ class Border:
                     continue
             self._written[*path, name] = place
             unit = q.unit_of_key(key, units)
-            inner[name] = self.inner(_typed(item, unit) if unit else item, units, (*path, name), place)
+            inner[name] = self.inner(self._typed(item, unit, place) if unit else item, units, (*path, name), place)
         return inner
+
+    def _typed(self, value: Any, unit: str, place: q.Path) -> Any:
+        """Return a text with a unit as the number that it is; anything else unchanged."""
+        if isinstance(value, list):
+            return [self._typed(item, unit, (*place, index)) for index, item in enumerate(value)]
+        if not isinstance(value, str) or _is_number(value):
+            return value
+        try:
+            return q.read_quantity(value, unit)
+        except ValueError:
+            self.fault(
+                place, f"is {q.shown(value)}, no quantity in {unit}; allowed: a number, or a text in such a unit"
+            )
+            return value
 
     def device_table(self, device: Any, base: Mapping[str, Any], table: str = "device") -> tuple[Any, Units]:
         """Return a device in the common keys over the one that it refers to, and the units of the file's."""
@@ -166,16 +182,6 @@ class Border:
         if "handle_radius_m" in rest:
             self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
         return at_handle(rest, self._valid(_RADIUS, device[CAPSTAN], (table, CAPSTAN)) or _SOME_RADIUS_M)
-
-
-def _typed(value: Any, unit: str) -> Any:
-    """Return a text with a unit as the number that it is; anything else unchanged."""
-    if isinstance(value, list):
-        return [_typed(item, unit) for item in value]
-    try:
-        return q.read_quantity(value, unit) if isinstance(value, str) and not _is_number(value) else value
-    except ValueError:
-        return value
 
 
 def _is_number(text: str) -> bool:
