@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +17,6 @@ from avc_casadi.model import quantity as q
 from avc_casadi.model.findings import UNKNOWN, checked
 
 COUNTS = "encoder_counts_per_turn"
-"""Key of a file in place of `encoder_resolution_rad`."""
 CAPSTAN = "capstan_radius_m"
 """Key of a rotary device with a linear handle: metres per radian."""
 _COUNTS = q.Quantity("counts", 8, 1e9, zero=False)
@@ -24,6 +24,7 @@ _DETENTS = q.Whole(1, 100_000)
 _RADIUS = q.Quantity("m", 2e-3, 10, zero=False)
 # Replaces a faulty value, so that the rest of the file is checked.
 _SOME_RADIUS_M = 0.01
+_NAMES_A_UNIT = re.compile(r"[^-+.\d\seE]")
 M = TypeVar("M", bound=q.Table)
 
 
@@ -96,7 +97,7 @@ class Border:
         """Return a text with a unit as the number that it is; anything else unchanged."""
         if isinstance(value, list):
             return [self._typed(item, unit, (*place, index)) for index, item in enumerate(value)]
-        if not isinstance(value, str) or _is_number(value):
+        if not isinstance(value, str) or not _NAMES_A_UNIT.search(value):
             return value
         try:
             return q.read_quantity(value, unit)
@@ -182,14 +183,6 @@ class Border:
         if "handle_radius_m" in rest:
             self.fault((table, "handle_radius_m"), f"stands beside {CAPSTAN}; allowed: one of the two")
         return at_handle(rest, self._valid(_RADIUS, device[CAPSTAN], (table, CAPSTAN)) or _SOME_RADIUS_M)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def at_handle(device: Mapping[str, Any], radius_m: float) -> dict[str, Any]:

@@ -222,7 +222,8 @@ def schedule_of_document(
     """Return the schedule of a gain document."""
     found = checked(GainDocument, document)
     if isinstance(found, list) or faults:
-        raise InputError([*faults, *faults_of(found if isinstance(found, list) else (), str(path), lines)])
+        more = found if isinstance(found, list) and (document.get("frequency_hz") or not faults) else ()
+        raise InputError([*faults, *faults_of(more, str(path), lines)])
     return schedule_of(found, path)
 
 
