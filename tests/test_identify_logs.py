@@ -163,22 +163,6 @@ def test_missing_ticks_cut_a_log_into_records(tmp_path):
     assert "gaps" in told[0]
 
 
-def test_a_sample_time_that_its_own_times_belie_is_refused(tmp_path):
-    path = csv(tmp_path / "a.csv")
-    (fault,) = faults(path, Layout(sample_time_s=2e-3))
-    assert fault.key == "time"
-    same(read_logs([path], Layout(sample_time_s=1e-3))[0])
-
-
-def test_a_sample_time_does_not_close_the_gaps_of_a_clock_that_tells_them(tmp_path):
-    path = csv(tmp_path / "a.csv")
-    head, *lines = path.read_text().splitlines()
-    kept = np.random.default_rng(1).random(SIZE) > 0.05
-    path.write_text("\n".join([head, *(line for line, keep in zip(lines, kept, strict=True) if keep)]))
-    (fault,) = faults(path, Layout(sample_time_s=1e-3))
-    assert "gaps" in fault.message
-
-
 @pytest.mark.parametrize("spoilt", ["time of day", "jitter"])
 def test_a_sample_time_stands_for_times_that_say_nothing(tmp_path, spoilt):
     path = csv(tmp_path / "a.csv")
@@ -208,40 +192,6 @@ def test_a_last_line_that_was_cut_short_is_left_out_and_told(tmp_path):
     path.write_text("\n".join([*whole[:100], whole[100][:4], *whole[101:]]))
     (fault,) = faults(path)
     assert (fault.line, "columns" in fault.message) == (101, True)
-
-
-def test_a_log_that_is_given_twice_is_refused(tmp_path):
-    path, other = csv(tmp_path / "a.csv"), csv(tmp_path / "b.csv")
-    with pytest.raises(avc.InputError, match="given twice"):
-        read_logs([path, other, tmp_path / "." / "a.csv"])
-    assert len(read_logs([path, other])[0]) == 2
-
-
-@pytest.mark.parametrize("stamp_s", [4e-3, 2.5e-3])
-def test_stamps_too_coarse_for_their_rows_are_told_the_sample_time(tmp_path, stamp_s):
-    path = tmp_path / "a.csv"
-    clock = np.floor(TIME / stamp_s + 1e-6) * stamp_s
-    np.savetxt(path, np.column_stack([clock, POSITION, FORCE]), delimiter=",", header="t_s,x_m,f_n", comments="")
-    (fault,) = faults(path)
-    assert "--sample-time 0.001, where no row is missing" in fault.message
-    same(read_logs([path], Layout(sample_time_s=1e-3))[0])
-
-
-@pytest.mark.parametrize(("times", "before"), [(2, 0), (3, 1)])
-def test_a_loop_that_is_logged_more_often_than_it_ran_is_taken_once_a_tick(tmp_path, times, before):
-    path = tmp_path / "a.csv"
-    rows = np.repeat(np.column_stack([POSITION, FORCE]), times, axis=0)[before:]
-    np.savetxt(path, np.column_stack([np.arange(len(rows)) * 1e-3 / times, rows]), delimiter=",", header="t_s,x_m,f_n")
-    (record,), told = read_logs([path])
-    assert record.sample_time_s == pytest.approx(1e-3)
-    np.testing.assert_array_equal(record.force_n[-50:], FORCE[-50:])
-    assert any(f"stands there {times} times" in note for note in told)
-    # What is held now and then, or whose position goes on, is a log of every tick.
-    uneven = np.repeat(np.column_stack([POSITION, FORCE]), np.arange(SIZE) % 2 + 1, axis=0)
-    for some in (uneven, np.column_stack([np.arange(len(rows)) * 1e-6, rows[:, 1]])):
-        np.savetxt(path, np.column_stack([np.arange(len(some)) * 1e-3, some]), delimiter=",", header="t_s,x_m,f_n")
-        (record,), told = read_logs([path])
-        assert record.position_m.size == len(some)
 
 
 @given(

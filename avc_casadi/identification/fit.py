@@ -36,18 +36,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A model structure at given coordinates.
-
-    Attributes:
-        structure: rungs.
-        search: coordinates of the free parameters.
-        observer: of the disturbance.
-        error_m: prediction error of each record after its start.
-        blocks: stretches of the records.
-        unit_m: unit of the blocks' errors.
-        noise_share: share of the error's variance that is measurement noise.
-        turning: share of samples in which the predicted motion reverses.
-    """
+    """A model structure at given coordinates."""
 
     structure: Structure
     search: FloatArray

@@ -22,15 +22,7 @@ _BELOW_STRUCTURE_HZ = 50.0
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Velocity of the measured position over commanded force.
-
-    Attributes:
-        frequency_hz: shape (frequencies,).
-        velocity_per_force: complex, m/s/N.
-        coherence: 0 to 1.
-        power: spectrum of the force relative to its peak. Where it is small a closed loop responds to itself: the
-            response is that of the controller, with full coherence.
-    """
+    """Velocity of the measured position over commanded force."""
 
     frequency_hz: FloatArray
     velocity_per_force: ComplexArray

@@ -37,15 +37,7 @@ _BENT = 6.0
 
 @dataclass(frozen=True)
 class Trial:
-    """A rung that was tried.
-
-    Attributes:
-        rung: its name.
-        taken: whether it was accepted.
-        change: relative change of the held-out squared error; negative is better.
-        standard_errors: that change in its own standard errors.
-        why: it is not taken although the held-out error falls.
-    """
+    """A rung that was tried."""
 
     rung: str
     taken: bool

@@ -58,15 +58,7 @@ _SHARES = (0.1, 0.2, 0.35, 0.5, 0.7)
 
 @dataclass
 class Ladder:
-    """The model of a log while it climbs.
-
-    Attributes:
-        fit: of the rungs that were taken.
-        trials: the last trial of each rung.
-        rivals: fits of rungs that were not taken.
-        half: half the interval of each coordinate.
-        shares: range of the mass ratio where the log does not tell it.
-    """
+    """The model of a log while it climbs."""
 
     predictor: Predictor
     window: Window

@@ -37,18 +37,7 @@ class _Spring:
 
 @dataclass(frozen=True, eq=False)
 class LinearStep:
-    """x(k+1) = A x(k) + sum over j of B[:, j] F(k - taps[j]) + g f: F along +x, f the mean of a force on the motor.
-
-    Attributes:
-        matrix: A, shape (n, n).
-        force: B, shape (n, taps).
-        motor: g, shape (n,).
-        early: the velocity of the motor inside the sample, when the newer force arrives and at the other evaluations of
-            dry friction, by x, by the forces and by f, shape (cuts, n + taps + 1).
-        taps: delays j in samples.
-        measured: index of the measured position.
-        names: of the states.
-    """
+    """x(k+1) = A x(k) + sum over j of B[:, j] F(k - taps[j]) + g f: F along +x, f the mean of a force on the motor."""
 
     matrix: FloatArray
     force: FloatArray
@@ -102,15 +91,7 @@ def linear_step(
     *,
     parts: int = PARTS,
 ) -> LinearStep:
-    """Discretise one device exactly.
-
-    Args:
-        values: of every parameter.
-        structure: which terms there are.
-        sample_time_s: T.
-        taps: delays to give columns of.
-        parts: intervals of a sample in which dry friction is evaluated behind an amplifier; 0: never.
-    """
+    """Discretise one device exactly."""
     return linear_steps([values], structure, sample_time_s, taps, parts=parts)[0]
 
 
@@ -195,17 +176,7 @@ def _samples_late(values: Mapping[str, float]) -> float:
 def _inside(
     plants: Sequence[LinearPlant], late_s: Sequence[float], period: float, cuts: Sequence[Sequence[float]]
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the effect of a motor force over a sample, and the motor's velocity at the cuts of the sample.
-
-    Args:
-        plants: driven by the force.
-        late_s: when the newer force arrives.
-        period: T.
-        cuts: of each plant's sample, s, equally many for all.
-
-    Returns:
-        Of each plant (n,), and by x, the older and the newer force and by f (cuts, n + 3).
-    """
+    """Return the effect of a motor force over a sample, and the motor's velocity at the cuts of the sample."""
     asked = {(place, True, period): 0 for place in range(len(plants))}
     for place, (mine, late) in enumerate(zip(cuts, late_s, strict=True)):
         for time in mine:

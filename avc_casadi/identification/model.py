@@ -20,16 +20,7 @@ from avc_casadi.identification.terms import Measured
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate with its 95 % interval.
-
-    Attributes:
-        key: as in a device file where it stands there.
-        quantity: what it measures.
-        value: the estimate.
-        low, high: its interval.
-        source: how it was found.
-        identified: whether the interval is narrow enough for a number; else it is a range.
-    """
+    """An estimate with its 95 % interval."""
 
     key: str
     quantity: Measured
@@ -52,29 +43,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """An identified device.
-
-    Attributes:
-        sources: the logs.
-        seconds: of all records.
-        records: number of records.
-        sample_time_s: T.
-        motion: of the device.
-        rungs: of the model.
-        encoder_at: where the position is measured.
-        estimates: by key.
-        unknown: what the log does not tell, with the log that would.
-        trials: evidence for and against each rung.
-        names: of the parameters that were searched together.
-        correlation: of their estimates, shape (names, names).
-        error_m: of the prediction from sample to sample, shape (samples,).
-        lags: autocorrelation of the error, from lag 1 on.
-        notes: what the user should know.
-        response: measured frequency response.
-        modelled: that of the model.
-        stretches: for plotting.
-        device: the device file, or None where mass, damping or the radius of the handle are unknown.
-    """
+    """An identified device."""
 
     sources: tuple[str, ...]
     seconds: float

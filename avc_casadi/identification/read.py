@@ -21,7 +21,7 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray, IndexArray
 from avc_casadi._util.files import opened
 from avc_casadi.identification.record import Columns, Record, backwards_of, faults_of_rows, implausible, records_of
-from avc_casadi.identification.repair import filled, sound
+from avc_casadi.identification.repair import filled
 from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_columns, motion_of
 
 MOST_BYTES = 2**27
@@ -30,9 +30,6 @@ _LONGEST_ROW = 50_000
 _MARKS = ("#", "%")
 _COMMA = re.compile(r"\d,\d+'$")
 _NUMBERS = {"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
-# Time steps that determine the clock, and their tolerance; a step so long lacks a row, and a larger share of them is no
-# jitter of a slow clock.
-_FEW_STEPS, _EVEN, _GAP, _FEW_GAPS = 20, 0.02, 1.5, 2e-3
 # Exceptions of libraries at a file that is not of their kind.
 _UNREADABLE = (
     ValueError,
@@ -52,23 +49,11 @@ _UNREADABLE = (
 def read_logs(
     paths: Sequence[str | Path], layout: Layout | None = None, added_mass_kg: Sequence[float] = ()
 ) -> tuple[list[Record], list[str]]:
-    """Read the logs of one device.
-
-    Args:
-        paths: files that end in ``.csv``, ``.txt``, ``.npz`` or ``.mat``.
-        layout: columns and units, as given by the user.
-        added_mass_kg: known mass on the device, one of each file, or none.
-
-    Returns:
-        Records, and notes for the user.
-
-    Raises:
-        InputError: every fault of every file, each with its line.
-    """
+    """Read the logs of one device."""
     if added_mass_kg and len(added_mass_kg) != len(paths):
         raise InputError.of(f"has {len(added_mass_kg)} for {len(paths)} logs; allowed: one for each", key="added_mass")
     records: list[Record] = []
-    faults = _given_twice(paths)
+    faults: list[Fault] = []
     notes: list[str] = []
     for index, path in enumerate(paths):
         columns, wrong = _columns(Path(path), str(path), layout or Layout())
@@ -91,12 +76,6 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     """Read a log with its own time stamps: gaps, jitter and a device at rest are no faults.
 
     A few lost samples are filled in, with a note.
-
-    Returns:
-        The columns of the one log of the file.
-
-    Raises:
-        InputError: every fault of the file, each with its line.
     """
     columns, faults = _columns(Path(path), str(path), layout or Layout())
     if columns is not None:
@@ -105,19 +84,6 @@ def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns
     if faults or columns is None:
         raise InputError(faults)
     return [columns]
-
-
-def _given_twice(paths: Sequence[str | Path]) -> list[Fault]:
-    """Refuse a file that is given twice: it adds no information, and intervals would narrow."""
-    known: set[tuple[int, int]] = set()
-    faults = []
-    for path in paths:
-        with suppress(OSError, ValueError):  # reported where it is read
-            info = Path(path).stat()
-            if (info.st_dev, info.st_ino) in known:
-                faults.append(Fault(str(path), None, "", "is given twice; allowed: each log once"))
-            known.add((info.st_dev, info.st_ino))
-    return faults
 
 
 def _columns(path: Path, file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
@@ -166,7 +132,7 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[Column
     """Return the columns of named arrays: a vector is one by its name, a matrix ``data`` is data:1, data:2, ..."""
     columns: dict[str, FloatArray] = {}
     for name, held in named.items():
-        value = np.squeeze(np.asarray(held))
+        value: Any = np.squeeze(np.asarray(held))
         if value.dtype.kind not in "fiu" or value.ndim not in {1, 2} or value.size < 2:
             continue
         if value.ndim == 1:
@@ -184,7 +150,7 @@ def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[Column
     if len({one.size for one in values.values()}) > 1:
         sizes = ", ".join(f"{quantity} {one.size}" for quantity, one in values.items())
         return None, [Fault(file, None, "", f"has columns of unequal length: {sizes}; allowed: equal lengths")]
-    return _quantities(file, values, chosen, layout, None)
+    return _quantities(file, values, chosen, layout, None), []
 
 
 def _quantities(
@@ -194,35 +160,13 @@ def _quantities(
     layout: Layout,
     lines: IndexArray | None,
     told: tuple[str, ...] = (),
-) -> tuple[Columns, list[Fault]]:
+) -> Columns:
     """Return columns in SI units, under a given clock where the log has none."""
     with np.errstate(over="ignore", invalid="ignore"):  # reported where numbers are looked at
-        values = {key: np.asarray(one, dtype=np.float64) * chosen[key].unit.size for key, one in columns.items()}
-    faults = []
+        values = {key: np.asarray(one, dtype=np.float64) * chosen[key].size for key, one in columns.items()}
     if "time" not in values or (layout.sample_time_s is not None and "time" not in layout.columns):
-        period = float(layout.sample_time_s or 0.0)
-        faults = _other_clock(file, values.get("time"), period)
-        values["time"] = np.arange(values["position"].size, dtype=np.float64) * period
-    found = Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen), told)
-    return found, faults
-
-
-def _other_clock(file: str, time_s: FloatArray | None, period_s: float) -> list[Fault]:
-    """Refuse a given sample time that contradicts evenly spaced times; uneven ones are those of writing."""
-    steps = np.zeros(0) if time_s is None else np.diff(time_s[sound(time_s)])
-    if steps.size < _FEW_STEPS:
-        return []
-    low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
-    if usual <= 0 or high - low > _EVEN * usual:
-        return []
-    allowed = "allowed: --sample-time left out"
-    if abs(usual - period_s) > _EVEN * usual:
-        message = f"steps of {usual:.4g} s, and the sample time is given as {period_s:.4g} s; {allowed}"
-    elif (missing := int(np.sum(steps > _GAP * usual))) > _FEW_GAPS * steps.size:
-        message = f"has {missing} gaps, which even ticks would hide; {allowed}, or a log with every row"
-    else:
-        return []
-    return [Fault(file, None, "time", message)]
+        values["time"] = np.arange(values["position"].size) * float(layout.sample_time_s or 0.0)
+    return Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen), told)
 
 
 def _text(content: bytes, file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
@@ -267,7 +211,7 @@ def _text(content: bytes, file: str, layout: Layout) -> tuple[Columns | None, li
         if faults:
             return None, faults
     columns = dict(zip(chosen, table.T, strict=True))
-    return _quantities(file, columns, chosen, layout, numbers, told)
+    return _quantities(file, columns, chosen, layout, numbers, told), []
 
 
 def _one_by_one(

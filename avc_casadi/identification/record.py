@@ -15,11 +15,9 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.identification.repair import (
     LONGEST_STEP,
-    coarse_clock_s,
     laid_evenly,
     left_out,
     sound,
-    taken_once,
     wrapped,
 )
 
@@ -31,7 +29,6 @@ _GAP = 1.5
 _SCATTERS = 0.01
 # Number of places reported of one fault.
 TOLD = 3
-_TWICE = "; of a row that is written twice, leave one out; where the rows differ, --sample-time, if none is missing"
 _SHORTEST = 200
 # With a piece shorter than this share of the longest every record would be judged from too early on.
 _SHORT = 0.1
@@ -42,21 +39,7 @@ _ENOUGH_S, _ENOUGH = 2.0, 0.2
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Samples of one uninterrupted record; of a rotary device in rad, N.m and kg.m2.
-
-    Attributes:
-        name: file, and which record of it.
-        sample_time_s: T.
-        position_m: measured position, shape (samples,).
-        force_n: commanded force along +position, held from this sample to the next, shape (samples,).
-        added_mass_kg: known mass on the device during the record.
-        motion: of the device.
-        log: the log that it is a piece of; empty of a whole log. A constant force is one of each log.
-        scatter: jitter of the clock, the standard deviation of its steps, as a share of T.
-        readings_m: positions as they were read, where those of the record are resampled.
-        later_n: of a clock that scatters, forces if they act 0, 1, 2, ... of its ticks after they are logged, less as
-            many T, shape (ticks, samples).
-    """
+    """Samples of one uninterrupted record; of a rotary device in rad, N.m and kg.m2."""
 
     name: str
     sample_time_s: float
@@ -82,16 +65,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Columns of a log in SI units, not yet checked to be a record.
-
-    Attributes:
-        file: its name.
-        time_s, position_m, force_n: shape (rows,).
-        line: line of each row in the file, shape (rows,), or None of a file without lines.
-        motion: of the device.
-        told: notes for the user on what was changed.
-        filled: whether a row was filled in, shape (rows,), or None where none was.
-    """
+    """Columns of a log in SI units, not yet checked to be a record."""
 
     file: str
     time_s: FloatArray
@@ -121,7 +95,7 @@ class Columns:
 def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Record], list[Fault], list[str]]:
     """Cut a log into records at its gaps; return them, its faults, and notes for the user."""
     backwards = backwards_of(columns)
-    columns = taken_once(left_out(columns))
+    columns = left_out(columns)
     faults = implausible(columns)
     if columns.time_s.size >= _SHORTEST:
         faults += backwards
@@ -134,9 +108,8 @@ def records_of(columns: Columns, added_mass_kg: float = 0.0) -> tuple[list[Recor
     scatter, readings = 0.0, None
     later: FloatArray | None = None
     if np.mean(uneven) > _SCATTERS:
-        even = laid_evenly(columns, _round(float(np.mean(steps[steps < LONGEST_STEP * usual]))))
         readings = columns.position_m
-        columns, scatter, later = even.columns, even.scatter, even.later_n
+        columns, scatter, later = laid_evenly(columns, _round(float(np.mean(steps[steps < LONGEST_STEP * usual]))))
         steps = np.diff(columns.time_s)
         usual = float(np.median(steps))
     gaps = np.flatnonzero(steps > _GAP * usual)
@@ -191,30 +164,11 @@ def _worth(sizes: IndexArray, period_s: float) -> float:
 
 def backwards_of(columns: Columns) -> list[Fault]:
     """Return the rows at which the time of a log does not increase."""
-    coarse = coarse_clock_s(columns)
-    if coarse is not None:
-        message = (
-            "stands still from row to row while position and force go on, and each stamp has as many rows as any "
-            "other: the clock is written too coarsely; allowed: --sample-time "
-            f"{number(_round(coarse))}, where no row is missing, or times of more digits"
-        )
-        return [Fault(columns.file, None, "time", message)]
     there = np.flatnonzero(sound(columns.time_s))
-    backwards = np.flatnonzero(np.diff(columns.time_s[there]) <= 0)
-    faults = [
-        Fault(
-            columns.file,
-            columns.at(int(after)),
-            "time",
-            f"is {number(columns.time_s[after])} s after {number(columns.time_s[before])} s; allowed: increasing "
-            f"times{_TWICE if columns.time_s[after] == columns.time_s[before] else ', or one file for each record'}",
-        )
-        for before, after in zip(there[backwards[:TOLD]], there[backwards[:TOLD] + 1], strict=True)
-    ]
-    if backwards.size > TOLD:
-        more = f"does not increase in {backwards.size - TOLD} more places; allowed: increasing times"
-        faults.append(Fault(columns.file, None, "time", more))
-    return faults
+    after = there[1:][np.diff(columns.time_s[there]) <= 0]
+    rows = [(columns.at(int(row)), f"is {number(columns.time_s[row])} s, not after the row before") for row in after]
+    allowed = "increasing times; one file for each record; --sample-time where the stamps are coarse and no row missing"
+    return faults_of_rows(columns.file, "time", rows, allowed)
 
 
 def faults_of_rows(file: str, key: str, rows: Sequence[tuple[int | None, str]], allowed: str) -> list[Fault]:

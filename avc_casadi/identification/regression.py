@@ -31,13 +31,7 @@ _POSITION = 3
 
 @dataclass(frozen=True)
 class Start:
-    """Start of the search.
-
-    Attributes:
-        values: mass, damping, friction, delay, constant forces, stiffness of a device on a spring.
-        explained: share of the squared force.
-        against: whether most of the force opposes the motion that it causes: its sign is wrong.
-    """
+    """Start of the search."""
 
     values: dict[str, float]
     explained: float

@@ -8,7 +8,7 @@ parameters are known to s^2/6 under steps with a jitter of s.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -124,86 +124,27 @@ def _alone(position: FloatArray) -> BoolArray:
     return found
 
 
-# Rows that are all held equally often are those of a slower loop; fewer changes show no rule.
-_FEWEST_CHANGES = 100
-
-
-def taken_once(columns: Columns) -> Columns:
-    """Take one of every N rows where all stand N times: a loop was logged more often than it ran."""
-    changed = np.flatnonzero(~_repeated(columns)) + 1
-    times = int(np.gcd.reduce(np.diff(changed))) if changed.size > _FEWEST_CHANGES else 1
-    # Slow motion under a held force changes seldom, and not at every tick of any loop.
-    if times < 2 or changed.size < 0.5 * (columns.time_s.size // times):
-        return columns
-    told = f"{columns.file}: every row stands there {times} times; one of each {times} is taken"
-    once = columns.rows(np.arange(changed[0] % times, columns.time_s.size, times))
-    return replace(once, told=(*columns.told, told))
-
-
-def _repeated(columns: Columns) -> BoolArray:
-    """Return whether each row but the first has the position and force of the row before, shape (rows - 1,)."""
-    position, force = columns.position_m, columns.force_n
-    return np.asarray((position[1:] == position[:-1]) & (force[1:] == force[:-1]))
-
-
-# More rows to a stamp than this are no late tick of a clock of few digits.
-_ROWS_A_STAMP = 1.2
-
-
-def coarse_clock_s(columns: Columns) -> float | None:
-    """Return the sample time of rows whose stamps are too coarse for it, or None where stamps are no such.
-
-    Each stamp then has as many rows as any other, but for one, and these differ.
-    """
-    if not np.isfinite(columns.time_s).all():
-        return None
-    steps = np.diff(columns.time_s)
-    first = np.flatnonzero(steps > 0) + 1
-    if first.size < 3 or np.any(steps < 0):
-        return None
-    counts = np.diff(first)
-    twice = float(np.sum((steps == 0) & _repeated(columns))) > 0.5 * float(np.sum(steps == 0))
-    if np.abs(counts - np.median(counts)).max() > 1 or counts.mean() < _ROWS_A_STAMP or twice:
-        return None
-    return float((columns.time_s[first[-1]] - columns.time_s[first[0]]) / (first[-1] - first[0]))
-
-
 # A delay that is counted in ticks is tried up to so many.
 _MOST_TICKS = 4
 # Longer steps are a gap: a host that is late by more has not run its loop.
 LONGEST_STEP = 6.0
 
 
-@dataclass(frozen=True, eq=False)
-class Even:
-    """A resampled log at even times.
+def laid_evenly(columns: Columns, period_s: float) -> tuple[Columns, float, FloatArray]:
+    """Resample a log with clock jitter to even samples, with its gaps as they are.
 
-    Attributes:
-        columns: of the splines.
-        scatter: jitter, the standard deviation of the steps, as a share of the usual one.
-        later_n: mean forces if they act 0, 1, 2, ... ticks after they are logged, brought forward by as many even
-            samples, shape (ticks, samples).
+    Returned are the log, the standard deviation of the steps as a share of the period, and the mean forces if they act
+    0, 1, 2, ... ticks after they are logged, brought forward by as many even samples, shape (ticks, samples).
     """
-
-    columns: Columns
-    scatter: float
-    later_n: FloatArray
-
-
-def laid_evenly(columns: Columns, period_s: float) -> Even:
-    """Resample a log with clock jitter to even samples, with its gaps as they are."""
     time = columns.time_s
     steps = np.diff(time)
     edges = [0, *(np.flatnonzero(steps > LONGEST_STEP * period_s) + 1), time.size]
-    pieces = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a > 4]
-    even = [np.arange(time[one][0], time[one][-1] - 0.5 * period_s, period_s) for one in pieces]
-    smooth = [
-        make_interp_spline(time[one], columns.position_m[one], k=3)(at) for one, at in zip(pieces, even, strict=True)
-    ]
-    later = np.concatenate(
-        [_mean_held(time[one], columns.force_n[one], at, period_s) for one, at in zip(pieces, even, strict=True)],
-        axis=1,
-    )
+    evenly, positions, later = [], [], []
+    for one in (slice(a, b) for a, b in itertools.pairwise(edges) if b - a > 4):
+        at = np.arange(time[one][0], time[one][-1] - 0.5 * period_s, period_s)
+        evenly.append(at)
+        positions.append(make_interp_spline(time[one], columns.position_m[one], k=3)(at))
+        later.append(_mean_held(time[one], columns.force_n[one], at, period_s))
     scatter = float(np.std(steps[steps <= LONGEST_STEP * period_s]))
     told = (
         f"{columns.file}: its steps of time scatter by {number(1e3 * scatter, 2)} ms about "
@@ -211,13 +152,13 @@ def laid_evenly(columns: Columns, period_s: float) -> Even:
     )
     laid = replace(
         columns,
-        time_s=np.concatenate(even),
-        position_m=np.concatenate(smooth),
-        force_n=later[0],
+        time_s=np.concatenate(evenly),
+        position_m=np.concatenate(positions),
+        force_n=np.concatenate(later, axis=1)[0],
         line=None,
         told=(*columns.told, told),
     )
-    return Even(laid, scatter / period_s, later)
+    return laid, scatter / period_s, np.concatenate(later, axis=1)
 
 
 def _mean_held(time_s: FloatArray, force_n: FloatArray, at_s: FloatArray, period_s: float) -> FloatArray:

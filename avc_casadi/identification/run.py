@@ -60,15 +60,7 @@ class Kind:
 
 
 def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, kind: Kind) -> FloatArray:
-    """Return the prediction error of every sample and model, shape (samples, models).
-
-    Args:
-        state: at the start, shape (states,).
-        inputs: forces of the taps and measured position, shape (samples, taps + 1).
-        numbers: of each model: entries of the linear part, friction, constant force, gain of the observer, row of the
-            measured state, shape (models, numbers).
-        kind: of the models.
-    """
+    """Return the prediction error of every sample and model, shape (samples, models)."""
     x, inputs, numbers = (np.array(one, dtype=np.float64, order="C") for one in (state, inputs, numbers))
     if compiler() is None:
         through = sample(kind).mapaccum("through", len(inputs))
@@ -128,12 +120,6 @@ def _friction_of(speeds: Sequence[Any], eases: Sequence[Any], left: Any, level: 
 
     The sample is cut where the newer force arrives and at the other evaluations. A velocity that decays evenly changes
     in proportion to the change by 1 N: that is the clock inside the sample.
-
-    Args:
-        speeds: at the start, and without friction at the cuts and at the end.
-        eases: change of the velocity by 1 N of friction until each of them.
-        left: share of a velocity that remains after the sample.
-        level: of friction.
     """
     whole, gone = eases[-1], 1 - ca.fmax(left, _LEAST_LEFT)
     now, mean, moment = speeds[0], 0.0, 0.0

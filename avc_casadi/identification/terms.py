@@ -94,16 +94,7 @@ def is_force(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Structure:
-    """The rungs of a model, and what is known beforehand.
-
-    Attributes:
-        rungs: names of RUNGS.
-        known: fixed values.
-        units: scale of each linear parameter in the search.
-        encoder_at: side of the resonance with the encoder.
-        assumed: values that the log does not tell and the model needs.
-        offsets: number of constant forces: one of each log, or one of all.
-    """
+    """The rungs of a model, and what is known beforehand."""
 
     rungs: tuple[str, ...]
     known: Mapping[str, float]

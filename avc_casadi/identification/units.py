@@ -12,24 +12,10 @@ from avc_casadi._errors import Fault
 from avc_casadi._util.units import MotionKind
 
 QUANTITIES = ("time", "position", "force")
-
 _NAMES = {
     "time": ("time", "t", "timestamp", "stamp", "clock"),
     "position": ("position", "pos", "x", "q", "displacement", "y", "angle", "theta", "phi"),
-    "force": (
-        "force",
-        "f",
-        "u",
-        "command",
-        "commanded_force",
-        "force_command",
-        "force_cmd",
-        "cmd_force",
-        "effort",
-        "torque",
-        "tau",
-        "moment",
-    ),
+    "force": ("force", "f", "u", "command", "force_command", "cmd_force", "effort", "torque", "tau", "moment"),
 }
 # What to do where a log holds something else.
 _ELSE = {
@@ -38,59 +24,54 @@ _ELSE = {
     "force": "; of a current that times the motor's constant, in N or N.m, added as a column",
 }
 _ALSO = {"angle": "position", "torque": "force"}
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
-    "force": {"n": 1.0, "mn": 1e-3, "kn": 1e3},
+# Size in SI units, and the motion of the device that has the unit.
+_UNITS: Mapping[str, Mapping[str, tuple[float, MotionKind | None]]] = {
+    "time": {"s": (1.0, None), "ms": (1e-3, None), "us": (1e-6, None), "ns": (1e-9, None)},
+    "position": {
+        **{
+            name: (size, "linear")
+            for name, size in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3), ("um", 1e-6), ("nm", 1e-9))
+        },
+        **{name: (size, "rotary") for name, size in (("rad", 1.0), ("mrad", 1e-3), ("urad", 1e-6))},
+        "deg": (math.pi / 180, "rotary"),
+    },
+    "force": {
+        **{name: (size, "linear") for name, size in (("n", 1.0), ("mn", 1e-3), ("kn", 1e3))},
+        **{name: (size, "rotary") for name, size in (("n.m", 1.0), ("mn.m", 1e-3), ("kn.m", 1e3))},
+        **{name: (size, "rotary") for name, size in (("nm", 1.0), ("mnm", 1e-3), ("unm", 1e-6))},
+    },
 }
-TURNED: Mapping[str, Mapping[str, float]] = {
-    "time": {},
-    "position": {"rad": 1.0, "deg": math.pi / 180, "mrad": 1e-3, "urad": 1e-6},
-    "force": {"n.m": 1.0, "mn.m": 1e-3, "kn.m": 1e3, "nm": 1.0, "mnm": 1e-3, "unm": 1e-6},
-}
-"""Units of a rotary device; no unit of a quantity belongs to both kinds of motion."""
-_SPELT = {"sec": "s", "seconds": "s", "micros": "us", "millis": "ms", "µs": "us", "µm": "um", "newton": "n"} | {
-    "degrees": "deg",
-    "degree": "deg",
-    "°": "deg",
+_SPELT = {
+    **dict.fromkeys(("sec", "seconds"), "s"),
+    **dict.fromkeys(("degrees", "degree", "°"), "deg"),
+    **dict.fromkeys(("n*m", "n·m"), "n.m"),
+    "micros": "us",
+    "µs": "us",
+    "millis": "ms",
+    "µm": "um",
+    "newton": "n",
     "radians": "rad",
     "µrad": "urad",
-    "n*m": "n.m",
-    "n·m": "n.m",
-    "mn*m": "mn.m",
 }
-
-
-@dataclass(frozen=True)
-class Unit:
-    """A unit of a quantity.
-
-    Attributes:
-        size: in SI units.
-        motion: of the device that has it; None of a time.
-    """
-
-    size: float
-    motion: MotionKind | None = None
+_USUAL = {
+    "time": "s, ms, us, ns, in the header as time_s",
+    "position": "m, cm, mm, um (counts times the encoder's step), rad, deg, in the header as position_m or angle_rad",
+    "force": "N, mN, kN, or N.m, mN.m (a current times the motor's constant), in the header as force_n or torque_nm",
+}
 
 
 @dataclass(frozen=True)
 class Column:
-    """Column and unit of a quantity."""
+    """Column and unit of a quantity: its size in SI units, and the motion of the device that has it."""
 
     index: int
-    unit: Unit
+    size: float
+    motion: MotionKind | None
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns and units of a log, as given by the user.
-
-    Attributes:
-        columns: by quantity, a header or a number (1 is the first column); others are found by their headers.
-        units: by quantity; others are found in the header, ``position_mm`` or ``position [mm]``.
-        sample_time_s: where the log has no time.
-    """
+    """Columns (headers, or numbers from 1) and units by quantity, and the sample time of a log without time."""
 
     columns: Mapping[str, str | int] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
@@ -112,18 +93,9 @@ def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault
     return found, faults
 
 
-def named_unit(quantity: str, unit: str) -> Unit | None:
-    """Return a unit by its name, or None."""
-    plainly = unit.strip().lower()
-    plainly = _SPELT.get(plainly, plainly)
-    if plainly in UNITS[quantity]:
-        return Unit(UNITS[quantity][plainly], None if quantity == "time" else "linear")
-    return Unit(TURNED[quantity][plainly], "rotary") if plainly in TURNED[quantity] else None
-
-
 def motion_of(chosen: Mapping[str, Column]) -> MotionKind:
     """Return the motion of the device of a log."""
-    return "rotary" if any(one.unit.motion == "rotary" for one in chosen.values()) else "linear"
+    return "rotary" if any(one.motion == "rotary" for one in chosen.values()) else "linear"
 
 
 def chosen_columns(
@@ -138,48 +110,24 @@ def chosen_columns(
         # A sample time replaces a missing time, or one of writing.
         spare = quantity == "time" and layout.sample_time_s is not None and "time" not in layout.columns
         if isinstance(index, str):
-            if spare:
-                continue
-            faults.append(Fault(file, line, quantity, index))
+            faults += [] if spare else [Fault(file, line, quantity, index)]
             continue
-        stated = layout.units.get(quantity, parsed[index][1] if parsed else "")
-        unit = named_unit(quantity, stated) if stated else None
-        if unit is None and spare:
-            continue
-        if unit is None:
+        stated = layout.units.get(quantity, parsed[index][1] if parsed else "").strip()
+        unit = _UNITS[quantity].get(_SPELT.get(stated.lower(), stated.lower()))
+        if unit is not None:
+            chosen[quantity] = Column(index, *unit)
+        elif not spare:
             what = f"has the unit {stated!r}" if stated else "has no unit"
-            example = {"time": "time_s", "position": "position_m or angle_rad", "force": "force_n or torque_nm"}
-            faults.append(
-                Fault(
-                    file,
-                    line,
-                    quantity,
-                    f"{what}; allowed: {_allowed(quantity)}, in the header as {example[quantity]} or with --units "
-                    f"{quantity}=UNIT",
-                )
-            )
-        else:
-            chosen[quantity] = Column(index, unit)
+            allowed = f"{_USUAL[quantity]}, or with --units {quantity}=UNIT"
+            faults.append(Fault(file, line, quantity, f"{what}; allowed: {allowed}"))
     taken = [one.index for one in chosen.values()]
     if len(set(taken)) < len(taken):
         faults.append(Fault(file, line, "", "one column is named for two quantities; allowed: one column each"))
-    motions = {one.unit.motion for one in chosen.values()} - {None}
-    if len(motions) > 1:
-        turns, goes = ("position", "force") if chosen["position"].unit.motion == "rotary" else ("force", "position")
-        message = (
-            f"turns and {goes} goes in a line, by their units; allowed: both of a device that turns (rad or deg, N.m), "
-            "or both of one that does not (m, N)"
-        )
+    if len({one.motion for one in chosen.values()} - {None}) > 1:
+        turns = next(quantity for quantity, one in chosen.items() if one.motion == "rotary")
+        message = "turns and the rest of the log goes in a line, by their units; allowed: rad and N.m, or m and N"
         faults.append(Fault(file, line, turns, message))
     return chosen, faults
-
-
-def _allowed(quantity: str) -> str:
-    """Return the usual units of a quantity."""
-    if quantity == "force":
-        return "N, mN, kN, or N.m, mN.m of a device that turns (a current times the motor's constant)"
-    units = ", ".join(UNITS[quantity]) + (" (counts times the encoder's step)" if quantity == "position" else "")
-    return units if quantity == "time" else f"{units}, or {', '.join(TURNED[quantity])} of a device that turns"
 
 
 def _split(header: str) -> tuple[str, str]:
@@ -189,10 +137,8 @@ def _split(header: str) -> tuple[str, str]:
     if bracket:
         return bracket[1].strip().lower(), bracket[2]
     stem, _, last = text.rpartition("_")
-    known = {*_SPELT, *(unit for kind in (UNITS, TURNED) for units in kind.values() for unit in units)}
-    if stem and last.lower() in known:
-        return stem.lower(), last
-    return text.lower(), ""
+    known = last.lower() in {*_SPELT, *(unit for units in _UNITS.values() for unit in units)}
+    return (stem.lower(), last) if stem and known else (text.lower(), "")
 
 
 def _column(
@@ -210,24 +156,15 @@ def _column(
         return f"is not named, and there is no header; allowed: --columns {quantity}=NUMBER, 1 is the first"
     if wanted is not None:
         exact = [index for index, header in enumerate(headers) if header.strip() == wanted]
-        if len(exact) == 1:
-            return exact[0]
         near = difflib.get_close_matches(str(wanted), headers, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        return f"is {wanted!r}, no column; allowed: {', '.join(map(repr, headers))}{hint}"
+        return exact[0] if len(exact) == 1 else f"is {wanted!r}, no column; allowed: {', '.join(headers[:20])}{hint}"
     found = [index for index, (name, _) in enumerate(parsed) if name in _NAMES[quantity]]
     if len(found) == 1:
         return found[0]
-    unknown = [header.strip() for header in headers if _stem(header) in _NAMES[quantity]]
-    why = f"has no column among {', '.join(map(repr, headers[:20]))}"
+    unknown = [header.strip() for header in headers if header.rpartition("_")[0].strip().lower() in _NAMES[quantity]]
+    if unknown and not found:
+        return f"has a unit that is not known in {', '.join(unknown)}; allowed: {_USUAL[quantity]}"
+    many = f"{len(found)} columns" if found else "no column"
     allowed = f"one, or --columns {quantity}=HEADER{_ELSE[quantity]}"
-    if found:
-        why = f"has {len(found)} columns among {', '.join(map(repr, headers[:20]))}"
-    elif unknown:
-        why = f"has a unit that is not known in {', '.join(map(repr, unknown))}"
-        allowed = f"{_allowed(quantity)}, or --columns {quantity}=HEADER --units {quantity}=UNIT"
-    return f"{why}; allowed: {allowed}"
-
-
-def _stem(header: str) -> str:
-    return header.strip().rpartition("_")[0].lower()
+    return f"has {many} among {', '.join(map(repr, headers[:20]))}; allowed: {allowed}"

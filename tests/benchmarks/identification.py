@@ -29,6 +29,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE.parent.parent / "hardware")]
 
 from measured_device import Truth, measured, multisine  # noqa: E402 - found beside the tests
 
+import avc_casadi as avc  # noqa: E402
 from avc_casadi.identification.identify import identify  # noqa: E402
 from avc_casadi.identification.record import Record  # noqa: E402
 
@@ -104,15 +105,12 @@ def one(index: int, seed: int) -> dict[str, Any]:
         wanted = steps(random, count, excited["rms"], truth.period)
     _, position, force = measured(truth, wanted, random, noise=excited["noise"])
     before = time.process_time()
-    found = identify([Record("drawn", truth.period, position, force)])
-    row: dict[str, Any] = {
-        "index": index,
-        "kind": kind,
-        "cpu_s": round(time.process_time() - before, 2),
-        "rungs": found.rungs,
-        "mode": bool(device.get("resonance")),
-        "keys": {},
-    }
+    row: dict[str, Any] = {"index": index, "kind": kind, "mode": bool(device.get("resonance")), "rungs": [], "keys": {}}
+    try:
+        found = identify([Record("drawn", truth.period, position, force)])
+    except avc.InputError as error:
+        return row | {"refused": str(error)}
+    row |= {"cpu_s": round(time.process_time() - before, 2), "rungs": found.rungs}
     true = {key: device.get(name, 0.0) for key, name in KEYS.items()}
     if kind == "amplifier" and "amplifier_bandwidth_hz" not in found.estimates:
         # Its lag is then in the delay.
@@ -156,10 +154,12 @@ def table_of(rows: Sequence[Mapping[str, Any]], made: Mapping[str, Any]) -> str:
     found, claimed = (sum("resonance" in row["rungs"] for row in some) for some in (modes, plain))
     amplifiers = [row for row in rows if row["kind"] == "amplifier"]
     lags = sum(bool({"lag", "loop"} & set(row["rungs"])) for row in amplifiers)
-    seconds = [row["cpu_s"] for row in rows]
+    seconds = [row["cpu_s"] for row in rows if "cpu_s" in row]
+    refused = sum("refused" in row for row in rows)
     of_rungs = (
         f"A resonance was found in {found} of {len(modes)} devices that have one, and claimed in {claimed} of "
-        f"{len(plain)} that have none; an amplifier was told from delay in {lags} of {len(amplifiers)}."
+        f"{len(plain)} that have none; an amplifier was told from delay in {lags} of {len(amplifiers)}. "
+        f"Refused: {refused}."
     )
     of_time = f"Processor time a log: median {np.median(seconds):.1f} s, 95 % below {np.quantile(seconds, 0.95):.1f} s."
     lines += ["", f"{of_rungs} {of_time}", ""]
