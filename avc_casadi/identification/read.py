@@ -165,7 +165,7 @@ def _quantities(
     with np.errstate(over="ignore", invalid="ignore"):  # reported where numbers are looked at
         values = {key: np.asarray(one, dtype=np.float64) * chosen[key].size for key, one in columns.items()}
     if "time" not in values or (layout.sample_time_s is not None and "time" not in layout.columns):
-        values["time"] = np.arange(values["position"].size) * float(layout.sample_time_s or 0.0)
+        values["time"] = float(layout.sample_time_s or 0.0) * np.arange(values["position"].size, dtype=np.float64)
     return Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen), told)
 
 
