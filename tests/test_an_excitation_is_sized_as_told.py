@@ -1,4 +1,4 @@
-"""Numbers behind an excitation: its centring, its strength, its ramps, and what the sign of a velocity tells."""
+"""Numbers behind an excitation: its centring, its strength, its ramps."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from avc_casadi.identification.excitation import design as _design
-from avc_casadi.identification.excitation import information as _information
 from avc_casadi.identification.excitation.plan import speed_window
 from avc_casadi.identification.excitation.signal import WHOLE, ramp
 from avc_casadi.model.device import Device
@@ -19,10 +18,10 @@ def test_the_centring_swings_slowly_beside_its_delay_and_leaves_half_the_force(f
     travel_m, window = 0.02, 4
     devices = [Device(mass_kg=mass, damping_ns_per_m=1.0, sample_time_s=T, delay_samples=20) for mass in (0.2, 0.05)]
     devices = [one.model_copy(update={"coulomb_friction_n": 0.4 * force_n}) for one in devices]
-    found = _design._centring(devices, force_n, travel_m, "multisine", window)
+    spring, _ = _design._centring(devices, force_n, travel_m, window)
     late_s = (20 + 1.5 + window / 2) * T
-    assert np.sqrt(found.spring_n_per_m / 0.05) * late_s <= 0.3 * (1 + 1e-9)
-    assert found.spring_n_per_m * travel_m <= 0.5 * force_n * (1 + 1e-9)
+    assert np.sqrt(spring / 0.05) * late_s <= 0.3 * (1 + 1e-9)
+    assert spring * travel_m <= 0.5 * force_n * (1 + 1e-9)
 
 
 def test_a_signal_is_no_stronger_than_the_weakest_that_comes_near_a_limit(monkeypatch):
@@ -48,20 +47,3 @@ def test_a_signal_fades_out_as_it_fades_in():
     np.testing.assert_array_equal(found, found[::-1])
     assert found[0] < 0.05 * WHOLE
     assert set(found[60:-60]) == {WHOLE}
-
-
-def test_beside_its_part_along_the_velocity_the_sign_of_a_velocity_moves_what_is_simulated():
-    """Gaussian velocities, the force that is left of their sign, and the position that it makes, by spectra."""
-    random, mass, damping, size = np.random.default_rng(3), 0.1, 1.5, 1 << 17
-    rate = 2 * np.pi * np.geomspace(2.0, 60.0, 40)
-    power = np.geomspace(1.0, 0.2, 40)
-    wave = np.zeros(size)
-    for one, part in zip(rate, power, strict=True):
-        wave += np.sqrt(2 * part) * np.sin(one * T * np.arange(size) + random.uniform(0, 2 * np.pi))
-    sign = np.sign(wave)
-    left = sign - wave * (sign @ wave) / (wave @ wave)
-    w = 2 * np.pi * np.fft.rfftfreq(size, T)[1:]
-    gain = w**4 / (w**4 + 20.0**4) / ((mass * w**2) ** 2 + (damping * w) ** 2)
-    simulated = 2 * np.sum(np.abs(np.fft.rfft(left)[1:]) ** 2 * gain) / size**2
-    found = _information._left_of_the_sign(rate, power, T, mass, damping)
-    assert found == pytest.approx(simulated, rel=0.15)

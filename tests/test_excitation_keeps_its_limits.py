@@ -56,7 +56,7 @@ def test_no_force_from_the_tick_at_which_a_limit_is_exceeded(kind, mass, damping
 
 @pytest.mark.thorough
 def test_devices_of_the_ranges_play_to_the_end():
-    for kind in ("multisine", "chirp", "release"):
+    for kind in ("multisine", "chirp"):
         plan = planned(kind)
         for one in (corners_of(DECLARED)[1], corners_of(DECLARED)[-1]):
             log = Bench(one).excite(plan)
@@ -183,7 +183,7 @@ def test_plan_that_would_break_a_limit_on_a_corner_is_refused():
     with pytest.raises(avc.InputError, match=r"would reach .* on a device of the ranges"):
         check_plan(plan, wider)
     louder = tuple(2 * one for one in plan.signal.amplitude)
-    with pytest.raises(avc.InputError, match=r"allowed: 0\.3 m/s"):
+    with pytest.raises(avc.InputError, match=r"speed_m_per_s: would reach .* allowed: 0\.3"):
         check_plan(dataclasses.replace(plan, signal=dataclasses.replace(plan.signal, amplitude=louder)), DECLARED)
 
 

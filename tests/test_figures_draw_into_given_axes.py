@@ -15,7 +15,7 @@ from studies.estimators.study import EstimatorTraces
 import avc_casadi as avc
 from avc_casadi.claims.zwidth import llewellyn_table
 from avc_casadi.design.comparison.accuracy import SolverCost
-from avc_casadi.identification.diagnosis.diagnose import diagnose
+from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Columns, Record
 from avc_casadi.model.gains import Gains

@@ -27,7 +27,7 @@ ROOMS = (
     "simulation.population",
     "identification",
     "identification.excitation",
-    "identification.diagnosis",
+    "diagnose",
     "design.schedule",
     "design.constant",
     "design.robust",

@@ -9,10 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_device import Truth, measured, multisine
 
-from avc_casadi.identification.diagnosis.diagnose import diagnose
-from avc_casadi.identification.diagnosis.law import find_integral, find_law, without_repeats
-from avc_casadi.identification.diagnosis.log import log_of
-from avc_casadi.identification.diagnosis.relay import find_two_rates
+from avc_casadi.diagnose.causes import diagnose
+from avc_casadi.diagnose.law import find_law
+from avc_casadi.diagnose.oscillation import find_oscillation, log_of
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.record import Columns, Record, records_of
 from avc_casadi.identification.repair import filled, left_out
@@ -98,7 +97,7 @@ HOLES = [337, 338, 900, 1501]
 
 @pytest.mark.parametrize("lost", [{}, {"force_n": True}, {"time_s": True, "force_n": True}])
 def test_what_is_read_beside_rows_without_a_number_is_what_the_whole_log_tells(lost):
-    """The law, an integral term and two rates are exact in these logs, and none is with a row of a wrong position."""
+    """The law and two rates are exact in these logs, and none is with a row of a wrong position."""
     time = 1e-3 * np.arange(2000)
     moved = 1e-3 * np.sin(31 * time) + 4e-4 * np.sin(57 * time + 1)
     plain = 3000 * moved + 12 * np.diff(moved, prepend=moved[0]) / 1e-3
@@ -107,13 +106,14 @@ def test_what_is_read_beside_rows_without_a_number_is_what_the_whole_log_tells(l
     def grid(force):
         return log_of(with_holes(Columns("log", time, moved, -force), HOLES, **lost))[0]
 
-    law = find_law(grid(plain), None)
+    def law_of(log):
+        return find_law(log, find_oscillation(log, None), None, 0.0)
+
+    law = law_of(grid(plain))
     assert (law.stiffness_n_per_m, law.damping_ns_per_m) == pytest.approx((3000, 12), rel=1e-6)
     assert law.misfit < 1e-6
-    integral = grid(plain + 40000 * np.cumsum(moved) * 1e-3)
-    assert find_integral(integral, find_law(integral, None), None).integral_n_per_ms == pytest.approx(40000, rel=1e-6)
-    rates = find_two_rates(grid(slow))
-    assert (rates.slow, rates.ticks) == ("spring", 10)
+    frames = law_of(grid(slow)).frames
+    assert (frames.slow, frames.ticks) == ("spring", 10)
 
 
 def test_a_row_without_a_position_keeps_its_force_and_is_no_tick_that_was_missed():
@@ -122,7 +122,4 @@ def test_a_row_without_a_position_keeps_its_force_and_is_no_tick_that_was_missed
     log, _ = log_of(with_holes(Columns("log", time, moved, -3000 * moved), HOLES))
     assert np.array_equal(log.force_n, 3000 * moved)
     assert log.ticks.missed_share == 0
-    assert log.pattern.all()
-    repeated = without_repeats(log, None)
-    assert repeated.pattern.all()
-    assert np.flatnonzero(~repeated.ran).tolist() == HOLES
+    assert np.flatnonzero(~log.ran).tolist() == HOLES

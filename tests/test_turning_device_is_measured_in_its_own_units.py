@@ -14,9 +14,9 @@ from test_files_of_turning_devices import linear_keys
 import avc_casadi as avc
 from avc_casadi._util import units
 from avc_casadi.cli import main
+from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.files.device_file import parse_device
 from avc_casadi.identification.device import device_text
-from avc_casadi.identification.diagnosis.diagnose import diagnose
 from avc_casadi.identification.excitation.design import plan_excitation
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.read import read_logs
@@ -170,9 +170,10 @@ def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
     found = diagnose(Columns("log", time, position / RADIUS, force * RADIUS, motion="rotary"), device=turned)
     assert (found.verdict, found.cause) == (at_rim.verdict, at_rim.cause) == ("named", "stiffness")
     assert found.law.stiffness_n_per_m == pytest.approx(at_rim.law.stiffness_n_per_m * RADIUS**2, rel=1e-6)
-    own = next(cure for cure in found.cures if cure.key == "stiffness_n_per_m")
-    its = next(cure for cure in at_rim.cures if cure.key == "stiffness_n_per_m")
+    own = next(cure for cure in found.remedies if cure.key == "stiffness_n_per_m")
+    its = next(cure for cure in at_rim.remedies if cure.key == "stiffness_n_per_m")
     assert own.value == pytest.approx(its.value * RADIUS**2, rel=0.05)
+    assert found.data()["remedies"][0]["key"] != found.remedies[0].key
     with pytest.raises(avc.InputError, match="nothing says where the hand holds it"):
         diagnose(Columns("log", time, position, force, motion="rotary"))
 

@@ -28,7 +28,7 @@ from avc_casadi.cli.console import PICTURES, Console, output_file, write_figure,
 
 if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
-    from avc_casadi.identification.diagnosis.model import Diagnosis
+    from avc_casadi.diagnose.causes import Diagnosis
     from avc_casadi.identification.excitation.design import Excitation
     from avc_casadi.model.device import Device
     from avc_casadi.model.problem import Hands
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # Least travel for `avc identify`, encoder steps.
 _FEWEST_STEPS = 12.0
-_SIGNALS = ("multisine", "chirp", "sweep", "release")
+_SIGNALS = ("multisine", "chirp")
 
 
 def add_excite(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +63,7 @@ def add_excite(parser: argparse.ArgumentParser) -> None:
         "--signal",
         choices=_SIGNALS,
         default="multisine",
-        help="multisine: tells the most (default); chirp; sweep: at constant speed; release: pulled and released",
+        help="multisine: all frequencies at once (default); chirp: one after the other",
     )
     parser.add_argument("--seconds", type=positive, default=10.0, metavar="S", help="how long; default 10")
     add_worded(parser, "--force-n", "--torque-nm", "N", "force limit; default: half of the device's")
@@ -308,11 +308,11 @@ def _identify_known(args: argparse.Namespace) -> dict[str, float]:
 
 
 def add_diagnose(parser: argparse.ArgumentParser) -> None:
-    """Diagnose a log of a loop that buzzes: the nearest single cause, the evidence, the remedy.
+    """Diagnose a log of a loop that swings: the cause, the evidence, a remedy that was simulated.
 
-    Reads the logs that `avc identify` reads. Names one of: delay, too much damping, encoder limit cycle, resonance,
-    stiffness over the limit, hand let go, dropped ticks, halved rate, a force switched by a sign, two rates in one
-    loop; or says that nothing is wrong, or that it cannot tell, between which two, and the log that would decide.
+    Reads the logs that `avc identify` reads. Names one of: delay, sample rate, stiffness or damping over the limit,
+    hand released, resonance, a force switched by a sign, two rates in one loop, encoder steps or noise, dropped ticks;
+    says that nothing is wrong, or that it cannot tell, and the log that would decide.
     """
     parser.add_argument("log", metavar="LOG", nargs="+", help=".csv, .txt, .npz or .mat (v5): one record each")
     add_log_layout(parser)
@@ -320,10 +320,7 @@ def add_diagnose(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--problem", metavar="P", help="problem: its device and its hands")
     parser.add_argument("--coupling", metavar="FILE", help="coupling.json that was meant to run")
     parser.add_argument(
-        "--stiffness", type=positive, metavar="N/m", help="stiffness that was meant to run (N.m/rad of what turns)"
-    )
-    parser.add_argument(
-        "--damping", type=positive, metavar="N.s/m", help="damping that was meant to run (N.m.s/rad of what turns)"
+        "--handle-radius-m", type=positive, metavar="M", help="handle of a device that turns, where no device is given"
     )
     parser.add_argument("--plot", metavar="FILE", help="write a picture of each log (.png, .svg, .pdf)")
     parser.add_argument("--report", metavar="FILE", help="write a page with figures (.html)")
@@ -334,16 +331,12 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
     """Read, diagnose, write."""
     picture = output_file(args.plot, "--plot", PICTURES) if args.plot else None
     page = output_file(args.report, "--report", (".html",)) if args.report else None
-    if args.coupling and (args.stiffness or args.damping):
-        raise avc.InputError.of("stands beside --stiffness or --damping; allowed: one of the two", key="--coupling")
     if args.device and args.problem:
         raise avc.InputError.of("stands beside --problem, which has a device; allowed: one of them", key="--device")
     layout = log_layout(args)
     device, hands = _diagnose_declared(args)
     coupling = _diagnose_coupling(args.coupling)
-    from avc_casadi._util.units import LINEAR
-    from avc_casadi.identification.diagnosis.diagnose import diagnose
-    from avc_casadi.identification.diagnosis.told import diagnosis_document
+    from avc_casadi.diagnose.causes import diagnose
     from avc_casadi.present.rows.measure import diagnosis
 
     found = [
@@ -353,22 +346,19 @@ def run_diagnose(args: argparse.Namespace, console: Console) -> Answer:
             device=device,
             hands=hands,
             coupling=coupling,
-            stiffness_n_per_m=args.stiffness,
-            damping_ns_per_m=args.damping,
+            handle_radius_m=args.handle_radius_m,
             flip_force=args.flip_force,
             progress=console,
         )
         for log in args.log
     ]
-    documents = [diagnosis_document(each) for each in found]
+    documents = [each.data() for each in found]
     document: dict[str, Any] = documents[0] if len(found) == 1 else {"logs": documents}
     written = [] if picture is None else [str(path) for path in _diagnose_pictures(found, picture)]
     written += [] if page is None else [str(page)]
     healthy = all(each.verdict == "nothing wrong" for each in found)
     code = 0 if healthy or all(each.cause for each in found) else 1
-    answer = diagnosis(
-        document, found, LINEAR if device is None else device.units, f"avc diagnose {' '.join(args.log)} -v", written
-    )
+    answer = diagnosis(document, found, f"avc diagnose {' '.join(args.log)} -v", written)
     if page is not None:
         _diagnose_report(answer, found, page, console)
     return replace(answer, code=code)

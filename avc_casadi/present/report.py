@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from avc_casadi._util.progress import Progress
     from avc_casadi._util.units import Units
     from avc_casadi.design.comparison.comparison import Comparison
-    from avc_casadi.identification.diagnosis.model import Diagnosis
+    from avc_casadi.diagnose.causes import Diagnosis
     from avc_casadi.identification.model import Identification
     from avc_casadi.model.problem import Problem
     from avc_casadi.present.row import Answer
@@ -274,18 +274,11 @@ def diagnosis_html(answer: Answer, found: Sequence[Diagnosis], versions: Mapping
     from avc_casadi.present.figures.diagnosis import draw_diagnosis  # noqa: PLC0415 - as above
     from avc_casadi.present.rows.measure import diagnosis  # noqa: PLC0415 - as above
 
-    caption = (
-        "the grey stretch is the oscillation (a); the position without the hand's slow motion, with its envelope (b); "
-        "commanded input against position in its middle (c); its spectrum, with the frequency of the loop model (d)"
-    )
     sections = []
     for one in found:
-        rows = diagnosis(answer.data, [one], answer.units, "", ()).rows
-        picture = Picture.of(draw_diagnosis, one, f"{one.source}: {caption}")[1]
-        sections += [
-            Section(one.source, [each for each in rows if each.rank == 0], [picture]),
-            Section("Evidence", [each for each in rows if each.rank > 0], folded=True),
-        ]
+        caption = f"{one.log.name}: the grey stretch is the oscillation, the force against position is of its middle"
+        rows = diagnosis(answer.data, [one], "", ()).rows
+        sections.append(Section(one.log.name, rows, [Picture.of(draw_diagnosis, one, caption)[1]]))
     title = "Diagnosis of a log" if len(found) == 1 else f"Diagnosis of {len(found)} logs"
     said = ("; ".join(one.conclusion for one in found), all(one.verdict == "nothing wrong" for one in found))
-    return page_html(title, ", ".join(one.source for one in found), said, sections, answer.units, versions)
+    return page_html(title, ", ".join(one.log.name for one in found), said, sections, answer.units, versions)

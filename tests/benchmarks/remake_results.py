@@ -71,8 +71,6 @@ STUDIES = (
     Study("before_after.py --before CHECKOUT --count 200", None, ("before_after",)),
     Study("identification.py", None, ("identification",)),
     Study("real_drive.py emps_pulses.csv --write", None, ("real_drive",)),
-    Study("diagnosis.py", None, ("diagnosis",)),
-    Study("recorded_logs.py --count 200 --write", None, ("recorded_logs",)),
     Study("round_trip.py", None, ("round_trip",)),
     Study("reach.py 10000", None, ("reach",)),
     Study("mutation_run.py", None, ("mutation",)),

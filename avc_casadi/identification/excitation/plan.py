@@ -22,13 +22,11 @@ from avc_casadi.model.device import Device
 from avc_casadi.model.plant import LinearPlant, transition
 from avc_casadi.model.sampled_plant import device_plant
 
-Kind = Literal["multisine", "chirp", "sweep", "release"]
+Kind = Literal["multisine", "chirp"]
 
 SILENCE_S = 1.0
 """The device stops after so long without a message from the host."""
 WINDOW_MOST = 32
-# The error of a velocity by a step of the encoder, as a share of the speed limit.
-_COARSE = 0.1
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,7 @@ class Plan:
     """An excitation as the device plays it.
 
     Attributes:
-        kind: multisine, chirp, sweep or release.
+        kind: multisine or chirp.
         sample_time_s: T.
         metres_per_count: of the encoder.
         ticks: played, with the ramps.
@@ -87,21 +85,9 @@ class Plan:
 
 
 def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_s: float) -> int:
-    """Return the window of a velocity in ticks, as short as the encoder's step allows.
-
-    Args:
-        metres_per_count: of the encoder.
-        sample_time_s: T.
-        max_speed_m_per_s: a tenth of it is the largest error allowed.
-    """
-    wanted = metres_per_count / (_COARSE * max_speed_m_per_s * sample_time_s)
+    """Return the window of a velocity in ticks: a step of the encoder is at most a tenth of the speed limit over it."""
+    wanted = metres_per_count / (0.1 * max_speed_m_per_s * sample_time_s)
     return int(min(max(1, -(-wanted // 1)), WINDOW_MOST))
-
-
-# Parts of a sample in which friction is constant, where the force does not arrive inside it.
-_PARTS = 2
-# Ticks between two progress reports.
-_TOLD = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,14 +115,7 @@ def corners_of(device: Device) -> list[Device]:
 def forecast(
     plan: Plan, devices: Sequence[Device], scales: FloatArray | None = None, progress: Progress = SILENT
 ) -> Forecast:
-    """Simulate a plan on devices, with the signal as it is and larger or smaller.
-
-    Args:
-        plan: at the sample time of the devices.
-        devices: of one structure, such as the corners of one.
-        scales: of the signal; None is 1 alone.
-        progress: of the ticks.
-    """
+    """Simulate a plan on devices of one structure, with the signal scaled; None is 1 alone."""
     scales = np.ones(1) if scales is None else scales
     signal = plan.signal.units(plan.ticks) * (plan.max_force_n / FULL)
     fade = ramp(plan.ticks, plan.ramp_ticks) / WHOLE
@@ -149,7 +128,7 @@ def forecast(
     most = np.zeros((3, *shape))
     window_s = plan.window * plan.sample_time_s
     for tick in range(plan.ticks):
-        if tick % _TOLD == 0:
+        if tick % 500 == 0:
             progress.advance(tick, plan.ticks, "ticks simulated")
         away = state[..., steps.seen]
         slot = tick % plan.window
@@ -168,15 +147,7 @@ def forecast(
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """The parts of a sample for every device; each part has delays of its own.
-
-    Attributes:
-        parts: of each part: transition, transposed, shape (devices, n, n); force along +x and friction against it,
-            shape (devices, 1, n).
-        late: delay of the force of each part, samples, shape (parts, devices).
-        most_n: friction, shape (devices, 1).
-        seen: index of the measured position.
-    """
+    """Parts of a sample: transition, force and friction; their delays, (parts, devices); friction; measured state."""
 
     parts: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
     late: IndexArray
@@ -188,11 +159,11 @@ class _Steps:
         whole = np.array([int(one.delay_samples) for one in devices])
         rest = np.array([one.delay_samples for one in devices]) - whole
         split = bool(rest.any())
-        shares = [rest, 1 - rest] if split else [np.full(whole.size, 1 / _PARTS)] * _PARTS
+        shares = [rest, 1 - rest] if split else [np.full(whole.size, 0.5)] * 2
         first = devices[0]
         return cls(
             parts=tuple(_part(devices, share) for share in shares),
-            late=np.stack([whole + 1, whole] if split else [whole] * _PARTS),
+            late=np.stack([whole + 1, whole] if split else [whole] * 2),
             most_n=np.array([[one.coulomb_friction_n] for one in devices]),
             seen=2 if first.resonance is not None and first.encoder_at == "handle" else 0,
         )

@@ -17,7 +17,6 @@ from scipy.optimize import minimize
 
 from avc_casadi._util.arrays import FloatArray
 
-Shape = Literal["sine", "release"]
 Units = NDArray[np.int64]
 
 FULL = 32767
@@ -32,7 +31,7 @@ _POLYNOMIAL = (1686624950, 693528462, 85303417, 4658781)
 
 @dataclass(frozen=True)
 class Signal:
-    """Sines, or pulls and releases, under an envelope.
+    """Sines under an envelope.
 
     Attributes:
         step: of each phase in a tick, in turns of 2^32.
@@ -40,7 +39,7 @@ class Signal:
         amplitude: units, FULL being the largest force.
         growth: of every step in a tick, in 2^-32: a chirp whose frequency grows by a constant factor.
         knots: envelope at 33 times evenly spread over the time played, of 2^15.
-        shape: sine; or release: slow pull and release, in alternating directions.
+        shape: of each tone, as the firmware names it.
     """
 
     step: tuple[int, ...]
@@ -48,7 +47,7 @@ class Signal:
     amplitude: tuple[int, ...]
     growth: int = 0
     knots: tuple[int, ...] = (WHOLE,) * KNOTS
-    shape: Shape = "sine"
+    shape: Literal["sine"] = "sine"
 
     @classmethod
     def of(
@@ -60,19 +59,8 @@ class Signal:
         *,
         growth_per_tick: float = 0.0,
         knots: Sequence[float] | FloatArray | None = None,
-        shape: Shape = "sine",
     ) -> Signal:
-        """Round to the device's integers.
-
-        Args:
-            frequency_hz: of each tone, at the beginning.
-            amplitude: of each tone as a share of the largest force.
-            phase_rad: of each sine at the beginning.
-            sample_time_s: T.
-            growth_per_tick: relative growth of the frequencies.
-            knots: envelope, 0 to 1, shape (33,); None is 1 throughout.
-            shape: of the tones.
-        """
+        """Round to the integers of the device: amplitudes as shares of the largest force, knots from 0 to 1."""
         turns = np.asarray(frequency_hz) * sample_time_s
         return cls(
             step=tuple(round(float(one) * _TURN) for one in turns),
@@ -80,15 +68,13 @@ class Signal:
             amplitude=tuple(round(float(one) * FULL) for one in np.asarray(amplitude)),
             growth=round(growth_per_tick * _TURN),
             knots=(WHOLE,) * KNOTS if knots is None else tuple(round(float(one) * WHOLE) for one in np.asarray(knots)),
-            shape=shape,
         )
 
     def units(self, ticks: int) -> Units:
         """Return the signal under its envelope, in units, shape (ticks,)."""
         total = np.zeros(ticks, dtype=np.int64)
-        make = _sine if self.shape == "sine" else _release
         for step, phase, amplitude in zip(self.step, self.phase, self.amplitude, strict=True):
-            total += amplitude * make(_phases(step, phase, self.growth, ticks))
+            total += amplitude * _sine(_phases(step, phase, self.growth, ticks))
         return _over(_over(total, FULL) * self._envelope(ticks), WHOLE)
 
     def frequency_hz(self, ticks: int, sample_time_s: float) -> tuple[float, float]:
@@ -136,41 +122,16 @@ def _sine(phase: Units) -> Units:
     return np.asarray(np.where(phase >> 31, -rounded, rounded), dtype=np.int64)
 
 
-def _release(phase: Units) -> Units:
-    pulled, quadrant = (phase & (_QUARTER - 1)) >> 15, phase >> 30
-    return np.asarray(np.where(quadrant == 0, pulled, np.where(quadrant == 2, -pulled, 0)), dtype=np.int64)
-
-
 def _over(value: Units, by: int) -> Units:
     """Divide towards zero, as C does."""
     return np.asarray(np.sign(value) * (np.abs(value) // by), dtype=np.int64)
 
 
-_ORDERS = (4, 8, 16, 32)
-_STEPS = 60
-
-
-def schroeder_phases(power: FloatArray) -> FloatArray:
-    """Return Schroeder's phases (1970) of tones in order of frequency, rad, shape (tones,).
-
-    Args:
-        power: of each tone, in any unit.
-    """
-    share = power / power.sum()
-    return np.asarray(-2 * np.pi * np.cumsum(np.concatenate([[0.0], np.cumsum(share)[:-1]])), dtype=np.float64)
-
-
-def low_crest_phases(frequency_hz: FloatArray, power: FloatArray, time_s: FloatArray) -> FloatArray:
-    """Return phases of a multisine with a low crest factor, rad, shape (tones,).
-
-    Args:
-        frequency_hz: of the tones, rising, shape (tones,).
-        power: of each, shape (tones,).
-        time_s: instants at which the force is evaluated, shape (samples,).
-    """
-    amplitude = np.sqrt(2 * power / power.sum())
+def low_crest_phases(frequency_hz: FloatArray, amplitude: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return phases of a multisine with a low crest factor, from Schroeder's (1970) by norms of rising order."""
+    share = amplitude**2 / np.sum(amplitude**2)
     turns = np.outer(time_s, 2 * np.pi * frequency_hz)
-    cosine, sine = np.cos(turns) * amplitude, np.sin(turns) * amplitude
+    cosine, sine = np.cos(turns) * np.sqrt(2 * share), np.sin(turns) * np.sqrt(2 * share)
 
     def norm(phase: FloatArray, order: int) -> tuple[float, FloatArray]:
         wave = sine @ np.cos(phase) + cosine @ np.sin(phase)
@@ -182,9 +143,9 @@ def low_crest_phases(frequency_hz: FloatArray, power: FloatArray, time_s: FloatA
         slope = (pull @ cosine) * np.cos(phase) - (pull @ sine) * np.sin(phase)
         return float(np.log(top) + np.log(mean) / order), np.asarray(slope / top, dtype=np.float64)
 
-    phase = schroeder_phases(power)
-    for order in _ORDERS:
-        found = minimize(norm, phase, args=(order,), jac=True, method="L-BFGS-B", options={"maxiter": _STEPS})
+    phase = np.asarray(-2 * np.pi * np.cumsum(np.concatenate([[0.0], np.cumsum(share)[:-1]])), dtype=np.float64)
+    for order in (4, 8, 16, 32):
+        found = minimize(norm, phase, args=(order,), jac=True, method="L-BFGS-B", options={"maxiter": 60})
         phase = np.asarray(found.x, dtype=np.float64)
     return phase
 

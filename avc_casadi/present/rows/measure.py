@@ -8,14 +8,12 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
-from avc_casadi.identification.diagnosis.causes import CAUSES
-from avc_casadi.identification.diagnosis.told import remedy_text
 from avc_casadi.present.row import Answer, Mark, Part, Quantity, Row, Value, listed, marked, parts, row, span
 from avc_casadi.present.rows.subject import HAND, notes, plural
 
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
-    from avc_casadi.identification.diagnosis.model import Diagnosis, Remedy
+    from avc_casadi.diagnose.causes import Diagnosis
     from avc_casadi.identification.model import Estimate, Identification
 
 _MOVED: tuple[tuple[str, str, Quantity], ...] = (
@@ -23,10 +21,8 @@ _MOVED: tuple[tuple[str, str, Quantity], ...] = (
     ("Speed", "speed_m_per_s", "speed"),
     ("Travel", "travel_m", "length"),
 )
-# Rows of a diagnosis: remedies, best first, and logs; values of a device on the first screen.
-_MOST_REMEDIES, _MOST_LOGS, _MOST_VALUES = 3, 10, 9
-# Share of an oscillation from which the force limit bounds it; a misfit that is not significant.
-_CUT, _LEAST_MISFIT = 0.02, 1e-3
+# Values of a device on the first screen.
+_MOST_VALUES = 9
 
 
 def plan(data: Mapping[str, Any], units: Units, shown: str, port: str) -> Answer:
@@ -111,98 +107,43 @@ def _ends(one: Estimate, units: Units) -> str:
     return f"{low} to {high}"
 
 
-def diagnosis(
-    data: Mapping[str, Any], found: Sequence[Diagnosis], units: Units, command: str, written: Sequence[str]
-) -> Answer:
+def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str, written: Sequence[str]) -> Answer:
     """Return the answer of `diagnose`: the rows of one log, or a row for each of several."""
     beside = [row("Written", ", ".join(written))] if written else []
+    units = found[0].declared.device.units
     if len(found) > 1:
-        rows = [row(one.source, _conclusion(one), mark=_verdict(one)) for one in found[:_MOST_LOGS]]
-        rows += [row("Others", plural(len(found) - _MOST_LOGS, "log"))] if len(found) > _MOST_LOGS else []
+        rows = [row(one.log.name, one.conclusion, mark=_verdict(one)) for one in found[:10]]
+        rows += [row("Others", plural(len(found) - 10, "log"))] if len(found) > 10 else []
         return Answer("diagnose", data, (f"{len(found)} logs",), (*rows, *beside), (command,), units)
     (one,) = found
-    rows = [row("Verdict", _conclusion(one), mark=_verdict(one))]
-    shares = {str(CAUSES.get(cause, "none of them")): share for cause, share in one.shares.items() if share > 0.005}
-    if len(one.shares) > 1:
-        rows.append(row("Supported", listed((name, Value(share, "share")) for name, share in shares.items())))
-    rows += [row("Remedy", _remedy(cure, one, units)) for cure in one.cures[:_MOST_REMEDIES]]
-    rows += [row("Would decide", one.decides)] if one.decides else []
-    rows += [_oscillation(one), *_ticks(one), *_law(one), *_measured(one), *beside]
-    rows += [*notes(one.evidence, "Evidence", Mark.NONE, 1), *notes(one.notes, "Assumed", Mark.NONE, 1)]
-    title = parts(one.source, " ", Value(one.seconds, "time"))
+    swing, law, ticks, fit = one.swing, one.law, one.log.ticks, one.fit
+    rows = [row("Verdict", one.conclusion, mark=_verdict(one))]
+    for cure in one.remedies[:3]:
+        values = Value(cure.value, cure.quantity), Value(cure.before, cure.quantity)
+        rows.append(row("Remedy", cure.key.replace("_", " "), values[0], "in place of", values[1]))
+    rows += [row("Next log", one.decides)] if one.decides else []
+    if swing.kind != "none":
+        size = Value(swing.peak_to_peak_m, "length"), ",", Value(swing.force_peak_to_peak_n, "force")
+        contact = ", in contact", Value(swing.contact_share, "share")
+        rows.append(row("Oscillation", swing.kind, Value(swing.frequency_hz, "frequency"), ":", size, contact))
+    if ticks.missed_share:
+        missed = f"missing, at most {ticks.longest_gap} in a row"
+        rows.append(row("Ticks", Value(ticks.missed_share, "share"), missed, mark=Mark.CAUTION))
+    if law is not None:
+        k, b = Value(law.stiffness_n_per_m, "stiffness"), Value(law.damping_ns_per_m, "damping")
+        rows.append(row("Force", "k", k, ", b", b, "; residual", Value(max(law.misfit, 1e-3), "share")))
+    if fit is not None and law is not None:
+        ends = " to ".join(dict.fromkeys(number(end, 3) for end in one.declared.delay_samples))
+        late = f"± {number(fit.delay_error, 1)}; {'declared' if one.declared.known else 'assumed'} {ends}"
+        rows.append(row("Delay", Value(fit.best.delay + law.lag, "samples"), late))
+        hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), HAND, strict=True)
+        rows.append(row("Hand", listed(Value(value, of) for value, (_, of) in hand) or "none"))
+        if fit.best.stops is not None:
+            rows.append(row("Stops", listed(Value(each, "length") for each in fit.best.stops[:2])))
+    rows += [*beside, *notes(one.notes, "Assumed", Mark.NONE, 1)]
+    title = parts(one.log.name, " ", Value(one.log.position_m.size * ticks.period_s, "time"))
     return Answer("diagnose", data, title, tuple(rows), (command,), units)
 
 
 def _verdict(one: Diagnosis) -> Mark:
     return Mark.PASS if one.verdict == "nothing wrong" else Mark.FAIL if one.cause else Mark.CAUTION
-
-
-def _conclusion(one: Diagnosis) -> tuple[Part, ...]:
-    """Return the cause with its number; one without a number as concluded."""
-    law, measured, least = one.law, one.measured, "; less of it is the smallest remedy"
-    if one.cause == "delay" and measured is not None:
-        late, meant = Value(measured.delay_samples, "samples"), Value(measured.declared_delay_samples, "samples")
-        return (f"{CAUSES['delay']}:", late, "in place of", meant, ", with which the loop settles")
-    if one.cause == "stiffness" and law is not None:
-        return (f"{CAUSES['stiffness']}: k", Value(law.stiffness_n_per_m, "stiffness"), least)
-    if one.cause == "damping" and law is not None and law.damping_ns_per_m > 0:
-        return (f"{CAUSES['damping']}: b", Value(law.damping_ns_per_m, "damping"), least)
-    return (one.conclusion,)
-
-
-def _remedy(cure: Remedy, one: Diagnosis, units: Units) -> str:
-    """Return a remedy with its number, and its effect on the loop."""
-    law, measured, change = one.law, one.measured, cure.change
-    if cure.key == "stiffness_n_per_m" and law is not None:
-        to, of = (Value(value, "stiffness").text(units) for value in (cure.value, law.stiffness_n_per_m))
-        change = f"k {to} in place of {of}"
-    elif cure.key == "damping_ns_per_m" and law is not None:
-        to, of = (Value(value, "damping").text(units) for value in (cure.value, law.damping_ns_per_m))
-        change = f"b {to} in place of {of}"
-    elif cure.key == "delay_samples" and measured is not None:
-        change = f"a delay of {number(cure.value, 2)} in place of {number(measured.delay_samples, 3)} samples"
-    return remedy_text(change, cure.growth_per_s)
-
-
-def _oscillation(one: Diagnosis) -> Row:
-    found = one.oscillation
-    if not math.isfinite(found.frequency_hz):
-        return row("Oscillation", "none; above 4 Hz the position moves by", Value(found.at_rest_m, "length"), "rms")
-    size = (Value(found.peak_to_peak_m, "length"), ",", Value(found.force_peak_to_peak_n, "force"), "peak to peak")
-    where = (", in contact", Value(found.contact_share, "share"), "of the time")
-    cut = (", at the limit", Value(found.at_force_limit_share, "share")) if found.at_force_limit_share > _CUT else None
-    return row("Oscillation", f"{found.looks} at", Value(found.frequency_hz, "frequency"), ":", size, where, cut)
-
-
-def _ticks(one: Diagnosis) -> list[Row]:
-    """Return the faults of the ticks."""
-    ticks = one.ticks
-    missed = (Value(ticks.missed_share, "share"), f"missing, at most {ticks.longest_gap} in a row")
-    found = [
-        missed if ticks.missed_share > 0 else None,
-        f"a new value every {ticks.held} samples only" if ticks.held > 1 else None,
-    ]
-    return [row("Ticks", listed(found, ";"), mark=Mark.CAUTION)] if any(found) else []
-
-
-def _law(one: Diagnosis) -> list[Row]:
-    law = one.law
-    if law is None:
-        return []
-    if not law.told:
-        return [row("Law", "no spring and damper:", Value(law.misfit, "share"), "is left")]
-    k, b = Value(law.stiffness_n_per_m, "stiffness"), Value(law.damping_ns_per_m, "damping")
-    return [row("Law", "k", k, ", b", b, "; misfit", Value(max(law.misfit, _LEAST_MISFIT), "share"))]
-
-
-def _measured(one: Diagnosis) -> list[Row]:
-    found = one.measured
-    if found is None:
-        return []
-    late = f"{number(found.delay_samples, 3)} ± {number(found.delay_error_samples, 1)} samples"
-    ends = dict.fromkeys((number(found.least_declared_delay_samples, 3), number(found.declared_delay_samples, 3)))
-    rows = [row("Delay", f"{late}; declared or assumed {' to '.join(ends)}")]
-    if found.hand is None:
-        return [*rows, row("Hand", "none: the device is released")]
-    values = zip(found.hand.values(), HAND, strict=True)
-    return [*rows, row("Hand", listed(Value(value, of) for value, (_, of) in values))]

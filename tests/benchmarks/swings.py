@@ -1,0 +1,261 @@
+"""Swings of loops drawn at random: share of causes named right, confident wrong answers, remedies that bring rest.
+
+nice python tests/benchmarks/swings.py --count 100 --write
+
+Each log is of a loop that rests in the simulator below, which shares no code with the project: mass 0.05 to 0.3 kg, 400
+to 4 000 N/m, 1 or 2 ms, delay 0.2 to 2 samples, one- or two-sided, a hand. Then one thing is changed so that it swings:
+2 to 6 samples of delay, half or a third of the rate, k or b times 2 to 6, the hand gone, a relay with and without dead
+band, a spring or damper of every 8th to 24th tick, noise through the damper, k times 2 to 6 between travel stops. Every
+eleventh is left as it is. A remedy that is told is made in the simulator; it has to leave less than a fifth of the
+swing, or two and a half encoder steps, and less than half of the force that noise makes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+sys.path[:0] = [str(HERE.parent)]
+
+from avc_casadi._util.arrays import FloatArray  # noqa: E402 - the package of this tree
+from avc_casadi.diagnose.causes import Diagnosis, diagnose  # noqa: E402
+from avc_casadi.identification.record import Columns  # noqa: E402
+from avc_casadi.model.device import Device  # noqa: E402
+
+KINDS = ("delay", "rate", "stiffness", "damping", "let-go", "relay", "dead band", "rates", "noise", "stops", "none")
+TRUTH = {"dead band": "relay", "noise": "encoder", "stops": "stiffness", "none": "nothing wrong"}
+TICKS, PARTS = 1800, 10
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A loop in SI units; `hand` is mass, damping, stiffness; `stops` are travel, stiffness, damping."""
+
+    mass: float
+    damping: float
+    friction: float
+    period: float
+    delay: float
+    step: float
+    limit: float
+    k: float
+    b: float
+    hand: tuple[float, float, float]
+    one_sided: bool
+    relay: float = 0.0
+    band: float = 0.0
+    width: float = 0.0
+    slow: str = ""
+    every: int = 1
+    noise: float = 0.0
+    keep: float = 0.0
+    stops: tuple[float, float, float] = (math.inf, 0.0, 0.0)
+
+
+def played(loops: Sequence[Loop], seed: int = 0) -> tuple[FloatArray, FloatArray]:
+    """Return measured position and commanded force along +position of some loops, in small steps of Newton's law."""
+    one = {key: np.array([getattr(loop, key) for loop in loops]) for key in Loop.__dataclass_fields__}
+    mass, damping, friction, period, step, limit, k, b, width, keep, every = (
+        one[key]
+        for key in ("mass", "damping", "friction", "period", "step", "limit", "k", "b", "width", "keep", "every")
+    )
+    hand_mass, hand_damping, hand_spring = one["hand"].T
+    travel, stop_k, stop_b = one["stops"].T
+    sided, spring_slow, damper_slow = one["one_sided"], one["slow"] == "spring", one["slow"] == "damper"
+    h, late, rows = period / PARTS, np.round(one["delay"] * PARTS).astype(int), np.arange(len(loops))
+    noise = one["noise"] * np.random.default_rng(seed).standard_normal((TICKS, len(loops)))
+    x, v = np.where(sided, -0.002, 0.004), np.zeros(len(loops))
+    seen, force = np.zeros((TICKS, len(loops))), np.zeros((TICKS, len(loops)))
+    rate, slow_at, slow_rate, before = np.zeros((4, len(loops)))
+    for tick in range(TICKS):
+        at = step * np.floor((x + noise[tick]) / step + 0.5)
+        rate = keep * rate + (1 - keep) * ((at - before) if tick else 0.0) / period
+        new = tick % every == 0
+        slow_rate = np.where(new, (at - slow_at) / (every * period) if tick else 0.0, slow_rate)
+        slow_at, before = np.where(new, at, slow_at), at
+        asked = k * np.where(spring_slow, slow_at, at) + b * np.where(damper_slow, slow_rate, rate)
+        beyond = np.maximum(np.abs(at) - one["band"], 0.0)
+        ramp = np.where(width > 0, np.minimum(beyond / np.maximum(width, 1e-12), 1.0), beyond > 0)
+        asked = asked + one["relay"] * np.sign(at) * ramp
+        asked = np.where(sided, np.where(at > 0, np.maximum(asked, 0.0), 0.0), asked)
+        seen[tick], force[tick] = at, np.clip(asked, -limit, limit)
+        target = np.where(sided, np.minimum(0.06 * tick * period - 0.002, 0.006), 0.0)
+        for part in range(PARTS):
+            past = tick * PARTS + part - late
+            push = -np.where(past >= 0, force[np.maximum(past, 0) // PARTS, rows], 0.0) - damping * v
+            push += hand_spring * (target - x) - hand_damping * v
+            push -= (np.abs(x) > travel) * (stop_k * (x - np.clip(x, -travel, travel)) + stop_b * v)
+            v = v + h * push / (mass + hand_mass)
+            rub = h * friction / (mass + hand_mass)
+            v = np.where(np.abs(v) <= rub, 0.0, v - np.sign(v) * rub)
+            x = np.clip(x + h * v, -1.0, 1.0)
+    return seen, -force
+
+
+def sizes(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what each loop swings by in the second and in the last third."""
+    middle, late = (np.ptp(part, axis=0) for part in np.array_split(values, 3)[1:])
+    return middle, late
+
+
+def between(random: np.random.Generator, low: float, high: float) -> float:
+    """Draw log-uniformly."""
+    return float(np.exp(random.uniform(math.log(low), math.log(high))))
+
+
+def healthy(random: np.random.Generator) -> Loop:
+    """Draw a loop."""
+    return Loop(
+        mass=between(random, 0.05, 0.3),
+        damping=between(random, 0.3, 2.0),
+        friction=float(random.uniform(0.0, 0.04)) if random.random() < 0.4 else 0.0,
+        period=float(random.choice([1e-3, 1e-3, 2e-3])),
+        delay=float(random.uniform(0.2, 2.0)),
+        step=between(random, 1e-6, 1e-5),
+        limit=float(random.choice([8.0, 20.0, 40.0])),
+        k=between(random, 400.0, 4000.0),
+        b=between(random, 1.0, 20.0),
+        hand=(float(random.uniform(0.05, 0.3)), float(random.uniform(3, 15)), float(random.uniform(200, 800))),
+        one_sided=bool(random.random() < 0.5),
+    )
+
+
+def changed(random: np.random.Generator, loop: Loop, kind: str) -> Loop:
+    """Change one thing."""
+    more = between(random, 2.0, 6.0)
+    size_n = float(random.uniform(0.5, 3.0))
+    every = int(random.integers(8, 25))
+    return {
+        "delay": lambda: replace(loop, delay=loop.delay + more),
+        "rate": lambda: replace(loop, period=loop.period * int(random.integers(2, 4))),
+        "stiffness": lambda: replace(loop, k=more * loop.k),
+        "damping": lambda: replace(loop, b=more * loop.b),
+        "let-go": lambda: replace(loop, hand=(0.0, 0.0, 0.0), one_sided=False),
+        "relay": lambda: replace(loop, relay=size_n, one_sided=False),
+        "dead band": lambda: replace(loop, relay=size_n, band=between(random, 5e-5, 8e-4), one_sided=False),
+        "rates": lambda: replace(loop, slow=str(random.choice(["spring", "damper"])), every=every, one_sided=False),
+        "noise": lambda: replace(loop, noise=loop.step * between(random, 0.7, 3.0), b=more * loop.b),
+        "stops": lambda: replace(loop, k=more * loop.k, stops=(between(random, 3e-3, 8e-3), 3e4, 30.0)),
+        "none": lambda: loop,
+    }[kind]()
+
+
+def case(kind: str, seed: int, number: int) -> tuple[Loop, Loop, Columns]:
+    """Draw until a loop rests and the changed one swings; returns both, and the log."""
+    random = np.random.default_rng([seed, number])
+    while True:
+        loops = [healthy(random) for _ in range(24)]
+        if kind in {"let-go", "relay", "dead band", "rates"}:
+            loops = [replace(loop, one_sided=False) for loop in loops]
+        wrongs = [changed(random, loop, kind) for loop in loops]
+        seen, force = played([*loops, *wrongs])
+        (_, rest), (middle, late), (_, ripple) = sizes(seen[:, :24]), sizes(seen[:, 24:]), sizes(force[:, 24:])
+        for i, (loop, wrong) in enumerate(zip(loops, wrongs, strict=True)):
+            swings = 8 * loop.step < late[i] < 0.5 and late[i] > 0.8 * middle[i]
+            if kind == "stops":
+                swings = swings and np.abs(seen[:, 24 + i]).max() > 1.02 * wrong.stops[0]
+            if kind == "noise":
+                swings = bool(ripple[i] > max(0.4, 0.02 * loop.limit))
+            if rest[i] < 1.5 * loop.step and (swings or kind == "none"):
+                time_s = np.arange(TICKS) * wrong.period
+                return loop, wrong, Columns(f"{kind}-{number}", time_s, seen[:, 24 + i], force[:, 24 + i])
+
+
+def declared(loop: Loop, wrong: Loop) -> Device:
+    """Return the file of the device: what was meant."""
+    return Device.model_validate(
+        {
+            "mass_kg": loop.mass,
+            "damping_ns_per_m": loop.damping,
+            "coulomb_friction_n": loop.friction,
+            "sample_time_s": loop.period,
+            "delay_samples": round(loop.delay, 3),
+            "encoder_resolution_m": loop.step,
+            "position_noise_rms_m": wrong.noise,
+            "max_force_n": loop.limit,
+        }
+    )
+
+
+def mended(wrong: Loop, key: str, value: float) -> Loop:
+    """Return a loop with a remedy."""
+    frames = replace(wrong, every=1, slow="")
+    period = frames if wrong.slow else replace(wrong, period=value)
+    finer = replace(wrong, step=value, noise=wrong.noise * value / wrong.step)
+    return {
+        "delay_samples": lambda: replace(wrong, delay=value),
+        "sample_time_s": lambda: period,
+        "stiffness_n_per_m": lambda: replace(wrong, k=value),
+        "damping_ns_per_m": lambda: replace(wrong, b=value),
+        "velocity_filter_hz": lambda: replace(wrong, keep=math.exp(-2 * math.pi * value * wrong.period)),
+        "encoder_resolution_m": lambda: finer,
+        "switch_width": lambda: replace(wrong, width=value),
+    }[key]()
+
+
+def settled(found: Diagnosis, wrong: Loop, kind: str) -> list[tuple[str, bool]]:
+    """Return each remedy that was told, and whether it brings rest."""
+    which = 1 if kind == "noise" else 0
+    loops = [wrong, *(mended(wrong, one.key, one.value) for one in found.remedies)]
+    now, *left = sizes(played(loops)[which])[1].tolist()
+    least = 0.45 * now if kind == "noise" else max(0.2 * now, 2.5 * wrong.step)
+    return [(one.key, each < least) for one, each in zip(found.remedies, left, strict=True)]
+
+
+def page(rows: Sequence[tuple[str, str]], cures: Sequence[bool], seed: int, count: int) -> str:
+    """Return the results as text."""
+    counts = Counter(rows)
+    outcomes = ("right", "cannot tell", "wrong")
+    lines = [f"| {kind} | {' | '.join(str(counts[kind, one]) for one in outcomes)} |" for kind in KINDS]
+    total = [sum(counts[kind, one] for kind in KINDS) for one in outcomes]
+    made = f"Made by `python tests/benchmarks/swings.py --count {count} --write` (seed {seed})"
+    parts = [
+        "# Swings of loops drawn at random",
+        f"{made}; {len(rows)} logs.",
+        " ".join((__doc__ or "").split("\n\n")[2].split()),
+        "\n".join(["| what is wrong | right | cannot tell | confident and wrong |", "|---|--:|--:|--:|", *lines])
+        + f"\n| all | {' | '.join(map(str, total))} |",
+        f"{sum(cures)} of {len(cures)} remedies bring rest.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def main() -> None:
+    """Run the study; the page is written after each log."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=11, help="logs")
+    parser.add_argument("--seed", type=int, default=612)
+    parser.add_argument("--write", action="store_true", help="overwrite RESULTS_swings.md")
+    args = parser.parse_args()
+    rows: list[tuple[str, str]] = []
+    cures: list[bool] = []
+    for number in range(args.count):
+        kind = KINDS[number % len(KINDS)]
+        loop, wrong, log = case(kind, args.seed, number)
+        begun = time.process_time()
+        found = diagnose(log, device=declared(loop, wrong))
+        spent = time.process_time() - begun
+        answer = found.cause or found.verdict
+        outcome = "right" if answer == TRUTH.get(kind, kind) else answer if answer == "cannot tell" else "wrong"
+        rows.append((kind, outcome))
+        tried = settled(found, wrong, kind)
+        cures += [rests for _, rests in tried]
+        print(f"{number}: {kind} -> {answer} ({spent:.1f} s) {tried}", flush=True)
+        if outcome != "right" or not all(rests for _, rests in tried):
+            print(f"    {found.conclusion}; {wrong}", flush=True)
+        if args.write:
+            (HERE / "RESULTS_swings.md").write_text(page(rows, cures, args.seed, args.count), encoding="utf-8")
+    print(page(rows, cures, args.seed, args.count))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,287 @@
+"""Logs of simulators that share no code with the project: the cause is right or open, and what is told brings rest."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from buzzing_cases import CAUSES, case_of, declared_of, healthy_case
+from buzzing_device import Buzzing, logged
+from held_device import held_log
+
+from avc_casadi.diagnose.causes import diagnose
+from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
+
+HEALTHY = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
+CHANGES = {
+    "delay": {"delay": 7.0},
+    "damping": {"damper": 250.0},
+    "stiffness": {"stiffness": 20000.0},
+    "rate": {"period": 3e-3},
+}
+FIELDS = {"damping_ns_per_m": "damper", "stiffness_n_per_m": "stiffness", "delay_samples": "delay"}
+
+
+def columns(loop, seconds=1.5):
+    return Columns("log", *logged(loop, seconds))
+
+
+def found_of(loop, meant=HEALTHY):
+    return diagnose(columns(loop), device=declared_of(meant))
+
+
+@pytest.mark.parametrize("cause", [pytest.param(cause, marks=pytest.mark.thorough) for cause in CHANGES])
+def test_one_number_too_large_is_named_and_what_is_told_rests_in_the_simulator(cause):
+    meant = replace(HEALTHY, stiffness=9000.0) if cause == "rate" else HEALTHY
+    wrong = replace(meant, **CHANGES[cause])
+    found = found_of(wrong, meant)
+    assert (found.verdict, found.cause) == ("named", cause), found.conclusion
+    assert found.remedies
+    for remedy in found.remedies:
+        if remedy.key in FIELDS:
+            position = columns(replace(wrong, encoder=1e-8, **{FIELDS[remedy.key]: remedy.value}), 3.0).position_m
+            assert np.ptp(position[-300:]) < 0.05 * np.ptp(columns(wrong).position_m[-300:]), remedy
+
+
+def test_a_late_loop_tells_its_delay():
+    found = found_of(replace(HEALTHY, delay=4.4, lag=2.0, stiffness=5000.0))
+    assert found.cause == "delay", found.conclusion
+    assert found.law.lag == 2
+    assert found.fit.best.delay + found.law.lag == pytest.approx(6.4, abs=0.15)
+
+
+@pytest.mark.thorough
+def test_a_resonance_that_nobody_declared_is_found():
+    found = found_of(replace(HEALTHY, resonance=110.0, ratio=0.02, damper=40.0), replace(HEALTHY, damper=40.0))
+    assert found.cause == "resonance", found.conclusion
+    assert found.fit.best.device.resonance.frequency_hz == pytest.approx(110.0, rel=0.2)
+
+
+@pytest.mark.thorough
+def test_a_hand_that_let_go_is_missed():
+    loop = replace(HEALTHY, stiffness=2500.0, damper=4.0, two_sided=1.0, delay=2.0)
+    found = found_of(replace(loop, release=0.5, weight=0.8), loop)
+    assert found.cause == "let-go", found.conclusion
+    assert found.fit.best.hand is None
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("cause", [*CAUSES, "nothing wrong"])
+def test_what_is_drawn_is_named_right_or_left_open(cause):
+    for index in range(2):
+        case = healthy_case(90, index) if cause == "nothing wrong" else case_of(cause, 90, index)
+        found = diagnose(case.columns, device=case.declared)
+        assert (found.cause or found.verdict) in {cause, "cannot tell"}, found.conclusion
+
+
+STEP = 2 * np.pi / 16384
+
+
+def turning(law, *, mass, damping, friction, period, delay, limit, step=STEP, noise=0.0, **loop):
+    """Return the log of a device that turns, and its declaration."""
+    made = {"mass": mass, "damping": damping, "friction": friction, "period": period, "delay": delay, "limit": limit}
+    log = held_log(law, **made, step=step, noise=noise, rotary=True, **loop)
+    keys = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "sample_time_s", "delay_samples", "max_force_n")
+    device = dict(zip(keys, made.values(), strict=True))
+    more = {"motion": "rotary", "handle_radius_m": 0.15, "encoder_resolution_m": step, "position_noise_rms_m": noise}
+    return log, Device.model_validate(device | more)
+
+
+def switched(k, b, c, band=0.0):
+    return lambda _, z, u: -(k * z + b * u + (c * np.sign(z) if abs(z) > band else 0.0))
+
+
+def first_only(cases):
+    """Run the first case always, its neighbours as thorough ones."""
+    return [cases[0], *(pytest.param(*case, marks=pytest.mark.thorough) for case in cases[1:])]
+
+
+@pytest.mark.parametrize(
+    ("k", "b", "c", "mass", "period"),
+    first_only([(1.2, 0.03, 0.7, 0.025, 5e-3), (2.0, 0.05, 0.5, 0.025, 5e-3), (1.2, 0.03, 0.4, 0.025, 5e-3),
+                (0.8, 0.02, 1.0, 0.03, 4e-3)]),
+)  # fmt: skip
+def test_a_relay_beside_spring_and_damper_swings_without_a_hand(k, b, c, mass, period):
+    """The logged torque takes energy; as it acts, a sample and the hold later, it feeds the swing."""
+    log, device = turning(
+        switched(k, b, c), mass=mass, damping=0.02, friction=0.02, period=period, delay=1, limit=2.2, start=0.6,
+        ticks=round(6 / period), given_by=lambda force: force - np.clip(force, -0.05, 0.05),
+    )  # fmt: skip
+    found = diagnose(log, device=device)
+    assert found.cause == "relay", found.conclusion
+    assert abs(found.law.switch.force_n) == pytest.approx(c, rel=0.02)
+    assert [remedy.key for remedy in found.remedies] == ["switch_width"]
+
+
+@pytest.mark.parametrize(
+    ("k", "b", "c", "band", "mass", "period"),
+    first_only([(1.2, 0.05, 0.5, 5e-3, 0.05, 1 / 60), (1.2, 0.05, 0.8, 1e-2, 0.05, 1 / 60),
+                (2.0, 0.08, 0.5, 5e-3, 0.03, 1 / 100), (1.2, 0.05, 0.5, 5e-3, 0.08, 1 / 60)]),
+)  # fmt: skip
+def test_a_minimum_force_with_a_dead_band_is_named_and_over_the_width_told_it_rests(k, b, c, band, mass, period):
+    loop = {"mass": mass, "damping": 0.03, "friction": 0.03, "period": period, "delay": 1, "limit": 5.0}
+    loop |= {"start": 0.4, "ticks": round(8 / period)}
+    log, device = turning(switched(k, b, c, band), **loop)
+    found = diagnose(log, device=device)
+    assert found.cause == "relay", found.conclusion
+    assert found.law.switch.force_n == pytest.approx(c, rel=0.02)
+    (remedy,) = found.remedies
+
+    def wide(_, z, u):
+        over = np.clip((abs(z) - band) / remedy.value, 0.0, 1.0)
+        return -(k * z + b * u + c * np.sign(z) * over)
+
+    left = turning(wide, **loop)[0].position_m
+    assert np.ptp(left[-left.size // 4 :]) < 0.1 * np.ptp(log.position_m[-left.size // 4 :])
+
+
+def stops(travel, stiffness=400.0, damping=2.0):
+    def force(_, x, v):
+        beyond = x - np.clip(x, -travel, travel)
+        return -stiffness * beyond - (damping * v if beyond else 0.0)
+
+    return force
+
+
+@pytest.mark.parametrize(
+    ("k", "travel", "seconds"),
+    first_only([(25.0, 0.35, 0.81), (25.0, 0.35, 0.9), (25.0, 0.35, 1.4), (25.0, 0.35, 6.0), (40.0, 0.3, 6.0)]),
+)
+def test_travel_stops_are_no_hand_and_no_delay_and_a_stiffness_told_rests(k, travel, seconds):
+    loop = {"mass": 0.06, "damping": 0.02, "friction": 0.02, "period": 0.01, "delay": 2, "limit": 9.0, "start": 0.1}
+    log, device = turning(lambda _, z, __: -k * z, **loop, ticks=round(seconds / 0.01), outside=stops(travel))
+    found = diagnose(log, device=device)
+    assert found.cause in {None, "stiffness"}, found.conclusion
+    assert seconds > 1.5 or found.cause == "stiffness"
+    assert found.fit.best.stops[1] == pytest.approx(travel, rel=0.2)
+    for remedy in found.remedies:
+        assert remedy.key == "stiffness_n_per_m"
+        softer, _ = turning(lambda _, z, __: -remedy.value * z, **loop, ticks=4000, outside=stops(travel))  # noqa: B023
+        assert np.ptp(softer.position_m[-400:]) < 0.2
+
+
+@pytest.mark.parametrize(
+    ("k", "b", "counts", "period"),
+    first_only([(3.0, 0.12, 0.7, 2e-3), (3.0, 0.2, 0.7, 2e-3), (1.0, 0.12, 0.5, 1e-3), (3.0, 0.12, 1.5, 2e-3)]),
+)
+def test_noise_through_the_damper_is_named_and_the_damper_told_halves_it(k, b, counts, period):
+    step = np.radians(40) / 870
+    loop = {"mass": 0.004, "damping": 0.005, "friction": 0.005, "period": period, "delay": 1, "limit": 5.0}
+    loop |= {"step": step, "noise": counts * step, "ticks": round(3 / period), "start": 0.05}
+    log, device = turning(lambda _, z, u: -k * z - b * u, **loop)
+    found = diagnose(log, device=device)
+    assert found.cause in {None, "encoder"}, found.conclusion
+    softer = [remedy.value for remedy in found.remedies if remedy.key == "damping_ns_per_m"]
+    for value in softer:
+        quiet, _ = turning(lambda _, z, u: -k * z - value * u, **loop)  # noqa: B023
+        assert np.std(quiet.force_n[-500:]) < 0.6 * np.std(log.force_n[-500:])
+
+
+@pytest.mark.parametrize(("sign", "size"), [(1, 0.06), (-1, 0.035)])
+def test_a_motor_that_turns_freely_under_a_constant_torque_is_no_swing(sign, size):
+    """A torque of one sign, of a little more than the dry friction."""
+    log = held_log(
+        lambda tick, _, __: sign * (size + 0.005 * np.sin(tick / 40)),
+        mass=1.2e-4, damping=9.5e-5, friction=0.03, step=1e-3, ticks=2000, rotary=True,
+    )  # fmt: skip
+    found = diagnose(log, handle_radius_m=0.05, flip_force=True)
+    assert found.verdict == "cannot tell"
+    assert not found.remedies
+
+
+LINEAR = Device(
+    mass_kg=0.2,
+    damping_ns_per_m=0.8,
+    coulomb_friction_n=0.02,
+    delay_samples=1,
+    encoder_resolution_m=2e-5,
+    max_force_n=8.0,
+)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("slow", "every"), [("spring", 16), ("spring", 10), ("damper", 8)])
+def test_two_rates_are_named_with_their_frame(slow, every):
+    held = [0.0, 0.0]
+    k, b = (300.0, 3.0) if slow == "spring" else (600.0, 40.0)
+
+    def law(tick, z, u):
+        if tick % every == 0:
+            held[0], held[1] = (-k * z, z) if slow == "spring" else (-b * (z - held[1]) / (every * 1e-3), z)
+        return held[0] - (b * u if slow == "spring" else k * z)
+
+    log = held_log(law, mass=0.2, damping=0.2, friction=0.02, ticks=4000, delay=1, start=5e-3)
+    found = diagnose(log, device=LINEAR.model_copy(update={"damping_ns_per_m": 0.2}))
+    assert found.cause in {"rates", None}, found.conclusion
+    assert (found.law.frames.slow, found.law.frames.ticks) == (slow, every)
+
+
+def integral(gain):
+    summed = [0.0]
+
+    def law(_, seen, speed):
+        summed[0] += seen * 1e-3
+        return -300 * seen - 2 * speed - gain * summed[0]
+
+    return held_log(law, mass=0.2, damping=0.8, friction=0.02, ticks=3000, delay=1, start=3e-3)
+
+
+@pytest.mark.parametrize("gain", [2500.0, 6000.0])
+def test_a_force_that_is_no_spring_and_damper_is_never_nothing_wrong(gain):
+    """One dies away, the other runs away."""
+    found = diagnose(integral(gain), device=LINEAR)
+    assert (found.verdict, found.remedies) == ("cannot tell", ())
+    assert found.decides
+
+
+@pytest.mark.parametrize("hertz", [1.5, 2.5])
+def test_a_hand_that_goes_to_and_fro_in_a_wall_has_no_cause_and_no_remedy(hertz):
+    time = 1e-3 * np.arange(5000)
+    seen = 2e-5 * np.round(0.02 * np.sin(2 * np.pi * hertz * time) / 2e-5)
+    log = Columns("hand", time, seen, -200 * seen - 2000 * np.diff(seen, prepend=0.0))
+    found = diagnose(log, device=LINEAR)
+    assert (found.verdict, found.cause, found.remedies) == ("cannot tell", None, ())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (30.0, 1.0), (15.0, 0.3)])
+def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
+    def shakes(tick, position, velocity):
+        push = size_n * np.sin(2 * np.pi * hertz * tick * 1e-3)
+        return 300 * (min(0.03 * tick * 1e-3, 0.02) - position) - velocity + push
+
+    law = lambda _, z, u: -max(2000 * z + 3 * u, 0.0) if z > 0 else 0.0  # noqa: E731
+    log = held_log(law, mass=0.3, damping=0.8, friction=0.02, ticks=3000, delay=1, limit=50.0, outside=shakes)
+    found = diagnose(log, device=LINEAR.model_copy(update={"max_force_n": 50.0}))
+    assert found.verdict != "named", found.conclusion
+    assert found.verdict != "nothing wrong"
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("play_n", [0.5, 0.6])
+def test_an_amplifier_that_no_model_holds_gets_no_remedy(play_n):
+    given = [0.0]
+
+    def follows(force):
+        given[0] = min(max(given[0], force - play_n), force + play_n)
+        return given[0]
+
+    law = lambda _, z, u: -3000 * z - 6 * u  # noqa: E731
+    log = held_log(
+        law, mass=0.2, damping=0.5, friction=0.02, ticks=3000, delay=1, start=4e-3, limit=12, given_by=follows
+    )
+    found = diagnose(log, device=LINEAR.model_copy(update={"max_force_n": 12.0}))
+    assert (found.verdict, found.remedies) == ("cannot tell", ())
+
+
+def test_a_press_that_rests_is_nothing_wrong_and_one_without_motion_or_force_is_open():
+    time, position, force = logged(HEALTHY, 1.2)
+    assert diagnose(Columns("press", time, position, force), device=declared_of(HEALTHY)).verdict == "nothing wrong"
+    for still in (Columns("still", time, 0 * position, 0 * force), Columns("free", time, position, 0 * force)):
+        assert diagnose(still, device=declared_of(HEALTHY)).verdict == "cannot tell"
+
+
+def test_an_oscillation_without_force_is_not_that_of_the_loop():
+    time = np.arange(1500) * 1e-3
+    found = diagnose(Columns("shaken", time, 1e-3 * np.sin(2 * np.pi * 17 * time), np.zeros(1500)))
+    assert found.verdict == "not the loop"

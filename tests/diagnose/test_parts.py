@@ -1,0 +1,199 @@
+"""Parts of a diagnosis against what they are by definition, and what the verb takes and writes."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from buzzing_cases import declared_of
+from buzzing_device import Buzzing, logged
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import find_peaks
+
+import avc_casadi as avc
+from avc_casadi.cli import main
+from avc_casadi.diagnose.causes import diagnose, work_w
+from avc_casadi.diagnose.law import find_law
+from avc_casadi.diagnose.oscillation import find_oscillation, log_of
+from avc_casadi.diagnose.plant import Hypothesis, growth
+from avc_casadi.diagnose.remedies import limit_of
+from avc_casadi.identification.record import Columns
+from avc_casadi.model.device import Device
+from avc_casadi.model.hands import Hand
+
+HEALTHY = Buzzing(encoder=5e-6, stiffness=3000.0, damper=12.0)
+SAMPLES = 1500
+
+
+def columns(loop, seconds=1.5):
+    return Columns("log", *logged(loop, seconds))
+
+
+def law_of(log, limit=None):
+    return find_law(log, find_oscillation(log, limit), limit, 0.0)
+
+
+def answer_of(loop):
+    device = declared_of(replace(loop, limit=50.0)).model_copy(update={"encoder_resolution_m": 0.0})
+    return Hypothesis(device, Hand(loop.hand_mass, loop.hand_damping, loop.hand_stiffness))
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    stiffness=st.floats(200.0, 20000.0),
+    damper=st.floats(0.0, 80.0),
+    keep=st.sampled_from([0.0, 0.3, 0.8]),
+    lag=st.integers(0, 4),
+    limit=st.sampled_from([5.0, 50.0]),
+)
+def test_the_law_is_read_from_the_log(stiffness, damper, keep, lag, limit):
+    loop = replace(HEALTHY, stiffness=stiffness, damper=damper, keep=keep, lag=float(lag), limit=limit)
+    log, _ = log_of(columns(loop))
+    law = law_of(log, limit)
+    if law is None or law.samples < 100:
+        return
+    assert law.explains
+    assert law.stiffness_n_per_m == pytest.approx(stiffness, rel=1e-3)
+    if damper > 1:
+        assert law.lag == lag
+        assert law.damping_ns_per_m == pytest.approx(damper, rel=1e-3)
+        assert law.keep == pytest.approx(keep, abs=1e-3)
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    hertz=st.floats(12.0, 200.0),
+    steps=st.floats(3.0, 200.0),
+    growth_per_s=st.sampled_from([0.0, 4.0]),
+    seed=st.integers(0, 9),
+)
+def test_frequency_and_amplitude_of_a_swing_are_measured(hertz, steps, growth_per_s, seed):
+    random = np.random.default_rng(seed)
+    step, time = 1e-5, np.arange(SAMPLES) * 1e-3
+    swing = steps * step / 2 * np.exp(growth_per_s * (time - time[-1])) * np.sin(2 * np.pi * hertz * time)
+    position = step * np.round((2e-3 + 1e-3 * time + swing + 0.1 * step * random.standard_normal(SAMPLES)) / step)
+    log, _ = log_of(Columns("sine", time, position, np.ones(SAMPLES)))
+    found = find_oscillation(log, None)
+    assert found.sustained
+    assert found.frequency_hz == pytest.approx(hertz, rel=0.05, abs=0.5)
+    # The median of its last quarter, in which it grows by up to 40 per cent.
+    assert found.peak_to_peak_m == pytest.approx(steps * step, rel=0.6 if growth_per_s else 0.35, abs=2 * step)
+
+
+@pytest.mark.parametrize("rate", [-6.0, -2.0])
+def test_a_ring_down_decays_at_its_rate(rate):
+    time = np.arange(2000) * 1e-3
+    position = 1e-3 * np.exp(rate * time) * np.sin(2 * np.pi * 15 * time)
+    found = find_oscillation(log_of(Columns("log", time, position, -1000 * position))[0], None)
+    assert found.kind == "decaying"
+    assert found.growth_per_s == pytest.approx(rate, rel=0.1)
+
+
+@settings(max_examples=8, deadline=None)
+@given(stiffness=st.floats(2000.0, 30000.0), damper=st.floats(2.0, 60.0), delay=st.floats(0.01, 4.0))
+def test_the_loop_model_grows_as_the_simulator_does(stiffness, damper, delay):
+    loop = Buzzing(encoder=0.0, stiffness=stiffness, damper=damper, delay=delay, two_sided=1.0, limit=1e15, end=0.0)
+    log, _ = log_of(columns(loop))
+    rate, _ = growth(answer_of(loop), law_of(log))
+    position = log.position_m
+    if 8 < rate < 60:
+        peaks = find_peaks(position)[0][-12:]
+        slope, _ = np.polyfit(log.time_s[peaks], np.log(position[peaks]), 1)
+        assert slope == pytest.approx(rate, rel=0.08, abs=0.5)
+    elif rate < -8:
+        assert np.ptp(position[1100:]) < np.ptp(position[700:1000])
+
+
+def test_a_limit_separates_rest_from_swing():
+    loop = replace(HEALTHY, stiffness=20000.0)
+    law, answer = law_of(log_of(columns(loop))[0]), answer_of(loop)
+    limit = limit_of(answer, law, "stiffness")
+    assert 0 < limit < 1
+    assert growth(answer, law, stiffness=0.98 * limit)[0] < 0 < growth(answer, law, stiffness=1.02 * limit)[0]
+
+
+@pytest.mark.parametrize(("delay", "feeds"), [(0.0, False), (2.0, True)])
+def test_work_is_that_of_the_force_as_it_acts(delay, feeds):
+    """A spring and damper take energy from a given motion; late by enough they feed it."""
+    time = 1e-3 * np.arange(3000)
+    position = 1e-3 * np.sin(2 * np.pi * 20 * time)
+    force = 1000 * position + 1.5 * np.diff(position, prepend=0.0) / 1e-3
+    log, _ = log_of(Columns("log", time, position, -force))
+    one = Hypothesis(Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 1.0, "delay_samples": delay}), None)
+    found = work_w(log, find_oscillation(log, None), one)
+    assert (found > 0) == feeds
+    late = np.concatenate([np.zeros(int(delay)), force])[: force.size]
+    whole = slice(500, 2500)
+    assert found == pytest.approx(-np.sum(late[whole] * np.diff(position)[whole]) / 2.0, rel=0.02)
+
+
+@pytest.mark.parametrize("missed", [0.02, 0.2, 0.5])
+@pytest.mark.parametrize("share", [0.0, 0.04, 0.08])
+def test_missing_ticks_are_counted_beside_a_clock_that_scatters(missed, share):
+    random = np.random.default_rng(7)
+    time = np.append(0.0, np.cumsum(4e-3 * (1 + share * random.standard_normal(3000))))
+    kept = np.append(True, random.random(3000) >= missed)
+    kept[-1] = True
+    ticks = log_of(Columns("log", time[kept], np.sin(time[kept]), np.cos(time[kept])))[0].ticks
+    assert ticks.missed_share == pytest.approx(1 - kept.mean(), abs=0.002)
+
+
+@pytest.mark.parametrize("every", [3, 12])
+def test_a_force_of_every_few_ticks_is_read_with_that_period(every):
+    time = np.arange(2000) * 1e-3
+    position = 1e-3 * np.sin(40 * time)
+    log, _ = log_of(Columns("log", time, position, -(3000 * position)[np.arange(2000) // every * every]))
+    assert log.ticks.held == every
+
+
+@pytest.mark.parametrize("constant", [0.3, -1.5])
+def test_a_constant_beside_a_wall_is_read_where_there_is_no_contact(constant):
+    time = 1e-3 * np.arange(3000)
+    moved = 2e-5 * np.round((2e-3 * np.sin(23 * time) + 4e-4 * np.sin(157 * time + 1)) / 2e-5)
+    wall = np.where(moved > 0, -4000 * moved - 10 * np.diff(moved, prepend=0.0) / 1e-3, 0.0)
+    found = diagnose(Columns("log", time, moved, wall + constant))
+    assert (found.law.stiffness_n_per_m, found.law.damping_ns_per_m) == pytest.approx((4000, 10), rel=1e-3)
+    assert any("outside contact" in note for note in found.notes)
+
+
+def test_a_force_that_drives_the_device_away_and_an_encoder_that_is_stuck_are_refused():
+    log = columns(HEALTHY)
+    flipped = replace(log, force_n=-log.force_n)
+    with pytest.raises(avc.InputError, match="--flip-force"):
+        diagnose(flipped)
+    assert diagnose(flipped, flip_force=True).verdict == "nothing wrong"
+    with pytest.raises(avc.InputError, match="never changes"):
+        diagnose(replace(log, position_m=0 * log.position_m))
+
+
+def write(path, log, header):
+    rows = np.stack([log.time_s, log.position_m, log.force_n], axis=1)
+    np.savetxt(path, rows, delimiter=",", header=header, comments="", fmt="%.9g")
+
+
+@pytest.mark.thorough
+def test_the_verb_writes_text_json_picture_and_page(tmp_path, capsys):
+    log, page, picture = tmp_path / "log.csv", tmp_path / "page.html", tmp_path / "picture.png"
+    write(log, columns(replace(HEALTHY, delay=7.0)), "time_s,position_m,force_N")
+    assert main(["diagnose", str(log), "--report", str(page), "--plot", str(picture), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["schema"], document["kind"], document["cause"]) == ("avc/1", "diagnosis", "delay")
+    text = page.read_text(encoding="utf-8")
+    assert document["conclusion"].split(":")[0] in text
+    assert "http" not in text.replace("http://www.w3.org", "")
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("rows", [81, 140])
+def test_a_short_swing_of_what_turns_is_read_from_a_file_with_its_handle(rows, tmp_path, capsys):
+    time = 0.01 * np.arange(rows)
+    angle = np.minimum(0.02 * np.exp(4 * time), 0.35) * np.sin(20 * time)
+    path = tmp_path / "wheel.csv"
+    write(path, Columns("wheel", time, angle, -25 * angle), "time_s,angle_rad,torque_Nm")
+    assert main(["diagnose", str(path)]) == 2
+    assert "--handle-radius-m" in capsys.readouterr().err
+    assert main(["diagnose", str(path), "--handle-radius-m", "0.15", "--json"]) in {0, 1}
+    document = json.loads(capsys.readouterr().out)
+    assert document["motion"] == "rotary"
+    assert document["law"]["stiffness_nm_per_rad"] == pytest.approx(25, rel=1e-3)
