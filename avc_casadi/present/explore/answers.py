@@ -130,7 +130,7 @@ def law(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     except InputError as error:
         raise InputError([replace(one, key=f"own.{_OWN[one.key]}") for one in error.faults]) from error
     rows = [
-        {"label": row.label, "text": told_on_page(explorer, row.text(problem.units)), "mark": row.mark.value.strip()}
+        {"label": row.label, "text": page_text(explorer, row.text(problem.units)), "mark": row.mark.value.strip()}
         for row in own_law(found).rows
     ]
     wall = {"stiffness_n_per_m": given.get("k", 0.0), "damping_ns_per_m": given.get("b", 0.0) + given.get("b_p", 0.0)}
@@ -164,7 +164,7 @@ def judge(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     if coupling is None or schedule is None:
         return found
     return found | {
-        "deployable": _on_page(
+        "deployable": _verdict_text(
             explorer, explorer.heavy(f"deployable {settings.key}", lambda: deployable(coupling)).document()
         ),
     }
@@ -189,7 +189,7 @@ def region(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
         "curves": [
             {
                 "key": curve.key,
-                "claim": told_on_page(explorer, curve.claim),
+                "claim": page_text(explorer, curve.claim),
                 "stiffness_n_per_m": short(curve.stiffness_n_per_m),
             }
             for curve in found.curves
@@ -206,7 +206,7 @@ def work(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     told["lines"] = [
         _OF_PROBLEM.sub(lambda found: f"{found[1]} {shlex.quote(saved)}", line) for line in told.get("lines", [])
     ]
-    return told | {key: told_on_page(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
+    return told | {key: page_text(explorer, told[key]) for key in ("lines", "error", "what") if key in told}
 
 
 def cancel(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -248,7 +248,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     verdict = deployable(coupling).document()
     certificate = dict(coupling.certificate or certify(problem, coupling).document()) | {"deployable": verdict}
     text = json_text(coupling_document(coupling.with_certificate(certificate)), problem.units)
-    return {"name": f"{stem}-coupling.json", "text": text, "told": told_on_page(explorer, verdict["sentence"])}
+    return {"name": f"{stem}-coupling.json", "text": text, "told": page_text(explorer, verdict["sentence"])}
 
 
 Part = Callable[["Explorer", Mapping[str, Any]], dict[str, Any]]
@@ -274,20 +274,20 @@ def answer(explorer: Explorer, part: Part, asked: Mapping[str, Any]) -> dict[str
     except RequestError:
         raise
     except AvcError as error:
-        return {"refused": told_on_page(explorer, str(error))}
+        return {"refused": page_text(explorer, str(error))}
 
 
 def _fault(explorer: Explorer, fault: dict[str, Any]) -> dict[str, Any]:
     form, bare = explorer.form, fault["key"].partition(".")[2]
     of_field = fault["key"] in form.keys or bare in (*form.gain_names, *form.own_names)
     key = fault["key"] if of_field else explorer.units.key(fault["key"])
-    return fault | {"key": key, "message": told_on_page(explorer, fault["message"])}
+    return fault | {"key": key, "message": page_text(explorer, fault["message"])}
 
 
-def _on_page(explorer: Explorer, verdict: dict[str, Any]) -> dict[str, Any]:
+def _verdict_text(explorer: Explorer, verdict: dict[str, Any]) -> dict[str, Any]:
     """Return a verdict whose advice is what to choose on the page, in place of a command."""
     claims = [one | {"advice": _METHOD.sub(_chosen, one["advice"])} for one in verdict["claims"]]
-    told: dict[str, Any] = told_on_page(explorer, verdict | {"claims": claims})
+    told: dict[str, Any] = page_text(explorer, verdict | {"claims": claims})
     return told
 
 
@@ -295,13 +295,13 @@ def _chosen(found: re.Match[str]) -> str:
     return f"{found[1] or 'recommend'}, under Method"
 
 
-def told_on_page(explorer: Explorer, told: Any) -> Any:
+def page_text(explorer: Explorer, told: Any) -> Any:
     """Return a text, or every text of an answer, in the words and with the units of the page."""
     if isinstance(told, str):
         return dotted_units(told)
     if isinstance(told, Mapping):
-        return {key: told_on_page(explorer, one) for key, one in told.items()}
-    return [told_on_page(explorer, one) for one in told] if isinstance(told, list | tuple) else told
+        return {key: page_text(explorer, one) for key, one in told.items()}
+    return [page_text(explorer, one) for one in told] if isinstance(told, list | tuple) else told
 
 
 def to_type(explorer: Explorer, settings: Settings, problem: Problem, stem: str) -> tuple[list[str], str, str]:

@@ -186,7 +186,7 @@ _PLACE_faults = re.compile(r"\[(\d)\]")
 _REFUSED = re.compile(rf"is (?P<value>{_NUMBER}|\".*\", not a number|None, not a number); allowed: (?P<span>.*)")
 
 
-def on_page(
+def field_faults(
     faults: Iterable[Fault], typed: Iterable[str], device: Device, fields: tuple[Field, ...]
 ) -> Iterator[Fault]:
     """Yield faults with the key of their field, told in its unit."""

@@ -49,7 +49,7 @@ class ExploreServer(ThreadingHTTPServer):
         self.explorer = explorer
         self.parts = PARTS if explorer.base.simulation is None else TOOL_PARTS
         self.token = secrets.token_urlsafe(18)
-        self.page = _page()
+        self.page = _page_files()
         super().__init__((HOST, port), _Handler)
 
     @property
@@ -155,7 +155,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
 
-def _page() -> dict[str, bytes]:
+def _page_files() -> dict[str, bytes]:
     """Return the files of the page by name."""
     folder = files("avc_casadi.present.explore").joinpath("page")
     return {item.name: item.read_bytes() for item in folder.iterdir() if item.name[item.name.rfind(".") :] in _TYPES}

@@ -18,7 +18,7 @@ from avc_casadi.files.problem_document import problem_document, problem_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import power_at_handle
-from avc_casadi.present.explore.fields import HANDLE, RANGES, fields_for, on_page
+from avc_casadi.present.explore.fields import HANDLE, RANGES, field_faults, fields_for
 from avc_casadi.present.explore.forms import WALL, Form, form_of
 from avc_casadi.present.explore.requests import RequestError
 from avc_casadi.present.explore.tool_fields import STEP, put_of_tool, value_of_tool
@@ -114,12 +114,12 @@ def problem_of_settings(base: Problem, settings: Settings, *, to_save: bool = Fa
     if tables["coupling"].get("structure") == "damped" and tables["coupling"]["contact_damping_ns_per_m"] == [0.0, 0.0]:
         tables["coupling"]["contact_damping_ns_per_m"] = [0.0, tables["coupling"]["damping_ns_per_m"][1]]
     if not to_save:
-        _follow_on_page(tables, settings)
+        _set_followed(tables, settings)
     own = [*_gain_faults(settings, base), *_too_long_to_follow(settings)]
     try:
         problem = problem_of(tables | _headed(base, settings, tables["environment"]), file="")
     except InputError as error:
-        told = list(on_page(error.faults, settings.values, base.device, form_of(base).fields))
+        told = list(field_faults(error.faults, settings.values, base.device, form_of(base).fields))
         raise InputError([*told, *(one for one in own if one.key not in {fault.key for fault in told})]) from None
     if own:
         raise InputError(own)
@@ -141,7 +141,7 @@ def _headed(base: Problem, settings: Settings, wall: Mapping[str, Any]) -> dict[
     }
 
 
-def _follow_on_page(tables: dict[str, Any], settings: Settings) -> None:
+def _set_followed(tables: dict[str, Any], settings: Settings) -> None:
     """Set what the page has of its own: a scene, and each frequency alone where gains follow at once."""
     motion = {"kind": settings.motion} | ({"frequency_hz": 2.0} if settings.motion == "tap" else {})
     tables["scene"] = {"duration_s": 1.5, "motion": motion}

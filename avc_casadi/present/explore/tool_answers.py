@@ -26,11 +26,11 @@ from avc_casadi.present.explore.answers import (
     asked_settings,
     cancel,
     device,
+    page_text,
     short,
     start,
     stem_of,
     to_type,
-    told_on_page,
     traces,
     work,
 )
@@ -64,7 +64,7 @@ def now(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     problem, gains = explorer.problem(settings), _gains(explorer, settings)
     found: dict[str, Any] = {
         "title": problem.title or problem.name,
-        "headline": told_on_page(explorer, text_of(headline(problem, ""), problem.units).strip()),
+        "headline": page_text(explorer, text_of(headline(problem, ""), problem.units).strip()),
         "values": values_of(problem),
         "kept": kept_of(problem),
         "dropped": dropped_ranges(explorer.base, settings, problem),
@@ -172,7 +172,7 @@ def file(explorer: Explorer, asked: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "name": f"{stem}-coupling.json",
         "text": json_text(coupling_document(coupling), explorer.units),
-        "told": told_on_page(explorer, told),
+        "told": page_text(explorer, told),
     }
 
 
@@ -224,7 +224,7 @@ def _pressed(explorer: Explorer, settings: Settings) -> float | None:
 def _rows(explorer: Explorer, rows: list[Row]) -> list[dict[str, str]]:
     units = explorer.units
     found = [{"label": one.label, "text": one.text(units), "mark": one.mark.name.lower()} for one in rows]
-    told: list[dict[str, str]] = told_on_page(explorer, found)
+    told: list[dict[str, str]] = page_text(explorer, found)
     return told
 
 
