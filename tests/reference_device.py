@@ -138,6 +138,7 @@ class ReferenceDevice:
             wanted = np.where(one.runs[:, np.newaxis], lookup(one.table.rows, lookup_hz), wanted)
             if one.feedback is not None:
                 y = np.where(one.runs, one.feedback(x, self._force), y)
+                self._begin(self._couple, taken & one.runs, y)
         inputs: Columns = {f"wanted_{name}": wanted[..., index] for index, name in enumerate(GAINS)}
         inputs |= {
             "position_m": y,

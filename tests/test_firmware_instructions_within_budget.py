@@ -19,7 +19,7 @@ STEADY = coupling(1, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="
 # Constant gains with a guard, and an observer of three states before them; gains that follow the frequency, with
 # everything but the estimator: typical, and where the look-up jumps through the table; then everything. Some 70 of each
 # for the faults that are watched for (encoder, speed, energy, overruns, enable line).
-STEADY_BUDGET, OBSERVED_BUDGET, TYPICAL_BUDGET, REST_BUDGET, TICK_BUDGET = 300, 600, 600, 620, 2300
+STEADY_BUDGET, OBSERVED_BUDGET, TYPICAL_BUDGET, REST_BUDGET, TICK_BUDGET = 300, 600, 600, 680, 2350
 
 
 def motion(tick: int) -> int:

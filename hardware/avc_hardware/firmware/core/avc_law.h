@@ -93,7 +93,14 @@ static inline avc_steady_gated_out_t avc_pushed_step(avc_control_t *c, const avc
         avc_adapt(c, table);
     }
     if (avc_states(header) != 0u && s->mode != AVC_MODE_SAFE) { /* safe gains mean the same whatever the table */
+        const bool begins = !c->feedback.started;
         *position_m = avc_feedback_step(&c->feedback, &table->image, *position_m, c->previous_force);
+        if (begins) { /* from the measured position to the one that the wall sees nothing has moved */
+            avc_couple_start(&c->couple, *position_m);
+            if ((header->flags & AVC_TABLE_CLIPS) == 0u) {
+                avc_see_penetration(c);
+            }
+        }
     }
     avc_steady_gated_out_t out;
     if (!c->steadies) {

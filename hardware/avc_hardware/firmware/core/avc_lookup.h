@@ -38,23 +38,8 @@ static inline bool avc_between(const avc_table_t *table, uint32_t row, uint32_t 
     return key > avc_bits(low->frequency_hz) && key < avc_bits(low[1].frequency_hz);
 }
 
-/* The last row that is not above a frequency, given by its bits, from a row on that is not; the last row is above it. */
-static inline uint32_t avc_row_from(const avc_table_t *table, uint32_t row, uint32_t key)
-{
-    const avc_row_t *rows = table->image.row;
-    const avc_row_t *next = &rows[row];
-    do {
-        next++;
-    } while (key >= avc_bits(next->frequency_hz));
-    return (uint32_t)(next - rows) - 1u;
-}
-
-/* The same for a table with rows that crowd; the first and the last row beyond its ends, and for NaN the first. */
-uint32_t avc_row_in_crowd(const avc_table_t *table, float frequency_hz);
-
-/* Gains at a frequency; the first and last row beyond the table's ends.
- * near is the row that is tried first, and is set to the one found: a frequency that changes slowly is found at once.
- * Otherwise the cell of the frequency's bits tells it, but for a few steps. */
+/* Gains at a frequency; the first and last row beyond the table's ends, and the first for NaN.
+ * near is the row that is tried first, and is set to the one found: a frequency that changes slowly is found at once. */
 static inline avc_gains_t avc_table_lookup(const avc_table_t *table, float frequency_hz, uint32_t *near)
 {
     const avc_row_t *rows = table->image.row;
@@ -62,13 +47,20 @@ static inline avc_gains_t avc_table_lookup(const avc_table_t *table, float frequ
     const uint32_t key = avc_bits(frequency_hz);
     uint32_t low = *near;
     if (low >= last || !avc_between(table, low, key)) {
-        const uint32_t beyond = key - table->first_key;
-        if (beyond < table->keys) {
-            low = avc_row_from(table, table->row_at[beyond >> table->shift], key);
-        } else {
-            low = avc_row_in_crowd(table, frequency_hz);
-            if (low == last || !(frequency_hz > rows[0].frequency_hz)) {
-                return avc_gains_of(&rows[low]);
+        if (!(frequency_hz > rows[0].frequency_hz)) {
+            return avc_gains_of(&rows[0]);
+        }
+        if (frequency_hz >= rows[last].frequency_hz) {
+            return avc_gains_of(&rows[last]);
+        }
+        uint32_t high = last;
+        low = 0u;
+        while (high - low > 1u) {
+            const uint32_t middle = (low + high) >> 1;
+            if (key >= avc_bits(rows[middle].frequency_hz)) {
+                low = middle;
+            } else {
+                high = middle;
             }
         }
         *near = low;

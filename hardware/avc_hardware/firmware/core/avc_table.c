@@ -199,25 +199,6 @@ void avc_table_prepare(avc_table_t *table, const avc_config_t *config)
     }
     const avc_table_header_t *header = &table->image.header;
     const avc_row_t *row = &table->image.row[0];
-    const uint32_t last = (uint32_t)header->rows - 1u;
-    table->first_key = avc_bits(row[0].frequency_hz);
-    table->keys = avc_bits(row[last].frequency_hz) - table->first_key;
-    table->shift = 0u;
-    while (table->keys >> table->shift >= AVC_CELLS) {
-        table->shift++;
-    }
-    uint32_t low = 0u;
-    for (uint32_t cell = 0; cell <= AVC_CELLS; cell++) {
-        const uint32_t begins = table->first_key + (cell << table->shift); /* below 2^32: 1e6 Hz is 0x49742400 */
-        const uint32_t before = low;
-        while (low < last && avc_bits(row[low + 1u].frequency_hz) <= begins) {
-            low++;
-        }
-        table->row_at[cell] = (uint16_t)low;
-        if (low - before > AVC_IN_CELL_MAX) {
-            table->keys = 0u;
-        }
-    }
     if ((header->flags & AVC_TABLE_CLIPS) != 0u) {
         const avc_steady_clips_in_t in = {.wanted_damping_ns_per_m = row->damping_ns_per_m,
                                           .wanted_stiffness_n_per_m = row->stiffness_n_per_m,
@@ -233,29 +214,4 @@ void avc_table_prepare(avc_table_t *table, const avc_config_t *config)
                                           .wall_stiffness_n_per_m = header->wall_stiffness_n_per_m};
         avc_steady_gated_settle(&table->steady.gated, &in, config->number);
     }
-}
-
-uint32_t avc_row_in_crowd(const avc_table_t *table, float frequency_hz)
-{
-    const avc_row_t *rows = table->image.row;
-    const uint32_t last = (uint32_t)table->image.header.rows - 1u;
-    if (!(frequency_hz > rows[0].frequency_hz)) {
-        return 0u;
-    }
-    if (frequency_hz >= rows[last].frequency_hz) {
-        return last;
-    }
-    const uint32_t key = avc_bits(frequency_hz);
-    const uint32_t cell = (key - table->first_key) >> table->shift;
-    uint32_t low = table->row_at[cell];
-    uint32_t high = table->row_at[cell + 1u];
-    while (high - low > AVC_IN_CELL_MAX) {
-        const uint32_t middle = (low + high) >> 1;
-        if (key >= avc_bits(rows[middle].frequency_hz)) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    return avc_row_from(table, low, key);
 }

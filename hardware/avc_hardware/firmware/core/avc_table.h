@@ -17,8 +17,6 @@
 
 enum {
     AVC_ROWS_MAX = AVC_CAPACITY_ROWS,
-    AVC_CELLS = 2 * AVC_ROWS_MAX,
-    AVC_IN_CELL_MAX = 8,
     AVC_STATES_MAX = 8, /* of the observer whose state is fed back */
     AVC_FEEDBACK_MAX = AVC_STATES_MAX * (AVC_STATES_MAX + 3)
 };
@@ -82,11 +80,6 @@ typedef union {
 typedef struct {
     avc_image_t image;
     float ln_frequency[AVC_ROWS_MAX];
-    /* The bits of a frequency grow like its logarithm: cut into even cells, they tell nearly the row. */
-    uint32_t first_key; /* bits of the lowest frequency */
-    uint32_t keys;      /* from there to the highest one; 0 where rows crowd in a cell */
-    uint32_t shift;     /* so that a cell has 2^shift keys */
-    uint16_t row_at[AVC_CELLS + 1]; /* the last row that is not above the beginning of a cell */
     avc_steady_t steady; /* of the only row, where the gains are constant */
     uint32_t id;
     uint32_t crc32;
