@@ -20,9 +20,9 @@ from avc_casadi.identification.terms import FRICTION, LOOP_RATIO
 from avc_casadi.model.device import Device, DeviceRange
 
 _DIGITS = 5
-SEARCHED = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
-_PLAIN = (*SEARCHED, "encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", LOOP_RATIO)
-_GAPS = (*SEARCHED, "encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m")
+_SEARCHED = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
+_PLAIN = (*_SEARCHED, "encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", LOOP_RATIO)
+_GAPS = (*_SEARCHED, "encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m")
 _MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
 # A guess that a log does not tell is taken as known within this factor.
 _GUESSED = 3.0
@@ -76,7 +76,7 @@ def device_file(
     for key in _PLAIN:
         one = found.estimates.get(key)
         # A range is worth more than a guess where it bounds the number.
-        if one is not None and (one.identified or (key in SEARCHED and one.value > 0 and one.high < 30 * one.value)):
+        if one is not None and (one.identified or (key in _SEARCHED and one.value > 0 and one.high < 30 * one.value)):
             value, ends = _rounded(one)
             lag = "; the lag of the amplifier is in it" if key == "delay_samples" and not _lags(found) else ""
             grade = "measured" if one.identified else "assumed"
@@ -109,7 +109,7 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
     """Fill gaps from the base, or cautiously; what was searched for and not found stays a gap."""
     for key in [key for key in gaps if key not in file.device]:
         if base is not None and states(base, key):
-            if key in SEARCHED:
+            if key in _SEARCHED:
                 file.take(base, key, f"{base.name}; the logs do not tell it")
                 value = file.device[key]
                 file.ranges.setdefault(key, (value / _GUESSED, value * _GUESSED))
