@@ -159,7 +159,7 @@ def pair_certificate(data: Mapping[str, Any], problem: Problem, shown: str) -> A
     if problem.simulation is not None and problem.simulation.tool_mass_kg is not None:
         rows += passivity(data["passivity"], problem)
     rows += [*not_used(data["not_used"]), row("Claim", data["claim"], rank=1)]
-    complaint = "" if data["stable"] else f"avc: {problem.name}: {data['coupling_file']} is not deployable"
+    complaint = "" if data["stable"] else f"avc: {problem.name}: {data['gains']} is not deployable"
     return Answer(
         "certify",
         data,
