@@ -123,11 +123,6 @@ class Engine:
         queue = np.tile([1.0, 0.0], 1 + self.engine.queued) if self._wide == 2 else 0.0
         return self.loop.vector(plant=self.body.shift, seen=1.0, tool=np.array([1.0, 0.0]), queue=queue)
 
-    @property
-    def period_s(self) -> float:
-        """Time after which the pattern of steps recurs."""
-        return sum(self.clock.samples) * self.body.sample_time_s
-
     def maps(self, gains: ToolGains) -> Map:
         """Return the maps over one period, shape (tools, ..., size, size), or (size, size) of each tool and body."""
         sample, steps = self.sample(gains), {late: self.step(gains, late=late) for late in set(self.clock.aged)}
@@ -159,6 +154,17 @@ class Engine:
         tool, step = self.loop.at["tool"], self.step(ToolGains(0.0, 0.0), late=False)
         return np.asarray(step.reshape(-1, *step.shape[-2:])[:, tool, tool])
 
+    @cached_property
+    def _of_tools(self) -> tuple[FloatArray, ...]:
+        """Whether the tools are free, their mass, all their damping and the stiffness of their contacts."""
+        axes = (len(self.tools), *(1,) * max(self.body.a.ndim - 2, 1))
+        free = np.reshape([0.0 if one.fixed else 1.0 for one in self.tools], axes)
+        mass, drag, k_c, b_c = (
+            np.reshape([0.0 if one.fixed else value for one, value in zip(self.tools, values, strict=True)], axes)
+            for values in zip(*(vars(one).values() for one in self.tools), strict=True)
+        )
+        return free, np.where(free, mass, 1.0), drag + b_c, k_c
+
     @property
     def _wide(self) -> int:
         return 1 if self.engine.exchange == "held-force" else 2
@@ -188,14 +194,7 @@ class Engine:
         """Return the maps of one step of the engine, shape (tools, ..., size, size)."""
         loop, (x, v) = self.loop, self._seen(late=late)
         place, speed = loop["tool"]
-        axes = (len(self.tools), *(1,) * max(self.body.a.ndim - 2, 1))
-        free = np.reshape([0.0 if one.fixed else 1.0 for one in self.tools], axes)
-        mass, drag, k_c, b_c = (
-            np.reshape([0.0 if one.fixed else value for one, value in zip(self.tools, values, strict=True)], axes)
-            for values in zip(*(vars(one).values() for one in self.tools), strict=True)
-        )
-        mass = np.where(free, mass, 1.0)
-        drag = drag + b_c
+        free, mass, drag, k_c = self._of_tools
         k, b, t = gains.stiffness_n_per_m, gains.damping_ns_per_m, self.clock.step_s
         push = k * (x - place) - k_c * place + b * v
         if self.engine.integrator in ("implicit", "implicit-damping"):
@@ -286,7 +285,8 @@ def _pattern(engine: Engine, case: Callable[[int], ToolCase]) -> Pattern:
         found = engine.maps(gains)
         return np.asarray(found.reshape(-1, *found.shape[-2:]))
 
-    return Pattern(maps, engine.shift, engine.period_s, len(engine.clock.samples), case)
+    samples = engine.clock.samples
+    return Pattern(maps, engine.shift, sum(samples) * engine.body.sample_time_s, len(samples), case)
 
 
 def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: Ranges) -> Region:
