@@ -156,7 +156,7 @@ def pause(seconds: float) -> Generator[Exchange, Answer, None]:
 _EVERY_S = 0.2
 _KEPT = 20_000
 _ROWS: tuple[tuple[str, Callable[[TelemetrySample], float]], ...] = (
-    ("position", lambda sample: sample.position_m),
+    ("position, 1e-3", lambda sample: 1e3 * sample.position_m),
     ("force out of the wall", lambda sample: sample.force_n),
     ("stiffness k", lambda sample: sample.stiffness_n_per_m),
     ("interaction frequency, Hz", lambda sample: sample.frequency_hz),
