@@ -179,7 +179,6 @@ def test_noise_through_the_damper_is_named_and_the_damper_told_halves_it(k, b, c
 
 @pytest.mark.parametrize(("sign", "size"), [(1, 0.06), (-1, 0.035)])
 def test_a_motor_that_turns_freely_under_a_constant_torque_is_no_swing(sign, size):
-    """A torque of one sign, of a little more than the dry friction."""
     log = held_log(
         lambda tick, _, __: sign * (size + 0.005 * np.sin(tick / 40)),
         mass=1.2e-4, damping=9.5e-5, friction=0.03, step=1e-3, ticks=2000, rotary=True,
@@ -228,7 +227,6 @@ def integral(gain):
 
 @pytest.mark.parametrize("gain", [2500.0, 6000.0])
 def test_a_force_that_is_no_spring_and_damper_is_never_nothing_wrong(gain):
-    """One dies away, the other runs away."""
     found = diagnose(integral(gain), device=LINEAR)
     assert (found.verdict, found.remedies) == ("cannot tell", ())
     assert found.decides

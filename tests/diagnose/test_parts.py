@@ -98,9 +98,10 @@ def test_the_loop_model_grows_as_the_simulator_does(stiffness, damper, delay):
     rate, _ = growth(answer_of(loop), law_of(log))
     position = log.position_m
     if 8 < rate < 60:
-        peaks = find_peaks(position)[0][-12:]
+        peaks = find_peaks(position)[0]
+        peaks = peaks[position[peaks] < 1e9][-12:]
         slope, _ = np.polyfit(log.time_s[peaks], np.log(position[peaks]), 1)
-        assert slope == pytest.approx(rate, rel=0.08, abs=0.5)
+        assert slope == pytest.approx(rate, rel=0.05, abs=0.5)
     elif rate < -8:
         assert np.ptp(position[1100:]) < np.ptp(position[700:1000])
 
