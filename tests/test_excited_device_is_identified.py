@@ -10,7 +10,9 @@ from hardware_bench import require
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.identification.excitation.signal import FULL
-from avc_hardware import BenchDevice, excite
+from avc_hardware import BenchDevice, Connection, excite
+from avc_hardware.codegen.figures import device_config
+from avc_hardware.link.excite import excite_over
 
 HIDDEN = {"mass_kg": 0.085, "damping_ns_per_m": 1.3, "delay_samples": 1.4, "coulomb_friction_n": 0.12}
 FILE = """
@@ -148,7 +150,9 @@ def test_force_has_the_same_bits_on_every_processor(where):
         log = Bench(hidden).excite(plan)
     else:
         require("unicorn")
-        log = excite(plan, BenchDevice(hidden).board())
+        connection = Connection(BenchDevice(hidden).board())
+        connection.configure(device_config(hidden))
+        log = excite_over(connection, plan)
     assert log.whole
     counts = np.round(log.position_m / plan.metres_per_count).astype(int)
     units = np.round(log.force_n / (float(np.float32(plan.max_force_n)) / FULL)).astype(int)
