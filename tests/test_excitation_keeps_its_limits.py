@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.cli import main
 from avc_casadi.identification.excitation.design import check_plan, plan_excitation
 from avc_casadi.identification.excitation.plan import corners_of, forecast
 from avc_casadi.model.device import Device
@@ -135,6 +134,7 @@ def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
     bench.pass_by(2000)
     assert bench.force_n[-1] == 0
     assert not bench.core.state().has_table
+    bench.device.plant.place(-1e-3)
     push(made, bench.link)
     assert bench.core.state().has_table
 
@@ -195,9 +195,3 @@ def test_every_limit_is_kept_by_the_plan(limits):
     assert getattr(reached, key).max() <= most
     assert made.held_back_by == key
     assert made.peak_force_n > 0.24
-
-
-def test_faults_of_arguments_come_together(capsys):
-    assert main(["excite", "hapkit", "--seconds", "0.5", "--travel-m", "3"]) == 2
-    said = capsys.readouterr().err
-    assert all(key in said for key in ("--seconds", "--travel-m", "--force-n"))
