@@ -96,6 +96,8 @@ class Ladder:
             left = [rung for rung in left if rung != taken and not {taken, rung} <= {"lag", "loop"}]
         if "friction" not in found.fit.structure.rungs:
             found._try(("friction",))
+        if "lag" in found.fit.structure.rungs:
+            found._loop_in_place_of_a_lag()
         found.fit = closely(predictor, found.fit, window, steps=30, tolerance=1e-10)
         found._prune()
         found._intervals()
@@ -150,6 +152,20 @@ class Ladder:
         if best is not None and rung == "resonance" and collinearity(best) > _ALIKE:
             return self._with_share(best, float(np.clip(best.values[MASS_RATIO], _SHARES[0], _SHARES[-1])))
         return best
+
+    def _loop_in_place_of_a_lag(self) -> None:
+        """Take a current loop where it does better than a lag, from one that is the same lag but for its delay."""
+        values, period = self.fit.values, self.predictor.sample_time_s
+        lag_hz = values["amplifier_bandwidth_hz"]
+        start = {**values, "amplifier_bandwidth_hz": 2.618 * lag_hz, LOOP_RATIO: 1.5}
+        start["delay_samples"] = max(values["delay_samples"] - 1 / (2 * np.pi * 6.854 * lag_hz * period), 0.0)
+        structure = self.fit.structure.without("lag").with_rung("loop")
+        loop = fit(self.predictor, structure, start, self.fit.observer, self.window, tolerance=1e-8)
+        trial = compared(self.fit, loop, "loop")
+        if trial.taken and not self._too_fast(loop):
+            self.trials["loop"] = trial
+            self.rivals.pop("loop", None)
+            self.fit = loop
 
     def _with_share(self, found: Fit, share: float) -> Fit:
         """Return a fit with its mass ratio fixed: with the encoder at the handle a log hardly changes with it."""
