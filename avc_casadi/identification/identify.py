@@ -78,22 +78,7 @@ def identify(
     handle_radius_m: float | None = None,
     progress: Progress = SILENT,
 ) -> Identification:
-    """Identify a device from logs of time, position and commanded force.
-
-    Args:
-        logs: files, or records.
-        layout: columns and units of the files.
-        base: prior knowledge of the device, for what the logs do not tell.
-        known: fixed values, by key of a device file.
-        added_mass_kg: known mass on the device, one of each log.
-        encoder_at: "motor" or "handle"; None takes that of the base, or the one with the better evidence.
-        flip_force: whether the logs count the force against +position.
-        handle_radius_m: radius at which the hand holds a rotary device, if not as in the base.
-        progress: of the search.
-
-    Raises:
-        InputError: every fault of the logs, or a mass that comes out negative or absurd.
-    """
+    """Identify a device from logs of time, position and commanded force."""
     records, notes = _records(logs, layout, added_mass_kg)
     if encoder_at not in {None, "motor", "handle"}:
         raise InputError.of(f"is {encoder_at!r}; allowed: motor, handle", key="encoder_at")
@@ -323,7 +308,7 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
         # Friction that the rest of the model explains as well is not told, and bounded with care.
         alike = bool(found.trials["friction"].why)
         most = rival.structure.units[FRICTION]
-        most *= max(float(rival.search[place] + (1 + alike) * bootstrap(rival)[0][place]), 0.0)
+        most *= max(float(rival.search[place] + (1 + 2 * alike) * bootstrap(rival)[0][place]), 0.0)
         known = most < rival.structure.units[FRICTION] and not alike
         source = "not told from damping; the upper end bounds it" if alike else "no evidence; the upper end bounds it"
         estimates[FRICTION] = Estimate(FRICTION, "force", 0.0, 0.0, most, source, known)

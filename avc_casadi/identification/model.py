@@ -65,10 +65,6 @@ class Identification:
     stretches: tuple[Stretch, ...]
     device: DeviceFile | None = None
 
-    def __repr__(self) -> str:
-        values = ", ".join(f"{one.key} {one.value:.4g}" for one in self.estimates.values())
-        return f"Identification({values}; {', '.join(self.rungs)})"
-
     @property
     def amplifier_order(self) -> int:
         """1, a lag; 2, a current loop."""
