@@ -30,7 +30,7 @@ def found_of(loop, meant=HEALTHY):
     return diagnose(columns(loop), device=declared_of(meant))
 
 
-@pytest.mark.parametrize("cause", [pytest.param(cause, marks=pytest.mark.thorough) for cause in CHANGES])
+@pytest.mark.parametrize("cause", [pytest.param(cause, marks=pytest.mark.exhaustive) for cause in CHANGES])
 def test_one_number_too_large_is_named_and_what_is_told_rests_in_the_simulator(cause):
     meant = replace(HEALTHY, stiffness=9000.0) if cause == "rate" else HEALTHY
     wrong = replace(meant, **CHANGES[cause])
@@ -65,7 +65,7 @@ def test_a_hand_that_let_go_is_missed():
     assert found.fit.best.hand is None
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("cause", [*CAUSES, "nothing wrong"])
 def test_what_is_drawn_is_named_right_or_left_open(cause):
     for index in range(2):
@@ -92,8 +92,8 @@ def switched(k, b, c, band=0.0):
 
 
 def first_only(cases):
-    """Run the first case always, its neighbours as thorough ones."""
-    return [cases[0], *(pytest.param(*case, marks=pytest.mark.thorough) for case in cases[1:])]
+    """Run the first case always, its neighbours on demand."""
+    return [cases[0], *(pytest.param(*case, marks=pytest.mark.exhaustive) for case in cases[1:])]
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ LINEAR = Device(
 )
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("slow", "every"), [("spring", 16), ("spring", 10), ("damper", 8)])
 def test_two_rates_are_named_with_their_frame(slow, every):
     held = [0.0, 0.0]
@@ -241,7 +241,7 @@ def test_a_hand_that_goes_to_and_fro_in_a_wall_has_no_cause_and_no_remedy(hertz)
     assert (found.verdict, found.cause, found.remedies) == ("cannot tell", None, ())
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("hertz", "size_n"), [(60.0, 1.5), (30.0, 1.0), (15.0, 0.3)])
 def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     def shakes(tick, position, velocity):
@@ -255,7 +255,7 @@ def test_what_is_shaken_from_outside_is_not_said_to_be_the_loop(hertz, size_n):
     assert found.verdict != "nothing wrong"
 
 
-@pytest.mark.thorough
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("play_n", [0.5, 0.6])
 def test_an_amplifier_that_no_model_holds_gets_no_remedy(play_n):
     given = [0.0]
