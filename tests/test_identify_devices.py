@@ -238,7 +238,7 @@ def test_a_motor_that_spins_one_way_leaves_its_friction_a_range():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("case", [("sine", 3.0, 2.0, 0.2), ("sine", 4.0, 3.0, 0.1), ("slow", 4.0, 1.0, 0.5)])
+@pytest.mark.parametrize("case", [("sine", 3.0, 2.0, 0.2), ("slow", 4.0, 1.0, 0.5)])
 def test_what_a_log_does_not_tell_is_a_range_that_holds_it(case):
     kind, hertz, size, coulomb = case
     truth = Truth(damping=0.5, coulomb=coulomb, delay=1.0, encoder=2e-5, spring=100.0 * (kind == "slow"))
