@@ -179,7 +179,7 @@ def test_the_verb_writes_text_json_picture_and_page(tmp_path, capsys):
     write(log, columns(replace(HEALTHY, delay=7.0)), "time_s,position_m,force_N")
     assert main(["diagnose", str(log), "--report", str(page), "--plot", str(picture), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert (document["schema"], document["kind"], document["cause"]) == ("avc/1", "diagnosis", "delay")
+    assert (document["schema"], document["kind"], document["cause"]) == ("avc/1", "diagnose", "delay")
     text = page.read_text(encoding="utf-8")
     assert document["conclusion"].split(":")[0] in text
     assert "http" not in text.replace("http://www.w3.org", "")
