@@ -254,7 +254,7 @@ def test_bounds_of_both_handles_are_told():
     )
     made = teleoperator_coupling(knob, 5.0, 0.1, device=f"[device]\n{wheel}")
     header = " ".join(export_teleoperator_c(made, unsafe=True)["avc_coupling.h"].split())
-    assert "than 66.67 rad/s (leader) and 500 rad/s (follower) would bring it" in header
+    assert "than 66.67 m/s (leader) and 500 m/s (follower) would bring it" in header
 
 
 @pytest.mark.parametrize("verb", ["certify", "simulate", "trial"])

@@ -120,7 +120,6 @@ def test_other_protocol_version_is_refused_both_ways() -> None:
     core = host_core()
     core.read()
     core.write(encode(Frame(Kind.HELLO, 5, m.hello(1), version=2)))
-    assert "speaks protocol 1" in str(Refusal(Reason.VERSION, 1))
     assert core.read()
 
 

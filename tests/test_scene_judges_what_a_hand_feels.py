@@ -100,7 +100,7 @@ def test_a_stiffness_at_the_force_limit_is_told_as_such(max_force_n, limited):
     problem = bare.changed(device={"max_force_n": max_force_n}, scene={"effects": effects})
     run = avc.simulate(problem, Gains(10.0, 4000.0, 0.0))
     text = str(run)
-    assert ("the force stands at its limit of 3.00 N" in text) == limited
+    assert ("ends at the limit of 3.00 N" in text) == limited
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])

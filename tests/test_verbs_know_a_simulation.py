@@ -211,7 +211,7 @@ def test_detents_beside_another_end_are_refused_by_every_verb(table, tmp_path, c
     file.write_text(device + end + detents)
     for verb in ("check", "recommend", "zwidth", "simulate", "run"):
         assert main([verb, str(file)]) == 2
-        assert f"detent: stands beside [{table}]" in capsys.readouterr().err
+        assert "detent: stands beside" in capsys.readouterr().err
     with pytest.raises(avc.InputError, match="detent: stands beside"):
         avc.parse_problem(device + end).changed(detent={"force_n": 0.3, "pitch_m": 1e-4})
 

@@ -121,7 +121,7 @@ class Console(Progress):
 
     def notice(self, line: str) -> None:
         """Print to standard error during a step, above its line."""
-        if self._step is None:
+        if self._step is None or not self._terminal:
             self.complain(line)
             return
         self._show(f"{line}\n")

@@ -506,9 +506,8 @@ def _monitor_state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
             ("at", Value(sample.position_m, "length")),
             ("applied", Value(sample.force_n, "force")),
             Value(sample.energy_j, "energy"),
-            mode,
+            f"{mode} ({faults})" if faults else mode,
             "streaming" if sample.streaming else None,
-            f"({faults})" if faults else None,
             coupling,
         ]
     )

@@ -234,7 +234,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=11, help="logs")
     parser.add_argument("--seed", type=int, default=612)
-    parser.add_argument("--write", action="store_true", help="overwrite RESULTS_swings.md")
+    parser.add_argument("--write", action="store_true", help="make RESULTS_swings.md; overwrites it")
     args = parser.parse_args()
     rows: list[tuple[str, str]] = []
     cures: list[bool] = []
