@@ -115,7 +115,6 @@ class CouplingDocument(GainDocument):
     complex_error: Any = None
     real_part: Any = None
     counts: Any = None
-    seconds: Any = None
     deployable: Any = None
     realism: Any = None
     passive_limit_n_per_m: Any = None

@@ -56,7 +56,7 @@ class _Column:
         found, faults = np.full(len(value), np.nan), list[dict[str, Any]]()
         for row, number in enumerate(value):
             try:
-                found[row] = np.nan if number is None else self.one(number)
+                found[row] = np.nan if number is None else math.copysign(self.one(number), number)
             except PydanticCustomError as error:
                 faults.append({"type": "refused", "loc": (row,), "msg": error.message(), "input": number})
         if faults:
@@ -77,6 +77,7 @@ _Damping = Annotated[_Values, BeforeValidator(_Column(q.Quantity("N.s/m", 1e-300
 _Stiffness = Annotated[_Values, BeforeValidator(_Column(q.Quantity("N/m", 1e-300, q.LARGEST_STIFFNESS_N_PER_M)))]
 _Signed = Annotated[_Values, BeforeValidator(_Column(q.Quantity("", 1e-300, 1e300, signed=True)))]
 _SampleTime = Annotated[float, BeforeValidator(q.Quantity("s", 1e-300, 1e300, zero=False))]
+_Time = Annotated[float, BeforeValidator(q.Quantity("s", 1e-300, 1e300))]
 
 
 def _texts(value: Any) -> tuple[str, ...]:
@@ -160,6 +161,7 @@ class GainDocument(GainTableDocument):
     target_im: _Signed | None = None
     notes: Texts = ()
     state_feedback: StateFeedbackEffect | None = None
+    seconds: dict[str, _Time] | None = None
 
     def _of_rows(self) -> Iterator[q.Finding]:
         yield from super()._of_rows()
@@ -259,6 +261,8 @@ def schedule_of(found: GainDocument, path: Path) -> GainSchedule:
         requested_damping_ns_per_m=np.where(rigid, np.inf, given(found.requested_damping_ns_per_m)),
         requested_stiffness_n_per_m=np.where(rigid, np.inf, given(found.requested_stiffness_n_per_m)),
         requested_contact_damping_ns_per_m=given(found.requested_contact_damping_ns_per_m, of_series),
+        build_seconds=(found.seconds or {}).get("build", 0.0),
+        solve_seconds=(found.seconds or {}).get("solve", 0.0),
     )
 
 
@@ -282,13 +286,10 @@ def gain_csv(gains: GainSchedule) -> str:
     """Return the usable rows as CSV text; a contact damping column is added in the damped structure."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    damped = gains.structure == "damped"
-    writer.writerow(map(gains.units.key, (*_CSV_HEADER, CONTACT) if damped else _CSV_HEADER))
+    keys = (*_CSV_HEADER, CONTACT) if gains.structure == "damped" else _CSV_HEADER
+    writer.writerow(map(gains.units.key, keys))
     for row in np.flatnonzero(gains.usable).tolist():
-        values = [gains.frequency_hz[row], gains.damping_ns_per_m[row], gains.stiffness_n_per_m[row]]
-        if damped:
-            values.append(gains.contact_damping_ns_per_m[row])
-        writer.writerow([repr(float(value)) for value in values])
+        writer.writerow([repr(float(getattr(gains, key)[row])) for key in keys])
     return text.getvalue()
 
 
@@ -300,12 +301,11 @@ def read_document(path: Path) -> dict[str, Any]:
         repeated.extend(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)
         return dict(pairs)
 
+    text = read_text(path, _MAX_BYTES, _NEXT_STEP)
     try:
-        document = json.loads(read_text(path, _MAX_BYTES, _NEXT_STEP), object_pairs_hook=table)
+        document = json.loads(text, object_pairs_hook=table)
     except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
         line = getattr(error, "lineno", None)
-        if isinstance(error, InputError):
-            raise
         raise InputError([Fault(str(path), line, "", f"is not JSON ({error}); {_NEXT_STEP}")]) from error
     if repeated:
         message = "stands more than once in a table; allowed: once, or the file means two things"
