@@ -33,7 +33,7 @@ _DECADES, _NEAR = 2.0, ((-3.2, 2.0), (-1.7, 1.7))
 def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     """Draw rendered against wanted: dynamic stiffness at the handle, and presses against time."""
     found = found if isinstance(found, Deployed) else deployed(found)
-    titles = ("(a) stiffness by sinusoidal excitation", "(b) simulated hands press; the approach is cut")
+    titles = ("(a) stiffness by sinusoidal excitation", "(b) simulated hands press, approach cut")
     panels = Panels.of(axes, titles, 2.9, lambda figure: figure.subplots(1, 2).ravel())
     wall, shaken = found.coupling.problem.environment, found.shaken
     left, right = panels.axes
