@@ -86,4 +86,4 @@ def test_a_device_is_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert (document["limits"]["sample_time_s"], document["limits"]["max_force_n"]) == (5e-4, 7.0)
     # What the file does not say is the board's own, and told.
     (note,) = document["notes"]
-    assert note.startswith("the file has no device.encoder_resolution_m: 2e-06 m is the board's own")
+    assert note.startswith("the file has no device.encoder_resolution_m: 2e-06 is the board's own")
