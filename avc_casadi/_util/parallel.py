@@ -15,6 +15,7 @@ from multiprocessing import get_context, parent_process
 from typing import Any, Self, TypeVar
 
 from avc_casadi._errors import InputError, MissingExtraError, WorkerLostError
+from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi._util.progress import SILENT, Progress
 
 R = TypeVar("R")
@@ -127,8 +128,7 @@ class Crew:
         """Start a task, a function of a module with its arguments, on a helper; return a function that awaits it."""
         if self._helpers is None:
             return cache(task)
-        future = _submitted(self._helpers, task)
-        return cache(lambda: _result(future, task))
+        return cache(partial(_result, _submitted(self._helpers, task), task))
 
     def each(self, tasks: Sequence[Callable[[], R]], executor: Executor | None = None) -> Iterator[R]:
         """Yield the result of each task in order; this process does its share, unless an executor does all."""
@@ -147,7 +147,7 @@ class Crew:
 
 
 def _submitted(executor: Executor, task: Callable[[], R]) -> Future[R]:
-    with without_interrupts():
+    with without_interrupts(), HeldInterrupt():  # another thread may take the signal for this one
         return executor.submit(task)
 
 

@@ -152,11 +152,10 @@ class Session:
                     require_same(device, again)
                     device = again
                 committed = yield from self._transfer(table, device)
-                config = table.config
+                config = table.config  # before the table, which a device that was reset since has not
                 if config:
                     config = (yield from self.ask(Kind.CONFIG, b"", m.ConfigRead)).data
                     device = yield from self.hello()
-                # Last: a device that was reset since has no table.
                 table_id, image = yield from self.read_table(len(table.image), device.chunk_bytes)
             except RefusedError as error:
                 if error.refusal.reason not in _ANEW:
