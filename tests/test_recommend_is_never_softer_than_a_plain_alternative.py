@@ -129,7 +129,7 @@ def test_where_nothing_is_deployable_it_says_so():
     assert not best.deployable
     assert best.coupling is None
     assert "linear stability" in best.reason
-    assert best.document()["coupling"] is None
+    assert best.data()["coupling"] is None
 
 
 @pytest.mark.thorough

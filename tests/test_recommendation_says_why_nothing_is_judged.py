@@ -46,5 +46,6 @@ def test_what_is_only_linearly_stable_is_no_help_where_hands_refute_it():
     problem = avc.Problem(device=device, simulation=engine | {"stiffness_n_per_m": 2000.0}, name="asked")
     found = avc.recommend(problem)
     assert found.coupling is None
-    assert found.stiffest.stiffness_n_per_m > 2000
-    assert "The same K" not in str(found)
+    assert found.pair.stiffest.stiffness_n_per_m > 2000
+    assert (found.pair.least_tool_mass_kg, found.pair.slowest_step_s, found.pair.exchanges) == (None, None, {})
+    assert "same K" not in str(found)

@@ -110,7 +110,7 @@ def test_what_is_not_deployable_is_not_written_as_a_coupling(limit, written, cap
     assert main(["recommend", str(file), "--hands", "20", "--out", str(out)]) == int(not written)
     page = " ".join(capsys.readouterr().out.split())
     assert out.exists() == written == ("Written" in page)
-    assert ("max_force_n, 1.2 N); check its unit, or state [hands] that press less" in page) != written
+    assert ("max_force_n, 1.2); check its unit, or state [hands] that press less" in page) != written
 
 
 def test_gains_that_are_all_nothing_are_not_deployable():
