@@ -137,7 +137,7 @@ def test_k_and_b_move_the_star_and_the_verdict_and_undo_brings_them_back(page):
 def test_a_lighter_tool_and_a_slower_engine_are_seen_at_once(page):
     before = shown(page, "c-pairs")
     typed(page, MASS, "0.05")
-    until(lambda: "a tool of 50.0 g at 500 Hz" in by_id(page, "headline").text)
+    until(lambda: "tool 50.0 g at 500 Hz" in by_id(page, "headline").text)
     until(lambda: "not tried yet" in by_id(page, "next").text)
     settled(page)
     until(lambda: shown(page, "c-pairs") != before)
