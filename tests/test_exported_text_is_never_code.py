@@ -71,10 +71,10 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
 def test_no_title_or_file_of_a_simulation_becomes_code(title: str, file: str) -> None:
     plain = tool_coupling("tool_mass_kg = 0.2\nstep_s = 0.002", 500.0, 5.0)
     named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
+    found = export_tool_c(named)
     for place, text in export_tool_c(plain).items():
-        found = export_tool_c(named)[place]
-        assert found.isascii()
-        assert code(found).replace(named.id, plain.id) == code(text)
+        assert found[place].isascii()
+        assert code(found[place]).replace(named.id, plain.id) == code(text)
 
 
 @pytest.mark.thorough
@@ -84,10 +84,10 @@ def test_no_title_or_file_of_a_simulation_becomes_code(title: str, file: str) ->
 def test_no_title_or_file_of_a_teleoperator_becomes_code(title: str, file: str) -> None:
     plain = teleoperator_coupling("mass_kg = 0.3\ndamping_ns_per_m = 1.0", 500.0, 5.0)
     named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
+    found = export_teleoperator_c(named, unsafe=True)
     for place, text in export_teleoperator_c(plain, unsafe=True).items():
-        found = export_teleoperator_c(named, unsafe=True)[place]
-        assert found.isascii()
-        assert code(found).replace(named.id, plain.id) == code(text)
+        assert found[place].isascii()
+        assert code(found[place]).replace(named.id, plain.id) == code(text)
 
 
 def test_a_planted_statement_is_seen_by_this_test() -> None:
