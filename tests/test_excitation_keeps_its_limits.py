@@ -188,7 +188,7 @@ def test_plan_that_would_break_a_limit_on_a_corner_is_refused():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("limits", [{"force_n": 0.8}, {"speed_m_per_s": 0.1}, {"travel_m": 0.0015}], ids=str)
+@pytest.mark.parametrize("limits", [{"force_n": 0.8}, {"speed_m_per_s": 0.1}, {"travel_m": 0.0012}], ids=str)
 def test_every_limit_is_kept_by_the_plan(limits):
     made = plan_excitation(DECLARED, seconds=2.0, **limits)
     (key, most), reached = *limits.items(), made.forecast

@@ -41,12 +41,11 @@ def faded(plan):
         st.tuples(st.floats(0.0, 450.0), st.floats(-0.9, 0.9), st.floats(0.0, 6.28)), min_size=1, max_size=64
     ),
     growth=st.sampled_from([0.0, 1e-4, 9e-4]),
-    shape=st.sampled_from(["sine", "release"]),
     seed=st.integers(0, 1000),
 )
-def test_signal_of_the_device_is_that_of_the_plan_in_every_bit(tones, growth, shape, seed):
+def test_signal_of_the_device_is_that_of_the_plan_in_every_bit(tones, growth, seed):
     knots = np.random.default_rng(seed).uniform(0, 1, 33)
-    signal = Signal.of(*np.array(tones).T, 1e-3, growth_per_tick=growth, knots=knots, shape=shape)
+    signal = Signal.of(*np.array(tones).T, 1e-3, growth_per_tick=growth, knots=knots)
     plan = dataclasses.replace(planned(), signal=signal, spring_n_per_m=0.0, damper_ns_per_m=0.0, ticks=1500)
     heavy = Bench(device(mass_kg=1000.0))
     log = heavy.excite(plan)

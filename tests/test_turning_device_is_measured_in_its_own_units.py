@@ -173,9 +173,8 @@ def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
     own = next(cure for cure in found.remedies if cure.key == "stiffness_n_per_m")
     its = next(cure for cure in at_rim.remedies if cure.key == "stiffness_n_per_m")
     assert own.value == pytest.approx(its.value * RADIUS**2, rel=0.05)
-    keys = {cure["key"] for cure in found.data()["remedies"]}
-    assert "stiffness_nm_per_rad" in keys
-    assert "stiffness_n_per_m" not in keys
+    keys = [cure["key"] for cure in found.data()["remedies"] if cure["key"].startswith("stiffness")]
+    assert set(keys) == {"stiffness_nm_per_rad"}
     with pytest.raises(avc.InputError, match="nothing says where the hand holds it"):
         diagnose(Columns("log", time, position, force, motion="rotary"))
 
