@@ -167,10 +167,7 @@ def test_ctrl_c_ends_a_search_for_proofs_as_itself_and_writes_nothing(tmp_path, 
 @pytest.mark.thorough
 def test_the_claim_says_which_device_it_covers():
     claim = outcome(coupling_of()).claim
-    assert (
-        "of a rigid device, an ideal amplifier, 0 samples of delay; left out: dry friction (0.2 N), encoder (2e-06"
-        in (claim)
-    )
+    assert "of a rigid device, an ideal amplifier, 0 samples of delay; left out: dry friction (0.2), encoder" in claim
     keys = {"delay_samples": 0.5, "amplifier_bandwidth_hz": 900.0, "coulomb_friction_n": 0.2}
     keys["range"] = {"delay_samples": (0.25, 0.5), "coulomb_friction_n": (0.1, 0.3)}
     law = ContactLaw.of(coupling_of().problem, *RIGID, 10.0)
@@ -181,7 +178,7 @@ def test_the_claim_says_which_device_it_covers():
         {"mass_kg": (0.1, 0.12), "damping_ns_per_m": (5.0, 6.0), "stiffness_n_per_m": (300.0, 320.0)},
     )
     assert found.outcome == "proved"
-    assert "an amplifier of 900 Hz, 0.25 to 0.5 samples of delay; left out: dry friction (0.3 N)" in found.sentence
+    assert "an amplifier of 900 Hz, 0.25 to 0.5 samples of delay; left out: dry friction (0.3)" in found.sentence
 
 
 @pytest.mark.thorough
