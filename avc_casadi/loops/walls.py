@@ -42,10 +42,9 @@ _MOST_TURN, _SPLITS = 0.4, 40
 _ABOUT = np.array([0.0, 0.3, 1.0, 3.0, 10.0, 30.0])
 # Each zoom narrows the bracket of an extremum to a quarter, each root step at least every second one to a half.
 _CLOSER, _NINE = 6, np.linspace(0.0, 1.0, 9)
-_ROOT_STEPS, _ROOT = 60, 1e-13
+_ROOT_STEPS, _ROOT, _NEAR = 60, 1e-13, 1e-9
 _EVENTS_AT_ONCE = 8_000_000
-_SCAN = 121
-_HALVINGS = 40
+_SCAN, _HALVINGS = 121, 40
 # Up to so many pairs of device and hand all are evaluated every time; of more only those once critical, the others at
 # the end.
 _FEW = 32
@@ -303,10 +302,12 @@ def _outside_without_spring(
         return np.asarray(inverse / damper)
 
     at = ratio(_root(lambda at: ratio(at).imag, angle[case, index], angle[case, index + 1])).real
+    # Poles of a device and hand without any damping are on the circle at B = 0, but for rounding: out only if B drives.
+    at[np.abs(at) < _NEAR * np.median(np.abs(slope), axis=1)[case]] = 0
     inverse, damper = loops.response(np.full(len(angle), np.pi))
     places = np.concatenate([at, np.nan_to_num((inverse / damper).real, nan=np.inf)])
     leaving = np.concatenate([np.where(slope[case, index] > 0, -2, 2), np.where(slope[:, -1] > 0, -1, 1)])
-    passed = (places > 0) & (places < damping[:, None])
+    passed = ((places > 0) | ((places == 0) & (leaving > 0))) & (places < damping[:, None])
     # Without damping a spring with any delay at all destabilises a free mass.
     driven = 2 * (loops.free & (curve[:, 0] >= damping[:, None]))
     return np.asarray((passed * leaving).sum(axis=1) + driven.sum(axis=1))
@@ -460,8 +461,7 @@ def _damping_range(loops: _Loops, stiffness_n_per_m: float, known_ns_per_m: floa
         if len(inside) == 0:
             return DampingRange(stiffness_n_per_m, np.nan, np.nan)
         low = 0.0 if scan[inside[0]] == 0 else _edge(radius, scan[inside[0] - 1], scan[inside[0]])
-        last = len(scan) - 1
-        high = scan[-1] if inside[-1] == last else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
+        high = scan[-1] if inside[-1] == len(scan) - 1 else _edge(radius, scan[inside[-1] + 1], scan[inside[-1]])
         if loops.confirmed(stiffness_n_per_m, np.array([low, high])):
             return DampingRange(stiffness_n_per_m, float(low), float(high))
 
