@@ -144,7 +144,7 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
         if problem is coupling.problem and runtime is coupling.runtime and judged == numbers:
             return verdict
     verdict = _verdict(coupling, progress)
-    if verdict.passed:
+    if verdict.passed and coupling.problem.device.mass_kg > 0:  # released, a massless device has no loop
         verdict = replace(verdict, disk_margin=min(one.disk for one in OpenLoop.of(coupling).margins()))
     known.append((coupling.problem, coupling.runtime, numbers, verdict))
     del known[:-_KEPT]
