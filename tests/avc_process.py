@@ -30,10 +30,15 @@ def wait_until_begun(process, library, *, workers=0):
         return
     while process.poll() is None:
         children = Path(f"/proc/{process.pid}/task").glob("*/children")  # of every thread
-        begun = [_has_loaded(library, pid) for path in children for pid in _text(path).split()]
+        begun = [_has_loaded(library, pid) for path in children for pid in _text(path).split() if _runs(pid)]
         if _has_loaded(library, process.pid) and sum(begun) >= workers:
             return
         time.sleep(0.01)
+
+
+def _runs(pid):
+    """Return whether a worker is past its fork, where it has its parent's libraries still."""
+    return "spawn_main" in _text(Path(f"/proc/{pid}/cmdline"))
 
 
 def _has_loaded(library, pid):
@@ -41,7 +46,6 @@ def _has_loaded(library, pid):
 
 
 def _text(path):
-    """Return what a file of a process or of a thread says, nothing when that has just ended."""
     try:
         return path.read_text()
     except OSError:

@@ -31,7 +31,6 @@ def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
 
 
 def plain_board(elf: Path) -> EmulatedBoard:
-    """The image as it is: nothing in it is changed."""
     return EmulatedBoard(elf, encoder=lambda _: 0)
 
 
@@ -84,6 +83,5 @@ def test_a_device_is_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert main(asked) == 0
     document = json.loads(capsys.readouterr().out)
     assert (document["limits"]["sample_time_s"], document["limits"]["max_force_n"]) == (5e-4, 7.0)
-    # What the file does not say is the board's own, and told.
     (note,) = document["notes"]
     assert note.startswith("the file has no device.encoder_resolution_m: 2e-06 is the board's own")

@@ -34,7 +34,6 @@ LONG = {
     "stream": ("stream", "figure5", "--port", "emulator", "--seconds", "100000"),
     "solve": ("solve", "slow.toml", "--method", "static-tuned"),
 }
-# What each loads when it has read its arguments.
 NEEDED = {"monitor": "libunicorn", "stream": "libunicorn"}
 SLOW = """\
 [device]
@@ -73,7 +72,6 @@ def output(process):
         process.communicate()
 
 
-# Wherever in the command these times fall: the end must be the same.
 @pytest.mark.thorough
 @pytest.mark.parametrize(("verb", "after_s"), [*zip(LONG, (2.0, 3.0, 0.3, 1.5, 1.5, 0.3), strict=True)])
 def test_interrupt_ends_the_command_and_leaves_no_half_written_file(verb, after_s, tmp_path):
