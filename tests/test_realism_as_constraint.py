@@ -110,7 +110,7 @@ def test_reason_states_the_smallest_relaxation() -> None:
     problem = problem_with("jnd", "pointwise", {})
     found = solve(problem, "schedule")
     row = found.status.index("infeasible")
-    error = float(found.reason[row].split("at best ")[1].split(",")[0])
+    error = float(found.reason[row].split("at best ")[1].split(" ")[0])
     for share, usable in ((1.0001, True), (0.9999, False)):
         relaxed = problem.changed(realism={"jnd": error * share})
         assert bool(solve(relaxed, "schedule").usable[row]) is usable
