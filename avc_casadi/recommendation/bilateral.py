@@ -123,8 +123,8 @@ def _tried(
     *,
     local: bool,
 ) -> tuple[ToolGains | None, BilateralTrial | None]:
-    """Return the stiffest coupling with which all hands settle, or none; a wanted stiffness is tried alone."""
-    count = options.tries if required_follower(problem).stiffness_n_per_m is None else 1
+    """Return the stiffest coupling with which all hands settle, or none; a wanted K alone, twice: loops get known."""
+    count, softer = (2, 1.0) if required_follower(problem).stiffness_n_per_m else (options.tries, options.softer)
     trial, stiffness = None, first_n_per_m
     for number in range(count):
         progress.advance(number, count, f"K of {quantity(stiffness, problem.units.unit('N/m'))}")
@@ -132,7 +132,7 @@ def _tried(
             trial = try_bilateral(problem, gains, people, seed)
             if trial.settled and not search.refuted(gains, options.gain_margin):
                 return gains, trial
-        stiffness *= options.softer
+        stiffness *= softer
     return None, trial
 
 
