@@ -127,4 +127,4 @@ def test_a_value_that_is_hardly_meant_is_told_first(capsys, tmp_path):
     device = "mass_kg = 0.1\ndamping_ns_per_m = 0.5\nencoder_resolution_m = 0.004"
     file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 500.0\ndamping_ns_per_m = 0.0\n")
     assert main(["recommend", str(file), "--hands", "8"]) in {0, 1}
-    assert "encoder_resolution_m is 0.004" in capsys.readouterr().out.splitlines()[2]
+    assert "encoder_resolution_m is 0.004" in capsys.readouterr().out.split("\n\n")[1].splitlines()[0]
