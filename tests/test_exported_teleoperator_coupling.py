@@ -246,17 +246,6 @@ def test_command_writes_what_is_unstable_by_request_and_refuses_what_is_of_other
     assert json.loads(capsys.readouterr().out)["unsafe"].startswith("UNSAFE")
 
 
-def test_bounds_of_both_handles_are_told():
-    """A wheel of 15 cm and a knob of 2 cm: 10 m/s at the handle are 66.67 and 500 rad/s."""
-    wheel, knob = (
-        f'motion = "rotary"\nhandle_radius_m = {radius}\ninertia_kgm2 = 0.03\ndamping_nms_per_rad = 0.05\n'
-        for radius in (0.15, 0.02)
-    )
-    made = teleoperator_coupling(knob, 5.0, 0.1, device=f"[device]\n{wheel}")
-    header = " ".join(export_teleoperator_c(made, unsafe=True)["avc_coupling.h"].split())
-    assert "than 66.67 m/s (leader) and 500 m/s (follower) would bring it" in header
-
-
 @pytest.mark.parametrize("verb", ["certify", "simulate", "trial"])
 def test_verbs_that_know_walls_say_who_takes_the_file(verb, tmp_path, capsys):
     path = tmp_path / "c.json"

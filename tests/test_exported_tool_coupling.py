@@ -325,16 +325,6 @@ def test_target_before_the_first_sample_and_after_a_fault_has_no_share():
     assert shares == pytest.approx([*(1 - np.arange(1, FADE) / FADE), 0.0, 0.0])
 
 
-def test_header_says_which_exchange_holds_and_what_another_costs():
-    stiff = export_tool_c(tool_coupling(TOOL, 5000.0, 30.0))["avc_coupling.h"]
-    plain = " ".join(stiff.replace("\n * ", " ").split())
-    assert "EXCHANGE, for which this is certified: on-time." in plain
-    assert "ahead, unstable" in plain
-    assert "factor of 10 to 60" in plain
-    soft = export_tool_c(tool_coupling(TOOL, 100.0, 1.0))["avc_coupling.h"]
-    assert "ahead, still stable" in " ".join(soft.replace("\n * ", " ").split())
-
-
 @pytest.mark.parametrize(("options", "said"), [({"precision": "half"}, "half"), ({"name": "a*/"}, "name: is ")])
 def test_options_that_are_none_are_refused(options, said):
     with pytest.raises(avc.InputError, match=said):

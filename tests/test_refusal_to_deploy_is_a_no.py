@@ -33,6 +33,20 @@ def test_an_unstable_coupling_is_refused_by_every_verb_that_deploys(arguments):
     assert main(list(arguments)) == 1
 
 
+def test_an_export_replaces_an_export_and_no_file_of_anybody_else(tmp_path, capsys):
+    made = Coupling.constant(avc.load_problem("figure5"), Gains(1.0, 10.0, 0.0), "mine")
+    avc.write_coupling(made, "c.json")
+    command = ["export", "c.json", "--c", ".", "--name", "main"]
+    own = tmp_path / "main.c"
+    own.write_text("int main(void) { return 0; }\n")
+    assert main(command) == 2
+    assert "--force" in capsys.readouterr().err
+    assert own.read_text().startswith("int main")
+    assert not (tmp_path / "main.h").exists()
+    assert main([*command, "--force"]) == 0 == main(command)
+    assert made.id in own.read_text()
+
+
 @pytest.mark.parametrize("runtime", [Runtime(observer_mass_kg=0.15), Runtime(guard="energy-tank")])
 @pytest.mark.parametrize("verb", ["push", "stream"])
 def test_what_the_firmware_lacks_is_a_no(verb, runtime):

@@ -31,7 +31,7 @@ from mcap.stream_reader import StreamReader
 
 import avc_hardware
 from avc_casadi import InputError, MissingExtraError, UnsupportedError, load_problem
-from avc_casadi.cli import deploy, main
+from avc_casadi.cli import main, operate
 from avc_casadi.identification.read import read_columns
 from avc_hardware import Connection, DeviceStatus, EmulatedBoard, LivePlot, TelemetrySample, monitor, open_log
 from avc_hardware.link import messages as m
@@ -234,13 +234,13 @@ def test_an_interrupt_at_any_line_leaves_no_record_half_kept(
         yield from taken
 
     monkeypatch.setattr("avc_hardware.monitor", played)
-    body = [line for line in lines_of_the_loop(deploy.run_monitor) for _ in range(2)]
+    body = [line for line in lines_of_the_loop(operate.run_monitor) for _ in range(2)]
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     kept = []
     try:
         for turn, line in enumerate(body):
             log = tmp_path / f"{turn}.csv"
-            with killed_at(deploy.run_monitor.__code__, line, after=3 + turn % 2) as sent:
+            with killed_at(operate.run_monitor.__code__, line, after=3 + turn % 2) as sent:
                 code = main(["monitor", "--port", "emulator", "--out", str(log), "--json"])
             assert code == (130 if sent else 0)  # no plot, no break
             document = strict_json(capsys.readouterr().out.encode())

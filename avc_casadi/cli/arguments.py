@@ -27,12 +27,13 @@ if TYPE_CHECKING:
 
 
 def add_port(parser: argparse.ArgumentParser) -> None:
-    """Declare --port."""
+    """Declare --port and --baud."""
     parser.add_argument(
         "--port",
         required=True,
         help="serial port (avc doctor --ports), or `emulator`: the real firmware image on an emulated board",
     )
+    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
 
 
 def add_verbose(parser: argparse.ArgumentParser) -> None:

@@ -1,56 +1,39 @@
-"""Verbs that deploy a coupling: export, push, stream, monitor, device, firmware."""
+"""Verbs that deploy a coupling: export, push, firmware."""
 
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import avc_casadi as avc
-from avc_casadi._util.interrupt import EXIT_CODE, HeldInterrupt, take_interrupt
 from avc_casadi._util.text import number
 from avc_casadi.cli.arguments import (
-    add_motion,
     add_port,
     add_problem_of_gains,
     add_unsafe,
     add_verbose,
-    add_worded,
-    check_worded,
     faults_of,
     is_coupling,
     is_device,
-    positive,
     positive_int,
     read_pair,
     read_subject,
     unsafe_note,
 )
-from avc_casadi.cli.console import Console, output_file, output_folder
+from avc_casadi.cli.console import Console, output_folder
 
 if TYPE_CHECKING:
-    from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
     from avc_casadi.model.device import Device as DeviceModel
     from avc_casadi.model.problem import Problem
-    from avc_casadi.present.row import Answer, Part
-    from avc_hardware import BoardLimits, Device, DeviceStatus, StreamSample, TelemetryLog, TelemetrySample
+    from avc_casadi.present.row import Answer
+    from avc_hardware import BoardLimits
 
 # Names of `avc_casadi.present.engines`.
 ENGINES = ("mujoco", "chai3d", "unity", "sofa", "openhaptics", "imstk", "ros2", "pybullet")
 IN_CONTACT = "the device is in contact: release it, out of the wall; the new coupling takes over there"
-_SECONDS_WITH_JSON = 5.0
-_HEARTBEAT_S = 0.5
-# Rate of readable lines of text.
-_LINES_HZ = 5.0
-_OF_LIMITS = {
-    "force_n": "--force-n",
-    "speed_m_per_s": "--speed-m-per-s",
-    "energy_j": "--energy-j",
-    "built_in": "--built-in",
-}
 _USUAL_BAUD = 115200
 
 
@@ -83,6 +66,7 @@ def add_export(parser: argparse.ArgumentParser) -> None:
         help="what files, functions, types and macros begin with (default: avc_coupling); couplings of two names link "
         "into one program",
     )
+    parser.add_argument("--force", action="store_true", help="write over a file that is there and is no export")
     add_problem_of_gains(parser)
     add_unsafe(parser)
     add_verbose(parser)
@@ -117,7 +101,7 @@ def _export_wall(coupling: Coupling, args: argparse.Namespace, console: Console)
         files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     data: dict[str, Any] = {
         "coupling": coupling.id,
-        "files": _write(args.c, files),
+        "files": _write(args, files),
         "rows": len(coupling.table),
         "sample_time_s": coupling.sample_time_s,
         "precision": args.precision,
@@ -129,14 +113,19 @@ def _export_wall(coupling: Coupling, args: argparse.Namespace, console: Console)
     return export(data, coupling, args.gains)
 
 
-def _write(to: str, files: dict[str, str]) -> list[str]:
-    """Write files into a folder; return their paths."""
+def _write(args: argparse.Namespace, files: dict[str, str]) -> list[str]:
+    """Write files into the folder; return their paths."""
     from avc_casadi._util.files import write_file
 
-    with output_folder(to, "--c") as folder:
+    paths = [Path(args.c) / name for name in files]
+    for path in paths:
+        if path.is_file() and not args.force and b"; do not edit." not in path.read_bytes().partition(b"\n")[0]:
+            what = "is there already and no export; allowed: another folder, another --name, or --force"
+            raise avc.InputError.of(f"{str(path)!r} {what}", key="--c")
+    with output_folder(args.c, "--c") as folder:
         for name, text in files.items():
             write_file(folder / name, text)
-    return [str(Path(to) / name) for name in files]
+    return [str(path) for path in paths]
 
 
 def _export_pair(coupling: Any, args: argparse.Namespace, console: Console) -> Answer:
@@ -159,7 +148,7 @@ def _export_pair(coupling: Any, args: argparse.Namespace, console: Console) -> A
     stable = loops.stable_over_ranges(gains)
     data = {
         "coupling": coupling.id,
-        "files": _write(args.c, files),
+        "files": _write(args, files),
         "sample_time_s": problem.device.sample_time_s,
         "precision": args.precision,
         "unsafe": "" if stable else "UNSAFE, went on by request: a loop is linearly unstable",
@@ -180,7 +169,6 @@ def add_push(parser: argparse.ArgumentParser) -> None:
     """
     parser.add_argument("gains", metavar="COUPLING", help="coupling file; or a gain file with --problem")
     add_port(parser)
-    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
     parser.add_argument("--device-id", metavar="ID", help="number of the device's chip; another one is refused")
     add_problem_of_gains(parser)
     add_unsafe(parser)
@@ -231,13 +219,7 @@ def widest_hole(coupling: Coupling) -> list[float] | None:
 
 
 def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
-    """Push to the emulated device and try it there; a failed push does not discard the other results.
-
-    Returns:
-        The `push` document with ``unsafe`` (empty where it is deployable) and ``in_the_loop``; or ``{"skipped": why}``,
-        or ``{"refused": why}``, with ``"deployable": False`` where that is the reason.
-        ``{"skipped": why}``, or ``{"refused": why}``, with ``"deployable": False`` where that is why.
-    """
+    """Push to the emulated device and try it there; a failed push is a document too: ``skipped`` or ``refused``."""
     from avc_casadi.claims.deployable import require_deployable
     from avc_hardware import push
 
@@ -256,11 +238,7 @@ def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:
 
 
 def tried_or_say(coupling: Coupling) -> dict[str, Any]:
-    """Try a pushed coupling with a hand on the emulated device; an unsupported trial does not discard the push.
-
-    Returns:
-        The figures of the trial; or ``{"skipped": why}``.
-    """
+    """Try a pushed coupling with a hand on the emulated device; an unsupported trial is ``{"skipped": why}``."""
     from avc_casadi._util.json_values import plain
     from avc_hardware import tried_in_the_loop
 
@@ -269,325 +247,6 @@ def tried_or_say(coupling: Coupling) -> dict[str, Any]:
     except avc.UnsupportedError as error:
         return {"skipped": str(error)}
     return found
-
-
-def add_stream(parser: argparse.ArgumentParser) -> None:
-    """Stream a coupling's gains live: read the device's frequency estimate, send the gains for it."""
-    parser.add_argument(
-        "subject", metavar="COUPLING", help="coupling file; or a problem, whose recommended coupling is streamed"
-    )
-    add_port(parser)
-    parser.add_argument(
-        "--rate-hz", type=positive, default=50.0, metavar="HZ", help="messages a second, 1 to 100; default 50"
-    )
-    parser.add_argument("--seconds", type=positive, default=5.0, metavar="S", help="duration; default 5")
-    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
-    add_problem_of_gains(parser)
-    add_unsafe(parser)
-
-
-def run_stream(args: argparse.Namespace, console: Console) -> Answer:
-    """Push the table as the fallback, then stream; 1 if the device does not end on this coupling's table."""
-    from avc_casadi._util.json_values import plain
-    from avc_casadi.claims.deployable import require_deployable
-    from avc_casadi.present.row import Value, text_of
-    from avc_casadi.present.rows import deploy
-    from avc_hardware import stream
-
-    coupling = _stream_coupling(args, console)
-    verdict = require_deployable(coupling, unsafe=args.unsafe)
-    units, shown, sent = coupling.problem.units, -1.0, 0
-
-    def show(sample: StreamSample) -> None:
-        nonlocal shown, sent
-        sent += 1
-        if sample.time_s >= shown + 0.5:
-            shown = sample.time_s
-            b, k = Value(sample.damping_ns_per_m, "damping"), Value(sample.stiffness_n_per_m, "stiffness")
-            heard = (Value(sample.frequency_hz, "frequency"), ": b", b, ", k", k)
-            given = ("; applied", Value(sample.force_n, "force"))
-            console.say(f"{sample.time_s:7.2f} s  {text_of((*heard, *given), units)}")
-
-    try:
-        with faults_of(args.subject, args):
-            result = stream(
-                coupling,
-                args.port,
-                rate_hz=args.rate_hz,
-                seconds=args.seconds,
-                baud=args.baud,
-                on_silence=console.notice,
-                on_sample=show,
-                unsafe=args.unsafe,
-            )
-    except KeyboardInterrupt:
-        if not sent:
-            raise
-        take_interrupt()
-        return _stream_interrupted(coupling, args, sent)
-    document: dict[str, Any] = plain(
-        {"problem": coupling.problem.name, "coupling": coupling.id}
-        | {key: value for key, value in vars(result).items() if key not in {"samples", "push", "status"}}
-        | {"push": result.push.document(), "status": vars(result.status)}
-        | {"deployable": verdict.document(), "unsafe": unsafe_note(verdict)}
-        | {"samples": [vars(sample) for sample in result.samples]}
-    )
-    complaint = f"avc: {result.port}: {'; '.join(result.faults)}" if result.faults else ""
-    answer = deploy.stream(document, result.faults)
-    return replace(answer, units=units, code=1 if complaint else 0, complaint=complaint)
-
-
-def _stream_interrupted(coupling: Coupling, args: argparse.Namespace, sent: int) -> Answer:
-    """Describe the device's behaviour after the stream was interrupted."""
-    from avc_casadi.present.row import Answer as Result
-    from avc_hardware import HOLD_PERIODS
-
-    data = avc.fault_document(avc.InputError.of("interrupted")) | {
-        "problem": coupling.problem.name,
-        "coupling": coupling.id,
-        "sent": sent,
-    }
-    stays = f"{args.port} goes back to its table, coupling {coupling.id}, within {HOLD_PERIODS / args.rate_hz:.2g} s"
-    left = "the emulated board ends with this command" if args.port == "emulator" else stays
-    return Result("stream", data, (f"interrupted after {sent} messages; {left}",), code=EXIT_CODE)
-
-
-def _stream_coupling(args: argparse.Namespace, console: Console) -> Coupling:
-    """Read the coupling; or recommend one for a problem."""
-    if is_coupling(args.subject):
-        return read_subject("stream", args.subject, args.problem)
-    from avc_casadi.recommendation.recommend import recommend
-
-    problem = avc.load_problem(args.subject)
-    with console.step("recommended coupling"):
-        found = recommend(problem, progress=console)
-    if found.coupling is None or found.coupling.end != "wall":
-        raise avc.NotDeployableError(f"{problem.name}: {found.reason}")
-    return found.coupling
-
-
-def add_monitor(parser: argparse.ArgumentParser) -> None:
-    """Watch a device: records of its own ticks, as text, plot or log; and keep its heartbeat.
-
-    The device pushes a record every so many of its own ticks, with the tick's number; one that is lost is seen by it.
-    With --heartbeat the device lives as long as this command: when it ends, is killed or loses the line, the force
-    falls to 0 within 0.1 s, and comes back out of contact with the next heartbeat.
-    """
-    add_port(parser)
-    parser.add_argument(
-        "--rate-hz",
-        type=positive,
-        default=_LINES_HZ,
-        metavar="HZ",
-        help="records a second; default 5; 115200 baud carry about 250. At most 5 a second are shown as text",
-    )
-    parser.add_argument(
-        "--seconds", type=positive, metavar="S", help="duration; default until Ctrl-C, with --json 5 seconds"
-    )
-    parser.add_argument(
-        "--heartbeat",
-        dest="heartbeat_s",
-        type=positive,
-        nargs="?",
-        const=_HEARTBEAT_S,
-        metavar="S",
-        help=f"keep the device's heartbeat: the force falls when none comes for S seconds; default {_HEARTBEAT_S:g}",
-    )
-    parser.add_argument("--out", metavar="FILE", help="log every record as it comes: .csv, or .mcap (extra 'mcap')")
-    add_motion(parser)
-    parser.add_argument("--plot", action="store_true", help="draw the last 10 s in a window")
-    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
-
-
-def _monitor_sample_document(sample: TelemetrySample, words: str) -> Any:
-    """Return a record as JSON values, its faults in words."""
-    from avc_casadi._util.json_values import plain
-
-    return plain(vars(sample) | {"fault_words": words.split(", ") if words else []})
-
-
-def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
-    """Watch the device; Ctrl-C ends it with all samples so far."""
-    from avc_casadi._util.units import units_for
-    from avc_casadi.present.row import Value, text_of
-    from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
-
-    units = units_for(args.motion)
-    out = output_file(args.out, "--out", LOG_ENDINGS) if args.out else None
-    samples: list[dict[str, Any]] = []
-    document: dict[str, Any] = {"port": args.port, "note": None, "samples": samples, "records": 0, "lost": 0}
-    document |= {"ended": None, "out": args.out}
-    code, shown = 0, -1.0
-    log: TelemetryLog | None = None
-    if args.port == EMULATOR:
-        document["note"] = EMULATOR_IS_FRESH
-
-    def begun(device: Device) -> None:
-        nonlocal log
-        if out is not None and log is None:  # not before there is something to log
-            log = stack.enter_context(open_log(out, args.motion))
-        own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
-        running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
-        told = (f"device {own} with firmware {device.build}: a tick every", tick, ", at most", most, running)
-        console.say(text_of(told, units))
-
-    def ended(status: DeviceStatus) -> None:
-        document["ended"] = {"mode": status.mode, "force_n": status.force_n, "faults": status.faults}
-
-    with ExitStack() as stack:
-        watched = monitor(
-            args.port,
-            rate_hz=args.rate_hz,
-            seconds=args.seconds or (_SECONDS_WITH_JSON if console.as_json else None),
-            heartbeat_s=args.heartbeat_s,
-            baud=args.baud,
-            on_silence=console.notice,
-            on_device=begun,
-            on_end=ended,
-        )
-        plot = stack.enter_context(LivePlot()) if args.plot else None
-        stack.enter_context(closing(watched))
-        try:
-            for sample in watched:
-                words = DeviceFault(sample.faults).word
-                with HeldInterrupt():  # all three or none
-                    document["records"] += 1
-                    document["lost"] += sample.lost
-                    if log is not None:
-                        log.write(sample)
-                    if console.as_json:
-                        samples.append(_monitor_sample_document(sample, words))
-                if plot is not None:
-                    plot.take(sample)
-                    if plot.closed:
-                        break
-                if not 0 <= sample.time_s - shown < 1 / _LINES_HZ - 1e-6:
-                    shown = sample.time_s
-                    console.say(text_of(_monitor_state(sample, words), units))
-        except KeyboardInterrupt:
-            if not document["records"]:
-                raise
-            take_interrupt()
-            code = EXIT_CODE
-    if code:
-        document = avc.fault_document(avc.InputError.of("interrupted")) | document
-    return _monitor_end(document, args, units, code)
-
-
-def _monitor_end(data: dict[str, Any], args: argparse.Namespace, units: Units, code: int) -> Answer:
-    from avc_casadi.present.row import Answer as Result
-    from avc_casadi.present.row import Mark, Value, row
-
-    rows, ended = [], data["ended"]
-    if lost := data["lost"]:
-        what = f"{lost} of {data['records'] + lost} records: the line is too slow or lossy; give less --rate-hz, or a "
-        rows.append(row("Lost", f"{what}faster --baud with firmware built for it", mark=Mark.CAUTION))
-    if data["out"]:
-        rows.append(row("Written", f"{data['out']}, {data['records']} records"))
-    if args.heartbeat_s and ended is not None:
-        until = f"; mode {ended['mode']} until the next heartbeat, out of contact"
-        rows.append(row("Heartbeat", "ended, at", Value(ended["force_n"], "force"), until))
-    elif args.heartbeat_s:
-        rows.append(row("Heartbeat", "ended, and the device did not answer: it falls to 0 by itself"))
-    return Result("monitor", data, rows=tuple(rows), units=units, code=code)
-
-
-def _monitor_state(sample: TelemetrySample, faults: str) -> tuple[Part, ...]:
-    from avc_casadi.present.row import Value, listed
-
-    mode = sample.mode if sample.has_table or faults else "idle"
-    coupling = f"coupling {sample.coupling_id}" if sample.has_table else "no coupling"
-    return listed(
-        [
-            f"tick {sample.ticks}",
-            ("f", Value(sample.frequency_hz, "frequency")),
-            ("b", Value(sample.damping_ns_per_m, "damping")),
-            ("k", Value(sample.stiffness_n_per_m, "stiffness")),
-            ("at", Value(sample.position_m, "length")),
-            ("applied", Value(sample.force_n, "force")),
-            Value(sample.energy_j, "energy"),
-            f"{mode} ({faults})" if faults else mode,
-            "streaming" if sample.streaming else None,
-            coupling,
-        ]
-    )
-
-
-def add_device(parser: argparse.ArgumentParser) -> None:
-    """Show or lower the limits of a device, or clear its faults."""
-    add_port(parser)
-    what = parser.add_mutually_exclusive_group()
-    what.add_argument("--limits", action="store_true", help="show or lower the limits (what is done by default)")
-    what.add_argument("--clear", action="store_true", help="show the latched faults and clear them; 1 if one stays")
-    limits = parser.add_argument_group(
-        "limits",
-        "Never above those built into the firmware, and until the device starts anew. A lower force\n"
-        "holds at once, a higher one from the next time that the device is out of contact.",
-    )
-    add_worded(limits, "--force-n", "--torque-nm", "N", "limit of the force")
-    add_worded(limits, "--speed-m-per-s", "--speed-rad-per-s", "V", "a fault is latched beyond it")
-    limits.add_argument(
-        "--energy-j", type=positive, metavar="E", help="that a coupling may give out, a second, without having got it"
-    )
-    limits.add_argument("--built-in", action="store_true", help="those of the firmware, for all that is not given")
-    add_motion(parser)
-    parser.add_argument("--baud", type=positive_int, default=115200, help="rate of a serial port; default 115200")
-
-
-def run_device(args: argparse.Namespace, console: Console) -> Answer:
-    """Carry out the options.
-
-    Raises:
-        InputError: options that do not belong together.
-    """
-    if not args.clear:
-        return _device_limited(args, console)
-    given = [option for key, option in _OF_LIMITS.items() if getattr(args, key) not in {None, False}]
-    if given:
-        raise avc.InputError.of("goes with --limits, not with --clear", key=given[0])
-    return _device_cleared(args, console)
-
-
-def _device_limited(args: argparse.Namespace, console: Console) -> Answer:
-    from avc_casadi._util.json_values import plain
-    from avc_casadi._util.units import units_for
-    from avc_casadi.present.rows.deploy import limits
-    from avc_hardware import set_limits
-
-    units = units_for(args.motion)
-    check_worded(args, units)
-    with console.step(f"limits of {args.port}"):
-        found = set_limits(
-            args.port,
-            force_n=args.force_n,
-            speed_m_per_s=args.speed_m_per_s,
-            energy_j=args.energy_j,
-            built_in=args.built_in,
-            baud=args.baud,
-            on_silence=console.notice,
-        )
-    three = {name: vars(getattr(found, name)) for name in ("boards", "asked", "hold")}
-    document: dict[str, Any] = plain({"port": found.port, "waits": found.waits} | three)
-    return limits(document, units)
-
-
-def _device_cleared(args: argparse.Namespace, console: Console) -> Answer:
-    """Clear the faults; 1 if one remains."""
-    from avc_casadi.present.rows.deploy import faults
-    from avc_hardware import clear_faults
-
-    with console.step(f"clear {args.port}"):
-        found = clear_faults(args.port, baud=args.baud, on_silence=console.notice)
-    document = {
-        "port": found.port,
-        "were": [fault.word for fault in found.were],
-        "first": [fault.word for fault in found.first],
-        "tick": found.tick,
-        "left": [fault.word for fault in found.left],
-        "mode": found.status.mode,
-    }
-    complaint = f"avc: {found.port}: still there: {found.left.word}" if found.left else ""
-    return replace(faults(document, list(found.were.advice)), code=1 if complaint else 0, complaint=complaint)
 
 
 def add_firmware(parser: argparse.ArgumentParser) -> None:

@@ -39,12 +39,13 @@ QUESTIONS: dict[str, tuple[str, ...]] = {
     "design a coupling": ("new", "recommend", "run", "solve", "compare"),
     "judge it": ("certify", "simulate", "trial", "zwidth"),
     "measure a device": ("excite", "identify", "diagnose"),
-    "deploy": ("export", "push", "stream", "monitor", "device", "firmware"),
+    "deploy": ("export", "push", "firmware"),
+    "operate a device": ("stream", "monitor", "device"),
     "look": ("list", "check", "explore", "doctor"),
     "study": ("accuracy", "table1"),
 }
 """The commands, by the question that they answer."""
-_FILES = ("design", "judge", "measure", "deploy", "look", "look")
+_FILES = ("design", "judge", "measure", "deploy", "operate", "look", "look")
 MODULES: dict[str, str] = {
     verb: module for module, verbs in zip(_FILES, QUESTIONS.values(), strict=True) for verb in verbs
 }
