@@ -1,4 +1,5 @@
 import os
+import signal
 from zlib import crc32
 
 # Threads of the linear algebra spin while they wait for a processor that the other worker has; commands inherit this.
@@ -6,6 +7,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before anything loads NumP
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# A shell starts what runs in the background with Ctrl-C ignored, and commands inherit it: tests send it to them.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # How long drawing takes is the machine's affair.
 settings.register_profile(

@@ -6,13 +6,11 @@ import time
 
 import numpy as np
 import pytest
-from engine_simulator import EngineSimulator
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M
 from avc_casadi.present.explore.answers import PARTS, answer
 from avc_casadi.present.explore.explorer import Explorer
@@ -94,35 +92,6 @@ def test_every_number_is_that_of_recommend_certify_zwidth_and_simulate(name, tmp
     touch = told("touch", explorer, gains=pair)["touch"]
     assert touch["claim"] == simulated["outcome"]
     assert touch["stiffness_n_per_m"] == pytest.approx(problem.units.read(simulated)["apparent_stiffness_n_per_m"])
-
-
-def grows(pair, hand, tool_mass_kg):
-    """Whether device and tool swing against each other ever more, by a plain simulation."""
-    k, b = pair["stiffness_n_per_m"], pair["damping_ns_per_m"]
-    engine = EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (tool_mass_kg, 0.0), 0.002)
-    device, tool = engine.run(k, b, 6000, kick=1e-3, force=1e300)
-    apart = np.abs(device - tool)
-    return bool(apart[-1000:].max() > apart[1000:2000].max())
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "pair", [(5000.0, 20.0), (17000.0, 37.0), (5000.0, 70.0), (600.0, 0.2), (14000.0, 60.0), (18500.0, 55.0)]
-)
-def test_who_is_stable_with_what_is_so_in_a_plain_simulation(pair):
-    gains = dict(zip(("stiffness_n_per_m", "damping_ns_per_m"), pair, strict=True))
-    rows = rows_of(told("now", gains=gains))
-    hands = hand_corners(MUJOCO.hands)
-    every = list(zip(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m, strict=True))
-    for label, mass_kg in (("Tool free", 0.2), ("Tool held", np.inf)):
-        held, released = any(grows(gains, hand, mass_kg) for hand in every), grows(gains, (0.0, 0.0, 0.0), mass_kg)
-        expected = (
-            "stable with every hand and released"
-            if not (held or released)
-            else f"{'unstable with a' if held else 'stable with every'} hand, "
-            f"{'unstable' if released else 'stable'} released"
-        )
-        assert rows[label] == expected
 
 
 def test_a_number_is_moved_whole_and_a_range_by_its_ends():
