@@ -92,7 +92,7 @@ if TYPE_CHECKING:
     from avc_casadi.files.coupling_file import read_coupling as read_coupling
     from avc_casadi.files.coupling_file import write_coupling as write_coupling
     from avc_casadi.files.device_file import load_device as load_device
-    from avc_casadi.files.problem_document import dump_problem as dump_problem
+    from avc_casadi.files.problem_file import dump_problem as dump_problem
     from avc_casadi.files.problem_file import load_problem as load_problem
     from avc_casadi.files.problem_file import parse_problem as parse_problem
     from avc_casadi.model.problem import Problem as Problem
@@ -136,7 +136,7 @@ else:
         "Problem": "model.problem",
         "catalogue": "files.catalogue",
         "catalogue_path": "files.catalogue",
-        "dump_problem": "files.problem_document",
+        "dump_problem": "files.problem_file",
         "load_device": "files.device_file",
         "load_problem": "files.problem_file",
         "parse_problem": "files.problem_file",

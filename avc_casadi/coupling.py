@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
@@ -279,17 +279,18 @@ def thinned(table: GainTable) -> GainTable:
 
 
 def schedule_of(
-    problem: Problem, table: GainTable, method: str, state_feedback: StateFeedback | None = None
+    problem: Problem,
+    table: GainTable,
+    method: str,
+    state_feedback: StateFeedback | None = None,
+    without_hz: Sequence[float] = (),
 ) -> GainSchedule:
-    """Return the schedule of a table of which only rows and feedback are known."""
-    b, k, contact = table.gains
+    """Return the schedule of a table, with the frequencies at which its method found no gains."""
+    frequency = np.union1d(table.frequency_hz, without_hz)
+    b, k, contact = table(frequency)
+    status = tuple(Status.INFEASIBLE if hz in without_hz else Status.SOLVED for hz in frequency)
     return gain_schedule(
-        problem,
-        method,
-        (b, k, contact),
-        (Status.SOLVED,) * len(table),
-        frequency_hz=table.frequency_hz,
-        state_feedback=state_feedback,
+        problem, method, (b, k, contact), status, frequency_hz=frequency, state_feedback=state_feedback
     )
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from avc_casadi.files.problem_document import dump_problem
-from avc_casadi.files.problem_file import load_problem, parse_problem
+from avc_casadi.files.problem_file import dump_problem, load_problem, parse_problem
 from avc_casadi.model.problem import Problem
 
 

@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from avc_casadi.cli import main
@@ -44,26 +43,6 @@ def test_zwidth_of_a_device_without_damping(capsys):
     assert document["llewellyn"] is None
     assert document["static"] == []
     assert document["passive_limit_n_per_m"] == 0.0
-
-
-@pytest.mark.thorough
-def test_certificate_of_requested_closed_form_gains(capsys, tmp_path):
-    gains = str(tmp_path / "gains.json")
-    assert main(["solve", "figure5", "--method", "closed-form", "--out", gains]) == 1
-    capsys.readouterr()
-    code, document = answer(capsys, "certify", "figure5", gains, "--requested")
-    levels = document["levels"]
-    assert code == 1  # L0, which the problem claims, is not what a device needs
-    assert levels["L0"]["pass"]
-    assert abs(levels["L0"]["margin_ns_per_m"]) <= levels["L0"]["tolerance_ns_per_m"]
-    assert not levels["L2"]["pass"]
-    assert not levels["L3"]["pass"]
-    assert levels["L3"]["frequency_hz"] == 500.0
-    code, document = answer(capsys, "certify", "figure5", gains)
-    assert code == 1
-    assert document["rows_without_gains"] == 105
-    row_pass = document["levels"]["L0"]["row_pass"]
-    assert np.count_nonzero(row_pass) == 95
 
 
 def test_static_without_device_damping_is_refused(capsys):

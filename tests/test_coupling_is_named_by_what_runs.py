@@ -52,9 +52,9 @@ def test_gains_of_another_sample_time_are_refused(coupling, tmp_path):
     write_coupling(coupling, path)
     for factor in (0.5, 1 + 1e-6, 2.0):
         document = json.loads(path.read_text())
-        document["sample_time_s"] *= factor
+        document["problem_file"]["device"]["sample_time_s"] *= factor
         (tmp_path / "other.json").write_text(json.dumps(document))
-        with pytest.raises(InputError, match="sample_time_s"):
+        with pytest.raises(InputError, match="id: "):
             read_coupling(tmp_path / "other.json")
 
 

@@ -52,7 +52,7 @@ def test_resonance_friction_and_fractional_delay(flexible, tmp_path):
     (tmp_path / "mine.toml").write_text(device_text(flexible.device))
     read = avc.load_device(tmp_path / "mine.toml")
     assert read.device == flexible.device.device
-    assert read.sources.mass_kg.grade == "measured"
+    assert read.sources["mass_kg"].grade == "measured"
 
 
 @pytest.mark.thorough

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.files.problem_document import problem_document
+from avc_casadi.files.problem_file import problem_document
 from avc_casadi.model.device import Device, DeviceRange, Resonance, ResonanceRange
 from avc_casadi.model.problem import (
     Boundaries,

@@ -13,7 +13,7 @@ from avc_casadi import InputError, UnsupportedError, parse_problem, solve
 from avc_casadi.claims.scope import scope_slack
 from avc_casadi.cli import main
 from avc_casadi.design.comparison.comparison import compare
-from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.schedule import GainSchedule
 from avc_casadi.paper.loop import Loop, loop_at

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.device_file import DeviceFile
     from avc_casadi.identification.units import Layout
-    from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.model.virtual_tool import ToolGains
 
 
@@ -183,9 +182,7 @@ def is_coupling(text: str) -> bool:
 
 def add_problem_of_gains(parser: argparse.ArgumentParser) -> None:
     """Declare --problem, for gain files without one."""
-    parser.add_argument(
-        "--problem", metavar="P", help="problem of a gain file that does not carry its own (.csv, or of release 0.1.0)"
-    )
+    parser.add_argument("--problem", metavar="P", help="problem of a table of gains, .csv")
 
 
 def add_unsafe(parser: argparse.ArgumentParser) -> None:
@@ -320,33 +317,22 @@ def refuse(
         raise avc.InputError.of(why, key=f"--{given[0].replace('_', '-')}")
 
 
-def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling | GainSchedule, list[str]]:
+def gains_for(problem: avc.Problem, file: str) -> tuple[Coupling, list[str]]:
     """Read a file for a problem, with notes on how its own problem differs.
 
-    A coupling file is checked as everywhere and put on this problem with its table and runtime; a table of gains alone
-    stays one.
+    A coupling file is checked as everywhere and put on this problem with its table and runtime.
     """
-    from avc_casadi.coupling import Coupling, check_sample_time, require_coupling
-    from avc_casadi.files.coupling_file import read_file, same_problem
+    from avc_casadi.coupling import Coupling, require_coupling
+    from avc_casadi.files.coupling_file import coupling_beside, read_file, same_problem
 
     found = read_file(file)
-    check_sample_time(found.sample_time_s, problem, file)
-    if isinstance(found, Coupling):
-        require_coupling(found)
-        if same_problem(problem, found.problem):
-            return found, []
-        note = f"the coupling was made for {found.problem.name} with another {_differing(problem, found.problem)}"
-        return found.on(problem), [note]
-    pairs: list[tuple[str, str, str]] = [("structure", found.structure, problem.coupling.structure)]
-    if found.method != "file":  # a bare table names neither problem nor model
-        pairs = [
-            ("problem", found.problem, problem.name),
-            ("model", found.model, problem.stability.model),
-            *pairs,
-        ]
-    return found, [
-        f"the gains were designed for {what} {theirs}, not {ours}" for what, theirs, ours in pairs if theirs != ours
-    ]
+    if not isinstance(found, Coupling):
+        return coupling_beside(problem, found, file), []
+    require_coupling(found)
+    if same_problem(problem, found.problem):
+        return found, []
+    note = f"the coupling was made for {found.problem.name} with another {_differing(problem, found.problem)}"
+    return found.on(problem), [note]
 
 
 def _differing(one: avc.Problem, other: avc.Problem) -> str:

@@ -178,7 +178,7 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     """Push; a refusal is raised."""
     from avc_casadi._util.json_values import plain
     from avc_casadi.claims.deployable import require_deployable
-    from avc_casadi.present.rows import deploy
+    from avc_casadi.present.rows import deploy, holes
     from avc_hardware import EMULATOR, push
 
     coupling = read_subject("push", args.gains, args.problem)
@@ -198,7 +198,7 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
             ).document()
         )
     document["unsafe"] = unsafe_note(verdict)
-    document["widest_hole_hz"] = widest_hole(coupling)
+    document["holes"] = holes(coupling.schedule) or None
     document["lacks"] = list(coupling.lacks)
     if args.port == EMULATOR:
         with console.step("firmware and plant in the loop"):
@@ -206,16 +206,6 @@ def run_push(args: argparse.Namespace, console: Console) -> Answer:
     equal = document["readback_equal"]
     complaint = "" if equal else f"avc: {args.port}: the table read back is not the one sent; push again"
     return replace(deploy.push(document, coupling, args.gains), code=0 if equal else 1, complaint=complaint)
-
-
-def widest_hole(coupling: Coupling) -> list[float] | None:
-    """Return the ends, in Hz, of the widest run of rows without gains between rows with gains; None without one."""
-    from itertools import pairwise
-
-    gains = coupling.schedule
-    kept = [row for row in range(gains.rows) if gains.usable[row]]
-    holes = [(gains.frequency_hz[a], gains.frequency_hz[b]) for a, b in pairwise(kept) if b > a + 1]
-    return [float(end) for end in max(holes, key=lambda ends: ends[1] - ends[0])] if holes else None
 
 
 def push_or_say(coupling: Coupling | None, *, unsafe: bool) -> dict[str, Any]:

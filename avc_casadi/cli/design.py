@@ -65,7 +65,7 @@ def add_new(parser: argparse.ArgumentParser) -> None:
 def run_new(args: argparse.Namespace, console: Console) -> Answer:  # noqa: ARG001
     """Take the options; write, read back and show."""
     from avc_casadi.files.new_problem import NewProblem
-    from avc_casadi.files.problem_document import problem_document
+    from avc_casadi.files.problem_file import problem_document
     from avc_casadi.present.rows.design import new as answer
 
     path = output_file(args.file, "FILE", (".toml",))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from shlex import quote
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import avc_casadi as avc
 from avc_casadi.cli.arguments import (
@@ -47,9 +47,6 @@ def add_certify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("problem", metavar="P", help="problem to judge against; or a coupling file, which has its own")
     parser.add_argument("gains", metavar="GAINS", nargs="?", help="coupling or gain file, .json or .csv")
     parser.add_argument(
-        "--requested", action="store_true", help="judge what unrealisable rows asked for in place of missing gains"
-    )
-    parser.add_argument(
         "--prove",
         action="store_true",
         help="ask for a proof of rest (L7), seconds a row: proved, refuted (with the hand) or open (with the reason)",
@@ -82,11 +79,11 @@ def run_certify(args: argparse.Namespace, console: Console) -> Answer:
         why = "goes with a file of gains, not with --k, --b"
         if args.gains is not None:
             raise avc.InputError.of(why, key="GAINS")
-        refuse(args, ("requested", "prove", "proof_out"), why)
+        refuse(args, ("prove", "proof_out"), why)
         with console.step("your own law"):
             return own_law(avc.certify_law(args.problem, **law), args.problem)
     if couples_to_simulation(args.problem):
-        refuse(args, ("requested", "prove", "proof_out"))
+        refuse(args, ("prove", "proof_out"))
         return _certify_pair(args, console)
     if args.proof_out is None:
         return _certify_wall(args, console, None)
@@ -118,28 +115,23 @@ def _certify_wall(args: argparse.Namespace, console: Console, proofs: Path | Non
     from avc_casadi._util.json_values import json_text
     from avc_casadi.claims.proof_levels import proof_files
     from avc_casadi.claims.registry import asked_for
-    from avc_casadi.coupling import Coupling
     from avc_casadi.files.catalogue import catalogue_names
     from avc_casadi.present.rows import holes
     from avc_casadi.present.rows.judge import certificate
 
-    problem, gains, coupling, notes = _subject_of_certify(args)
-    with console.step(f"certificate of {gains.rows} rows"):
-        found = avc.certify(problem, coupling or gains, requested=args.requested, prove=args.prove, progress=console)
-    if coupling is None and gains.usable.any():
-        coupling = Coupling.of(problem, gains)
+    problem, coupling, notes = _subject_of_certify(args)
+    with console.step(f"certificate of {coupling.schedule.rows} rows"):
+        found = avc.certify(problem, coupling, prove=args.prove, progress=console)
     written = {} if proofs is None else proof_files(problem, found)
     for name, one in written.items():
         assert proofs is not None  # noqa: S101 - written to it alone
         write_file(proofs / name, json_text(one, problem.units))
-    verdict: dict[str, Any] = {"pass": False, "sentence": "not deployable: no row has gains"}
-    if coupling is not None:
-        with console.step("table that runs"):
-            verdict = avc.deployable(coupling, console).document()
+    with console.step("table that runs"):
+        verdict = avc.deployable(coupling, console).document()
     data = found.document() | {
         "claimed": asked_for(problem),
         "gains": args.problem if args.gains is None else args.gains,
-        "notes": [*notes, *filter(None, [holes(gains)])],
+        "notes": [*notes, *filter(None, [holes(coupling.schedule)])],
         "proof_files": list(written),
         "deployable": verdict,
     }
@@ -148,18 +140,15 @@ def _certify_wall(args: argparse.Namespace, console: Console, proofs: Path | Non
     return certificate(data, problem, named if args.gains is None else args.problem)
 
 
-def _subject_of_certify(args: argparse.Namespace) -> tuple[avc.Problem, GainSchedule, Coupling | None, list[str]]:
-    """Return the problem, the gains, the coupling if a file of one was given, and notes."""
-    from avc_casadi.coupling import Coupling
-
+def _subject_of_certify(args: argparse.Namespace) -> tuple[avc.Problem, Coupling, list[str]]:
+    """Return the problem, the coupling and notes."""
     if args.gains is not None:
         problem = avc.load_problem(args.problem)
-        found, notes = gains_for(problem, args.gains)
-        return (problem, found.schedule, found, notes) if isinstance(found, Coupling) else (problem, found, None, notes)
+        return problem, *gains_for(problem, args.gains)
     if not is_coupling(args.problem):
         raise avc.InputError.of("is missing; give a coupling or gain file, .json or .csv", key="GAINS")
     coupling = read_subject("certify", args.problem, beside=f"avc certify P {quote(args.problem)}")
-    return coupling.problem, coupling.schedule, coupling, []
+    return coupling.problem, coupling, []
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:

@@ -110,7 +110,7 @@ def _device(source: str) -> Answer:
         "title": file.title,
         "values": values,
         "range": ranges,
-        "sources": file.sources.model_dump(exclude_none=True),
+        "sources": {key: source.model_dump() for key, source in file.sources.items()},
         "gaps": list(file.gaps),
         "referred_as": Path(source).name if elsewhere else file.name,
         "sdk_example": None if file.sdk_example is None else file.sdk_example.model_dump(exclude_none=True),

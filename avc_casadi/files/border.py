@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -14,7 +15,8 @@ from pydantic_core import PydanticCustomError
 from avc_casadi._errors import InputError, UnsupportedError
 from avc_casadi._util.units import LINEAR, Units, units_for
 from avc_casadi.model import quantity as q
-from avc_casadi.model.findings import UNKNOWN, checked
+from avc_casadi.model import table as t
+from avc_casadi.model.table import UNKNOWN, checked
 
 COUNTS = "encoder_counts_per_turn"
 CAPSTAN = "capstan_radius_m"
@@ -25,7 +27,7 @@ _RADIUS = q.Quantity("m", 2e-3, 10, zero=False)
 # Replaces a faulty value, so that the rest of the file is checked.
 _SOME_RADIUS_M = 0.01
 _NAMES_A_UNIT = re.compile(r"[^-+.\d\seE]")
-M = TypeVar("M", bound=q.Table)
+M = TypeVar("M", bound=t.Table)
 
 
 @contextmanager
@@ -49,33 +51,32 @@ class Border:
     def __init__(self) -> None:
         self.tables: dict[str, Any] = {}
         self.device = self.rest = LINEAR
-        self._findings: dict[q.Path, str] = {}
-        self._written: dict[q.Path, q.Path] = {(): ()}
+        self._findings: dict[t.Path, str] = {}
+        self._written: dict[t.Path, t.Path] = {(): ()}
 
-    def fault(self, path: q.Path, message: str) -> None:
+    def fault(self, path: t.Path, message: str) -> None:
         """Add a fault at a path of the file."""
         self._findings.setdefault(path, message)
 
-    def checked(self, model: type[M], name: str) -> M | list[q.Finding]:
+    def checked(self, model: type[M], name: str) -> M | list[t.Finding]:
         """Return the tables as a model, or all faults, each at its path in the file."""
         found = checked(model, self.tables, name)
-        faults: dict[q.Path, str] = {}
+        faults: dict[t.Path, str] = {}
         for path, message in found if isinstance(found, list) else ():
             place, text = self._in_file(path, message)
-            # A key that no table has is no key of the other motion.
             faults[place] = text if message.startswith(UNKNOWN) else self._findings.get(place, text)
         faults |= {place: text for place, text in self._findings.items() if place not in faults}
         return list(faults.items()) if faults or isinstance(found, list) else found
 
-    def _in_file(self, path: q.Path, message: str) -> q.Finding:
+    def _in_file(self, path: t.Path, message: str) -> t.Finding:
         units = self.device if path[:1] in {("device",), ("sources",), ("gaps",)} else self.rest
         known = next(length for length in range(len(path), -1, -1) if path[:length] in self._written)
         rest = (units.key(part) if isinstance(part, str) else part for part in path[known:])
-        if message.startswith(UNKNOWN) and not units.linear and q.nearest_key(str(path[-1]), (COUNTS,)):
+        if message.startswith(UNKNOWN) and not units.linear and difflib.get_close_matches(str(path[-1]), (COUNTS,)):
             message = f"{message}; did you mean {COUNTS}?"
         return (*self._written[path[:known]], *rest), units.words(message)
 
-    def inner(self, value: Any, units: Units, path: q.Path, written: q.Path) -> Any:
+    def inner(self, value: Any, units: Units, path: t.Path, written: t.Path) -> Any:
         """Return a value of the file with the common keys; texts of quantities are read in their units."""
         if isinstance(value, list):
             return [self.inner(item, units, (*path, index), (*written, index)) for index, item in enumerate(value)]
@@ -93,7 +94,7 @@ class Border:
             inner[name] = self.inner(self._typed(item, unit, place) if unit else item, units, (*path, name), place)
         return inner
 
-    def _typed(self, value: Any, unit: str, place: q.Path) -> Any:
+    def _typed(self, value: Any, unit: str, place: t.Path) -> Any:
         """Return a text with a unit as the number that it is; anything else unchanged."""
         if isinstance(value, list):
             return [self._typed(item, unit, (*place, index)) for index, item in enumerate(value)]
@@ -103,7 +104,7 @@ class Border:
             return q.read_quantity(value, unit)
         except ValueError:
             self.fault(
-                place, f"is {q.shown(value)}, no quantity in {unit}; allowed: a number, or a text in such a unit"
+                place, f"is {t.shown(value)}, no quantity in {unit}; allowed: a number, or a text in such a unit"
             )
             return value
 
@@ -116,7 +117,7 @@ class Border:
         units = units_for("rotary" if motion == "rotary" else "linear")
         if base and motion != before:
             self.fault(
-                (table, "motion"), f'is {q.shown(motion)}, and that of `from` is "{before}"; allowed: that, or none'
+                (table, "motion"), f'is {t.shown(motion)}, and that of `from` is "{before}"; allowed: that, or none'
             )
         own = self.inner(device, units, (table,), (table,))
         if not units.linear:
@@ -135,39 +136,34 @@ class Border:
             self._counted(follower, ("follower",))
         if isinstance(sources, dict) and COUNTS in sources and not units.linear:
             sources["encoder_resolution_m"] = self._replaced(sources, COUNTS, "encoder_resolution_m", ("sources",))
-        if isinstance(detent, dict) and "per_turn" in detent and not self.rest.linear:
-            count = self._replaced(detent, "per_turn", "pitch_m", ("detent",))
-            if number := self._valid(_DETENTS, count, ("detent", "per_turn")):
-                detent["pitch_m"] = 2 * math.pi / number
+        if isinstance(detent, dict) and not self.rest.linear:
+            self._per_turn(detent, "per_turn", "pitch_m", _DETENTS, ("detent",))
 
-    def _counted(self, device: dict[str, Any], path: q.Path) -> None:
-        """Replace encoder counts by the angle of a step, in the range too, where the ends change places."""
-        count = None
-        if COUNTS in device:
-            count = self._replaced(device, COUNTS, "encoder_resolution_m", path)
-            if number := self._valid(_COUNTS, count, (*path, COUNTS)):
-                device["encoder_resolution_m"] = 2 * math.pi / number
-        ranges = device.get("range")
-        if isinstance(ranges, dict) and COUNTS in ranges:
-            place = (*path, "range", COUNTS)
-            ends = self._replaced(ranges, COUNTS, "encoder_resolution_m", (*path, "range"))
-            if not isinstance(ends, list) or len(ends) != 2:
-                self.fault(place, f"is {q.shown(ends)}; allowed: two numbers, [lowest, highest]")
-            elif all(self._valid(_COUNTS, end, place) for end in ends):
-                if not ends[0] <= ends[1] or (count is not None and not ends[0] <= count <= ends[1]):
-                    self.fault(
-                        place, f"is {q.shown(ends)}; allowed: [lowest, highest] that hold {COUNTS} = {q.shown(count)}"
-                    )
-                ranges["encoder_resolution_m"] = sorted(2 * math.pi / float(end) for end in ends)
+    def _counted(self, device: dict[str, Any], path: t.Path) -> None:
+        self._per_turn(device, COUNTS, "encoder_resolution_m", _COUNTS, path)
+        if isinstance(ranges := device.get("range"), dict):
+            self._per_turn(ranges, COUNTS, "encoder_resolution_m", _COUNTS, (*path, "range"))
 
-    def _replaced(self, table: dict[str, Any], key: str, name: str, path: q.Path) -> Any:
+    def _per_turn(
+        self, table: dict[str, Any], key: str, name: str, allowed: q.Quantity | q.Whole, path: t.Path
+    ) -> None:
+        """Replace a number per turn by the angle of one, or both ends of a range of it."""
+        if key not in table:
+            return
+        given = self._replaced(table, key, name, path)
+        numbers = [self._valid(allowed, one, (*path, key)) for one in (given if isinstance(given, list) else [given])]
+        angles = [2 * math.pi / number for number in reversed(numbers) if number]
+        if len(angles) == len(numbers):
+            table[name] = angles if isinstance(given, list) else angles[0]
+
+    def _replaced(self, table: dict[str, Any], key: str, name: str, path: t.Path) -> Any:
         """Take a key out of a table, whose place in the file that of another key then is."""
         if name in table:
             self.fault((*path, key), f"stands beside {self._written[*path, name][-1]}; allowed: one of the two")
         self._written[*path, name] = (*path, key)
         return table.pop(key)
 
-    def _valid(self, allowed: q.Quantity | q.Whole, value: Any, place: q.Path) -> float | None:
+    def _valid(self, allowed: q.Quantity | q.Whole, value: Any, place: t.Path) -> float | None:
         try:
             return allowed(value)
         except PydanticCustomError as error:
@@ -206,8 +202,7 @@ def _scaled(value: Any, power: int, radius_m: float) -> Any:
 
 def overridden(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """Override keys of a device; an overridden value loses its old range."""
-    whole = {key: value for key, value in base.items() if key != "range"}
-    ranges = dict(base.get("range", {}))
+    whole, ranges = dict(base), dict(base.get("range", {}))
     for key, value in own.items():
         if key == "range":
             continue
@@ -223,4 +218,4 @@ def overridden(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any
     for key, value in given.items():
         both = isinstance(value, Mapping) and isinstance(ranges.get(key), Mapping)
         ranges[key] = {**ranges[key], **value} if both else value
-    return {**whole, "range": ranges} if ranges else whole
+    return {**whole, "range": ranges}

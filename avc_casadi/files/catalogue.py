@@ -9,7 +9,7 @@ from pathlib import Path
 
 from avc_casadi._errors import InputError
 from avc_casadi._resources import problems_folder
-from avc_casadi.model.quantity import shown
+from avc_casadi.model.table import shown
 
 DEVICES = "devices/"
 

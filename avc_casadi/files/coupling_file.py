@@ -1,50 +1,34 @@
-"""The file of a coupling: the `solve` document with problem, table, runtime, certificate and trial."""
+"""The file of a coupling: problem, table, runtime, certificate and trial."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, Literal, get_args
 
-import numpy as np
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.files import write_file
+from avc_casadi._util.files import read_text, write_file
 from avc_casadi._util.json_values import json_text, plain
-from avc_casadi.coupling import Coupling, End, check_sample_time, require_coupling
+from avc_casadi._util.units import LINEAR, ROTARY
+from avc_casadi.coupling import Coupling, End, require_coupling, schedule_of, thinned
 from avc_casadi.files.border import in_keys_of
 from avc_casadi.files.catalogue import require_source
-from avc_casadi.files.gain_file import (
-    SCHEMA,
-    GainDocument,
-    GainTableDocument,
-    JsonTable,
-    Texts,
-    faults_of,
-    feedback_of,
-    gain_document,
-    read_csv,
-    read_document,
-    schedule_of,
-    schedule_of_document,
-    units_of_document,
-)
-from avc_casadi.files.problem_document import problem_document
-from avc_casadi.files.problem_file import AnyProblem, as_problem
+from avc_casadi.files.gain_file import MOST_BYTES, NEXT_STEP, GainColumns, read_csv
+from avc_casadi.files.problem_file import AnyProblem, as_problem, problem_document
 from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
 from avc_casadi.model.effects import StateFeedbackEffect
-from avc_casadi.model.findings import checked
 from avc_casadi.model.gains import GainTable
 from avc_casadi.model.problem import Problem
-from avc_casadi.model.runtime import Runtime
-from avc_casadi.model.schedule import GainSchedule
+from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_casadi.model.table import checked
 from avc_casadi.model.virtual_tool import ToolGains
 
 COUPLING_SCHEMA = "avc-coupling/1"
-_AGAIN = "make it again: avc recommend P --out FILE, or avc solve P --out FILE"
-_TABLE = tuple(GainTableDocument.model_fields)
 GAINS_ALONE = (
     "is a table of gains alone; it lacks the problem (wall, hands, device, force limit), what runs beside the gains "
     "and the certificate. Give the problem that it was made for beside it"
@@ -56,7 +40,7 @@ _LACKS = (
 )
 
 
-class RuntimeDocument(q.Table):
+class RuntimeDocument(t.Table):
     """What runs beside the gains, as a file states it."""
 
     estimator: Literal["zero-crossing", "spectral-peak", "adaptive-notch", "fused"] = "fused"
@@ -67,59 +51,65 @@ class RuntimeDocument(q.Table):
     guard: Literal["passivity-controller", "energy-tank"] | None = None
     state_feedback: StateFeedbackEffect | None = None
 
+    def faults(self) -> Iterator[t.Finding]:
+        """Yield what the runtime refuses."""
+        try:
+            self.runtime()
+        except InputError as error:
+            yield from ((("state_feedback", fault.key), fault.message) for fault in error.faults)
 
-class PairDocument(q.Table):
-    """The file of a coupling to a simulation or a second device; `in_scene` and `at_follower` follow from the gains."""
+    def runtime(self) -> Runtime:
+        """Return the runtime."""
+        law = self.state_feedback
+        feedback = None if law is None else StateFeedback(**law.model_dump(exclude={"kind"}))
+        return Runtime(**{**dict(self), "state_feedback": feedback})
+
+
+class _Document(t.Table):
+    """What every coupling file holds; keys that follow from others are not read."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    id: Any = None
+    problem_file: Problem
+    certificate: dict[str, Any] | None = None
+    trial: dict[str, Any] | None = None
+    versions: dict[str, Any] = Field(default_factory=dict)
+
+
+class WallDocument(_Document):
+    """The file of a coupling to a wall."""
+
+    method: t.Text
+    table: GainColumns
+    runtime: RuntimeDocument
+    without_gains_hz: tuple[q.Hertz, ...] = Field((), strict=False)
+    lacks: tuple[t.Text, ...] = Field((), strict=False)
+
+    def coupling(self) -> Coupling:
+        """Return the coupling."""
+        table, runtime = self.table.table(), self.runtime.runtime()
+        schedule = schedule_of(self.problem_file, table, self.method, runtime.state_feedback, self.without_gains_hz)
+        return Coupling(self.problem_file, schedule, table, runtime, lacks=self.lacks)
+
+
+class PairDocument(_Document):
+    """The file of a coupling to a simulation or a second device."""
 
     end: Literal["simulation", "follower"]
-    id: Any = None
     stiffness_n_per_m: q.Stiffness
     damping_ns_per_m: q.Damping
     local_damping_ns_per_m: q.Damping
-    problem_file: Problem
-    certificate: JsonTable = None
-    trial: JsonTable = None
-    versions: JsonTable = None
-    in_scene: Any = None
-    at_follower: Any = None
-    motion: Any = None
-    units: Any = None
 
-    def faults(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[t.Finding]:
         """Yield a problem without the other end."""
         if getattr(self.problem_file, self.end) is None:
             yield ("problem_file", self.end), "is missing; allowed: the table of the other end"
 
-
-class CouplingDocument(GainDocument):
-    """The file of a coupling; keys that follow from others must agree with them."""
-
-    model_config = ConfigDict(extra="forbid")
-    follow: ClassVar[tuple[str, ...]] = ("wall", "contact", "max_force_n")
-
-    end: Literal["wall"] = "wall"
-    id: Any = None
-    problem_file: Problem
-    table: GainTableDocument
-    runtime: RuntimeDocument
-    certificate: JsonTable = None
-    trial: JsonTable = None
-    versions: JsonTable = None
-    lacks: Texts = ()
-    wall: Any = None
-    contact: Any = None
-    max_force_n: Any = None
-    title: Any = None
-    constant: Any = None
-    magnitude_error: Any = None
-    complex_error: Any = None
-    real_part: Any = None
-    counts: Any = None
-    deployable: Any = None
-    realism: Any = None
-    passive_limit_n_per_m: Any = None
-    motion: Any = None
-    units: Any = None
+    def coupling(self) -> Coupling:
+        """Return the coupling."""
+        gains = ToolGains(self.stiffness_n_per_m, self.damping_ns_per_m, self.local_damping_ns_per_m)
+        return Coupling.between(self.problem_file, gains)
 
 
 def coupling_document(coupling: Coupling) -> dict[str, Any]:
@@ -131,28 +121,24 @@ def coupling_document(coupling: Coupling) -> dict[str, Any]:
         "problem_file": problem_document(coupling.problem),
         "certificate": None if coupling.certificate is None else plain(dict(coupling.certificate)),
         "trial": None if coupling.trial is None else plain(dict(coupling.trial)),
-        "versions": dict(coupling.versions),
+        "versions": plain(dict(coupling.versions)),
     }
     if coupling.end == "simulation":
         there = {key: value for key, value in vars(coupling.in_scene).items() if key != "local_damping_ns_per_m"}
         return {**kept, **vars(coupling.gains), "in_scene": there}
     if coupling.end == "follower":
         return {**kept, **vars(coupling.gains), "at_follower": vars(coupling.at_follower)}
-    wall = coupling.wall
-    columns = zip(_TABLE, coupling.table.rows.T, strict=True)
-    gains = {key: value for key, value in gain_document(coupling.schedule).items() if key != "state_feedback"}
     return {
-        **gains,
         **kept,
-        "title": coupling.problem.title,
+        "method": coupling.method,
         "structure": coupling.structure,
         "contact": coupling.contact,
         "constant": coupling.table.constant,
-        "table": {name: plain(column) for name, column in columns},
-        "runtime": coupling.runtime.document(),
-        "wall": {"damping_ns_per_m": wall.damping_ns_per_m, "stiffness_n_per_m": wall.stiffness_n_per_m},
         "sample_time_s": coupling.sample_time_s,
         "max_force_n": coupling.max_force_n,
+        "table": plain(coupling.table.to_dict()),
+        "without_gains_hz": plain(coupling.schedule.frequency_hz[~coupling.schedule.usable]),
+        "runtime": coupling.runtime.document(),
         "lacks": list(coupling.lacks),
     }
 
@@ -171,30 +157,32 @@ def write_coupling(coupling: Coupling, path: str | Path) -> None:
     write_file(path, json_text(coupling_document(coupling), coupling.units))
 
 
-def read_file(path: str | Path) -> Coupling | GainSchedule:
-    """Read a file: a coupling, checked whole; or a table of gains alone, CSV or of release 0.1.0."""
+def read_file(path: str | Path) -> Coupling | GainTable:
+    """Read a file: a coupling, or a table of gains alone as CSV."""
     require_source(path, "the path of a coupling file, .json or .csv")
-    path = Path(path)
+    path, file = Path(path), str(path)
     if path.suffix.lower() == ".csv":
         return read_csv(path)
-    document = read_document(path)
-    units = units_of_document(document)
+    document = _read_document(path)
+    units = ROTARY if document.get("motion") == ROTARY.motion else LINEAR
     with in_keys_of(units):
         document = units.read(document)
-        if document.get("schema") == COUPLING_SCHEMA and document.get("end", "wall") != "wall":
-            return _pair(document, path)
-        if document.get("schema") == COUPLING_SCHEMA or "problem_file" in document:
-            return _from_document(document, path)
-        if document.get("schema", SCHEMA) != SCHEMA:
-            message = f"is {q.shown(document['schema'])}; allowed: {q.shown(SCHEMA)}, {q.shown(COUPLING_SCHEMA)}"
-            raise InputError.of(message, file=str(path), key="schema")
-        return schedule_of_document(document, path)
+        if document.pop("schema", None) != COUPLING_SCHEMA:
+            raise InputError.of(f'is not "{COUPLING_SCHEMA}", that of a coupling; {NEXT_STEP}', file=file, key="schema")
+        found: Any = checked(WallDocument if document.get("end", "wall") == "wall" else PairDocument, document)
+        if isinstance(found, list):
+            raise InputError([Fault(file, None, t.dotted(key), message) for key, message in found])
+        coupling: Coupling = found.coupling()
+        if found.id != coupling.id:
+            message = f"is {t.shown(found.id)}, and what the file holds is {coupling.id!r}: it was changed since"
+            raise InputError.of(f"{message}; make it again: avc recommend P --out FILE", file=file, key="id")
+        return replace(coupling, certificate=found.certificate, trial=found.trial, versions=found.versions)
 
 
 def end_of(path: str | Path) -> End | None:
     """Return what the coupling of a file leads to; None of gains alone, of another file and of what cannot be read."""
     try:
-        document = read_document(Path(path)) if str(path).lower().endswith(".json") else {}
+        document = _read_document(Path(path)) if str(path).lower().endswith(".json") else {}
     except InputError:
         return None
     end: End = document.get("end", "wall")
@@ -202,11 +190,11 @@ def end_of(path: str | Path) -> End | None:
 
 
 def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupling:
-    """Read a coupling file; or a gain file of release 0.1.0 or a CSV, with the problem that it was made for.
+    """Read a coupling file; or a CSV table of gains, with the problem that it was made for.
 
     Args:
         path: .json or .csv.
-        problem: for files that do not include it; a file that does must include the same.
+        problem: for a table of gains; a coupling file must include the same.
 
     Raises:
         InputError: with every fault of the file; or it has no problem and none is given; or it was made for another
@@ -217,25 +205,27 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
         >>> avc.read_coupling("soft.json").method
         'direct'
     """
-    found = read_file(path)
-    if isinstance(found, Coupling):
-        if problem is not None and not same_problem(as_problem(problem), found.problem):
-            raise InputError.of(
-                f"carries its own problem, {found.problem.name}, and {as_problem(problem).name} is another; leave it "
-                "out",
-                file=str(path),
-                key="problem",
-            )
-        return found
+    found, file = read_file(path), str(path)
     if problem is None:
-        raise InputError.of(f"{GAINS_ALONE}: read_coupling(path, problem)", file=str(path))
-    return coupling_beside(as_problem(problem), found, str(path))
+        if isinstance(found, Coupling):
+            return found
+        raise InputError.of(f"{GAINS_ALONE}: read_coupling(path, problem)", file=file)
+    stated = as_problem(problem)
+    if isinstance(found, GainTable):
+        return coupling_beside(stated, found, file)
+    if not same_problem(stated, found.problem):
+        message = f"carries its own problem, {found.problem.name}, and {stated.name} is another; leave it out"
+        raise InputError.of(message, file=file, key="problem")
+    return found
 
 
-def coupling_beside(problem: Problem, schedule: GainSchedule, file: str) -> Coupling:
+def coupling_beside(problem: Problem, table: GainTable, file: str) -> Coupling:
     """Make a coupling of a table of gains alone and its problem; it states what it lacks."""
-    check_sample_time(schedule.sample_time_s, problem, file)
-    return replace(Coupling.of(problem, schedule), lacks=_LACKS)
+    nyquist_hz = 0.5 / problem.device.sample_time_s
+    if table.frequency_hz[-1] >= nyquist_hz:
+        message = f"is {table.frequency_hz[-1]:g} Hz; allowed: below half the sampling rate, {nyquist_hz:g} Hz"
+        raise InputError.of(message, file=file, key="frequency_hz")
+    return Coupling(problem, schedule_of(problem, table, "file"), thinned(table), lacks=_LACKS)
 
 
 def same_problem(one: Problem, other: Problem) -> bool:
@@ -244,57 +234,13 @@ def same_problem(one: Problem, other: Problem) -> bool:
     return one.model_dump(exclude=words) == other.model_dump(exclude=words)
 
 
-def _from_document(document: Mapping[str, Any], path: Path) -> Coupling:
-    if document.get("schema") != COUPLING_SCHEMA:
-        message = f"is {q.shown(document.get('schema'))}, beside a problem; allowed: {q.shown(COUPLING_SCHEMA)}"
-        raise InputError.of(message, file=str(path), key="schema")
-    found = checked(CouplingDocument, {key: value for key, value in document.items() if key != "schema"})
-    if isinstance(found, list):
-        raise InputError(faults_of(found, str(path)))
-    runtime = {**vars(found.runtime), "state_feedback": feedback_of(found.runtime.state_feedback)}
-    table = found.table.model_dump()
-    coupling = Coupling(
-        problem=found.problem_file,
-        schedule=replace(schedule_of(found, path), state_feedback=runtime["state_feedback"]),
-        table=GainTable(np.stack([np.nan_to_num(table[key]) for key in _TABLE], axis=1)),
-        runtime=Runtime(**runtime),
-        certificate=found.certificate,
-        trial=found.trial,
-        versions=found.versions or {},
-        lacks=found.lacks,
-    )
-    check_sample_time(coupling.schedule.sample_time_s, coupling.problem, str(path))
-    _check_whole(coupling, found, path)
-    return coupling
-
-
-def _pair(document: Mapping[str, Any], path: Path) -> Coupling:
-    found = checked(PairDocument, {key: value for key, value in document.items() if key != "schema"})
-    if isinstance(found, list):
-        raise InputError(faults_of(found, str(path)))
-    gains = ToolGains(found.stiffness_n_per_m, found.damping_ns_per_m, found.local_damping_ns_per_m)
-    made = Coupling.between(found.problem_file, gains, found.certificate, found.trial, found.versions)
-    coupling = replace(made, end=found.end)
-    if found.id != coupling.id:
-        raise InputError([_changed(found.id, coupling, path)])
-    return coupling
-
-
-def _changed(given: Any, coupling: Coupling, path: Path) -> Fault:
-    message = f"is {q.shown(given)}, and what the file holds is {coupling.id!r}: it was changed since"
-    return Fault(str(path), None, "id", f"{message}; {_AGAIN}")
-
-
-def _check_whole(coupling: Coupling, found: CouplingDocument, path: Path) -> None:
-    """Refuse a file that was changed in part: what is certified must be what runs."""
-    faults = [] if found.id == coupling.id else [_changed(found.id, coupling, path)]
-    beside = GainTable.of(coupling.schedule)(coupling.table.frequency_hz)
-    if not np.allclose(beside, coupling.table.gains, rtol=1e-9, atol=0.0):
-        faults.append(Fault(str(path), None, "table", f"is not that of the gains beside it; {_AGAIN}"))
-    document = coupling_document(coupling)
-    for key in CouplingDocument.follow:
-        if getattr(found, key) != document[key]:
-            message = f"is not that of problem_file and gains, {q.shown(document[key])}; {_AGAIN}"
-            faults.append(Fault(str(path), None, key, message))
-    if faults:
-        raise InputError(faults)
+def _read_document(path: Path) -> dict[str, Any]:
+    file, text = str(path), read_text(path, MOST_BYTES, NEXT_STEP)
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError: also an integer of more digits than Python reads
+        line = getattr(error, "lineno", None)
+        raise InputError([Fault(file, line, "", f"is not JSON ({error}); {NEXT_STEP}")]) from error
+    if not isinstance(document, dict):
+        raise InputError.of(f"holds no coupling; {NEXT_STEP}", file=file)
+    return document

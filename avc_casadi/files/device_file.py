@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BeforeValidator
+from pydantic import Field
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.files.border import COUNTS, Border, overridden
@@ -14,6 +14,7 @@ from avc_casadi.files.catalogue import device_names, device_path, require_source
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
 from avc_casadi.model.device import Device, radius_findings
 
 Grade = Literal["measured", "computed", "vendor", "example", "assumed"]
@@ -25,46 +26,23 @@ _QUANTITIES = tuple(key for key in Device.model_fields if key not in _NO_QUANTIT
 _NEED_NOT_BE_SAID = {"amplifier_damping_ratio"}
 
 
-class Source(q.Table):
+class Source(t.Table):
     """Source and grade of a value and its range."""
 
-    source: q.Text
+    source: t.Text
     grade: Grade
 
 
-class Sources(q.Table):
-    """The source of each value that a device file states."""
-
-    mass_kg: Source | None = None
-    damping_ns_per_m: Source | None = None
-    sample_time_s: Source | None = None
-    delay_samples: Source | None = None
-    coulomb_friction_n: Source | None = None
-    encoder_resolution_m: Source | None = None
-    position_noise_rms_m: Source | None = None
-    amplifier_bandwidth_hz: Source | None = None
-    amplifier_damping_ratio: Source | None = None
-    max_force_n: Source | None = None
-    backlash_m: Source | None = None
-    resonance: Source | None = None
-
-
-class SdkExample(q.Table):
+class SdkExample(t.Table):
     """Example limits shipped with an SDK; neither of a datasheet nor part of the device."""
 
-    source: q.Text
+    source: t.Text
     max_stiffness_n_per_m: q.Stiffness | None = None
     max_damping_ns_per_m: q.Damping | None = None
     wall_stiffness_n_per_m: q.Stiffness | None = None
 
 
-def _gaps(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list | tuple) or any(name not in _QUANTITIES for name in value):
-        raise q.refusal(f"is {q.shown(value)}; allowed: a list of {', '.join(_QUANTITIES)}")
-    return tuple(value)
-
-
-class DeviceFile(q.Table):
+class DeviceFile(t.Table):
     """A device of the catalogue or of a user.
 
     Attributes:
@@ -76,29 +54,33 @@ class DeviceFile(q.Table):
         sdk_example: limits shipped with an SDK.
     """
 
-    name: q.Text = ""
-    title: q.Text = ""
+    name: t.Text = ""
+    title: t.Text = ""
     device: Device
-    gaps: Annotated[tuple[str, ...], BeforeValidator(_gaps)] = ()
-    sources: Sources = Sources()
+    gaps: tuple[str, ...] = Field((), strict=False)
+    sources: dict[str, Source] = Field(default_factory=dict)
     sdk_example: SdkExample | None = None
 
-    def faults(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[t.Finding]:
         """Require a source of every value, every gap named and its value graded assumed; or no sources at all."""
         yield from radius_findings(self.device)
+        allowed = f"allowed: {', '.join(_QUANTITIES)}"
+        unknown = [("sources", key) for key in self.sources if key not in _QUANTITIES]
+        yield from ((path, f"{t.UNKNOWN}{allowed}") for path in unknown)
+        if any(gap not in _QUANTITIES for gap in self.gaps):
+            yield ("gaps",), f"is {t.shown(self.gaps)}; {allowed}"
         if not {"sources", "gaps"} & self.model_fields_set:
             return
         stated_keys = self.device.model_fields_set | self.device.range.model_fields_set
         for key in _QUANTITIES:
-            stated, source = key in stated_keys, getattr(self.sources, key)
+            stated, source = key in stated_keys, self.sources.get(key)
             if not stated and key not in self.gaps and key not in _NEED_NOT_BE_SAID:
                 yield ("device", key), f"is neither given nor a gap; allowed: a value with its source, or {key} in gaps"
-            if stated and source is None:
-                yield ("sources", key), "is missing; allowed: a source and a grade of every value of [device]"
-            if source is not None and not stated:
-                yield ("sources", key), "is the source of a value that is not given; allowed: beside the value"
-            if stated and source is not None and key in self.gaps and source.grade != "assumed":
-                yield ("sources", key, "grade"), f'is {q.shown(source.grade)}, but {key} is a gap; allowed: "assumed"'
+            if stated != (source is not None):
+                what = "is missing" if stated else "is the source of a value that is not given"
+                yield ("sources", key), f"{what}; allowed: source and grade of every value of [device]"
+            elif source is not None and key in self.gaps and source.grade != "assumed":
+                yield ("sources", key, "grade"), f'is {t.shown(source.grade)}, but {key} is a gap; allowed: "assumed"'
 
 
 def load_device(source: str | Path) -> DeviceFile:
@@ -134,15 +116,15 @@ def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> Dev
     border = Border()
     device, units = border.device_table(tables.get("device"), {})
     gaps = tables.get("gaps")
-    if isinstance(gaps, list) and all(isinstance(gap, str) for gap in gaps):
-        named = ("encoder_resolution_m" if gap == COUNTS else units.inner(gap) for gap in gaps)
-        tables = {**tables, "gaps": list(named)}
+    if isinstance(gaps, list):
+        inner = ("encoder_resolution_m" if gap == COUNTS else units.inner(str(gap)) for gap in gaps)
+        tables = {**tables, "gaps": list(inner)}
     border.read(tables, device, units)
     found = border.checked(DeviceFile, name)
     if isinstance(found, DeviceFile):
         return found
     lines = KeyLines(text.replace("\r\n", "\n"))
-    raise InputError([Fault(file, lines[key], q.dotted(key), message) for key, message in found])
+    raise InputError([Fault(file, lines[key], t.dotted(key), message) for key, message in found])
 
 
 def device_catalogue() -> tuple[DeviceFile, ...]:
@@ -150,40 +132,36 @@ def device_catalogue() -> tuple[DeviceFile, ...]:
     return tuple(map(load_device, device_names()))
 
 
-def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | q.Finding:
+def with_device(tables: Mapping[str, Any], folder: Path | None) -> Border | t.Finding:
     """Return the tables of a problem file in the common keys, with the devices that they refer to."""
-    table, bases = tables.get("device"), dict[str, Any]()
-    own: Any = {} if isinstance(table, str) else table
+    tables, bases, alone = dict(tables), dict[str, Any](), isinstance(tables.get("device"), str)
+    if alone:
+        tables["device"] = {"from": tables["device"]}
     for name in ("device", "follower"):
-        given = tables.get(name)
-        if (name == "device" and isinstance(given, str)) or (isinstance(given, Mapping) and "from" in given):
-            found = _referred(given, folder, name)
-            if isinstance(found, tuple):
-                return found
-            bases[name] = found
-            if isinstance(given, Mapping):
-                rest = {key: value for key, value in given.items() if key != "from"}
-                own, tables = (rest, tables) if name == "device" else (own, {**tables, name: rest})
+        table = tables.get(name)
+        if isinstance(table, Mapping) and "from" in table:
+            found = _referred(table["from"], folder)
+            if isinstance(found, str):
+                return (name,) if alone else (name, "from"), found
+            bases[name], tables[name] = found, {key: value for key, value in table.items() if key != "from"}
     border = Border()
-    border.read(tables, *border.device_table(own, bases.get("device", {})))
+    border.read(tables, *border.device_table(tables.get("device"), bases.get("device", {})))
     if "follower" in bases:
         border.tables["follower"] = overridden(bases["follower"], border.tables["follower"])
     return border
 
 
-def _referred(table: str | Mapping[str, Any], folder: Path | None, name: str) -> dict[str, Any] | q.Finding:
+def _referred(named: Any, folder: Path | None) -> dict[str, Any] | str:
     """Return the device that a table refers to, or the fault of the reference."""
-    key: q.Path = (name,) if isinstance(table, str) else (name, "from")
-    named = table if isinstance(table, str) else table["from"]
     if not isinstance(named, str):
-        return key, f"is {q.shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
+        return f"is {t.shown(named)}; allowed: the name of a device of `avc list`, or a path ending in .toml"
     path = device_path(named, folder)
     if isinstance(path, str):
-        return key, path
+        return path
     try:
         found = path.is_file()
     except (OSError, ValueError):  # too long for a path, or with a NUL in it
         found = False
     if not found:
-        return key, f"is {q.shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
+        return f"is {t.shown(named)}, where there is no file; allowed: a path relative to this file, or a name"
     return load_device(path).device.model_dump(exclude_unset=True)

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from avc_casadi.model.quantity import Path
+    from avc_casadi.model.table import Path
 
 # Strings and comments first, so that brackets and line feeds inside them are skipped. Possessive quantifiers keep the
 # time linear.

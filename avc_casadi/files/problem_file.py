@@ -1,12 +1,13 @@
-"""Reading a problem file: from a path or a catalogue name to a validated `Problem`."""
+"""A problem from its file, a catalogue name or tables, and back as TOML or JSON."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 from avc_casadi._errors import Fault, InputError, UnsupportedError
 from avc_casadi._util.json_values import plain
@@ -16,8 +17,8 @@ from avc_casadi.files.device_file import with_device
 from avc_casadi.files.key_lines import KeyLines
 from avc_casadi.files.toml_text import tables_of, text_of
 from avc_casadi.model.problem import Frequency, Problem
-from avc_casadi.model.quantity import Finding, dotted, shown
-from avc_casadi.model.quantity import Path as KeyPath
+from avc_casadi.model.table import Finding, checked, dotted, shown
+from avc_casadi.model.table import Path as KeyPath
 
 BELOW_NYQUIST = 0.45
 """End of the band of a slow device, as a share of the sampling rate, the same as by default."""
@@ -46,29 +47,10 @@ def load_problem(source: str | Path) -> Problem:
     path = _path_of(source)
     names = {file: name for name, file in catalogue_names().items()}
     text = text_of(path)
-    _refuse_gains(text, path)
-    return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
-
-
-def _refuse_gains(text: str, path: Path) -> None:
-    """Refuse a coupling or gain file in place of a problem file, with the command that takes it."""
     if text.lstrip().startswith(("{", "frequency_hz,")):
-        message = (
-            "is a coupling or gain file; allowed: a problem file (TOML). The verbs certify, simulate, push, stream and "
-            f"export take it, and beside a problem: avc certify P {path}, avc simulate P --gains {path}; in Python: "
-            "avc.read_coupling"
-        )
+        message = "is a coupling or gain file; allowed: a problem file (TOML). avc certify, simulate and export take it"
         raise InputError.of(message, file=str(path))
-
-
-def _refuse_device(tables: Mapping[str, Any], file: str) -> None:
-    """Refuse a device file in place of a problem file, with a reference to it."""
-    if "sources" in tables and "environment" not in tables:
-        message = (
-            f'is a device, not a problem; allowed: a problem file with device = "{Path(file).name}" and the wall in '
-            "[environment]. The verbs check, excite and identify --device take it"
-        )
-        raise InputError.of(message, file=file)
+    return parse_problem(text, file=str(source), name=names.get(path.resolve(), path.stem), folder=path.parent)
 
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -80,7 +62,7 @@ def as_problem(problem: AnyProblem) -> Problem:
     """Return a problem unchanged, or load its file or catalogue name, or make it of its tables."""
     if isinstance(problem, Problem):
         if wrong := list(_not_finite((), problem.model_dump())):
-            raise InputError([Fault(problem.name or "problem", None, dotted(path), message) for path, message in wrong])
+            raise _refused(wrong, problem.name or "problem")
         return problem
     if isinstance(problem, str | Path):
         return load_problem(problem)
@@ -90,7 +72,13 @@ def as_problem(problem: AnyProblem) -> Problem:
     found = _of_tables(plain(dict(problem)), "problem", "", None)
     if isinstance(found, Problem):
         return found
-    raise InputError([Fault("problem", None, dotted(path), message) for path, message in found])
+    raise _refused(found)
+
+
+def _refused(findings: Iterable[Finding], file: str = "problem", key: str = "") -> InputError:
+    """Return the error of faults that stand on no line."""
+    head: KeyPath = (key,) if key else ()
+    return InputError([Fault(file, None, dotted((*head, *path)), message) for path, message in findings])
 
 
 def _not_finite(path: KeyPath, value: Any) -> Iterator[Finding]:
@@ -163,18 +151,20 @@ def parse_problem(text: str, *, file: str = "problem.toml", name: str = "", fold
     if not isinstance(text, str):
         raise InputError.of(f"is {shown(text)}; allowed: the text of a problem file", file=file, key="text")
     try:
-        result = _of_tables(tables_of(text, file), file, name, folder)
-        if isinstance(result, Problem):
-            return result
+        found = _of_tables(tables_of(text, file), file, name, folder)
+        if isinstance(found, Problem):
+            return found
         lines = KeyLines(text.replace("\r\n", "\n"))
-        faults = [Fault(file, lines[path], dotted(path), message) for path, message in result]
+        faults = [Fault(file, lines[path], dotted(path), message) for path, message in found]
     except RecursionError as error:
         raise InputError.of("is nested too deeply; allowed: tables as in the catalogue", file=file) from error
     raise InputError(sorted(faults, key=lambda fault: (fault.line is None, fault.line or 0)))
 
 
 def _of_tables(tables: Mapping[str, Any], file: str, name: str, folder: Path | None) -> Problem | list[Finding]:
-    _refuse_device(tables, file)
+    if "sources" in tables and "environment" not in tables:
+        message = f'is a device; allowed: a problem file with device = "{Path(file).name}" and a wall, [environment]'
+        raise InputError.of(message, file=file)
     border = with_device(tables, folder)
     if isinstance(border, tuple):
         return [border]
@@ -192,3 +182,77 @@ def _with_band(tables: Mapping[str, Any]) -> Mapping[str, Any]:
     if {"stop_hz", "values_hz"} & set(band) or not 0.5 / usual <= time <= _SLOWEST_S:
         return tables
     return {**tables, "frequency": {**band, "stop_hz": BELOW_NYQUIST / time}}
+
+
+def dump_problem(problem: Problem) -> str:
+    """Write a problem as TOML with every value, defaults included.
+
+    The name is not written: it is that of the file.
+
+    Args:
+        problem: any problem.
+
+    Returns:
+        Text from which `parse_problem` makes an equal problem.
+
+    Example:
+        >>> text = avc.dump_problem(avc.load_problem("figure5"))
+        >>> avc.parse_problem(text, name="figure5") == avc.load_problem("figure5")
+        True
+    """
+    tables = _tables_of(problem, "python")
+    del tables["name"]
+    return "\n".join(_lines((), problem.units.keyed(tables))) + "\n"
+
+
+def problem_document(problem: Problem) -> dict[str, Any]:
+    """Return a problem as JSON values, with its name and every value, defaults included."""
+    return _tables_of(problem, "json")
+
+
+def _tables_of(problem: Problem, mode: Literal["json", "python"]) -> dict[str, Any]:
+    tables = problem.model_dump(mode=mode, exclude_none=True)
+    if "values_hz" in tables["frequency"]:
+        tables["frequency"] = {"values_hz": tables["frequency"]["values_hz"]}
+    return tables
+
+
+def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str = "") -> Problem:
+    """Read `problem_document` back."""
+    tables = {table: values for table, values in document.items() if table != "name"}
+    found = checked(Problem, tables, str(document.get("name", "")))
+    if isinstance(found, list):
+        raise _refused(found, file, key)
+    return found
+
+
+def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
+    """Write the plain keys of a table, its kind first, then the tables in it."""
+    for key in sorted(table, key=lambda key: key != "kind"):
+        if not _holds_tables(table[key]):
+            yield f"{key} = {_value(table[key])}"
+    for key, value in table.items():
+        if not _holds_tables(value):
+            continue
+        inner, header = (*path, key), ".".join((*path, key))
+        for item in (value,) if isinstance(value, Mapping) else value:
+            if not isinstance(value, Mapping):
+                yield f"\n[[{header}]]"
+            elif not all(map(_holds_tables, item.values())):
+                yield f"\n[{header}]"
+            yield from _lines(inner, item)
+
+
+def _holds_tables(value: object) -> bool:
+    """Return whether a value is a table or a list of tables; no plain list of a problem is empty."""
+    return isinstance(value, Mapping) or (isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value))
+
+
+def _value(value: object) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)  # a TOML string too: control characters were refused
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value)

@@ -9,7 +9,7 @@ from typing import Any
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.files import read_text
-from avc_casadi.model.quantity import visible
+from avc_casadi.model.table import visible
 
 MAX_BYTES = 2**20
 

@@ -49,7 +49,7 @@ class _File:
     def take(self, base: DeviceFile, key: str, source: str = "") -> None:
         """Take a value of the base, with its range and its source."""
         table = base.device.model_dump(exclude_none=True)
-        theirs = getattr(base.sources, key, None)
+        theirs = base.sources.get(key)
         grade = "assumed" if source or theirs is None else theirs.grade
         told = source or (f"{base.name}, which gives no source" if theirs is None else theirs.source)
         self.put(key, table[key], table.get("range", {}).get(key), grade, told)
@@ -241,7 +241,7 @@ def device_text(file: DeviceFile) -> str:
     if ranges:
         order = [key for key in DeviceRange.model_fields if ranges.get(key)]
         lines += ["", "[device.range]", *(f"{units.key(key)} = {_value(units.keyed(ranges[key]))}" for key in order)]
-    sources = file.sources.model_dump(exclude_none=True)
+    sources = {key: source.model_dump() for key, source in file.sources.items()}
     lines += ["", "[sources]"]
     lines += [f"{units.key(key)} = {_value(sources[key])}" for key in Device.model_fields if key in sources]
     return "\n".join(lines) + "\n"

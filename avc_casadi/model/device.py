@@ -11,12 +11,13 @@ from pydantic import BeforeValidator, model_serializer
 from avc_casadi._errors import UnsupportedError
 from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
 
 _Pitch = Annotated[float, BeforeValidator(q.Quantity("m", 1e-6, 10, zero=False))]
 _Width = Annotated[float, BeforeValidator(q.Quantity("", 1e-2, 1, zero=False))]
 
 
-class Detent(q.Table):
+class Detent(t.Table):
     """Valleys at equal distances: F = force sin(2 pi u/width), u from the nearest valley, as a share of the pitch.
 
     Beyond half the width there is no force. The steepest slope, 2 pi force/(width pitch), is that of a spring in the
@@ -46,7 +47,7 @@ CURRENT_LOOP_DAMPING_RATIO = 0.7
 """Default for an amplifier of order 2."""
 
 
-class Resonance(q.Table):
+class Resonance(t.Table):
     """A structural resonance: motor and handle, two shares of the device's mass, joined by a spring.
 
     The frequency is that of the two against each other, the device free; the mass ratio is that of the handle to the
@@ -63,7 +64,7 @@ class Resonance(q.Table):
     mass_ratio: q.MassShare
 
 
-class ResonanceRange(q.Table):
+class ResonanceRange(t.Table):
     """Ranges of the resonance's values."""
 
     frequency_hz: q.Pair[q.Hertz] | None = None
@@ -71,7 +72,7 @@ class ResonanceRange(q.Table):
     mass_ratio: q.Pair[q.MassShare] | None = None
 
 
-class DeviceRange(q.Table):
+class DeviceRange(t.Table):
     """Ranges of the device's values: each value [lowest, highest] about the nominal one, or None."""
 
     mass_kg: q.Pair[q.Mass] | None = None
@@ -87,7 +88,7 @@ class DeviceRange(q.Table):
     resonance: ResonanceRange = ResonanceRange()
 
 
-class Device(q.Table):
+class Device(t.Table):
     """The haptic device; 0 and None mean absent.
 
     All values of a rotary device are rotational: kg.m2 in `mass_kg`, N.m.s/rad in `damping_ns_per_m`, N.m in
@@ -143,7 +144,7 @@ class Device(q.Table):
         """Hand displacement for a unit of the position: 1 for a linear device, else the radius of the handle."""
         return 1.0 if self.motion == "linear" else (self.handle_radius_m or 1.0)
 
-    def faults(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[t.Finding]:
         """Yield ranges that do not hold their value."""
         for ranges, nominal, path in (
             (self.range, self, ("range",)),
@@ -154,11 +155,11 @@ class Device(q.Table):
                 if not isinstance(interval, tuple):
                     continue
                 if value is None:
-                    yield (*path, key), f"is {q.shown(interval)}, but {key} is missing; allowed: beside a value in it"
+                    yield (*path, key), f"is {t.shown(interval)}, but {key} is missing; allowed: beside a value in it"
                 elif not interval[0] <= value <= interval[1]:
-                    yield ((*path, key), f"is {q.shown(interval)}; allowed: one that holds {key} = {q.shown(value)}")
+                    yield ((*path, key), f"is {t.shown(interval)}; allowed: one that holds {key} = {t.shown(value)}")
                 elif key == "mass_kg" and interval[0] == 0 < interval[1]:
-                    yield (*path, key), f"is {q.shown(interval)}; allowed: from above 0, or nothing is there to hold"
+                    yield (*path, key), f"is {t.shown(interval)}; allowed: from above 0, or nothing is there to hold"
         if self.resonance is not None and self.mass_kg == 0:
             yield ("mass_kg",), "is 0, but resonance divides it; allowed: above 0, or no resonance"
 
@@ -174,7 +175,7 @@ class Device(q.Table):
         return kept
 
 
-def radius_findings(device: Device) -> Iterator[q.Finding]:
+def radius_findings(device: Device) -> Iterator[t.Finding]:
     """Yield the fault of a radius: required where a device turns, as forces are felt there; else without meaning."""
     if device.motion == "rotary" and device.handle_radius_m is None:
         message = "is missing; allowed: the radius at which the hand holds what turns, 0.002 to 10 m"

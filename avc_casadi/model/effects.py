@@ -7,9 +7,10 @@ when the scene is built.
 from typing import Any, Literal
 
 from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
 
 
-class EffectTable(q.Table):
+class EffectTable(t.Table):
     """An effect of a scene: the keys of one [[scene.effects]].
 
     Attributes:

@@ -126,10 +126,9 @@ def missing_rest_gains(schedule: GainSchedule) -> str:
     row = int(schedule.frequency_hz.argmin())
     if schedule.status[row].has_gains:
         return ""
-    why = schedule.reason[row].rstrip(".")
     return (
-        f"no gains at {schedule.frequency_hz[row]:g} Hz, where a hand at rest begins ({schedule.status[row]}"
-        f"{f': {why}' if why else ''}). Choose another method, or gains that hold at the lowest frequency."
+        f"no gains at {schedule.frequency_hz[row]:g} Hz, where a hand at rest begins ({schedule.status[row]}). "
+        f"{schedule.reason[row]} Choose another method, or gains that hold at the lowest frequency."
     )
 
 
@@ -137,28 +136,15 @@ def gains_at(schedule: GainSchedule, frequency_hz: float | None = None) -> Gains
     """Return the gains of a table at one interaction frequency."""
     grid = schedule.frequency_hz
     frequency = float(grid.min()) if frequency_hz is None else frequency_hz
+    low, high = np.searchsorted(grid, frequency, "right") - 1, np.searchsorted(grid, frequency)
+    fault = ""
     if not grid.min() <= frequency <= grid.max():
-        raise InputError.of(
-            f"is {frequency:g} Hz; allowed: {grid.min():g} to {grid.max():g} Hz, the frequencies of the gain table",
-            file=schedule.problem,
-            key="frequency_hz",
-        )
-    if frequency == grid.min() and missing_rest_gains(schedule):
-        raise InputError.of(missing_rest_gains(schedule), file=schedule.problem, key=schedule.method)
-    above = int(np.searchsorted(grid, frequency))
-    rows = (above,) if grid[above] == frequency else (above - 1, above)
-    for row in rows:
-        if not schedule.usable[row]:
-            raise InputError.of(
-                f"has no gains at {grid[row]:g} Hz ({schedule.status[row]}): {schedule.reason[row]} "
-                "Choose another method or another interaction frequency",
-                file=schedule.problem,
-                key=schedule.method,
-            )
-    table = np.stack(
-        [grid, schedule.damping_ns_per_m, schedule.stiffness_n_per_m, schedule.contact_damping_ns_per_m], axis=1
-    )[schedule.usable]
-    return Gains(*interpolate(table[np.argsort(table[:, 0], kind="stable")], frequency).tolist())
+        fault = f"is {frequency:g} Hz; allowed: {grid.min():g} to {grid.max():g} Hz, the frequencies of the gain table"
+    elif not schedule.usable[low : high + 1].all():
+        fault = f"has no gains at {frequency:g} Hz; choose another method or another interaction frequency"
+    if fault:
+        raise InputError.of(fault, file=schedule.problem, key="frequency_hz")
+    return Gains(*GainTable.of(schedule)(frequency).tolist())
 
 
 # Rows whose gains are this close to the first's, relative to the largest, count as constant.

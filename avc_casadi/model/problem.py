@@ -15,11 +15,12 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.printed import short
 from avc_casadi._util.units import Units
 from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
 from avc_casadi.model.device import Detent, Device, radius_findings
-from avc_casadi.model.findings import checked
 from avc_casadi.model.follower import Follower
 from avc_casadi.model.robustness import Robustness
 from avc_casadi.model.scene import MOTIONS, Scene
+from avc_casadi.model.table import checked
 from avc_casadi.model.virtual_tool import VirtualTool
 
 LONGEST_USUAL_S = 20e-3
@@ -37,7 +38,7 @@ Objective = Literal["magnitude", "complex", "perceptual"]
 Required = Literal["none", "jnd", "bounds"]
 
 
-class Impedance(q.Table):
+class Impedance(t.Table):
     """A damper and a spring side by side, b + k/s.
 
     Attributes:
@@ -49,21 +50,21 @@ class Impedance(q.Table):
     stiffness_n_per_m: q.Stiffness
 
 
-class Boundaries(q.Table):
+class Boundaries(t.Table):
     """The range of realistic impedance; its mean is the desired impedance   (10)."""
 
     upper: Impedance
     lower: Impedance
 
-    def faults(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[t.Finding]:
         """Yield upper bounds below the lower."""
         for (key, upper), (_, lower) in zip(self.upper, self.lower, strict=True):
             if upper < lower:
-                message = f"is {q.shown(upper)}, below the lower bound {q.shown(lower)}; allowed: at least that"
+                message = f"is {t.shown(upper)}, below the lower bound {t.shown(lower)}; allowed: at least that"
                 yield ("upper", key), message
 
 
-class GainBox(q.Table):
+class GainBox(t.Table):
     """Structure of the coupling, its law at a one-sided wall, and the box of admissible gains, each [lowest, highest].
 
     Contact clip-last: F = max(0, y), y the force of the coupling to an environment on both sides. Gated: the same on
@@ -84,15 +85,15 @@ class GainBox(q.Table):
     stiffness_n_per_m: q.Pair[q.Stiffness] = (0.0, 1e7)
     contact_damping_ns_per_m: q.Pair[q.Damping] = (0.0, 0.0)
 
-    def faults(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[t.Finding]:
         """Yield a contact damper in the series structure, which has none."""
         interval = self.contact_damping_ns_per_m
         if self.structure == "series" and interval != (0, 0):
-            message = f'is {q.shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
+            message = f'is {t.shown(interval)}; allowed: [0.0, 0.0], or the structure "damped", which has this damper'
             yield ("contact_damping_ns_per_m",), message
 
 
-class Stability(q.Table):
+class Stability(t.Table):
     """The claim that the gains must meet: hold model, scope of frequencies, margin on Re Z_h   (12).
 
     Attributes:
@@ -108,7 +109,7 @@ class Stability(q.Table):
     margin_ns_per_m: q.Damping = 0.0
 
 
-class Realism(q.Table):
+class Realism(t.Table):
     """Error measure, just-noticeable difference as a share of |Z|, and the requirement on every row of gains.
 
     Required: nothing; |Z_h - Z_h_ds| <= jnd |Z_h_ds|; or |Z_h| between those of the boundaries. The methods direct and
@@ -126,7 +127,7 @@ class Realism(q.Table):
     require: Required = "none"
 
 
-class ScheduleSettings(q.Table):
+class ScheduleSettings(t.Table):
     """Smoothness of the joint schedule over ln(frequency), and the terms of its cost.
 
     A slope limit of None is no limit. Outside `interaction_hz` the error weighs a tenth. The contact damping penalty
@@ -147,7 +148,7 @@ class ScheduleSettings(q.Table):
     contact_damping_penalty: q.Weight = 1e-6
 
 
-class Hands(q.Table):
+class Hands(t.Table):
     """The set of hands, each value [lowest, highest]: corners and draws of it are used.
 
     With `let_go` the released device belongs to the set, as is required for deployment.
@@ -165,7 +166,7 @@ class Hands(q.Table):
     let_go: bool = False
 
 
-class Frequency(q.Table):
+class Frequency(t.Table):
     """The frequencies of interaction: a range, or the list `values_hz` in its place.
 
     Attributes:
@@ -182,7 +183,7 @@ class Frequency(q.Table):
     spacing: Literal["log", "linear"] = "log"
     values_hz: q.Frequencies | None = None
 
-    def faults(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[t.Finding]:
         """Yield what makes no rising list of frequencies."""
         if self.values_hz is not None:
             for key in ("start_hz", "stop_hz", "points", "spacing"):
@@ -191,13 +192,13 @@ class Frequency(q.Table):
             for index, (one, two) in enumerate(itertools.pairwise(self.values_hz), start=1):
                 if two <= one:
                     fault = "repeats" if two == one else "is below"
-                    message = f"is {q.shown(two)} and {fault} {q.shown(one)} before it; allowed: increasing values"
+                    message = f"is {t.shown(two)} and {fault} {t.shown(one)} before it; allowed: increasing values"
                     yield ("values_hz", index), message
         elif self.points > 1 and self.stop_hz < self.start_hz:
-            message = f"is {q.shown(self.stop_hz)}{self.origin('stop_hz')}, below start_hz = {q.shown(self.start_hz)}"
+            message = f"is {t.shown(self.stop_hz)}{self.origin('stop_hz')}, below start_hz = {t.shown(self.start_hz)}"
             yield ("stop_hz",), f"{message}; allowed: at least that"
         elif self.points > 1 and self.stop_hz - self.start_hz < _SMALLEST_STEP * self.stop_hz * (self.points - 1):
-            message = f"is {self.points}, too many between {q.shown(self.start_hz)} and {q.shown(self.stop_hz)} Hz"
+            message = f"is {self.points}, too many between {t.shown(self.start_hz)} and {t.shown(self.stop_hz)} Hz"
             yield ("points",), f"{message}; allowed: 1 for start_hz alone, or a wider range"
 
     def origin(self, key: str) -> str:
@@ -231,7 +232,7 @@ def _merged(table: Any, change: Any) -> Any:
     return given | {key: _merged(given.get(key), value) for key, value in change.items()}
 
 
-def defaults_at(model: type[q.Table], radius_m: float) -> dict[str, Any]:
+def defaults_at(model: type[t.Table], radius_m: float) -> dict[str, Any]:
     """Return the defaults of a table, for a linear device at a radius, as those of the device that turns."""
     found: dict[str, Any] = {}
     for key, field in model.model_fields.items():
@@ -243,7 +244,7 @@ def defaults_at(model: type[q.Table], radius_m: float) -> dict[str, Any]:
     return found
 
 
-class Problem(q.Table):
+class Problem(t.Table):
     """A problem: device, wall, hands, coupling and requirements, as in a problem file.
 
     Attributes:
@@ -265,9 +266,9 @@ class Problem(q.Table):
         5.0
     """
 
-    name: q.Text = ""
-    title: q.Text = ""
-    source: q.Text = ""
+    name: t.Text = ""
+    title: t.Text = ""
+    source: t.Text = ""
     device: Device
     environment: Impedance
     boundaries: Boundaries = Field(
@@ -310,7 +311,7 @@ class Problem(q.Table):
             found["scene"] = {**scene, "motion": {**defaults_at(MOTIONS[kind], radius), **motion}}
         return found
 
-    def faults(self) -> Iterator[q.Finding]:
+    def faults(self) -> Iterator[t.Finding]:
         """Yield the faults between tables."""
         yield from radius_findings(self.device)
         yield from self._below_nyquist()
@@ -322,14 +323,14 @@ class Problem(q.Table):
             )
             yield ("realism", "require"), message
         if self.scene.duration_s < period:
-            message = f"is {q.shown(self.scene.duration_s)}; allowed: device.sample_time_s = {period} or more"
+            message = f"is {t.shown(self.scene.duration_s)}; allowed: device.sample_time_s = {period} or more"
             yield ("scene", "duration_s"), message
         for index, effect in enumerate(self.scene.effects):
             if effect.kind == "saturation" and getattr(effect, "force_n", None) is None and not self.device.max_force_n:
                 message = "is missing, and device.max_force_n too; allowed: one of the two"
                 yield ("scene", "effects", index, "force_n"), message
         if self.simulation is not None and self.simulation.step_s[0] < period * (1 - 1e-9):
-            message = f"is {q.shown(self.simulation.step_s)}; allowed: device.sample_time_s = {q.shown(period)} or more"
+            message = f"is {t.shown(self.simulation.step_s)}; allowed: device.sample_time_s = {t.shown(period)} or more"
             yield ("simulation", "step_s"), message
         if self.simulation is not None and self.follower is not None:
             yield ("follower",), "stands beside [simulation]; allowed: one of them"
@@ -339,17 +340,17 @@ class Problem(q.Table):
         if (follower := self.follower) is None:
             return
         if follower.motion != self.device.motion:
-            message = f"is {q.shown(follower.motion)}, and device.motion is {q.shown(self.device.motion)}"
+            message = f"is {t.shown(follower.motion)}, and device.motion is {t.shown(self.device.motion)}"
             yield ("follower", "motion"), f"{message}; allowed: the same"
         # Every pending sample is a state: long delays take minutes, then memory.
         longest = MOST_LINK_SAMPLES * min(period, follower.sample_time_s)
         for key in ("delay_s", "return_delay_s"):
             delay = getattr(follower, key)
             if delay is not None and delay[1] > longest * (1 + 1e-9):
-                message = f"is {q.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
+                message = f"is {t.shown(delay)}; allowed: at most {MOST_LINK_SAMPLES} samples, {q.plain(longest)} s"
                 yield ("follower", key), message
 
-    def _below_nyquist(self) -> Iterator[q.Finding]:
+    def _below_nyquist(self) -> Iterator[t.Finding]:
         """Yield the frequencies at which the Tustin map is infinite."""
         band, period = self.frequency, self.device.sample_time_s
         ends = ("start_hz",) if band.points == 1 else ("start_hz", "stop_hz")
@@ -363,8 +364,8 @@ class Problem(q.Table):
             seconds = f"; sample_time_s is in seconds: {q.plain(period)} ms is {q.plain(period / 1000)}"
         for place, value, origin in places:
             if value * period >= 0.5:
-                nyquist = f"the Nyquist frequency {limit} Hz of sample_time_s = {q.shown(period)}"
-                message = f"is {q.shown(value)}{origin}, at or above {nyquist}"
+                nyquist = f"the Nyquist frequency {limit} Hz of sample_time_s = {t.shown(period)}"
+                message = f"is {t.shown(value)}{origin}, at or above {nyquist}"
                 yield ("frequency", *place), f"{message}; allowed: below {limit} Hz{seconds}"
 
     def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
@@ -387,7 +388,7 @@ class Problem(q.Table):
             self.name,
         )
         if isinstance(found, list):
-            raise InputError([Fault(self.name or "problem", None, q.dotted(path), message) for path, message in found])
+            raise InputError([Fault(self.name or "problem", None, t.dotted(path), message) for path, message in found])
         return found
 
     def __repr__(self) -> str:

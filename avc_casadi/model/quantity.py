@@ -4,96 +4,18 @@ Every quantity has a stated range, so that a wrong unit is refused and no equati
 special: 0 means "absent", and a subnormal number means a mistake.
 """
 
-import difflib
 import itertools
 import math
 import numbers
 import re
-import unicodedata
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import AfterValidator, BeforeValidator
 
-from avc_casadi._util.units import LINEAR, ROTARY, Units
-
-Path = tuple[str | int, ...]
-Finding = tuple[Path, str]
-"""Where a fault is, and what it is."""
-
-
-class Table(BaseModel):
-    """A frozen table: unknown keys, wrong types and non-finite numbers are refused, then what `faults` yields."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
-
-    @model_validator(mode="after")
-    def _sound(self) -> Self:
-        if found := list(self.faults()):
-            faults = [{"type": "refused", "loc": path, "msg": message, "input": None} for path, message in found]
-            text = "\n".join(f"{dotted(path)}: {message}" for path, message in found)
-            raise PydanticCustomError("inner", "{text}", {"text": text, "faults": faults})
-        return self
-
-    def faults(self) -> Iterator[Finding]:
-        """Yield what is wrong between values that are each allowed."""
-        yield from ()
-
-
-_SHOWN = 60
-_BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
-
-
-def dotted(path: Path) -> str:
-    """Return a path as in a file: ``scene.effects[0].mass_kg``."""
-    text = ""
-    for part in path:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            text += f".{part}" if _BARE_KEY.fullmatch(part) else f".{shown(part)}"
-    return text.removeprefix(".")
-
-
-def refusal(text: str) -> PydanticCustomError:
-    """Return the error that a validator raises; `text` reaches the user unchanged."""
-    return PydanticCustomError("refused", "{text}", {"text": text})
-
-
-def visible(text: str) -> str:
-    """Return a text of the file, shortened, with control and invisible characters escaped."""
-    marks = [mark if mark.isprintable() else f"\\u{ord(mark):04x}" for mark in text[:_SHOWN]]
-    return "".join(marks) + ("..." if len(text) > _SHOWN else "")
-
-
-def shown(value: object) -> str:
-    """Return a value as in the file, shortened."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, Mapping | BaseModel):
-        return "a table"
-    if isinstance(value, str):
-        return f'"{visible(value)}"'
-    if isinstance(value, int) and abs(value) >= 10**_SHOWN:
-        return f"an integer of more than {_SHOWN} digits"
-    if isinstance(value, list | tuple):
-        return visible(f"[{', '.join(shown(item) for item in value[:_SHOWN])}]")
-    return visible(str(value))
-
-
-def one_of(choices: Iterable[object], value: object) -> str:
-    """Return the list of choices as in a file, with the one close to a value."""
-    known = list(choices)
-    near = difflib.get_close_matches(str(value)[:60], [str(choice) for choice in known], n=1)
-    return f"{', '.join(map(shown, known))}{f'; did you mean {shown(near[0])}?' if near else ''}"
-
-
-def nearest_key(typed: str, keys: Iterable[str]) -> str | None:
-    """Return the key that a mistyped one means, if any is close: one that begins with the same word comes first."""
-    near = difflib.get_close_matches(typed[:60], list(keys), n=5)
-    return min(near, key=lambda one: one.split("_")[0] != typed.split("_", maxsplit=1)[0], default=None)
+from avc_casadi._util.units import ROTARY, Units
+from avc_casadi.model.table import refusal, shown
 
 
 def plain(number: float) -> str:
@@ -123,8 +45,6 @@ _ALONE = {
 }
 _PREFIXES = {"": 0, "k": 3, "c": -2, "m": -3, "u": -6, "n": -9, "M": 6, "G": 9}
 _NAMED = {p + s: (size * 10.0**power, of) for s, (size, of) in _SYMBOLS.items() for p, power in _PREFIXES.items()}
-# In a key, in small letters: of two prefixes that differ by size alone the small one is meant.
-_IN_KEYS = {name.lower(): unit for name, unit in reversed(_NAMED.items())}
 _SAME_LETTER = {"\N{MICRO SIGN}": "u", "\N{GREEK SMALL LETTER MU}": "u", "\N{SUPERSCRIPT TWO}": "2", "^": ""}
 _BITS = re.compile(r"\s*(\d{1,2})[\s-]*bits?\b")
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
@@ -146,7 +66,6 @@ _ENDINGS = {
     "_s": ("s", 0),
 }
 _POWERS = dict(_ENDINGS.values())
-_IN_FILES = [*_ENDINGS, *sorted((ROTARY.key(ending) for ending in _ENDINGS), key=len, reverse=True)]
 _Unit = tuple[float, tuple[int, ...]]
 _NO_POWERS: tuple[int, ...] = (0, 0, 0, 0)
 _LONGEST_WORD = 12
@@ -164,20 +83,20 @@ def unit_of_key(key: str, units: Units) -> str:
     return unit if inner == key else units.unit(unit)
 
 
-def _words(word: str, known: Mapping[str, _Unit]) -> Iterator[_Unit]:
+def _words(word: str) -> Iterator[_Unit]:
     """Yield each reading of a word as units without a sign between them: ``Ncm``, ``gcm2``, ``mNm``."""
     if not word or word in _ALONE:
         yield _ALONE.get(word, (1.0, _NO_POWERS))
         return
-    for name, (size, powers) in known.items():
+    for name, (size, powers) in _NAMED.items():
         if word.startswith(name):
             rest = word.removeprefix(name)
             power, rest = (int(rest[0]), rest[1:]) if rest[:1].isdecimal() else (1, rest)
-            for more, others in _words(rest, known):
+            for more, others in _words(rest):
                 yield size**power * more, tuple(power * a + b for a, b in zip(powers, others, strict=True))
 
 
-def _readings(text: str, known: Mapping[str, _Unit] = _NAMED) -> Iterator[_Unit]:
+def _readings(text: str) -> Iterator[_Unit]:
     """Yield each reading of a unit, such as ``N.m/rad`` or ``counts per 10 mm``: its size in SI units, its powers."""
     for mark, same in _SAME_LETTER.items():
         text = text.replace(mark, same)
@@ -188,7 +107,7 @@ def _readings(text: str, known: Mapping[str, _Unit] = _NAMED) -> Iterator[_Unit]
         elif one[0].isdecimal():
             factors.append([(float(one) ** sign, _NO_POWERS)] if float(one) else [])
         else:
-            read = _words(one, known) if len(one) <= _LONGEST_WORD else ()
+            read = _words(one) if len(one) <= _LONGEST_WORD else ()
             factors.append([(size**sign, tuple(sign * power for power in powers)) for size, powers in read])
     for parts in itertools.product(*factors):
         powers = zip(_NO_POWERS, *(powers for _, powers in parts), strict=True)
@@ -241,30 +160,6 @@ def _behind(geared: re.Match[str], unit: str) -> float:
     if not per_radian > 0:
         raise ValueError(f"{typed!r}: allowed: a gear or pitch above 0")
     return float(f"{read_quantity(typed, ROTARY.unit(unit) if pitch else unit) * per_radian**power:.15g}")
-
-
-def in_another_unit(key: str, value: Any, known: Collection[str], units: Units = LINEAR) -> tuple[str, str] | None:
-    """Return the key meant and the text to write, ``mass_kg = 0.12`` for 120 in ``mass_g``; None where none was."""
-    if key == "sample_rate_hz" and "sample_time_s" in known and _is_number(value) and value > 0:
-        return "sample_time_s", f"sample_time_s = {1 / value:.12g}"
-    values = value if isinstance(value, list) else [value]
-    if not values or len(values) > 2 or not all(map(_is_number, values)):
-        return None
-    for meant in known:
-        ending = next((one for one in _IN_FILES if meant.endswith(one)), "")
-        stem, unit = f"{meant.removesuffix(ending)}_", unit_of_key(meant, units)
-        if not unit or not key.startswith(stem):
-            continue
-        _, wanted = next(_readings(unit))
-        for size, powers in _readings(key.removeprefix(stem).replace("_per_", "/"), _IN_KEYS):
-            if powers == wanted:
-                right = [f"{one * size:.12g}" for one in values]
-                return meant, f"{meant} = {'[' + ', '.join(right) + ']' if isinstance(value, list) else right[0]}"
-    return None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e100
 
 
 @dataclass(frozen=True)
@@ -349,16 +244,6 @@ def sequence(value: Any) -> Any:
     return tuple(value)
 
 
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise refusal(f"is {shown(value)}, not a text; allowed: text in quotation marks")
-    if len(value) > 2000:
-        raise refusal(f"has {len(value)} characters; allowed: at most 2000")
-    if any(unicodedata.category(mark) in {"Cc", "Cs"} and mark not in "\n\t" for mark in value):
-        raise refusal("holds a control character; allowed: text, line feeds and tabs")
-    return value
-
-
 LARGEST_DAMPING_NS_PER_M = 1e9
 """Largest damper of a problem or of a coupling."""
 LARGEST_STIFFNESS_N_PER_M = 1e12
@@ -370,8 +255,6 @@ FREQUENCIES_HZ = (1e-6, 1e7)
 
 MOST_FREQUENCIES = 20_000
 """Largest number of rows of a problem or of a gain table."""
-
-Text = Annotated[str, BeforeValidator(_text)]
 
 Mass = Annotated[float, BeforeValidator(Quantity("kg", 1e-9, 1e6))]
 Damping = Annotated[float, BeforeValidator(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M))]

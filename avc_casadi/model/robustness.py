@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from avc_casadi.model.corners import device_corners, device_with
 from avc_casadi.model.effects import JitterEffect
-from avc_casadi.model.quantity import MassShare, Share, Table
+from avc_casadi.model.quantity import MassShare, Share
+from avc_casadi.model.table import Table
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError
-from pydantic_core import PydanticCustomError
 
 from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
 from avc_casadi.model.effects import EffectTable
 from avc_casadi.model.registries import EFFECTS, METHODS
 
 
-class _Motion(q.Table):
+class _Motion(t.Table):
     """Motion of the hand's target along the axis of the device; the wall begins at 0 and lies at x > 0.
 
     Attributes:
@@ -95,39 +95,41 @@ class _Couplings:
     def __call__(self, value: Any) -> str:
         """Return the name, or refuse it."""
         if not isinstance(value, str) or value not in self.choices:
-            raise q.refusal(f"is {q.shown(value)}; allowed: {q.one_of(self.choices, value)}")
+            raise t.refusal(f"is {t.shown(value)}; allowed: {t.one_of(self.choices, value)}")
         return value
 
 
 CouplingChoice = Annotated[str, BeforeValidator(_Couplings())]
+_MOST_EFFECTS = 100
 Integrator = Literal["exact", "projected", "rk4"]
 
 
 def _effects(value: Any) -> tuple[Any, ...]:
     """Return the effects of a scene, each read by the keys of its kind; all faults are reported at once."""
-    if not isinstance(value, list | tuple):
-        raise q.refusal(f"is {q.shown(value)}; allowed: one [[scene.effects]] for each effect")
+    if not isinstance(value, list | tuple) or len(value) > _MOST_EFFECTS:
+        raise t.refusal(f"is {t.shown(value)}; allowed: one [[scene.effects]] for each effect, {_MOST_EFFECTS} at most")
     found: list[Any] = []
-    faults: list[Any] = []
+    faults: list[t.Finding] = []
     for index, one in enumerate(value):
+        kind = one.get("kind") if isinstance(one, Mapping) else None
         if isinstance(one, EffectTable):
             found.append(one)
         elif not isinstance(one, Mapping):
-            faults.append({"type": "model_type", "loc": (index,), "input": one, "msg": "is no table"})
-        elif not isinstance(one.get("kind"), str) or one["kind"] not in EFFECTS:
-            faults.append({"type": "union_tag_invalid", "loc": (index,), "input": one, "msg": "is of no known kind"})
+            faults.append(((index,), f"is {t.shown(one)}, not a table; allowed: a table with kind"))
+        elif not isinstance(kind, str) or kind not in EFFECTS:
+            what = "is missing" if kind is None else f"is {t.shown(kind)}"
+            faults.append(((index, "kind"), f"{what}; allowed: {t.one_of(EFFECTS, kind)}"))
         else:
             try:
-                found.append(EFFECTS[one["kind"]].keys.model_validate(one))
+                found.append(EFFECTS[kind].keys.model_validate(one))
             except ValidationError as error:
-                faults += [{**item, "loc": (index, *item["loc"])} for item in error.errors(include_url=False)]
+                faults += [((index, *path), message) for path, message in t.faults_of(error)]
     if faults:
-        text = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in faults)
-        raise PydanticCustomError("inner", "{text}", {"text": text, "faults": faults})
+        raise t.inner_faults(faults)
     return tuple(found)
 
 
-class Scene(q.Table):
+class Scene(t.Table):
     """The simulated scene: motion of the hand's target, coupling and effects.
 
     Attributes:

@@ -10,7 +10,8 @@ import numpy as np
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.model.effects import EffectTable
-from avc_casadi.model.quantity import Acceleration, Finding, Hertz, Length
+from avc_casadi.model.quantity import Acceleration, Hertz, Length
+from avc_casadi.model.table import Finding
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import ComplexArray

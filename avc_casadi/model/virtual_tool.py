@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator
 
 from avc_casadi.model import quantity as q
+from avc_casadi.model import table as t
 
 ToolIntegrator = Literal["semi-implicit", "explicit", "implicit-damping", "implicit"]
 Exchange = Literal["on-time", "late", "ahead", "held-force"]
@@ -38,7 +39,7 @@ class Ends:
         if not isinstance(value, list | tuple):
             return (self._end(value), self._end(value))
         if len(value) != 2:
-            raise q.refusal(f"is {q.shown(value)}; allowed: a number, or two, [lowest, highest]")
+            raise t.refusal(f"is {t.shown(value)}; allowed: a number, or two, [lowest, highest]")
         return q.ordered((self._end(value[0]), self._end(value[1])))
 
     def _end(self, value: Any) -> float:
@@ -55,7 +56,7 @@ _Scale = Annotated[float, BeforeValidator(q.Quantity("", 1e-6, 1e6, zero=False))
 _Late = Annotated[int, BeforeValidator(q.Whole(0, 8))]
 
 
-class VirtualTool(q.Table):
+class VirtualTool(t.Table):
     """The table [simulation]: a tool that an engine moves, joined to the device by a spring K and a damper B.
 
     Every T the device holds F = -(K (x - x_s) + B (v - v_s)), x_s and v_s its data of the tool; every step the

@@ -22,7 +22,7 @@ from avc_casadi.files.catalogue import catalogue_names
 from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.files.device_file import device_catalogue, load_device, parse_device
 from avc_casadi.files.gain_file import gain_csv
-from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.loops.sampled_loop import passive_limit_n_per_m
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import NO_COUPLING

@@ -14,7 +14,7 @@ from typing import Any, TypeGuard
 
 from avc_casadi._errors import Fault, InputError
 from avc_casadi.files.device_file import load_device
-from avc_casadi.files.problem_document import problem_document, problem_of
+from avc_casadi.files.problem_file import problem_document, problem_of
 from avc_casadi.model.device import Device
 from avc_casadi.model.problem import Problem
 from avc_casadi.model.quantity import power_at_handle

@@ -18,7 +18,7 @@ from avc_casadi.design.tool_certificate import tool_certificate
 from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch, designed
 from avc_casadi.files.coupling_file import coupling_document
-from avc_casadi.files.problem_document import dump_problem
+from avc_casadi.files.problem_file import dump_problem
 from avc_casadi.model.declared import with_gains
 from avc_casadi.model.virtual_tool import ToolGains
 from avc_casadi.present.explore.answers import (

@@ -101,8 +101,8 @@ def _walls(result: ZWidth) -> Answer:
 
 def holes(schedule: GainSchedule) -> str:
     """Describe what runs at the frequencies without gains; empty where there are none, or no others."""
-    usable = schedule.usable
-    without = len(usable) - int(usable.sum())
-    if without in {0, len(usable)}:
+    without = schedule.frequency_hz[~schedule.usable]
+    if len(without) in {0, schedule.rows}:
         return ""
-    return f"{without} of {len(usable)} frequencies have no gains: those of the rows beside them run there"
+    span = f"{without.min():.4g} to {without.max():.4g} Hz"
+    return f"no gains at {len(without)} frequencies, {span}: those of the rows beside them run there"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row, span
+from avc_casadi.present.row import Answer, Mark, Part, Row, Value, count, listed, marked, parts, row
 from avc_casadi.present.rows.subject import gains, headline, notes, pair, plural
 
 if TYPE_CHECKING:
@@ -67,12 +67,9 @@ def push(data: Mapping[str, Any], coupling: Coupling, shown: str) -> Answer:
         row("Read back", f"equal, {rounding} single precision" if equal else "NOT EQUAL", mark=marked(equal)),
         row("Limit", limit),
     ]
-    if data["widest_hole_hz"] is not None:
-        hole = span(data["widest_hole_hz"], "frequency")
-        rows.append(row("Holes", "rows without gains are interpolated, at most from", hole, mark=Mark.CAUTION))
     if "in_the_loop" in data:
         rows.append(_in_the_loop(data["in_the_loop"]))
-    rows += [*notes(data.get("notes", ())), *notes(coupling.lacks, "Lacks")]
+    rows += [*notes([*filter(None, [data["holes"]]), *data.get("notes", ())]), *notes(coupling.lacks, "Lacks")]
     onwards = () if data["port"] == "emulator" else (f"avc monitor --port {data['port']}",)
     return Answer("push", data, headline(problem, shown), tuple(rows), onwards, problem.units)
 

@@ -1,0 +1,223 @@
+"""Tables of a file as pydantic models, and their faults in plain words: all at once, each at its path."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import typing
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, Self, TypeVar
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
+
+from avc_casadi._util.units import ROTARY
+
+Path = tuple[str | int, ...]
+Finding = tuple[Path, str]
+"""Where a fault is, and what it is."""
+
+UNKNOWN = "is not a known key; "
+"""Beginning of the finding of a mistyped key."""
+# Largest numbers reported of a table: a file of a million wrong keys must be answered quickly too.
+_MOST_UNKNOWN = 100
+_SHOWN = 60
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]{1,60}")
+_ALLOWED = {"bool_type": "true or false", "tuple_type": "a list", "dict_type": "a table"}
+
+
+class Table(BaseModel):
+    """A frozen table: unknown keys, wrong types and non-finite numbers are refused, then what `faults` yields."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _read(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if isinstance(value, cls):
+            return value
+        found: list[Finding] = []
+        table = value
+        if isinstance(value, Mapping) and cls.model_config["extra"] == "forbid":
+            table = {key: item for key, item in value.items() if key in cls.model_fields}
+            found = [
+                ((key,), _unknown(cls, key))
+                for key in list(value)[: len(cls.model_fields) + _MOST_UNKNOWN]
+                if key not in table
+            ]
+        try:
+            read = handler(table)
+        except ValidationError as error:
+            raise inner_faults([*found, *_findings(cls, error, value)]) from None
+        if found or (found := list(read.faults())):
+            raise inner_faults(found)
+        return read
+
+    def faults(self) -> Iterator[Finding]:
+        """Yield what is wrong between values that are each allowed."""
+        yield from ()
+
+
+def inner_faults(found: list[Finding]) -> PydanticCustomError:
+    """Return the error of several faults, each at its path in what is read."""
+    text = "\n".join(f"{dotted(path)}: {message}" for path, message in found)
+    return PydanticCustomError("inner", "{text}", {"text": text, "faults": found})
+
+
+def checked(model: type[M], tables: Mapping[str, Any], name: str = "") -> M | list[Finding]:
+    """Return a file's parsed tables as a model, or all their faults; those between tables where each is sound."""
+    keys = {key: value for key, value in tables.items() if key != "name"}
+    is_no_key = "is not a key; the file's own name is the name of the problem"
+    found: list[Finding] = [(("name",), is_no_key)] if "name" in tables else []
+    try:
+        read = model.model_validate({**keys, "name": name} if "name" in model.model_fields else keys)
+    except ValidationError as error:
+        return found + faults_of(error)
+    return found or read
+
+
+def faults_of(error: ValidationError) -> list[Finding]:
+    """Return the faults of a table that was refused."""
+    return [fault for item in error.errors(include_url=False) for fault in item["ctx"]["faults"]]
+
+
+def _findings(table: type[Table], error: ValidationError, value: Any) -> Iterator[Finding]:
+    """Yield the faults of a table's own keys, and those that its inner tables told of theirs."""
+    for item in error.errors(include_url=False):
+        path, kind, typed = item["loc"], item["type"], item["input"]
+        if kind == "inner":
+            field = table.model_fields[str(path[0])]
+            path = path[:1] if field.discriminator is not None else path  # pydantic adds the kind of a table
+            yield from (((*path, *inner), message) for inner, message in item["ctx"]["faults"])
+        elif kind == "missing":
+            yield path, f"is missing; allowed: {_values(table.model_fields[str(path[0])])}"
+        elif kind in {"model_type", "model_attributes_type"}:
+            yield path, f"is {shown(value)}, not a table; allowed: {_keys(table)}"
+        elif kind in {"union_tag_invalid", "union_tag_not_found"}:
+            choices = [one.model_fields["kind"].default for one in _tables(table.model_fields[str(path[0])].annotation)]
+            typed = typed.get("kind")
+            what = "is missing" if typed is None else f"is {shown(typed)}"
+            yield (*path, "kind"), f"{what}; allowed: {one_of(choices, typed)}"
+        elif kind == "literal_error":
+            choices = _literals(table.model_fields[str(path[0])].annotation)
+            yield path, f"is {shown(typed)}; allowed: {one_of(choices, typed)}"
+        elif kind != "default_factory_not_called":  # a default of a table that is at fault is no fault of its own
+            yield path, f"is {shown(typed)}; allowed: {_ALLOWED[kind]}" if kind in _ALLOWED else item["msg"]
+
+
+def _unknown(table: type[Table], key: str) -> str:
+    """Return the fault of a key that a table has not, with the one that is meant if any is close."""
+    known = [name for name in table.model_fields if name != "name"]
+    linear = ROTARY.inner(key)
+    near = [linear] if linear in known else difflib.get_close_matches(key[:60], known, n=5)
+    # One that begins with the same word comes first.
+    near.sort(key=lambda one: one.split("_")[0] != key.split("_", maxsplit=1)[0])
+    return f"{UNKNOWN}allowed: {', '.join(known)}{f'; did you mean {near[0]}?' if near else ''}"
+
+
+def _literals(annotation: Any) -> list[Any]:
+    """Return the values that an annotation lists."""
+    inner = typing.get_args(annotation)
+    if typing.get_origin(annotation) is typing.Literal:
+        return list(inner)
+    return [value for one in inner for value in _literals(one)]
+
+
+def _tables(annotation: Any) -> list[type[Table]]:
+    """Return the tables that an annotation allows."""
+    if isinstance(annotation, type) and issubclass(annotation, Table):
+        return [annotation]
+    return [table for inner in typing.get_args(annotation) for table in _tables(inner)]
+
+
+def _keys(table: type[Table]) -> str:
+    """Return the keys of a table, the required ones with their values."""
+    keys = (
+        f"{key} ({_values(field)})" if field.is_required() else key
+        for key, field in table.model_fields.items()
+        if key != "name"
+    )
+    return f"a table with {', '.join(keys)}"
+
+
+def _values(field: FieldInfo) -> str:
+    """Return the values allowed for a key."""
+    for mark in (*field.metadata, *_marks(field.annotation)):
+        if isinstance(mark, BeforeValidator) and (allowed := getattr(mark.func, "allowed", "")):
+            return str(allowed)
+    inner = _tables(field.annotation)
+    return _keys(inner[0]) if inner else "text in quotation marks"
+
+
+def _marks(annotation: Any) -> Iterator[Any]:
+    """Yield the metadata of an annotation and of those inside it."""
+    yield from getattr(annotation, "__metadata__", ())
+    for inner in typing.get_args(annotation):
+        yield from _marks(inner)
+
+
+def dotted(path: Path) -> str:
+    """Return a path as in a file: ``scene.effects[0].mass_kg``."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            text += f".{part}" if _BARE_KEY.fullmatch(part) else f".{shown(part)}"
+    return text.removeprefix(".")
+
+
+def refusal(text: str) -> PydanticCustomError:
+    """Return the error that a validator raises; `text` reaches the user unchanged."""
+    return PydanticCustomError("refused", "{text}", {"text": text})
+
+
+def visible(text: str) -> str:
+    """Return a text of the file, shortened, with control and invisible characters escaped."""
+    marks = [mark if mark.isprintable() else f"\\u{ord(mark):04x}" for mark in text[:_SHOWN]]
+    return "".join(marks) + ("..." if len(text) > _SHOWN else "")
+
+
+def shown(value: object) -> str:
+    """Return a value as in the file, shortened."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping | BaseModel):
+        return "a table"
+    if isinstance(value, str):
+        return f'"{visible(value)}"'
+    if isinstance(value, int) and abs(value) >= 10**_SHOWN:
+        return f"an integer of more than {_SHOWN} digits"
+    if isinstance(value, list | tuple):
+        return visible(f"[{', '.join(shown(item) for item in value[:_SHOWN])}]")
+    return visible(str(value))
+
+
+def one_of(choices: Iterable[object], value: object) -> str:
+    """Return the list of choices as in a file, with the one close to a value."""
+    known = list(choices)
+    near = difflib.get_close_matches(str(value)[:60], [str(choice) for choice in known], n=1)
+    return f"{', '.join(map(shown, known))}{f'; did you mean {shown(near[0])}?' if near else ''}"
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise refusal(f"is {shown(value)}, not a text; allowed: text in quotation marks")
+    if len(value) > 2000:
+        raise refusal(f"has {len(value)} characters; allowed: at most 2000")
+    if any(unicodedata.category(mark) in {"Cc", "Cs"} and mark not in "\n\t" for mark in value):
+        raise refusal("holds a control character; allowed: text, line feeds and tabs")
+    return value
+
+
+Text = Annotated[str, BeforeValidator(_text)]
+M = TypeVar("M", bound=Table)
