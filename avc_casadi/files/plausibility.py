@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._errors import Fault
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
-from avc_casadi.model.problem import LONGEST_USUAL_S
 from avc_casadi.model.quantity import plain, power_at_handle
 
 if TYPE_CHECKING:
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 _USUAL = {
     "device.mass_kg": (0.005, 5),
     "device.damping_ns_per_m": (0, 100),
-    "device.sample_time_s": (20e-6, LONGEST_USUAL_S),
+    "device.sample_time_s": (20e-6, 20e-3),
     "device.delay_samples": (0, 20),
     "device.coulomb_friction_n": (0, 20),
     "device.encoder_resolution_m": (1e-7, 1e-3),
@@ -53,7 +52,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
             if any(number != 0 and not lowest <= number <= highest for number in _numbers(value)):
                 usual = f"{plain(lowest)} to {plain(highest)}"
                 found[key, f"is {_written(value)}: usual {usual}; is the unit right?"] = None
-    every = (*found, *_seconds(problem), *_idle(problem), *_beyond(problem))
+    every = (*found, *((key, message) for there, key, message in _doubts(problem) if there))
     return tuple(Fault(problem.name, None, units.key(key), units.words(message)) for key, message in every)
 
 
@@ -72,41 +71,28 @@ def _written(value: float | tuple[float, ...]) -> str:
     return f"[{', '.join(map(plain, value))}]" if isinstance(value, tuple) else plain(value)
 
 
-def _seconds(problem: Problem) -> Iterator[tuple[str, str]]:
-    """Yield delays so far below a sample that they may be in seconds."""
+def _doubts(problem: Problem) -> Iterator[tuple[bool, str, str]]:
+    """Yield whether values contradict or have no effect, the key of one, and why."""
+    device, detent, hands = problem.device, problem.detent, problem.hands
+    limit, handle = device.max_force_n, device.encoder_at == "handle"
     for key in ("device.delay_samples", "device.range.delay_samples"):
         value = _at(problem, key)
-        longest = max(_numbers(value), default=0.0)
-        if 0 < longest < _LEAST_DELAY:
-            samples = longest / problem.device.sample_time_s
-            told = f"{plain(longest)} s are {samples:.3g} sample{'' if samples == 1 else 's'}"
-            yield key, f"is {_written(value)}, a part of a sample; are seconds meant? {told}"
-
-
-def _idle(problem: Problem) -> Iterator[tuple[str, str]]:
-    device = problem.device
-    if device.encoder_at == "handle" and device.resonance is None:
-        yield "device.encoder_at", 'is "handle", which says nothing without device.resonance: motor and handle are one'
-    if device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None:
-        yield "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
-    current_loop = device.amplifier_order == 2
-    for key, said in (
-        ("device.amplifier_damping_ratio", device.amplifier_damping_ratio != CURRENT_LOOP_DAMPING_RATIO),
-        ("device.range.amplifier_damping_ratio", device.range.amplifier_damping_ratio is not None),
-    ):
-        if said and not current_loop:
-            yield key, "says nothing of a lag: a current loop, which has one, is device.amplifier_order = 2"
-    if device.backlash_m > 0 and device.encoder_at == "handle" and device.resonance is not None:
-        seen = "between motor and encoder; an encoder at the handle stands beyond it, and nothing here simulates it"
-        yield "device.backlash_m", f"is play {seen}"
-
-
-def _beyond(problem: Problem) -> Iterator[tuple[str, str]]:
-    limit, detent, friction = problem.device.max_force_n, problem.detent, problem.device.coulomb_friction_n
-    if limit is not None and friction >= limit:
-        message = f"is {plain(friction)}, and device.max_force_n {plain(limit)}: nothing that it gives moves it"
-        yield "device.coulomb_friction_n", message
-    if not any((problem.hands.stiffness_n_per_m[1], problem.hands.damping_ns_per_m[1])):
-        yield "hands.stiffness_n_per_m", "is 0, as is their damping: no hand presses, and all settle"
-    if detent is not None and limit is not None and detent.force_n > limit:
-        yield "detent.force_n", f"is {plain(detent.force_n)}, more than device.max_force_n, {plain(limit)}"
+        short = 0 < max(_numbers(value), default=0.0) < _LEAST_DELAY
+        yield short, key, f"is {short and _written(value)}, a part of a sample; are seconds meant?"
+    alone = device.resonance is None
+    yield handle and alone, "device.encoder_at", 'is "handle", which says nothing without device.resonance'
+    unlimited = device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None
+    yield unlimited, "device.amplifier_order", "is 2, which says nothing without device.amplifier_bandwidth_hz"
+    lag, of_a_lag = device.amplifier_order == 1, "says nothing of a lag: a current loop is device.amplifier_order = 2"
+    given = device.amplifier_damping_ratio != CURRENT_LOOP_DAMPING_RATIO
+    yield lag and given, "device.amplifier_damping_ratio", of_a_lag
+    given = device.range.amplifier_damping_ratio is not None
+    yield lag and given, "device.range.amplifier_damping_ratio", of_a_lag
+    beyond = device.backlash_m > 0 and handle and not alone
+    yield beyond, "device.backlash_m", "is play between motor and encoder; an encoder at the handle stands beyond it"
+    stuck = limit is not None and device.coulomb_friction_n >= limit
+    yield stuck, "device.coulomb_friction_n", "is no less than device.max_force_n: nothing that it gives moves it"
+    loose = not any((hands.stiffness_n_per_m[1], hands.damping_ns_per_m[1]))
+    yield loose, "hands.stiffness_n_per_m", "is 0, as is their damping: no hand presses, and all settle"
+    beyond = detent is not None and limit is not None and detent.force_n > limit
+    yield beyond, "detent.force_n", "is more than device.max_force_n"

@@ -230,7 +230,7 @@ def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
     """Write the plain keys of a table, its kind first, then the tables in it."""
     for key in sorted(table, key=lambda key: key != "kind"):
         if not _holds_tables(table[key]):
-            yield f"{key} = {_value(table[key])}"
+            yield f"{key} = {toml_value(table[key])}"
     for key, value in table.items():
         if not _holds_tables(value):
             continue
@@ -248,9 +248,10 @@ def _holds_tables(value: object) -> bool:
     return isinstance(value, Mapping) or (isinstance(value, tuple) and all(isinstance(item, Mapping) for item in value))
 
 
-def _value(value: object) -> str:
+def toml_value(value: object) -> str:
+    """Return a value as TOML."""
     if isinstance(value, tuple):
-        return f"[{', '.join(map(_value, value))}]"
+        return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)  # a TOML string too: control characters were refused
     if isinstance(value, bool):

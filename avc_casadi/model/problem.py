@@ -23,8 +23,6 @@ from avc_casadi.model.scene import MOTIONS, Scene
 from avc_casadi.model.table import checked
 from avc_casadi.model.virtual_tool import VirtualTool
 
-LONGEST_USUAL_S = 20e-3
-"""Sample time of a slow loop; a longer one may be in milliseconds."""
 MOST_LINK_SAMPLES = 64
 """Largest delay of a link between two devices, in samples, each way."""
 # Closer frequencies would coincide after rounding.
@@ -186,20 +184,18 @@ class Frequency(t.Table):
     def faults(self) -> Iterator[t.Finding]:
         """Yield what makes no rising list of frequencies."""
         if self.values_hz is not None:
-            for key in ("start_hz", "stop_hz", "points", "spacing"):
-                if key in self.model_fields_set:
-                    yield (key,), "stands beside values_hz; allowed: a range or a list, not both"
+            for key in sorted(self.model_fields_set - {"values_hz"}):
+                yield (key,), "stands beside values_hz; allowed: a range or a list, not both"
             for index, (one, two) in enumerate(itertools.pairwise(self.values_hz), start=1):
                 if two <= one:
-                    fault = "repeats" if two == one else "is below"
-                    message = f"is {t.shown(two)} and {fault} {t.shown(one)} before it; allowed: increasing values"
-                    yield ("values_hz", index), message
-        elif self.points > 1 and self.stop_hz < self.start_hz:
-            message = f"is {t.shown(self.stop_hz)}{self.origin('stop_hz')}, below start_hz = {t.shown(self.start_hz)}"
-            yield ("stop_hz",), f"{message}; allowed: at least that"
+                    yield ("values_hz", index), f"is {t.shown(two)} after {t.shown(one)}; allowed: increasing values"
         elif self.points > 1 and self.stop_hz - self.start_hz < _SMALLEST_STEP * self.stop_hz * (self.points - 1):
-            message = f"is {self.points}, too many between {t.shown(self.start_hz)} and {t.shown(self.stop_hz)} Hz"
-            yield ("points",), f"{message}; allowed: 1 for start_hz alone, or a wider range"
+            key = "stop_hz" if self.stop_hz < self.start_hz else "points"
+            band = f"{t.shown(self.start_hz)} to {t.shown(self.stop_hz)}{self.origin('stop_hz')} Hz"
+            yield (
+                (key,),
+                f"is {t.shown(getattr(self, key))}, of {band}; allowed: a band with room for {self.points} points",
+            )
 
     def origin(self, key: str) -> str:
         """Return a note where a key was not given."""
@@ -316,22 +312,21 @@ class Problem(t.Table):
         yield from radius_findings(self.device)
         yield from self._below_nyquist()
         bounds, period = self.boundaries, self.device.sample_time_s
+        at_least = f"allowed: device.sample_time_s = {t.shown(period)} or more"
         # If left out, both bounds are the environment.
         if self.realism.require == "bounds" and bounds.upper == bounds.lower:
-            message = (
-                'is "bounds", but upper and lower of [boundaries] are equal; allowed: bounds apart, "jnd" or "none"'
+            yield (
+                ("realism", "require"),
+                'is "bounds", and both [boundaries] are equal; allowed: "jnd", or others',
             )
-            yield ("realism", "require"), message
         if self.scene.duration_s < period:
-            message = f"is {t.shown(self.scene.duration_s)}; allowed: device.sample_time_s = {period} or more"
-            yield ("scene", "duration_s"), message
+            yield ("scene", "duration_s"), f"is {t.shown(self.scene.duration_s)}; {at_least}"
         for index, effect in enumerate(self.scene.effects):
             if effect.kind == "saturation" and getattr(effect, "force_n", None) is None and not self.device.max_force_n:
                 message = "is missing, and device.max_force_n too; allowed: one of the two"
                 yield ("scene", "effects", index, "force_n"), message
         if self.simulation is not None and self.simulation.step_s[0] < period * (1 - 1e-9):
-            message = f"is {t.shown(self.simulation.step_s)}; allowed: device.sample_time_s = {t.shown(period)} or more"
-            yield ("simulation", "step_s"), message
+            yield ("simulation", "step_s"), f"is {t.shown(self.simulation.step_s)}; {at_least}"
         if self.simulation is not None and self.follower is not None:
             yield ("follower",), "stands beside [simulation]; allowed: one of them"
         # The slope of a detent is a spring in the device's own loop, in which no coupling to another end is judged.
@@ -340,8 +335,7 @@ class Problem(t.Table):
         if (follower := self.follower) is None:
             return
         if follower.motion != self.device.motion:
-            message = f"is {t.shown(follower.motion)}, and device.motion is {t.shown(self.device.motion)}"
-            yield ("follower", "motion"), f"{message}; allowed: the same"
+            yield ("follower", "motion"), f"is {t.shown(follower.motion)}; allowed: that of [device]"
         # Every pending sample is a state: long delays take minutes, then memory.
         longest = MOST_LINK_SAMPLES * min(period, follower.sample_time_s)
         for key in ("delay_s", "return_delay_s"):
@@ -354,19 +348,13 @@ class Problem(t.Table):
         """Yield the frequencies at which the Tustin map is infinite."""
         band, period = self.frequency, self.device.sample_time_s
         ends = ("start_hz",) if band.points == 1 else ("start_hz", "stop_hz")
-        places: list[tuple[tuple[str | int, ...], float, str]]
-        if band.values_hz is None:
-            places = [((end,), getattr(band, end), band.origin(end)) for end in ends]
-        else:
+        places: list[tuple[t.Path, float, str]] = [((end,), getattr(band, end), band.origin(end)) for end in ends]
+        if band.values_hz is not None:
             places = [(("values_hz", index), value, "") for index, value in enumerate(band.values_hz)]
-        limit, seconds = q.plain(0.5 / period), ""
-        if period > LONGEST_USUAL_S:
-            seconds = f"; sample_time_s is in seconds: {q.plain(period)} ms is {q.plain(period / 1000)}"
         for place, value, origin in places:
             if value * period >= 0.5:
-                nyquist = f"the Nyquist frequency {limit} Hz of sample_time_s = {t.shown(period)}"
-                message = f"is {t.shown(value)}{origin}, at or above {nyquist}"
-                yield ("frequency", *place), f"{message}; allowed: below {limit} Hz{seconds}"
+                allowed = f"below {q.plain(0.5 / period)} Hz, half the rate of sample_time_s = {t.shown(period)} s"
+                yield ("frequency", *place), f"is {t.shown(value)}{origin}; allowed: {allowed}"
 
     def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
         """Return the problem with some keys changed, validated as a file is.
