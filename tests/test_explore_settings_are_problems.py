@@ -198,7 +198,7 @@ def test_a_device_file_is_taken_whole():
         ("device.encoder_resolution_m", "38 um", 'is "38 um", not a number; allowed: 0 or 1e-6 to 1e6 µm'),
         ("environment.damping_ns_per_m", -1.0, "is -1.0; allowed: 0 or 1e-9 to 1e9 N·s/m"),
         ("hands.mass_kg.1", None, "is missing; allowed: 0 or 1e-9 to 1e6 kg"),
-        ("frequency.stop_hz", 600.0, "at or above the Nyquist frequency 500 Hz of sample time = 1 ms"),
+        ("frequency.stop_hz", 600.0, "below 500 Hz, half the rate of sample time = 1 ms"),
     ],
 )
 def test_faults_speak_the_unit_of_their_field(key, value, message):

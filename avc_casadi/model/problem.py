@@ -353,7 +353,7 @@ class Problem(t.Table):
             places = [(("values_hz", index), value, "") for index, value in enumerate(band.values_hz)]
         for place, value, origin in places:
             if value * period >= 0.5:
-                allowed = f"below {q.plain(0.5 / period)} Hz, half the rate of sample_time_s = {t.shown(period)} s"
+                allowed = f"below {q.plain(0.5 / period)} Hz, half the rate of sample_time_s = {t.shown(period)}"
                 yield ("frequency", *place), f"is {t.shown(value)}{origin}; allowed: {allowed}"
 
     def changed(self, **tables: Mapping[str, Any] | BaseModel | str | None) -> Self:
