@@ -49,7 +49,6 @@ THINNING = 1e-3
 """Largest relative change of a gain by thinning; certificate, scene and device read the thinned table."""
 CAPACITY_ROWS = 256
 """Largest number of rows of a device."""
-_SAME_TIME = 1e-9
 
 
 def _device_document(device: Device) -> dict[str, Any]:
@@ -297,7 +296,7 @@ def schedule_of(
 def check_sample_time(sample_time_s: float, problem: Problem, file: str) -> None:
     """Refuse gains of another sample time, which belong to another loop. Unknown (NaN) passes."""
     own = problem.device.sample_time_s
-    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=_SAME_TIME):
+    if math.isfinite(sample_time_s) and not math.isclose(sample_time_s, own, rel_tol=1e-9):
         raise InputError.of(
             f"is {sample_time_s:g}, but device.sample_time_s of {problem.name} is {own:g}; give gains that were "
             "solved for this sample time",
