@@ -1,4 +1,4 @@
-"""No drawn gains, and no path of a lattice, better a design; ``tests.benchmarks.design_optima`` sweeps more of them.
+"""No drawn gains, and no path of a lattice, better a design.
 
 The numbers are those of problems that once were bettered.
 """

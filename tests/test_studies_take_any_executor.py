@@ -10,28 +10,23 @@ from multiprocessing import parent_process
 
 import numpy as np
 import pytest
-from studies import reach as _reach
-from studies.reach import reach
 
 import avc_casadi as avc
-from avc_casadi._util.json_values import json_text
 from avc_casadi._util.parallel import Crew, mapped
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison import table1 as _table1
 from avc_casadi.design.comparison.table1 import table1
 from avc_casadi.model.corners import device_set
-from avc_casadi.model.gains import Gains
 from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import draw_population
 from avc_casadi.simulation.population.settled import settled_hands
-from avc_casadi.simulation.population.trial import Conditions
 
 
 @pytest.fixture
 def executor(monkeypatch):
-    for module, name in ((_reach, "_AT_ONCE"), (_table1, "HANDS_AT_ONCE"), (_coupling_trial, "_AT_ONCE")):
+    for module, name in ((_table1, "HANDS_AT_ONCE"), (_coupling_trial, "_AT_ONCE")):
         monkeypatch.setattr(module, name, 7)
     with ThreadPoolExecutor(2) as found:
         yield found
@@ -128,11 +123,6 @@ def test_trials(problem, coupling, executor):
     alone = try_on_devices(coupling, people, devices, 3)
     assert alone.devices == len(devices) > 1
     np.testing.assert_equal(try_on_devices(coupling, people, devices, 3, executor).to_dict(), alone.to_dict())
-
-
-def test_reach(problem, executor):
-    arguments = problem, Gains(10.0, 7e3, 20.0), draw_population("B", 16, 1), Conditions()
-    assert json_text(reach(*arguments, executor=executor)) == json_text(reach(*arguments))
 
 
 @pytest.mark.thorough

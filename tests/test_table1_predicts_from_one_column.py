@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from calibrate_walls import expected_share, share_without_coupling, with_wall
 
 import avc_casadi as avc
 from avc_casadi.design.comparison.table1 import PAPER, table1
@@ -81,20 +80,3 @@ def test_another_seed_is_another_draw_and_the_same_seed_the_same():
 def test_paper_adds_up():
     assert [row.stable_without_coupling for row in PAPER.values()] == [10, 10, 10, 4, 0, 0]
     assert all(row.nearer_static + row.nearer_adaptive + row.unable == 10 for row in PAPER.values())
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("wall", ["ve4", "ve5", "ve6"])
-def test_walls_are_calibrated_to_the_column_without_coupling(wall):
-    problem = avc.load_problem(wall)
-    share = share_without_coupling(problem, draw_population("A", 300, 0, "training"))
-    wanted = expected_share(PAPER[wall.upper()].stable_without_coupling)
-    # Three standard deviations of 300 draws, and what two digits of the stiffness leave.
-    assert share == pytest.approx(wanted, abs=3 * np.sqrt(wanted * (1 - wanted) / 300) + 0.02)
-
-
-def test_a_scaled_wall_keeps_its_kind():
-    problem = avc.load_problem("ve4")
-    scaled = with_wall(problem, 1e5)
-    assert scaled.environment == avc.load_problem("ve7").environment
-    assert scaled.boundaries.upper.stiffness_n_per_m == pytest.approx(1.1e5)

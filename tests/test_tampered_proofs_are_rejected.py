@@ -1,7 +1,6 @@
 """Stored proofs are accepted by code that shares nothing with the prover; one changed thing and they are rejected.
 
-A few changes leave a proof a proof: then the project replays it too, or proves what it claims anew. The study of
-thousands is benchmarks/tampered_proofs.py.
+A few changes leave a proof a proof: then the project replays it too, or proves what it claims anew.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""The page of `passivity_baselines.py`, and what the guide takes from its results."""
+"""The page of `passivity_baselines.py`."""
 
 from __future__ import annotations
 
@@ -163,27 +163,6 @@ def lessons(document: Document) -> str:
         "a passivity controller for a wall that changes, beside a stable coupling and not in its place (no such pair "
         "was measured here)."
     )
-
-
-def guide(document: Document) -> str:
-    """The decisive numbers, a row for each law over all devices, and what they teach."""
-    rows = rows_of(document)
-    laws = list(dict.fromkeys(row["law"] for row in rows))
-    devices, hands = len({row["device"] for row in rows}), document["about"]["hands"]
-
-    def told(law: str) -> tuple[str, ...]:
-        own = [row for row in rows if row["law"] == law]
-        rest = [row["at_rest_n_per_m"] / row["wall_n_per_m"] for row in own if row["at_rest_n_per_m"] is not None]
-        return (
-            f"**{law}**" if law == "recommended" else law,
-            f"{len(everybody(document, law))} of {devices}",
-            f"{sum(row['settled_without_friction'] for row in own)} of {devices * hands}",
-            _range(rest),
-            _range([row["error"][1] for row in own]),
-        )
-
-    head = ("law", "devices on which all settle", "hands, without friction", "at rest, of the wall", "error at 10 Hz")
-    return f"{lessons(document)}\n\n{table(head, map(told, laws))}"
 
 
 def _range(shares: list[float]) -> str:

@@ -44,7 +44,7 @@ SEED, HANDS, RELEASED, PHASES = 1402, 50, 24, 8
 SECONDS, REST_M_PER_S, PRESS_N, LIMIT_SHARE = 3.0, 5e-3, 10.0, 0.97
 # When the last tap ends, and how fast a hand may then be.
 TAPPED_S, SWING_M_PER_S = 1.4, 0.5
-# Of the plain limit, so that spring and damper have a reserve, as `catalogue_walls.py` has it.
+# Of the plain limit, so that spring and damper have a reserve.
 PLAIN_SHARE = 0.9
 # Of the wall asked for, where a law does not hold it.
 HALVINGS = 8

@@ -1,22 +1,176 @@
-"""Write the generated blocks of README, guide and pages anew, from results files and from the problem model.
+"""Write the keys of problem files and the levels of a certificate into the pages, from the model and its docstrings.
 
 python tests/benchmarks/write_documents.py
 
-Overwrites the pages that hold a block between `<!-- results: NAME -->` or `<!-- keys: NAME -->` and `<!-- end -->`, and
-in them nothing but the blocks.
+Overwrites problems/README.md and avc_casadi/claims/README.md, and in them nothing but what stands between
+`<!-- keys: NAME -->` and `<!-- end -->`.
 """
 
-from generated_blocks import ROOT, pages, written
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, BeforeValidator
+from pydantic_core import PydanticUndefined
 from script_arguments import script_arguments
+from studied import table
+
+from avc_casadi.claims.registry import CLAIMS
+from avc_casadi.model.effects import EffectTable
+from avc_casadi.model.problem import Problem
+from avc_casadi.model.registries import EFFECTS
+
+_HEAD = ("key", "unit", "default", "allowed", "meaning")
+
+
+def meanings(model: type[BaseModel]) -> dict[str, str]:
+    """What the docstring says of each attribute, those of its bases too."""
+    found: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        part = (inspect.cleandoc(base.__doc__ or "")).partition("Attributes:\n")[2]
+        for name, text in re.findall(r"^    (\w+): (.*(?:\n        .*)*)", part, re.MULTILINE):
+            found[name] = " ".join(text.split()).rstrip(".")
+    return found
+
+
+def validators(annotation: Any) -> Iterator[Any]:
+    """The validators of quantities inside a type, in the order in which they stand."""
+    for part in getattr(annotation, "__metadata__", ()):
+        if isinstance(part, BeforeValidator):
+            yield part.func
+    for inner in get_args(annotation.__origin__ if get_origin(annotation) is Annotated else annotation):
+        yield from validators(inner)
+
+
+def models(annotation: Any) -> list[type[BaseModel]]:
+    """The tables that a type names."""
+    if annotation is EffectTable:
+        return [one.keys for one in EFFECTS.values()]
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    inner = (annotation.__origin__,) if get_origin(annotation) is Annotated else get_args(annotation)
+    return [model for part in inner for model in models(part)]
+
+
+def literals(annotation: Any) -> tuple[Any, ...]:
+    """The words or numbers that a type allows by name."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    inner = get_args(annotation) if get_origin(annotation) in {Union, UnionType} else ()
+    return tuple(value for part in inner for value in literals(part))
+
+
+def allowed(annotation: Any) -> tuple[str, str]:
+    """Unit of a key and what it allows."""
+    if named := literals(annotation):
+        return "", ", ".join(toml(value) for value in named)
+    for part in validators(annotation):
+        if hasattr(part, "choices"):
+            return "", ", ".join(toml(value) for value in part.choices)
+    found = [part for part in validators(annotation) if hasattr(part, "allowed") or part.__name__ == "_delay"]
+    if not found:
+        return "", "true, false" if annotation is bool else "text" if annotation is str else ""
+    said = found[0].allowed if hasattr(found[0], "allowed") else "0 or 1e-3 to 1000"
+    unit = getattr(getattr(found[0], "one", found[0]), "unit", "" if hasattr(found[0], "allowed") else "samples")
+    pair = any(getattr(part, "__name__", "") == "_pair" for part in validators(annotation))
+    return unit, f"[lowest, highest], each {said}" if pair else said
+
+
+def toml(value: Any) -> str:
+    """A default as it would stand in a file."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"' if value else ""
+    if isinstance(value, tuple):
+        return f"[{', '.join(toml(one) for one in value)}]"
+    return "" if value is None else f"{value:g}"
+
+
+def rows(model: type[BaseModel], prefix: str = "") -> list[tuple[str, ...]]:
+    """A row for each key of a table; tables inside it are written with dots."""
+    found: list[tuple[str, ...]] = []
+    said = meanings(model)
+    for name, field in model.model_fields.items():
+        metadata = tuple(part for part in field.metadata if isinstance(part, BeforeValidator))
+        annotation = Annotated[field.annotation, *metadata] if metadata else field.annotation
+        inner = models(annotation)
+        if name == "kind" or len(inner) > 1:
+            continue
+        if len(inner) == 1:
+            found += rows(inner[0], f"{prefix}{name}.")
+            continue
+        required = field.default is PydanticUndefined and field.default_factory is None
+        unit, may = allowed(annotation)
+        default = "must be there" if required else toml(field.default)
+        meaning = said.get(name, "")
+        meaning = re.sub(r"[;,]? ?None: ", "; left out: " if not meaning.startswith("None") else "left out: ", meaning)
+        found.append((f"`{prefix}{name}`", unit, default, may, meaning.replace("|", "\\|")))
+    return found
+
+
+def kinds(field: str) -> list[type[BaseModel]]:
+    """The tables among which `kind` chooses in [scene.motion] or [[scene.effects]]."""
+    scene = Problem.model_fields["scene"].annotation
+    assert scene is not None
+    return models(scene.model_fields[field].rebuild_annotation())
+
+
+def key_tables() -> str:
+    """Every key of a problem file, a table for each table of the file."""
+    parts = []
+    for name, field in Problem.model_fields.items():
+        inner = models(field.annotation)
+        if not inner:
+            continue
+        model = inner[0]
+        said = (model.__doc__ or "").partition("\n")[0].rstrip(".")
+        left = rows(model)
+        head = f"### [{name}]\n\n{said.replace('|', chr(92) + '|')}."
+        parts.append(f"{head}\n\n{table(_HEAD, left)}")
+        if name == "device":
+            parts[-1] += "\n\nA table `resonance` is all three keys or none; `range` says how well each value is known."
+        if name == "scene":
+            for key, title in (("motion", "[scene.motion]"), ("effects", "[[scene.effects]]")):
+                shared = rows(kinds(key)[0].__bases__[0])
+                lines = [("of every kind", "", "", "", ""), *shared] if shared else []
+                for one in kinds(key):
+                    kind = one.model_fields["kind"].default
+                    what = (one.__doc__ or "").partition("\n")[0].rstrip(".").replace("|", "\\|")
+                    lines.append((f'`kind = "{kind}"`', "", "", "", f"**{what}**"))
+                    lines += [row for row in rows(one) if row not in shared]
+                parts.append(f"### {title}\n\n{table(_HEAD, lines)}")
+    top = [row for row in rows(Problem) if "." not in row[0] and row[0] != "`name`"]
+    return "\n\n".join([table(_HEAD, top), *parts])
+
+
+def levels_table() -> str:
+    """The levels of a certificate, as their registry says."""
+    rows = [(name, claim.claims, claim.leaves) for name, claim in CLAIMS.items()]
+    return table(("level", "claim, if it passes", "what it does not say"), rows)
+
+
+ROOT = Path(__file__).parents[2]
+PAGES = {"problem": ROOT / "problems" / "README.md", "levels": ROOT / "avc_casadi" / "claims" / "README.md"}
+WRITERS = {"problem": key_tables, "levels": levels_table}
+
+
+def written(name: str) -> str:
+    """The page as it should stand."""
+    begin, end = f"<!-- keys: {name} -->\n", "<!-- end -->"
+    before, _, after = PAGES[name].read_text(encoding="utf-8").partition(begin)
+    return f"{before}{begin}{WRITERS[name]()}\n{end}{after.partition(end)[2]}"
 
 
 def main() -> None:
     script_arguments(__doc__)
-    for path in pages():
-        text = written(path)
-        if text != path.read_text(encoding="utf-8"):
-            path.write_text(text, encoding="utf-8")
-            print(f"written: {path.relative_to(ROOT)}")
+    for name, page in PAGES.items():
+        page.write_text(written(name), encoding="utf-8")
 
 
 if __name__ == "__main__":
