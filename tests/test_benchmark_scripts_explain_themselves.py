@@ -35,8 +35,3 @@ def test_help_names_the_files_and_ends(script, capsys, monkeypatch):
     assert not named or "verwrites" in said
     after = {path: path.stat().st_mtime_ns for path in before}
     assert after == before
-
-
-def test_there_are_scripts_and_files_to_look_for():
-    named = set().union(*(result_files(path.read_text(encoding="utf-8")) for path in SCRIPTS))
-    assert {"estimators.png", "reach.json", "RESULTS_estimators.md"} <= named

@@ -4,7 +4,7 @@ OPENBLAS_NUM_THREADS=1 nice -n 10 python tests/benchmarks/engine_boundaries.py
 
 Needs MuJoCo (`pip install "avc-casadi[engines]"`). Device with hand, coupling and exchange are simulated by
 engine_axes.py, which shares nothing with the project; MuJoCo moves the tools. Overwrites
-results/engine_boundaries.json and RESULTS_engine_boundaries.md after every cell and goes on where it stopped.
+results/engine_boundaries.json after every cell and goes on where it stopped; the tables of the page show it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from engine_axes import Array, Axis, largest_stable_n_per_m, run
 from script_arguments import script_arguments
-from studied import about, computed, made_by, rounded, table
+from studied import about, computed
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import ToolSearch
@@ -32,7 +32,6 @@ from avc_casadi.model.virtual_tool import ToolGains
 
 SEED = 5207
 OUT = Path(__file__).parent / "results" / "engine_boundaries.json"
-PAGE = Path(__file__).parent / "RESULTS_engine_boundaries.md"
 
 MASSES_KG, RATES_HZ = (0.05, 0.2, 1.0), (1000.0, 500.0, 200.0, 62.5)
 # And of the exchange ahead the limit with a damper of the device's own loop, which belongs to it.
@@ -364,241 +363,12 @@ def cells() -> dict[str, Callable[[], dict[str, Any]]]:
     return found
 
 
-TEXT = """# [simulation] against real engines
-
-{made_by}
-
-`avc recommend` of a problem with `[simulation]` judges a linear, periodic model. Here MuJoCo itself moves the tools:
-bodies on slide joints, pushed by `qfrc_applied`, integrator Euler, or implicitfast with the coupling's damper in the
-joint. Device and hand (exact zero-order hold, fractional delays too), coupling and exchange are code of this study
-([engine_axes.py](engine_axes.py)); hands are the corners of the default box and the device released, the tool free
-and held (a body without a joint). Unstable is what grows: after a kick of 1 mm/s the energy is larger in the last
-quarter of 4 s (`ahead` without a damper of the device's loop: 20 s) than in the third. MuJoCo's limit is the largest
-K, from half the project's up, at last within 0.3 %, below which nothing grows, with the damper of the project's
-stiffest pair, and with one of the device's own loop, where it has one, for the same damping ratio.
-
-## Limits
-
-Device 0.12 kg, 0.8 N.s/m, T 1 ms, one sample of delay. Stiffest K, N/m, with its best damper; in brackets MuJoCo's
-with the same damper. **ahead, damped**: with a damper of the device's own loop, which belongs to that exchange. The
-last column has the damper that engines take, B = 2 sqrt(K m_t). MuJoCo has no integrator that is implicit in position.
-
-{limits}
-
-## {count} random cases
-
-Tool 0.02 to 2 kg, step of the engine 1 to 20 samples, T 0.5, 1 or 2 ms, delay 0 to 3 samples (whole for one half),
-device 0.05 to 0.5 kg and 0.1 to 3 N.s/m, exchange drawn among the four (held-force and ahead with the damper of the
-device's own loop), a quarter with implicitfast.
-
-{random}
-
-## Recommended pairs at a box
-
-{boxes_said}
-
-{boxes}
-
-## Minimum mass
-
-Brown and Colgate (Minimum mass for haptic display simulations, ASME IMECE 1998) derive the lightest point mass that
-an explicit integrator moves passively. Their formulas are not at hand here (the abstract alone is public), so they
-are neither quoted nor reproduced; what follows is derived anew from the condition of Colgate and Schenkel, b > T/2
-Re((1 - 1/z) H) / (1 - cos wT), for the exchange on-time, semi-implicit Euler at T, no delay. At the Nyquist frequency
-H = (K + 2 B/T) / (1 - (K T^2/4 + B T/2)/m), so that with c = B + K T/2 < b
-
-    m > T/2 * b c / (b - c)
-
-What a lower frequency asks for stands [beside what others published](RESULTS_published.md#the-least-mass-of-a-tool):
-below B = K^2 T^2/(16 b) no mass at all is passive.
-
-{masses}
-
-## A wheel with a game's spring
-
-0.05 kg.m2, 0.02 N.m.s/rad, rim 0.15 m, one sample of delay at 1 kHz; a spring of a game at 60 Hz, no tool, exchange
-`held-force`, so many frames late; the damper is the wheel's own, at 1 kHz. Range of that damper (of 60 tried, 0.02 to
-200 N.m.s/rad) with which hands and the released wheel are stable: by the project, and in a plain simulation of 9 s
-with the step on a sample and between two.
-
-{wheels}
-
-Below the range the spring's delay swings the wheel up; above it the damper's own delay does, whatever the spring.
-"""
-
-
-def _short(value: float | None) -> str:
-    return rounded(value) if value else "none"
-
-
-def _page_limits(cells: dict[str, Any]) -> str:
-    rows = []
-    for mass in MASSES_KG:
-        for rate in RATES_HZ:
-            for exchange in EXCHANGES:
-                one = cells.get(f"table {mass:g} {rate:g} {exchange}")
-                if one is None or "error" in one:
-                    continue
-                row = [f"{mass:g}", f"{rate:g}", exchange]
-                for name in ("semi-implicit", "implicit-damping", "implicit", "default damping"):
-                    if name not in one:
-                        row.append("-")
-                        continue
-                    value, own = one[name], f"{name} in MuJoCo"
-                    limit = _short(value[0] if isinstance(value, list) else value)
-                    row += [f"{limit} ({_short(one[own])})" if own in one else limit]
-                rows.append(row)
-    head = ("tool, kg", "engine, Hz", "exchange", "semi-implicit", "implicit-damping", "implicit", "default damping")
-    return table(head, rows)
-
-
-def _page_random(cells: list[dict[str, Any]]) -> str:
-    some = [one for one in cells if one.get("mujoco_n_per_m") is not None]
-    none = sum(one["gains"]["stiffness_n_per_m"] == 0 for one in cells)
-    ratios = np.array([one["mujoco_n_per_m"] / one["gains"]["stiffness_n_per_m"] for one in some])
-    if len(ratios) == 0:
-        return ""
-    rows = []
-    for exchange in ("on-time", "late", "ahead", "held-force"):
-        mine = ratios[[one["axis"]["exchange"] == exchange for one in some]]
-        if len(mine):
-            within = f"{int((np.abs(mine - 1) <= 0.1).sum())} of {len(mine)}"
-            rows.append([exchange, within, f"{mine.min():.4f}", f"{np.median(mine):.4f}", f"{mine.max():.4f}"])
-    within = int((np.abs(ratios - 1) <= 0.1).sum())
-    said = (
-        f"**{within} of {len(ratios)} within 10 %**; {int((np.abs(ratios - 1) <= 0.02).sum())} within 2 %. MuJoCo's "
-        f"limit as a share of the project's: {ratios.min():.4f} to {ratios.max():.4f}; below 1 is the unsafe side, "
-        f"worst {100 * (1 - ratios.min()):.2g} %, with {_worded(some[int(np.argmin(ratios))]['axis'])}; farthest above "
-        f"1 with {_worded(some[int(np.argmax(ratios))]['axis'])}. {none} cases have no stable pair at all."
-    )
-    return said + "\n\n" + table(("exchange", "within 10 %", "least share", "median", "largest (1.8: or more)"), rows)
-
-
-def _worded(axis: dict[str, Any]) -> str:
-    return (
-        f"a tool of {axis['tool_mass_kg']:g} kg at {1e3 * axis['step_s']:.3g} ms, {axis['exchange']}, on "
-        f"{axis['mass_kg']:g} kg and {axis['damping_ns_per_m']:g} N.s/m with T {1e3 * axis['sample_time_s']:g} ms and "
-        f"{axis['delay_samples']:g} samples of delay"
-    )
-
-
-def _page_boxes(cells: list[dict[str, Any]]) -> tuple[str, str]:
-    rows, found = [], [one for one in cells if one.get("gains")]
-    for one in found:
-        axis, gains = one["axis"], one["gains"]
-        number = f"{axis['tool_mass_kg']:g} kg, {1e3 * axis['step_s']:.3g} ms, {axis['exchange']}"
-        rows.append(
-            [
-                number,
-                f"{axis['mass_kg']:g} kg, {1e3 * axis['sample_time_s']:g} ms, {axis['delay_samples']:g}",
-                f"{rounded(gains['stiffness_n_per_m'])} of {rounded(one['limit_n_per_m'])}",
-                *(f"{one[kind]['free']} / {one[kind]['pressed']}" for kind in ("steady", "dropped", "beyond")),
-                one["beyond_grows"],
-                one["steady"]["contacts_broken"],
-            ]
-        )
-    whole = sum(one["steady"]["both"] == PEOPLE for one in found)
-    dropped = sum(one["dropped"]["both"] == PEOPLE for one in found)
-    beyond = sum(one["beyond"]["both"] < PEOPLE or one["beyond_grows"] > 0 for one in found)
-    said = (
-        f"{PEOPLE} hands (corners of the box, the others drawn) swing freely, rest, tap three times a second and press "
-        "with MuJoCo's default contact, without friction in the device; forces end at 10 N. Settled: device and tool "
-        f"move by less than {1e6 * _REST_M:g} um together in the last half second of the rest and of the press. Of "
-        f"{len(cells)} cases {len(found)} have a recommended pair; all hands settle with {whole} of them, with one "
-        f"step of the engine in a hundred missed with {dropped}; with {BEYOND:g} times the stiffest K {beyond} do not "
-        "hold. 'Grows' counts of 18 kicked axes (corners and released, tool free and held) at that K."
-    )
-    head = (
-        "tool, step, exchange",
-        "device, T, delay in samples",
-        "K of the limit, N/m",
-        "settled free / pressed",
-        "with missed steps",
-        f"at {BEYOND:g} times the limit",
-        "grows there",
-        "contacts broken, at least",
-    )
-    return said, table(head, rows)
-
-
-def _page_masses(cells: list[dict[str, Any]]) -> str:
-    if not cells:
-        return ""
-    ratios = np.array([one["by_frequencies_kg"] / one["closed_form_kg"] for one in cells])
-    numbers = np.array([one["numbers"] for one in cells])
-    shares = numbers[:, 1] / (numbers[:, 1] + numbers[:, 0] * numbers[:, 3] / 2)  # of B in c
-    same = ratios < 1.001
-    stable = sum(one["stable_there"] for one in cells)
-    lighter = [one["unstable_below_kg"] / one["by_frequencies_kg"] for one in cells]
-    least, most = ratios[~same].min(initial=np.inf), ratios[~same].max(initial=0.0)
-    others = (
-        f" In the others, all with B below {shares[~same].max(initial=0.0):.2g} c, a lower frequency asks for more: "
-        f"{least:.3g} to {most:,.0f} times as much; the form above is necessary there, and not enough."
-    )
-    return (
-        f"{len(cells)} random K, B, b and T with c between 0.05 and 0.9 b, bisected over 4000 frequencies: with "
-        f"{same.sum()} it is the mass of the closed form within 0.1 %, the least B among them being "
-        f"{shares[same].min():.2g} c."
-        + ("" if same.all() else others)
-        + f" The project finds {stable} of {len(cells)} "
-        "stable with the mass by frequencies, as it must: what is passive is stable with every hand. The lightest tool "
-        f"that is stable with the default hands (device 0.12 kg) is {min(lighter):.2g} to {max(lighter):.2g} times as "
-        f"heavy (median {np.median(lighter):.2g})."
-    )
-
-
-def _page_wheels(cells: dict[str, Any]) -> str:
-    def told(ends: list[float] | None) -> str:
-        return "none" if ends is None else f"{ends[0]:.3g} to {ends[1]:.3g}"
-
-    rows = []
-    for spring in SPRINGS_NM_PER_RAD:
-        for frames in FRAMES:
-            one = cells.get(f"wheel {spring:g} {frames}")
-            if one is not None and "error" not in one:
-                given = "none" if one["recommended"] is None else f"{one['recommended']:.3g}"
-                rows.append([f"{spring:g}", frames, told(one["project"]), told(one["simulated"]), one["apart"], given])
-    head = (
-        "spring, N.m/rad",
-        "frames late",
-        "stable dampers, project",
-        "simulated",
-        "of 60 judged otherwise",
-        "recommended",
-    )
-    return table(head, rows)
-
-
-def write_page(document: dict[str, Any]) -> None:
-    cells = document["cells"]
-
-    def of(kind: str) -> list[dict[str, Any]]:
-        return [one for name, one in cells.items() if name.startswith(kind) and "error" not in one]
-
-    boxes_said, boxes = _page_boxes(of("box"))
-    failed = [f"- {name}: {one['error']}" for name, one in cells.items() if "error" in one]
-    text = TEXT.format(
-        made_by=made_by(document["about"]),
-        limits=_page_limits(cells),
-        count=len(of("random")),
-        random=_page_random(of("random")),
-        boxes_said=boxes_said,
-        boxes=boxes,
-        masses=_page_masses(of("mass")),
-        wheels=_page_wheels(cells),
-    )
-    PAGE.write_text(
-        text + ("\n## Cells that ended with an error\n\n" + "\n".join(failed) + "\n" if failed else ""),
-        encoding="utf-8",
-    )
-
-
 def main() -> None:
     script_arguments(__doc__)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     told = about("python tests/benchmarks/engine_boundaries.py", SEED)
     told["versions"]["mujoco"] = version("mujoco")
-    computed(cells(), OUT, told, write_page)
+    computed(cells(), OUT, told)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,8 @@ python tests/benchmarks/passivity_baselines.py [OUT]
 
 Laws as published (`baseline_laws.py`) and exported C of couplings on a device in plain numpy (`baseline_plant.py`):
 hands that press, tap and strike, a shaken handle, a released device. Overwrites OUT (default
-tests/benchmarks/results/passivity_baselines.json) and RESULTS_passivity_baselines.md beside this file after every
-cell; what OUT holds already is not computed again. About eight minutes on one core.
+tests/benchmarks/results/passivity_baselines.json), which the page shows, after every cell; what OUT holds already is
+not computed again. About eight minutes on one core.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from studied import about, computed
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from baseline_laws import BASELINES, Exported, ForceAugmentation, Loop, PassivityController, Wall
-from baseline_page import write_page
 from baseline_plant import TAIL_S, Deeds, Floats, Law, shaken, simulated
 
 import avc_casadi as avc
@@ -210,7 +209,7 @@ def main() -> None:
     arguments = script_arguments(__doc__, out=RESULTS)
     told = about("python tests/benchmarks/passivity_baselines.py", SEED) | {"hands": HANDS}
     cells = {f"{name} | {law}": partial(cell, name, law) for name in PROBLEMS for law in (*BASELINES, *OURS)}
-    computed(cells, arguments.out, told, write_page)
+    computed(cells, arguments.out, told)
 
 
 if __name__ == "__main__":

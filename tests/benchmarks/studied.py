@@ -118,7 +118,7 @@ def computed(
     cells: Mapping[str, Callable[[], dict[str, Any]]],
     out: Path,
     about: dict[str, Any],
-    write_page: Callable[[dict[str, Any]], None],
+    write_page: Callable[[dict[str, Any]], None] = lambda _: None,
 ) -> None:
     """Compute the cells that the file does not hold yet, and write the page after each.
 

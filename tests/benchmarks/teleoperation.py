@@ -6,7 +6,7 @@ Four tables: damping that published conditions ask for beside the project's; K a
 passes 1 against K at which a plain simulation begins to grow, on CASES random cases; recommended couplings with 200
 hands; and position-position, wave variables and time-domain passivity on the same hands. The simulation
 (tests/teleoperator_lanes.py) shares no code with the project. Overwrites OUT (default
-tests/benchmarks/results/teleoperation.json) and RESULTS_teleoperation.md beside this file.
+tests/benchmarks/results/teleoperation.json), which the page shows.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 from script_arguments import script_arguments
-from studied import about, made_by, table, write_rows
+from studied import about, write_rows
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from teleoperator_lanes import Lanes, SpringAndDampers
@@ -418,147 +418,12 @@ def schemes(count: int, answers: dict[float, Any]) -> list[dict[str, Any]]:
     return rows
 
 
-def number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
-
-
-_PUBLISHED = """
-Damping that each device needs with a spring K alone to be passive for any operator and environment, N.s/m: Lee and
-Spong (IEEE T-RO 22(2), 2006), K tau/2 with tau the round trip; Nuno, Ortega, Barabanov and Basanez (IEEE T-RO 24(3),
-2008), the geometric mean of both dampers; Jazayeri and Tavakoli (IEEE T. Haptics 6(3), 2013), sampled, K (tau + 2 T)/2.
-No delay of computing. Both columns of ours are one function, from the matrix condition over frequency.
-"""
-_BOUNDARY = """
-T 0.5 to 2 ms, 0 to 20 ms each way, one sample of computing, devices, hands and contacts drawn evenly in the logarithm.
-K at which the spectral radius of the loops passes 1 (bisected to 0.05 %), against the plain simulation of the worst
-loop alone (four phases of the clocks, 12 000 samples): it dies out below and grows above in one of them. Contacts are
-springs on both sides, or none; a rigid one is not among them.
-"""
-_HANDS = """
-`avc recommend` with 50 hands, 10 % jitter and 1 % losses; then 200 other hands in the plain simulation over such a
-link, corners of [hands] among them. At rest: below 5 mm/s over the last 0.5 of 5 s, both devices. Soft contact: 1 kN/m
-with a damping ratio of 0.1, from x = 0 on; hard: a rigid stop.
-"""
-_SCHEMES = """
-An even link; hands at rest after a free motion, a press and taps. Position-position with the dampers of Lee and Spong's
-condition, K tau/2, in each loop (what the devices have themselves comes on top), no B. Wave variables: Niemeyer and
-Slotine (IEEE J. Oceanic Eng. 16(1), 1991), the impedance b matched by the follower's damper. Time-domain passivity:
-Ryu, Kwon and Hannaford (IEEE T-RA 20(2), 2004), observer and controller at each port, the energy of the other port as
-it arrives. *Stiffest that settles*: of K from twice the recommended one down in octaves to 1/64 of it (to 1/4 for
-time-domain passivity), and b or B of 3, 6, 12 and 24 N.s/m (6 and 24), what renders the stiffest with all hands at
-rest on a rigid object, or else what most hands rest with; no margin is asked of it. Rendered: force over place of the
-leader, pressed on a rigid object, median. Mass and drag: of the leader and all that it is coupled to, the follower
-free, moved by 10 mm at 1 Hz; a mass below 0 is a spring. Waves and energies were not tried with jitter and losses,
-for which the recommended coupling is made.
-"""
-
-
-def edges_told(edges: list[dict[str, Any]]) -> list[str]:
-    """Return how far both limits agree, as lines."""
-    released = sum(row["released"] for row in edges)
-    lines = [f"- With the leader released {released} loops are the worst, with a hand {len(edges) - released}."]
-    for low, high in (("0.99", "1.01"), ("0.98", "1.02"), ("0.95", "1.05")):
-        agree = sum(row["grows"][high] and not row["grows"][low] for row in edges)
-        lines.append(f"- Between {low} and {high} of it: {agree} of {len(edges)}.")
-    lines.append(f"- Draws without a limit between 1 N/m and 10 m/T^2, not counted: {edges[0]['skipped']}.")
-    for row in edges:
-        if row["grows"]["0.98"] or not row["grows"]["1.02"]:
-            delays = " and ".join(f"{1e3 * delay_s:.3g}" for delay_s in row["delay_s"])
-            grows = ", ".join(factor for factor, grows in row["grows"].items() if grows) or "none"
-            lines.append(
-                f"- Missed: K {row['limit_n_per_m']:.4g} N/m, T {1e3 * row['period_s']:.3g} ms, delays {delays} ms; "
-                f"grows at {grows}."
-            )
-    return lines
-
-
-def shortfalls(rows: list[dict[str, Any]]) -> list[str]:
-    """Return as lines where a scheme with all hands at rest is felt as stiffer, or with less drag, than ours."""
-    lines = []
-    for ours in (row for row in rows if row["scheme"] == "recommended"):
-        for row in rows:
-            whole = row["all"] == row["people"] == row["soft_all"] and row["delay_s"] == ours["delay_s"]
-            felt = (row["rendered_n_per_m"] or 0.0) / ours["rendered_n_per_m"]
-            stiffer = felt > 1.02
-            lighter = row["drag_ns_per_m"] < ours["drag_ns_per_m"] / 1.1
-            if whole and (stiffer or (lighter and felt > 0.75)):
-                better = [what for what, is_so in (("stiffer", stiffer), ("less drag", lighter)) if is_so]
-                lines.append(
-                    f"- {1e3 * ours['delay_s']:g} ms: {row['scheme']} has what the recommended coupling has not: "
-                    f"{', '.join(better)}; {row['margin_all']} of {row['people']} hands rest with 1.5 times its gains."
-                )
-    return ["Where the recommended coupling is bettered:\n", *lines, ""] if lines else []
-
-
-def page(made: dict[str, Any], rows: list[dict[str, Any]]) -> str:
-    part = {name: [r for r in rows if r["part"] == name] for name in ("published", "boundary", "hands", "schemes")}
-    conditions = [
-        [number(r["stiffness"]), number(1e3 * r["delay_s"])]
-        + [f"{r[key]:.5g}" for key in ("lee_spong", "nuno", "jazayeri_tavakoli", "ours", "ours_limit")]
-        for r in part["published"]
-    ]
-    people = [
-        [
-            number(1000.0 * r["delay_s"]),
-            *(number(r["gains"][key]) for key in ("stiffness_n_per_m", "damping_ns_per_m")),
-            r["contact"],
-            r["people"],
-            *(r["settled"][name] for name in MOTIONS),
-            r["all"],
-            number(r["rendered_n_per_m"]),
-        ]
-        for r in part["hands"]
-    ]
-    compared = [
-        [
-            number(1000.0 * r["delay_s"]),
-            r["scheme"],
-            "; ".join(number(v) for v in r["numbers"].values()),
-            f"{r['all']} of {r['people']}",
-            f"{r['soft_all']} of {r['people']}",
-            f"{r['margin_all']} of {r['people']}",
-            number(r["rendered_n_per_m"]),
-            number(r["mass_kg"]),
-            number(r["drag_ns_per_m"]),
-        ]
-        for r in part["schemes"]
-    ]
-    published_head = ["K, N/m", "each way, ms", "Lee, Spong", "Nuno et al.", "Jazayeri, Tavakoli"]
-    hands_head = ["each way, ms", "K, N/m", "B, N.s/m", "contact", "hands", *(f"{name}: at rest" for name in MOTIONS)]
-    schemes_head = [
-        "each way, ms",
-        "scheme",
-        "K; B or b; damper of each loop",
-        "at rest, rigid",
-        "at rest, 1 kN/m",
-        "at rest, rigid, gains times 1.5",
-    ]
-    parts = [
-        "# Teleoperation\n",
-        f"{made_by(made)}\n",
-        "A leader of 0.12 kg and 0.8 N.s/m, a follower of 0.3 kg and 1 N.s/m, T = 1 ms and one sample of computing at",
-        "both, unless a table says otherwise. No friction, encoders or force limits. The simulation",
-        "(`tests/teleoperator_lanes.py`) shares no code with the package.\n",
-        f"## Published conditions\n{_PUBLISHED}",
-        table([*published_head, "ours, T = 1 ms", "ours, T = 1 us"], conditions),
-        f"\n## The limit of stability\n\n{len(part['boundary'])} random cases: {_BOUNDARY.strip()}\n",
-        *edges_told(part["boundary"]),
-        f"\n## Recommended couplings\n{_HANDS}",
-        table([*hands_head, "in all", "rendered, N/m"], people),
-        f"\n## Known schemes on the same hands\n{_SCHEMES}",
-        *shortfalls(part["schemes"]),
-        table([*schemes_head, "rendered, N/m", "mass, kg", "drag, N.s/m"], compared),
-    ]
-    return "\n".join(parts) + "\n"
-
-
 def main() -> None:
     args = script_arguments(__doc__, people=100, out=RESULTS)
     made = about(f"python tests/benchmarks/teleoperation.py {args.people}", SEED)
     answers = {delay_s: recommended(delay_s, 0.1, 0.01) for delay_s in DELAYS_S}
     rows = [*published(), *boundary(args.people), *many_hands(200, answers), *schemes(40, answers)]
     write_rows(args.out, made, rows)
-    (HERE / "RESULTS_teleoperation.md").write_text(page(made, rows), encoding="utf-8")
 
 
 if __name__ == "__main__":
