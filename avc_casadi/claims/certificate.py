@@ -45,24 +45,7 @@ Level = str
 
 @dataclass(frozen=True, eq=False)
 class LevelResult:
-    """One level of a certificate; row arrays have shape (n,) in the order of the gains.
-
-    Attributes:
-        level: a name of the registry; those on demand appear only where proofs were requested.
-        passed: whether every row meets it.
-        margin_ns_per_m: the worst margin, N.s/m; not a number where there is none.
-        frequency_hz: of the worst margin; 0 is the limit of zero frequency.
-        model: hold model of the claim.
-        claim: one sentence: what holds, or what does not and where.
-        tolerance_ns_per_m: rounding error of the margin of the worst row.
-        row: index of the worst row, or None.
-        row_passed: which rows meet it; rows without gains do not.
-        row_margin_ns_per_m: margin of each row.
-        row_frequency_hz: of the margin of each row.
-        detail: more numbers of this level.
-        refused: why the level is not judged on this device; empty where it is.
-        outcome: proved, refuted or open, where a proof was requested; else empty.
-    """
+    """One level of a certificate; row arrays have shape (n,) in the order of the gains."""
 
     level: Level
     passed: bool

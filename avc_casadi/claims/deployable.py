@@ -49,16 +49,7 @@ _KEPT = 32
 
 @dataclass(frozen=True)
 class DeployClaim:
-    """One claim that a deployable coupling meets.
-
-    Attributes:
-        name: hands, let-go, or dead-zone (of a coupling with state feedback); detent; detent-hands and detent-let-go,
-            where the slope of the detents adds to that of the wall; renders, where gains render no wall.
-        passed: whether it holds.
-        sentence: what holds, or what does not and where.
-        advice: what to do where it does not hold; empty where it does.
-        radius: largest spectral radius found; not a number where none was computed.
-    """
+    """One claim that a deployable coupling meets."""
 
     name: str
     passed: bool

@@ -38,17 +38,7 @@ def passive_walls(
     poles: Poles = PLAIN,
     more_delay: int = 0,
 ) -> Stretches:
-    """Return the softest interval of stiffnesses with which a wall is passive at every corner of a device.
-
-    Args:
-        corners: of one device, each known exactly.
-        damping_ns_per_m: B >= 0, shape (n,).
-        model: hold and discretisation of the spring.
-        ideal: whether all corners are rigid, with an ideal amplifier and whole samples of delay. Then the worst
-            frequency is refined; else it is that of a scan (as in L3), and the wall is stable with a passive hand too.
-        poles: a1 and a2 of a linear estimator of the velocity.
-        more_delay: samples in addition to those of the device.
-    """
+    """Return the softest interval of stiffnesses with which a wall is passive at every corner of a device."""
     low, high = np.zeros(len(damping_ns_per_m)), np.full(len(damping_ns_per_m), np.inf)
     for corner in corners:
         if ideal:

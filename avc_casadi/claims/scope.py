@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScopeSlack:
-    """Slack of each row within its scope, shape (n,).
-
-    Attributes:
-        slack: smallest Re Z_h less the required margin, N.s/m; for scope hands 1 less the largest spectral radius.
-        frequency_hz: of the smallest slack; 0 is the limit of zero frequency.
-    """
+    """Slack of each row within its scope, shape (n,)."""
 
     slack: FloatArray
     frequency_hz: FloatArray
@@ -69,20 +64,7 @@ def scope_slack(
     stiffness_n_per_m: Values,
     contact_damping_ns_per_m: Values = 0.0,
 ) -> ScopeSlack:
-    """Return the slack of rows of gains in the scope, model and margin of a problem.
-
-    Args:
-        problem: with the ``stability`` table.
-        frequency_hz: interaction frequency of each row; all arguments broadcast to n rows.
-        damping_ns_per_m: b.
-        stiffness_n_per_m: k.
-        contact_damping_ns_per_m: b_p.
-
-    Returns:
-        For pointwise, band and all: passivity in the problem's model. For hands: linear stability of the implemented
-        loop, the device's damping reduced by the margin, with the worst hand found by a search of the whole box; a row
-        unstable with one of the first hands is not searched further.
-    """
+    """Return the slack of rows of gains in the scope, model and margin of a problem."""
     given = (frequency_hz, damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m)
     own, b, k, contact = (
         np.ravel(value) for value in np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in given))

@@ -119,31 +119,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ZWidth(Tabular):
-    """The K-B region of a device as declared: at all corners of its ranges.
-
-    Attributes:
-        problem: name of the problem.
-        damping_ns_per_m: wall damping B, shape (n,); the first is 0.
-        curves: one for each claim.
-        wanted_damping_ns_per_m: B of the problem's wall.
-        wanted_stiffness_n_per_m: its K.
-        rule_n_per_m: (b + b_h + B)/(T/2 + t_d) at each B, shape (n,), with the least damped device and hand and the
-            longest delay: the linear condition of Gil, Hulin et al. (2009, J. Comput. Inf. Sci. Eng. 9(1) 011005) for
-            short delays and little damping; it neglects mass. Not a number where the device is not rigid or its
-            amplifier not ideal.
-        passive_spring_n_per_m: 2 b/((1 + 2 d) T), the stiffest passive spring without damping (Diolaiti et al. 2006,
-            IEEE Trans. Robotics 22(2)); not a number on the same devices.
-        encoder_limit_n_per_m: 2 f_c/Delta with the least friction and the coarsest encoder: above it quantisation
-            generates more energy than dry friction dissipates (Abbott and Okamura 2005, IEEE Trans. Robotics 21(5));
-            None where friction or resolution is not known.
-        passive_limit_n_per_m: 2 b_d/((1 + d) T) at the worst of the ranges; not a number where none is known.
-        hands: number of hands of the last claim.
-        corners: number of corners of the device.
-        used: declared properties of the device that enter the region, as dotted keys.
-        not_used: those that do not.
-        refused: claims that have no proof on this device, each with the reason.
-        stated: the problem as given, for ``print``.
-    """
+    """The K-B region of a device as declared: at all corners of its ranges."""
 
     problem: str
     damping_ns_per_m: FloatArray

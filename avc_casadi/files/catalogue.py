@@ -16,14 +16,7 @@ DEVICES = "devices/"
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """One problem of the catalogue.
-
-    Attributes:
-        name: for `load_problem` and the command line, for example ``hard/rigid``.
-        title: one line.
-        source: of the numbers.
-        path: the file, for copying.
-    """
+    """One problem of the catalogue."""
 
     name: str
     title: str

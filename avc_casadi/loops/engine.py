@@ -42,13 +42,7 @@ _STEPS = 4
 
 @dataclass(frozen=True)
 class Clock:
-    """Timing of an engine's steps in samples of the device, until the pattern recurs.
-
-    Attributes:
-        samples: samples that the device takes after each step of the engine, before the next one.
-        aged: whether each step falls between two samples and reads the earlier one.
-        step_s: step of the engine's integrator.
-    """
+    """Timing of an engine's steps in samples of the device, until the pattern recurs."""
 
     samples: tuple[int, ...]
     aged: tuple[bool, ...]
@@ -99,12 +93,6 @@ class Engine:
 
     State: the device, its last two measured positions, position and velocity of the tool, and the queued outputs of the
     engine (position and velocity, or a force).
-
-    Attributes:
-        body: the device with its hands; the tools run along its first axis.
-        clock: when the engine steps.
-        engine: its integrator and its outputs.
-        tools: with their contacts.
     """
 
     body: Body
@@ -133,12 +121,7 @@ class Engine:
         return period([whole[one] for one in order])
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
-        """Return the force commanded by the loop per metre of oscillation of a driven device and the first tool, N/m.
-
-        Args:
-            gains: of the coupling.
-            frequency_hz: below half the sampling rate.
-        """
+        """Return the force that the loop commands per metre of oscillation of a driven device, N/m."""
         turn = turn_of(frequency_hz, self.body.sample_time_s)
         driven = replace(self, body=Body.driven(self.body.sample_time_s, turn))
         sample, force = driven.sample(gains), driven.force(gains)
@@ -212,17 +195,7 @@ class Engine:
 
 
 class ToolLoops(System):
-    """All loops of a problem with [simulation]: hands, released, devices, tools, contacts and clocks of its ranges.
-
-    Args:
-        problem: with [simulation].
-        beside: hands that are looked at beside the corners, such as the worst of a similar problem.
-
-    Attributes:
-        tool: the [simulation].
-        tools: the corners of tool and contact, at the device.
-        hands: corners of [hands] and those beside them, the device released last.
-    """
+    """All loops of a problem with [simulation]: hands, released, devices, tools, contacts and clocks of its ranges."""
 
     def __init__(self, problem: Problem, beside: Sequence[Hand] = ()) -> None:
         self.tool = tool = required_tool(problem)
@@ -253,11 +226,7 @@ class ToolLoops(System):
         return math.prod(shape) + len(self.patterns) - self.corners
 
     def radii(self, gains: ToolGains) -> FloatArray:
-        """Return the spectral radius of each loop at the corners, for a step of the engine, the largest of all clocks.
-
-        Returns:
-            Shape (tools, devices, hands); the device released is the last of the hands.
-        """
+        """Return the spectral radius of each loop at the corners for a step of the engine, over all clocks."""
         each = [
             np.abs(self.eigenvalues(place, gains)).max(axis=-1) ** (1 / pattern.ticks)
             for place, pattern in enumerate(self.patterns[: self.corners])
@@ -313,11 +282,7 @@ def _region(problem: Problem, clock: Clock, contact: tuple[float, float], hand: 
 
 
 def required_tool(problem: Problem) -> VirtualTool:
-    """Return the [simulation] of a problem.
-
-    Raises:
-        InputError: it has no [simulation].
-    """
+    """Return the [simulation] of a problem."""
     if problem.simulation is None:
         raise InputError.of(
             "is missing; allowed: a table with step_s, and tool_mass_kg where the engine moves a tool",
@@ -331,9 +296,6 @@ def contact_stiffnesses_n_per_m(tool: VirtualTool) -> list[float]:
     """Return the contacts that are tried, in the scene: free and rigid, and the springs of a range that has an end.
 
     An unbounded range stands for an engine that solves contacts as constraints: the tool is free or stopped.
-
-    Args:
-        tool: with the range.
     """
     lowest, highest = tool.contact_stiffness_n_per_m
     if tool.rigid:

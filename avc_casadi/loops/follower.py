@@ -48,14 +48,7 @@ _DELAYS = 3
 
 @dataclass(frozen=True)
 class LinkClock:
-    """Samples of both devices until their pattern recurs, and the age of the data received.
-
-    Attributes:
-        events: at each instant, whether the leader and whether the follower takes a sample.
-        leader_sees: for each sample of the leader in the period, how many samples of the follower lie between its
-            newest one and the one that has arrived.
-        follower_sees: the same the other way.
-    """
+    """Samples of both devices until their pattern recurs, and the age of the data received."""
 
     events: tuple[tuple[bool, bool], ...]
     leader_sees: tuple[int, ...]
@@ -63,14 +56,7 @@ class LinkClock:
 
 
 def link_clocks(leader_s: float, follower_s: float, there_s: float, back_s: float) -> list[LinkClock]:
-    """Return the distinct patterns of two clocks, of every phase.
-
-    Args:
-        leader_s: sample time of the leader.
-        follower_s: of the follower.
-        there_s: delay from leader to follower.
-        back_s: delay from follower to leader.
-    """
+    """Return the distinct patterns of two clocks, of every phase."""
     ratio = Fraction(follower_s / leader_s).limit_denominator(_LONGEST_PERIOD)
     if ratio == 0:
         ratio = Fraction(1, _LONGEST_PERIOD)
@@ -112,13 +98,7 @@ class BilateralCase:
 
 @dataclass(frozen=True)
 class Touch:
-    """Environments of a follower, in the leader's units; the arrays have the leading axes of its body.
-
-    Attributes:
-        body: the follower with its environments.
-        fixed: where it cannot move.
-        force: of the environment on the follower, as rows of the body's state.
-    """
+    """Environments of a follower, in the leader's units; the arrays have the leading axes of its body."""
 
     body: Body
     fixed: FloatArray
@@ -126,13 +106,7 @@ class Touch:
 
     @classmethod
     def of(cls, follower: SampledPlant, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray) -> Self:
-        """Return environments, one axis: one device in each, or one for each.
-
-        Args:
-            follower: with the environments in place of hands.
-            stiffness_n_per_m: of the environments; infinite where the follower is fixed.
-            damping_ns_per_m: of the environments.
-        """
+        """Return environments, one axis: one device in each, or one for each."""
         body, fixed = Body.of(follower).flat(), np.isinf(stiffness_n_per_m)
         end = "handle" if "handle_position_m" in body.names else "device"
         spring = np.where(fixed, 0.0, stiffness_n_per_m)[:, None] * body.row(f"{end}_position_m")
@@ -150,12 +124,6 @@ class Link:
 
     A force that is sent was commanded, or measured, at the follower's last sample before the leader's own. State: both
     devices, the positions that each has sent (the newest first), and the forces that the follower has sent.
-
-    Attributes:
-        leader: with its hands; its leading axes and those of `touch` broadcast.
-        touch: the follower with its environments.
-        clock: of both.
-        follower: its architecture and the force that it sends.
     """
 
     leader: Body
@@ -186,32 +154,18 @@ class Link:
         return sum(event[0] for event in self.clock.events)
 
     def maps(self, gains: ToolGains) -> Map:
-        """Return the maps over one period.
-
-        Args:
-            gains: K, B and the damper that each loop adds to its own device, at the leader.
-        """
+        """Return the maps over one period."""
         return period([event for event, _ in self.events(gains)])
 
     def force_per_metre(self, gains: ToolGains, frequency_hz: float) -> complex:
-        """Return the force commanded by the leader's loop per metre of a driven leader's oscillation, N/m.
-
-        Args:
-            gains: of the coupling, with a single environment.
-            frequency_hz: below half the sampling rate of the leader.
-        """
+        """Return the force commanded by the leader's loop per metre of a driven leader's oscillation, N/m."""
         turn = turn_of(frequency_hz, self.leader.sample_time_s)
         driven = replace(self, leader=Body.driven(self.leader.sample_time_s, turn))
         events, reads = zip(*driven.events(gains), strict=True)
         return response(events, reads, turn)
 
     def pulls(self, gains: ToolGains, ages: tuple[int, int]) -> list[Rows]:
-        """Return the force of the coupling on each side, positive against +x.
-
-        Args:
-            gains: of the coupling.
-            ages: of what each side reads, in samples of the other.
-        """
+        """Return the force of the coupling on each side, positive against +x."""
         (x, v), (y, w) = self._seen(0, 0), self._seen(1, 0)
         (far_y, far_w), (far_x, far_v) = self._seen(1, ages[0]), self._seen(0, ages[1])
         k, b = gains.stiffness_n_per_m, gains.damping_ns_per_m
@@ -258,16 +212,7 @@ class Link:
 
 
 class FollowerLoops(System):
-    """All loops of a problem with [follower]: hands, released, environments, both devices, delays, clocks.
-
-    Args:
-        problem: with [follower].
-
-    Attributes:
-        follower: the [follower].
-        hands: corners of [hands], the leader released last.
-        environments_n_per_m: stiffnesses at the follower, in the leader's units.
-    """
+    """All loops of a problem with [follower]: hands, released, environments, both devices, delays, clocks."""
 
     def __init__(self, problem: Problem) -> None:
         self.follower = follower = required_follower(problem)
@@ -357,11 +302,7 @@ def _region(
 
 
 def required_follower(problem: Problem) -> Follower:
-    """Return the [follower] of a problem.
-
-    Raises:
-        InputError: it has no [follower].
-    """
+    """Return the [follower] of a problem."""
     if problem.follower is None:
         raise InputError.of(
             "is missing; allowed: a table with the keys of [device] and delay_s",
@@ -372,11 +313,7 @@ def required_follower(problem: Problem) -> Follower:
 
 
 def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
-    """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid.
-
-    Args:
-        follower: with its ranges.
-    """
+    """Return stiffness and damping of the follower's environments, in the leader's units: free, springs, rigid."""
     low, top = _springs_n_per_m(follower)
     springs = np.geomspace(low, top, _ENVIRONMENTS).tolist() if low < top else [top] if top > 0 else []
     found = [(0.0, 0.0)]
@@ -387,12 +324,7 @@ def environments(follower: Follower) -> tuple[FloatArray, FloatArray]:
 
 
 def contact_dampers_ns_per_m(follower: Follower, stiffness_n_per_m: float) -> list[float]:
-    """Return the dampers in parallel with a contact spring, in the follower's units.
-
-    Args:
-        follower: with the range.
-        stiffness_n_per_m: of the spring.
-    """
+    """Return the dampers in parallel with a contact spring, in the follower's units."""
     if follower.contact_damping_ns_per_m is not None:
         return sorted(set(follower.contact_damping_ns_per_m))
     return [2 * _CONTACT_DAMPING_RATIO * math.sqrt(stiffness_n_per_m * follower.mass_kg)]

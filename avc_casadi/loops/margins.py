@@ -43,19 +43,7 @@ _FEW, _PEAKS, _ZOOMS, _NINE = 40, 12, 14, np.linspace(0.0, 1.0, 9)
 
 @dataclass(frozen=True)
 class Margins:
-    """Smallest margins of some loops; 1 and 0 where one is not stable, infinite without a limit.
-
-    Attributes:
-        gain: factor by which the loop gain may rise, the smallest of the loops.
-        gain_down: factor to which it may fall, the largest of the loops; 0 where it may vanish.
-        phase_deg: phase margin, either way.
-        delay_samples: delay margin, in addition to the declared delay.
-        disk: disk margin, 2 at most.
-        gain_hz: where the smallest gain margin lies; 0 where there is none, as for the others.
-        phase_hz: where the smallest phase margin lies.
-        delay_hz: where the smallest delay margin lies.
-        disk_hz: where the smallest disk margin lies.
-    """
+    """Smallest margins of some loops; 1 and 0 where one is not stable, infinite without a limit."""
 
     gain: float
     gain_down: float
@@ -73,14 +61,6 @@ class OpenLoop:
     """The loop of a coupling, broken at the actuator, with h hands: the corners of the set, then none.
 
     Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
-
-    Attributes:
-        law: observer with state feedback, or None.
-        rendering: coupling and wall.
-        body: the plant with each hand.
-        closed: the closed loops, shape (h, n, n), the states of the plant first.
-        moving: which states are velocities of masses, shape (n,).
-        poles: of the closed loops, shape (h, n).
     """
 
     law: StateFeedback | None
@@ -124,15 +104,7 @@ class OpenLoop:
         return len(self.closed)
 
     def gain(self, turn: FloatArray, who: IndexArray | slice = slice(None)) -> ComplexArray:
-        """Return L at z = exp(j turn).
-
-        Args:
-            turn: angles of z, shape (n,) for all, or (h, n).
-            who: the hands, h of them.
-
-        Returns:
-            Shape (h, n).
-        """
+        """Return L at z = exp(j turn)."""
         body = self.body.axes(who)
         angles = np.broadcast_to(turn, (len(body.a), np.shape(turn)[-1]))
         z = np.exp(1j * angles)
@@ -154,12 +126,7 @@ class OpenLoop:
         return np.unique(np.concatenate([np.geomspace(_LOWEST_TURN, math.pi, _POINTS), about]))
 
     def struck(self, speed_m_per_s: float, samples: int) -> FloatArray:
-        """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples).
-
-        Args:
-            speed_m_per_s: of device and hand, whose target rests at the face of the wall.
-            samples: how many.
-        """
+        """Return the position of a device that meets its wall at a speed, the wall two-sided, shape (h, samples)."""
         state = np.broadcast_to(self.moving * speed_m_per_s * self.sample_time_s, self.poles.shape)
         found = np.empty((len(state), samples))
         for sample in range(samples):
@@ -284,14 +251,7 @@ _TURN, _GONE = 1e-6, 1e-9
 
 @dataclass(frozen=True)
 class Transient:
-    """How the loop in contact settles, on the nominal device.
-
-    Attributes:
-        settling_s: time to settle of the slowest oscillation, to 2 %; 0 without oscillation, infinite where it does not
-            decay.
-        damping_ratio: of the least damped oscillation; 1 without oscillation.
-        frequency_hz: of the same; 0 without oscillation.
-    """
+    """How the loop in contact settles, on the nominal device."""
 
     settling_s: float
     damping_ratio: float
@@ -312,12 +272,7 @@ class Transient:
 
 
 def settling_s(poles: ComplexArray, sample_time_s: float) -> FloatArray:
-    """Return the settling time of the slowest oscillation of each loop, shape (...).
-
-    Args:
-        poles: of the loops, shape (..., s).
-        sample_time_s: T.
-    """
+    """Return the settling time of the slowest oscillation of each loop, shape (...)."""
     radius = np.where(_swings(poles), np.abs(poles), 0.0).max(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         found = sample_time_s * math.log(SETTLED) / np.log(radius)
@@ -332,9 +287,6 @@ def transients(coupling: Coupling) -> tuple[Transient, Transient]:
     """Return the transients of the device in contact: released, and with the worst corner of the hands.
 
     Linear: gains at rest, the innovation of a law unattenuated; an observer between encoder steps is left out.
-
-    Args:
-        coupling: gains with their runtime.
     """
     problem = coupling.problem
     ranges = problem.hands.model_copy(update={"let_go": False})

@@ -69,12 +69,7 @@ class Box:
 
 
 def worst_point(leading: Leading, sides: int) -> tuple[FloatArray, complex]:
-    """Return the place (sides,) of a unit box with the largest modulus, and the eigenvalue there.
-
-    Args:
-        leading: of row 0 at many places.
-        sides: of the box.
-    """
+    """Return the place (sides,) of a unit box with the largest modulus, and the eigenvalue there."""
     drawn = np.random.default_rng(1).random((sides, _DRAWN * sides))
     places = np.concatenate([_corners(sides), drawn], axis=1)
     values = leading(np.zeros(places.shape[1], dtype=np.intp), places)
@@ -118,14 +113,7 @@ def worst_held(
     leading: Callable[[SampledPlant, Mapping[str, FloatArray]], ComplexArray],
     **more: Interval,
 ) -> tuple[complex, dict[str, float], Device, dict[str, FloatArray]]:
-    """Return the largest eigenvalue over a hand's and a device's ranges: its hand, its device and all its values.
-
-    Args:
-        device: with its ranges.
-        hand: one of `hand_boxes`.
-        leading: the largest eigenvalue of each of m loops, from their plants and values.
-        more: further ranges.
-    """
+    """Return the largest eigenvalue over a hand's and a device's ranges: its hand, its device and all its values."""
     box = Box({**hand, **device_ranges(device, LINEAR_KEYS), **more})
 
     def of_places(_: IndexArray, places: FloatArray) -> ComplexArray:

@@ -49,16 +49,7 @@ RIGID = 1e40
 
 @dataclass(frozen=True)
 class SampledLoop:
-    """Parameters of the conditions; device and environment values may be arrays.
-
-    Attributes:
-        device_damping_ns_per_m: b_d = Re Z_d.
-        environment_damping_ns_per_m: b_e.
-        environment_stiffness_n_per_m: k_e.
-        sample_time_s: T.
-        delay_samples: delay in addition to the hold, in samples.
-        model: paper (hold (z+1)/(2z), Tustin environment) or sampled-data (hold 1/z, backward difference).
-    """
+    """Parameters of the conditions; device and environment values may be arrays."""
 
     device_damping_ns_per_m: Values
     environment_damping_ns_per_m: Values
@@ -80,11 +71,7 @@ class SampledLoop:
         )
 
     def whole_delay(self, what: str) -> int:
-        """Return the delay for `what`, which covers whole samples only.
-
-        Raises:
-            UnsupportedError: the delay is fractional.
-        """
+        """Return the delay for `what`, which covers whole samples only."""
         return whole_delay(self.delay_samples, what)
 
     @property
@@ -95,16 +82,7 @@ class SampledLoop:
 
 @dataclass(frozen=True)
 class Fractions:
-    """Z_eavc = g + r w/(1 - w) + c w/(1 - rho w); arrays that broadcast together.
-
-    Attributes:
-        direct: g, N.s/m.
-        integral: r = T k_dc, N.s/m.
-        decaying: c, N.s/m.
-        pole: rho.
-        pole_gap: 1 - rho, from the parameters, without cancellation.
-        stable: whether rho lies inside the unit circle and the pole at z = 1 is at most simple.
-    """
+    """Z_eavc = g + r w/(1 - w) + c w/(1 - rho w); arrays that broadcast together."""
 
     direct: FloatArray
     integral: FloatArray
@@ -126,14 +104,7 @@ class Fractions:
 
 
 def fractions(loop: SampledLoop, damping_ns_per_m: Values, stiffness_n_per_m: Values) -> Fractions:
-    """Return the partial fractions of coupling and environment in series.
-
-    Args:
-        loop: the sampled loop.
-        damping_ns_per_m: b of the coupling; infinite (or an infinite k) means a rigid coupling, as does more than
-            `RIGID`. Any sign.
-        stiffness_n_per_m: k of the coupling.
-    """
+    """Return the partial fractions of coupling and environment in series."""
     t = loop.sample_time_s
     b, k, b_e, k_e = np.broadcast_arrays(
         *(
@@ -187,14 +158,7 @@ def real_part(
 def size_of_terms(
     loop: SampledLoop, parts: Fractions, contact_damping_ns_per_m: Values, frequency_hz: Values | None = None
 ) -> FloatArray:
-    """Sum of the magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it.
-
-    Args:
-        loop: the sampled loop.
-        parts: partial fractions.
-        contact_damping_ns_per_m: b_p.
-        frequency_hz: of the evaluation; None takes the largest magnitude of each term at any frequency.
-    """
+    """Sum of the magnitudes of the terms of Re Z_h, N.s/m: rounding errors are a multiple of it."""
     if frequency_hz is not None:
         amplitude, terms = _terms(loop, parts, contact_damping_ns_per_m, frequency_hz)
         return np.asarray(loop.device_damping_ns_per_m + amplitude * sum(np.abs(term) for term in terms))

@@ -55,14 +55,7 @@ _LOST, _LEAST_TRACE = 1e-7, 1e-5
 
 
 def worst_radius(loops: FloatArray) -> FloatArray:
-    """Return the largest spectral radius of each group of loops, the same numbers as by the eigenvalues of all.
-
-    Args:
-        loops: groups of p loops, shape (..., p, s, s).
-
-    Returns:
-        Shape (...).
-    """
+    """Return the largest spectral radius of each group of loops, the same numbers as by the eigenvalues of all."""
     return np.asarray(leading_radii(loops, 1).max(axis=-1))
 
 
@@ -71,13 +64,6 @@ def leading_radii(loops: FloatArray, leaders: int) -> FloatArray:
 
     The radius r of an (s, s) matrix M lies between powers: abs(trace(M^N)) / s <= r^N <= s max(abs(M^N)). A product
     takes a fiftieth of the time of eigenvalues.
-
-    Args:
-        loops: groups of p loops, shape (..., p, s, s).
-        leaders: how many of the largest are wanted; all of these are among what is returned.
-
-    Returns:
-        Shape (..., p); minus infinity for the others.
     """
     p, s = loops.shape[-3], loops.shape[-1]
     if s < _LARGE:

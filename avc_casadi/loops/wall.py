@@ -35,12 +35,7 @@ def rigid(device: Device) -> bool:
 
 @dataclass(frozen=True)
 class Rendering:
-    """How n frozen renderings turn sampled positions into force, with one state of their own.
-
-    Attributes:
-        force: shape (n, 3): force (N) from x, the x before and the state.
-        state: shape (n, 3): the next state from the same.
-    """
+    """How n frozen renderings turn sampled positions into force, with one state of their own."""
 
     force: FloatArray
     state: FloatArray
@@ -88,16 +83,7 @@ def joint_rendering(
 
 @dataclass(frozen=True)
 class Laws:
-    """Laws of one structure, as arrays.
-
-    Attributes:
-        state: A, shape (laws, n, n).
-        force_m_per_n: B, shape (laws, n).
-        innovation: L, shape (laws, n).
-        feedback: R, shape (laws, n).
-        measures: index of the estimated measured position.
-        positions: indices of the positions.
-    """
+    """Laws of one structure, as arrays."""
 
     state: FloatArray
     force_m_per_n: FloatArray
@@ -134,12 +120,7 @@ _NUMBERS_AT_ONCE = 4_000_000
 
 @dataclass(frozen=True)
 class LinearStability:
-    """Spectral radii of n rows with h hands.
-
-    Attributes:
-        radius: largest modulus of an eigenvalue, shape (n, h); infinite where the mechanics is undefined.
-        frequency_hz: frequency of that eigenvalue, shape (n, h).
-    """
+    """Spectral radii of n rows with h hands."""
 
     radius: FloatArray
     frequency_hz: FloatArray
@@ -162,18 +143,7 @@ def wall(body: Body, rendering: Rendering) -> Map:
 
 
 def observed_wall(body: Body, laws: Laws, rendering: Rendering, shares: FloatArray | tuple[float, ...] = (1.0,)) -> Map:
-    """Return the loops of p plants with each law, shape (laws, a, p, s + n + 2, s + n + 2).
-
-    Args:
-        body: one axis of p plants.
-        laws: observers and feedbacks with n states.
-        rendering: one frozen rendering, of the position that a law gives.
-        shares: sector gains of the dead zone, shape (a,); 1 is the loop without dead zone.
-
-    Returns:
-        Two states less where the rendering is a spring alone. States: those of the plant, of the observer, the previous
-        rendered position, the rendering's own.
-    """
+    """Return the loops of p plants with each law, shape (laws, a, p, s + n + 2, s + n + 2)."""
     (now, before, own), kept = rendering.force[0], int(rendering.force[0, 1:].any())
     loop = Loop(plant=body.size, observer=laws.state.shape[-1], before=kept, own=kept)
     observer = loop["observer"]
@@ -232,19 +202,7 @@ def linear_stability(
     damping_shift_ns_per_m: float = 0.0,
     progress: Progress = SILENT,
 ) -> LinearStability:
-    """Return the spectral radius of each frozen rendering with each hand, on the device as declared.
-
-    Args:
-        device: mass, damping, sample time, delay, amplifier, resonance, side of the encoder.
-        parts: partial fractions of n renderings in the sampled-data model; the wall acts on both sides.
-        contact_damping_ns_per_m: b_p, broadcast to shape (n,).
-        hands: h hands.
-        damping_shift_ns_per_m: added to the damping of the device.
-        progress: reported over the rows.
-
-    Raises:
-        UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
-    """
+    """Return the spectral radius of each frozen rendering with each hand, on the device as declared."""
     if device.delay_samples > MAX_DELAY_SAMPLES:
         raise UnsupportedError(
             f"linear stability is computed up to {MAX_DELAY_SAMPLES} samples of delay, not {device.delay_samples}"
@@ -283,11 +241,7 @@ def frozen_rendering(
 def force_over_innovation(
     laws: Laws, rendering: Rendering, frequency_hz: FloatArray, sample_time_s: float
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return force and estimated position over the innovation at each frequency, without dead zone.
-
-    Returns:
-        F/e and s_m/e, each of shape (laws, f): F/x is F/e over 1 + s_m/e.
-    """
+    """Return force and estimated position over the innovation at each frequency, without dead zone."""
     z = np.exp(2j * np.pi * frequency_hz * sample_time_s)
     wall = force_over_position(rendering, z)
     gain = laws.innovation[:, None, :]
@@ -307,12 +261,7 @@ def stiffness_at_rest(rendering: Rendering) -> float:
 
 
 def force_over_position(rendering: Rendering, z: ComplexArray) -> ComplexArray:
-    """Return the force of one rendering over its input position, N/m.
-
-    Args:
-        rendering: a single one.
-        z: points, of any shape.
-    """
+    """Return the force of one rendering over its input position, N/m."""
     now, before, own = rendering.force[0]
     state = rendering.state[0]
     inner = (state[0] + state[1] / z) / (z - state[2]) if own else 0.0

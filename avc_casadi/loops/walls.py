@@ -58,12 +58,7 @@ _BELOW = 5e-5
 
 @dataclass(frozen=True)
 class Stretches:
-    """Stiffnesses of a wall for which a claim holds at each of n dampings: m intervals, ascending, shape (n, m).
-
-    Attributes:
-        lowest_n_per_m: lower ends; not a number where there are fewer.
-        largest_n_per_m: upper ends.
-    """
+    """Stiffnesses of a wall for which a claim holds at each of n dampings: m intervals, ascending, shape (n, m)."""
 
     lowest_n_per_m: FloatArray
     largest_n_per_m: FloatArray
@@ -85,14 +80,7 @@ def stable_walls(
     damping_ns_per_m: FloatArray,
     poles: Poles = PLAIN,
 ) -> Stretches:
-    """Find the stiffnesses with which a wall is stable with every hand at every corner of a device.
-
-    Args:
-        corners: of one device, each known exactly.
-        hands: h hands.
-        damping_ns_per_m: B >= 0, shape (n,).
-        poles: a1 and a2 of a linear estimator of the velocity.
-    """
+    """Find the stiffnesses with which a wall is stable with every hand at every corner of a device."""
     rows = len(damping_ns_per_m)
     loops = _Curves.of(corners, hands, poles)
     if loops is None:
@@ -113,19 +101,9 @@ def stable_walls(
 
 @dataclass(frozen=True)
 class _Curves:
-    """Every corner with every hand from the force to the sampled position, from sample to sample.
+    """Every corner with every hand from the force to the sampled position, from sample to sample."""
 
-    Attributes:
-        change: A - 1, shape (cases, s, s); velocities are counted by the sample.
-        new: column of the newest force, positive against +x, shape (cases, s).
-        old: column of the force before it.
-        whole_delay: shape (cases,).
-        measured: index of the state that is measured.
-        free: where no spring restores the device, shape (cases,).
-        sample_time_s: T.
-        poles: a1 and a2.
-    """
-
+    # A - 1, the columns of the newest force and of the one before, and where no spring restores the device.
     change: FloatArray
     new: FloatArray
     old: FloatArray
@@ -285,15 +263,7 @@ def _crossings(
 def _outside_without_spring(
     loops: _Curves, angle: FloatArray, slope: FloatArray, curve: FloatArray, damping: FloatArray
 ) -> IndexArray:
-    """Return the number of poles of all cases outside the circle at each B, for K just above 0.
-
-    Args:
-        loops: some cases.
-        angle: nodes of each.
-        slope: imaginary part of L/q there: a pole is on the circle where it is 0.
-        curve: B(theta) there.
-        damping: B of the rows.
-    """
+    """Return the number of poles of all cases outside the circle at each B, for K just above 0."""
     case, index = np.nonzero((slope[:, 1:] > 0) != (slope[:, :-1] > 0))
     some = loops.pick(case)
 
@@ -342,14 +312,7 @@ def _stretches(outside: IndexArray, row: IndexArray, stiffness: FloatArray, leav
 def loop_radius(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: FloatArray, damping_ns_per_m: FloatArray
 ) -> FloatArray:
-    """Return the spectral radius of the frozen loop in contact at the worst corner of the device, shape (walls, hands).
-
-    Args:
-        device: the device as declared.
-        subjects: the hands.
-        stiffness_n_per_m: K, shape (walls,).
-        damping_ns_per_m: D, shape (walls,).
-    """
+    """Return the spectral radius of the loop in contact at the device's worst corner, shape (walls, hands)."""
     every = _Loops.of(device, subjects).radius(stiffness_n_per_m, damping_ns_per_m)
     return np.asarray(every.reshape(len(every), -1, len(subjects)).max(axis=1))
 
@@ -357,14 +320,7 @@ def loop_radius(
 def loop_poles(
     device: Device, subjects: Hand | StylusHand, stiffness_n_per_m: float, damping_ns_per_m: float
 ) -> ComplexArray:
-    """Return the poles of the frozen loop with a spring of either sign and a damper, in contact, shape (pairs, poles).
-
-    Args:
-        device: the device as declared; its corners are the first axis.
-        subjects: the hands.
-        stiffness_n_per_m: K, below 0 where it repels the device.
-        damping_ns_per_m: D.
-    """
+    """Return the poles of the loop in contact with a spring of either sign and a damper, shape (pairs, poles)."""
     loops = _Loops.of(device, subjects)
     rate = damping_ns_per_m / loops.body.sample_time_s
     rendering = Rendering(np.array([[stiffness_n_per_m + rate, -rate, 0.0]]), np.zeros((1, 3)))
@@ -373,13 +329,7 @@ def loop_poles(
 
 @dataclass(frozen=True)
 class _Loops:
-    """Every corner of a device with every hand.
-
-    Attributes:
-        body: one axis of pairs, corners first.
-        most_damping_ns_per_m: upper bound for any wall: 2 m/T of the total moving mass.
-        deciding: the critical pairs, evaluated every time.
-    """
+    """Every corner of a device with every hand."""
 
     body: Body
     most_damping_ns_per_m: float
@@ -433,13 +383,7 @@ class _Loops:
 
 @dataclass(frozen=True)
 class DampingRange:
-    """Damping of a wall within which every hand is stable.
-
-    Attributes:
-        stiffness_n_per_m: K.
-        lowest_ns_per_m: smallest D; not a number where no damping suffices.
-        highest_ns_per_m: largest D.
-    """
+    """Damping of a wall within which every hand is stable."""
 
     stiffness_n_per_m: float
     lowest_ns_per_m: float

@@ -30,14 +30,7 @@ _NUMBERS_AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class WorstHands:
-    """The worst hand that was found for each of n rows.
-
-    Attributes:
-        radius: spectral radius with it, shape (n,).
-        frequency_hz: frequency of that eigenvalue, shape (n,).
-        hands: n hands.
-        known: radii and frequencies with the initial hands, (n, h).
-    """
+    """The worst hand that was found for each of n rows."""
 
     radius: FloatArray
     frequency_hz: FloatArray
@@ -62,22 +55,7 @@ def worst_hands(
     enough: float = np.inf,
     progress: Progress = SILENT,
 ) -> WorstHands:
-    """Search the ranges for the hand with which each frozen row has the largest spectral radius.
-
-    Args:
-        device: the device as declared.
-        parts: partial fractions of n renderings, as in `linear_stability`.
-        contact_damping_ns_per_m: b_p, broadcast to shape (n,).
-        hands: the ranges; their corners and draws are the initial hands.
-        damping_shift_ns_per_m: added to the damping of the device.
-        draws: hands drawn in addition to the corners.
-        seed: seed of the draws.
-        enough: rows that reach this radius with the initial hands are not searched further.
-        progress: reported over the rows.
-
-    Raises:
-        UnsupportedError: more than `MAX_DELAY_SAMPLES` samples of delay.
-    """
+    """Search the ranges for the hand with which each frozen row has the largest spectral radius."""
     contact = np.broadcast_to(np.asarray(contact_damping_ns_per_m, dtype=np.float64), (len(parts.direct),))
     rendering = fraction_rendering(parts, contact, device.sample_time_s)
     _, one, same = np.unique(

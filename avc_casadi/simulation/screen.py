@@ -29,17 +29,18 @@ if TYPE_CHECKING:
 _TIMED_INSTRUCTIONS = 2_000_000
 _TIMED_SAMPLES = (50, 2000)
 _REPEATS = 9
+DEFAULT_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True)
 class EffectCost:
-    """Cost of one effect: the scene with it less the scene without it."""
+    """Cost of one effect: the scene with it less the scene without it; None of the only mass."""
 
     kind: str
     station: str
     states: int
-    instructions: int | None
-    ns_per_step: float | None
+    instructions: int | None = None
+    ns_per_step: float | None = None
 
 
 @dataclass(frozen=True)
@@ -56,67 +57,39 @@ class Explanation:
 
     def document(self) -> dict[str, Any]:
         """Return the part of the JSON document."""
-        return {
-            "effects": [vars(effect) for effect in self.effects],
-            "absent": list(self.absent),
-            "states": self.states,
-            "state_names": [*self.state_names],
-            "instructions": self.instructions,
-            "ns_per_step": self.ns_per_step,
-            "scatter_ns": self.scatter_ns,
-        }
+        return {**vars(self), "effects": [vars(effect) for effect in self.effects]}
 
 
 def explain(problem: Problem, gains: AnyGains) -> Explanation:
     """Return the cost of each effect of a scene."""
     problem = staged(problem, gains)
     effects, chosen, _ = settled(problem, build_effects(problem), gains)
-    return explain_effects(problem, effects, chosen)
+    return _explain(problem, effects, chosen)
 
 
-def explain_effects(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> Explanation:
-    """Return the cost of each resolved effect."""
+def _explain(problem: Problem, effects: tuple[SceneEffect, ...], gains: Gains) -> Explanation:
     scene = compile_for(problem, effects, gains)
     times_ns = _times_ns(scene, gains)
-    whole_ns = min(times_ns)
-    costs = tuple(_cost(problem, effects, gains, effect, scene, whole_ns) for effect in effects)
-    listed = {effect.kind for effect in effects}
+    costs = []
+    for effect in effects:
+        kind, station = effect.kind, effect.station.name.lower()
+        try:
+            rest = compile_for(problem, without(effects, kind), gains)
+        except InputError:  # the only mass
+            costs.append(EffectCost(kind, station, scene.states_of(kind)))
+            continue
+        states, instructions = len(scene.states) - len(rest.states), scene.instructions - rest.instructions
+        took_ns = min(times_ns) - min(_times_ns(rest, gains))
+        costs.append(EffectCost(kind, station, states, instructions, took_ns))
     return Explanation(
-        effects=costs,
-        absent=tuple(kind for kind in EFFECTS if kind not in listed),
+        effects=tuple(costs),
+        absent=tuple(kind for kind in EFFECTS if kind not in {effect.kind for effect in effects}),
         states=len(scene.states),
         state_names=scene.states,
         instructions=scene.instructions,
-        ns_per_step=whole_ns,
-        scatter_ns=float(np.median(times_ns)) - whole_ns,
+        ns_per_step=min(times_ns),
+        scatter_ns=float(np.median(times_ns)) - min(times_ns),
     )
-
-
-def _cost(
-    problem: Problem,
-    effects: tuple[SceneEffect, ...],
-    gains: Gains,
-    effect: SceneEffect,
-    scene: CompiledScene,
-    whole_ns: float,
-) -> EffectCost:
-    station = effect.station.name.lower()
-    try:
-        rest = compile_for(problem, without(effects, effect.kind), gains)
-    except InputError:  # the only mass
-        return EffectCost(effect.kind, station, scene.states_of(effect.kind), None, None)
-    return EffectCost(
-        kind=effect.kind,
-        station=station,
-        states=len(scene.states) - len(rest.states),
-        instructions=scene.instructions - rest.instructions,
-        ns_per_step=whole_ns - ns_per_step(rest, gains),
-    )
-
-
-def ns_per_step(scene: CompiledScene, gains: Gains) -> float:
-    """Measure one sample in CasADi's loop: processor time of the quickest of a few runs, ns."""
-    return min(_times_ns(scene, gains))
 
 
 def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
@@ -136,10 +109,6 @@ def _times_ns(scene: CompiledScene, gains: Gains) -> list[float]:
     return times_ns
 
 
-DEFAULT_TOLERANCE = 0.01
-_CHANGES = ("position_change", "force_change", "stiffness_change", "outcome", "outcome_changed", "needed")
-
-
 @dataclass(frozen=True)
 class Screened:
     """Change of a scene without some of its effects."""
@@ -157,6 +126,11 @@ class Screened:
         """The largest of the changes."""
         return max(self.position_change, self.force_change, self.stiffness_change or 0.0)
 
+    def document(self) -> dict[str, Any]:
+        """Return JSON values."""
+        found: dict[str, Any] = plain(vars(self))
+        return found
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Screening(Tabular):
@@ -171,12 +145,10 @@ class Screening(Tabular):
 
     def to_dict(self) -> Columns:
         """Return the effects as columns, a row for each that can be left out."""
-        found = [{"effect": one.kinds[0]} | _changes(one) for one, _ in self.effects]
-        columns = {
-            name: np.array([np.nan if row[name] is None else row[name] for row in found])
-            for name in ("effect", *_CHANGES)
-        }
-        return columns | {"instructions": np.array([cost.instructions for _, cost in self.effects], dtype=float)}
+        rows = [vars(found) | {"effect": cost.kind, "instructions": cost.instructions} for found, cost in self.effects]
+        changes = ("position_change", "force_change", "stiffness_change")
+        keys = ("effect", *changes, "outcome", "outcome_changed", "needed", "instructions")
+        return {key: np.array([np.nan if row[key] is None else row[key] for row in rows]) for key in keys}
 
     def _summary(self) -> str:
         whole = self.whole
@@ -186,35 +158,25 @@ class Screening(Tabular):
     @property
     def unneeded(self) -> tuple[str, ...]:
         """Effects that the scene does not need at this tolerance."""
-        return tuple(found.kinds[0] for found, _ in self.effects if not found.needed)
+        return tuple(cost.kind for found, cost in self.effects if not found.needed)
 
     def document(self) -> dict[str, Any]:
         """Return the JSON document."""
+        effects = []
+        for found, cost in self.effects:
+            changes = {key: value for key, value in found.document().items() if key != "kinds"}
+            effects.append({key: value for key, value in vars(cost).items() if key != "station"} | changes)
         return {
             "problem": self.whole.problem,
             "coupling": self.whole.coupling,
             "tolerance": self.tolerance,
             "outcome": self.whole.claim,
-            "effects": [
-                {"kind": found.kinds[0]}
-                | _changes(found)
-                | {
-                    "states": cost.states,
-                    "instructions": cost.instructions,
-                    "ns_per_step": cost.ns_per_step,
-                }
-                for found, cost in self.effects
-            ],
+            "effects": effects,
             "essential": list(self.essential),
             "unneeded": list(self.unneeded),
             "scatter_ns": self.scatter_ns,
-            "together": None if self.together is None else {"kinds": self.together.kinds} | _changes(self.together),
+            "together": self.together and self.together.document(),
         }
-
-
-def _changes(found: Screened) -> dict[str, Any]:
-    changes: dict[str, Any] = plain({name: getattr(found, name) for name in _CHANGES})
-    return changes
 
 
 def screen(
@@ -230,30 +192,23 @@ def screen(
     problem = staged(problem, gains)
     effects, chosen, coupling = settled(problem, build_effects(problem), gains)
     whole = simulate_effects(problem, effects, chosen, coupling)
-    explained = explain_effects(problem, effects, chosen)
-    costs = {cost.kind: cost for cost in explained.effects}
+    explained = _explain(problem, effects, chosen)
 
     def dropped(kinds: tuple[str, ...]) -> Screened:
         rest = tuple(effect for effect in effects if effect.kind not in kinds)
         return _compare(whole, simulate_effects(problem, rest, chosen, coupling), kinds, tolerance)
 
     found, essential = [], []
-    for done, kind in enumerate(costs):
-        progress.advance(done, len(costs), f"effects, without {kind}")
+    for done, cost in enumerate(explained.effects):
+        progress.advance(done, len(explained.effects), f"effects, without {cost.kind}")
         try:
-            found.append(dropped((kind,)))
+            found.append((dropped((cost.kind,)), cost))
         except InputError:  # the only mass
-            essential.append(kind)
-    found.sort(key=lambda one: (not one.outcome_changed, -one.change))
-    unneeded = tuple(one.kinds[0] for one in found if not one.needed)
-    return Screening(
-        tolerance=tolerance,
-        whole=whole,
-        effects=tuple((one, costs[one.kinds[0]]) for one in found),
-        essential=tuple(essential),
-        together=dropped(unneeded) if unneeded else None,
-        scatter_ns=explained.scatter_ns,
-    )
+            essential.append(cost.kind)
+    found.sort(key=lambda one: (not one[0].outcome_changed, -one[0].change))
+    unneeded = tuple(cost.kind for one, cost in found if not one.needed)
+    together = dropped(unneeded) if unneeded else None
+    return Screening(tolerance, whole, tuple(found), tuple(essential), together, explained.scatter_ns)
 
 
 def _compare(whole: Run, rest: Run, kinds: tuple[str, ...], tolerance: float) -> Screened:
@@ -262,16 +217,8 @@ def _compare(whole: Run, rest: Run, kinds: tuple[str, ...], tolerance: float) ->
     one, other = whole.apparent_stiffness_n_per_m, rest.apparent_stiffness_n_per_m
     stiffness = abs(other / one - 1) if np.isfinite(one) and np.isfinite(other) else None
     changed = bool((rest.claim, rest.buzzing) != (whole.claim, whole.buzzing) or np.isfinite(one) != np.isfinite(other))
-    largest = max(position, force, stiffness or 0.0)
-    return Screened(
-        kinds=kinds,
-        position_change=position,
-        force_change=force,
-        stiffness_change=stiffness,
-        outcome=rest.claim,
-        outcome_changed=changed,
-        needed=changed or not largest <= tolerance,
-    )
+    needed = changed or not max(position, force, stiffness or 0.0) <= tolerance
+    return Screened(kinds, position, force, stiffness, rest.claim, changed, needed)
 
 
 def _relative(whole: FloatArray, rest: FloatArray) -> float:

@@ -52,19 +52,7 @@ _RADIUS_TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class EnginePort:
-    """Passivity of a coupling at the engine's port.
-
-    Attributes:
-        passive: with every hand of [hands], released, and every device corner: stable with any passive engine.
-        margin_ns_per_m: lowest Re G of all, at the device; minus infinity where G has a pole outside the unit circle.
-        frequency_hz: of the lowest Re G.
-        hand: of the lowest Re G; all 0 for the device released.
-        step_s: the engine's step there.
-        any_hand: at N = 1, whether it holds with any passive hand as well; None where that is not known.
-        any_hand_margin_ns_per_m: of Llewellyn's condition; None where that is not known.
-        engine_is_implicit: whether the declared engine solves its tool together with the coupling, as the claim
-            requires.
-    """
+    """Passivity of a coupling at the engine's port."""
 
     passive: bool
     margin_ns_per_m: float
@@ -78,14 +66,7 @@ class EnginePort:
 
 @dataclass(frozen=True)
 class PortDelays:
-    """Ages, in steps, of the velocity set by the engine where it is used.
-
-    Attributes:
-        spring: a, of the position in the spring's force on the tool.
-        damper: c, of the velocity in the damper's.
-        told: q, of the tool's state at the device, or of the held force.
-        held: e, of the tool in the held force.
-    """
+    """Ages, in steps, of the velocity set by the engine where it is used."""
 
     spring: int
     damper: int
@@ -110,17 +91,7 @@ class PortDelays:
 
 
 def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGains) -> EnginePort:
-    """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter.
-
-    Args:
-        device: with its ranges.
-        hands: at the device; the device released is judged too.
-        tool: step, integrator and exchange.
-        gains: of the coupling, at the device.
-
-    Raises:
-        UnsupportedError: a step of the engine that is not a multiple of T.
-    """
+    """Return the passivity of a coupling at the engine's port; the tool's mass and its contacts do not enter."""
     t, people = device.sample_time_s, with_released(hand_corners(hands))
     plant = sampled_plant(device_corners(device, LINEAR_KEYS), people)
     port = Port(plant, gains, PortDelays.of(tool), held_force=tool.exchange == "held-force")
@@ -150,14 +121,7 @@ def engine_port(device: Device, hands: Hands, tool: VirtualTool, gains: ToolGain
 
 
 class Port:
-    """G of some devices with hands.
-
-    Args:
-        plant: devices with hands, from sample to sample.
-        gains: of the coupling.
-        delays: of the exchange.
-        held_force: whether the device holds a force computed by the engine.
-    """
+    """G of some devices with hands."""
 
     def __init__(self, plant: SampledPlant, gains: ToolGains, delays: PortDelays, *, held_force: bool) -> None:
         self._gains, self._delays, self._held_force = gains, delays, held_force
@@ -171,12 +135,7 @@ class Port:
         self._sample = loop.event(plant=body.moved(loop["plant"], force), before=x[None])
 
     def impedance(self, samples: int, angles: FloatArray) -> ComplexArray:
-        """Return G, N.s/m, shape (angles, devices, hands).
-
-        Args:
-            samples: N.
-            angles: omega T_s, above 0, shape (angles,).
-        """
+        """Return G, N.s/m, shape (angles, devices, hands)."""
         k, b, late = self._gains.stiffness_n_per_m, self._gains.damping_ns_per_m, self._delays
         z = np.exp(1j * angles)[:, None, None]
         place = samples * self._body.sample_time_s * z / (z - 1)
@@ -191,11 +150,7 @@ class Port:
         return np.asarray(own - moved[..., 0] * place - moved[..., 1])
 
     def radius(self, samples: int) -> float:
-        """Return the largest magnitude of a pole of G: of devices on the coupling with the tool fixed.
-
-        Args:
-            samples: N.
-        """
+        """Return the largest magnitude of a pole of G: of devices on the coupling with the tool fixed."""
         whole = np.linalg.matrix_power(self._sample, samples)
         told = self._loop.queue("told", self._coupled[None]) if self._held_force else 0.0 * self._loop["told"]
         return float(np.abs(np.linalg.eigvals(whole @ self._loop.event(told=told))).max())
@@ -204,9 +159,6 @@ class Port:
         """Return the lowest Re G, its angle and the indices of device and hand.
 
         Minus infinity where a pole lies on or outside the unit circle.
-
-        Args:
-            samples: N.
         """
         if not self.radius(samples) < 1 - _RADIUS_TOLERANCE:
             return -np.inf, 0.0, 0

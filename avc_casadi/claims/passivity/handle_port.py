@@ -47,15 +47,7 @@ _NUMBERS_AT_ONCE = 1_000_000
 
 @dataclass(frozen=True)
 class HandlePort:
-    """X, U and U^2 - |X|^2 of a device, each of the shape of the frequencies.
-
-    Attributes:
-        turns: omega T/(2 pi).
-        centre: X, m/(N.s).
-        spread: U, m/(N.s).
-        excess: U^2 - |X|^2, without cancellation.
-        damped: whether R exceeds the removed damping, at each frequency with all its aliases.
-    """
+    """X, U and U^2 - |X|^2 of a device, each of the shape of the frequencies."""
 
     turns: FloatArray
     centre: ComplexArray
@@ -135,16 +127,7 @@ def least_loss_ns_per_m(device: Device) -> float:
 
 @dataclass(frozen=True)
 class Response:
-    """Frequency responses of a device at its handle, each of the shape of the frequencies.
-
-    Attributes:
-        alone: impedance of the device alone, N.s/m.
-        loss: R, its real part.
-        sent: tau, from a force at the motor to the handle.
-        seen: t, from the handle's velocity to the measured one.
-        admittance: Y, m/(N.s).
-        force: A e, of amplifier and delay.
-    """
+    """Frequency responses of a device at its handle, each of the shape of the frequencies."""
 
     alone: ComplexArray
     loss: FloatArray
@@ -169,11 +152,6 @@ def handle_port(device: Device, frequency_hz: FloatArray, taken_ns_per_m: FloatA
 
     Sums over aliases are right to about 1e-11 of themselves, 81 terms and an integral for the rest; to 1e-8 with a
     delay of part of a sample, where 801 terms end in a taper.
-
-    Args:
-        device: known exactly; its ranges are ignored.
-        frequency_hz: any shape.
-        taken_ns_per_m: damping removed at the handle, broadcast to that shape.
     """
     turns, taken = np.broadcast_arrays(np.asarray(frequency_hz) * device.sample_time_s, taken_ns_per_m)
     shape, turns, taken = turns.shape, turns.ravel(), taken.ravel()

@@ -37,17 +37,6 @@ def llewellyn_margin(
 
     With Z_d + H b_p for Z_d, (6) reads b_d + b_p Re H >= (|H| - Re H)/(2 Re(1/Z_c)); the margin is the left side less
     the right one. It does not depend on the environment.
-
-    Args:
-        loop: device and hold; its environment is not used.
-        damping_ns_per_m: b of the coupling; all arguments broadcast to n rows.
-        stiffness_n_per_m: k of the coupling.
-        contact_damping_ns_per_m: b_p.
-        refine: False omits the refinement, for searches that end with an exact check.
-
-    Returns:
-        Margin (N.s/m; minus infinity where the coupling itself is not passive or is rigid) and its frequency (Hz), each
-        of shape (n,).
     """
     given = (damping_ns_per_m, stiffness_n_per_m, contact_damping_ns_per_m, loop.device_damping_ns_per_m)
     b, k, contact, b_d = (

@@ -34,24 +34,14 @@ _HALVED = 30
 
 @dataclass(frozen=True)
 class Excitation:
-    """A sinusoidal motion in the wall.
-
-    Attributes:
-        depth_m: mean depth.
-        amplitude_m: of the sine about it.
-    """
+    """A sinusoidal motion in the wall."""
 
     depth_m: float
     amplitude_m: float
 
     @classmethod
     def of(cls, device: Device, stiffness_n_per_m: float) -> Excitation:
-        """Return the excitation about half of a firm press, or of the force limit.
-
-        Args:
-            device: the device.
-            stiffness_n_per_m: rendered at rest; 0 for a wall without a spring.
-        """
+        """Return the excitation about half of a firm press, or of the force limit."""
         press_n = PRESS_N * device.metres_per_unit
         mean_n = min(press_n, press_n if device.max_force_n is None else device.max_force_n) / 2
         depth = mean_n / stiffness_n_per_m if stiffness_n_per_m > 0 else _DEPTH_M / device.metres_per_unit
@@ -66,14 +56,7 @@ def below_quarter_rate(device: Device, frequency_hz: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Rendered:
-    """Rendered impedance at the handle by frequency, each of shape (..., n).
-
-    Attributes:
-        stiffness_n_per_m: |Z_h - Z_d| omega, rendered beside the device.
-        error: |Z_h - Z|/|Z| with the physical wall Z = m s + b_d + b_e + k_e/s.
-        mismatch: |ln((Z_h - Z_d)/Z_e)| with the impedance Z_e of the wall itself, which never pulls: symmetric in too
-            soft and too stiff, and finite where device and wall resonate and |Z| nearly vanishes.
-    """
+    """Rendered impedance at the handle by frequency, each of shape (..., n)."""
 
     stiffness_n_per_m: FloatArray
     error: FloatArray
@@ -82,14 +65,7 @@ class Rendered:
 
 @dataclass(frozen=True)
 class Handle:
-    """The handle of a device in front of a wall, at some frequencies.
-
-    Attributes:
-        device: as declared.
-        environment: the wall itself.
-        frequency_hz: of the motion, shape (n,).
-        unit: impedance of a sampled spring of 1 N/m that is held for a sample, s, shape (n,).
-    """
+    """The handle of a device in front of a wall, at some frequencies."""
 
     device: Device
     environment: Impedance
@@ -108,12 +84,7 @@ class Handle:
         return cls(device, problem.environment, frequency_hz, np.asarray(unit))
 
     def rendered(self, force_n_per_m: ComplexArray, excitation: Excitation) -> Rendered:
-        """Return what a transfer from measured position to force renders.
-
-        Args:
-            force_n_per_m: commanded force over position, before delay and amplifier, shape (..., n).
-            excitation: of the motion.
-        """
+        """Return what a transfer from measured position to force renders."""
         device, wall, s = self.device, self.environment, 2j * np.pi * self.frequency_hz
         alone = device.mass_kg * s + device.damping_ns_per_m
         felt = impedance_at_handle(device, force_n_per_m * self.unit, self.frequency_hz)
@@ -127,11 +98,6 @@ def wall_over_position(wall: Impedance, excitation: Excitation, frequency_hz: Fl
     """Return max(0, k_e x + b_e dx/dt) over x, N/m, at the frequency of a sine about a depth, shape (n,).
 
     A wall never pulls: of a damper alone that leaves the half of b_e (describing function: Gelb and Vander Velde 1968).
-
-    Args:
-        wall: k_e and b_e.
-        excitation: the sine.
-        frequency_hz: of the motion, shape (n,).
     """
     angle, amplitude = 2 * np.pi * np.arange(_A_PERIOD) / _A_PERIOD, excitation.amplitude_m
     moved, speed = amplitude * np.sin(angle), 2 * np.pi * frequency_hz[:, None] * amplitude * np.cos(angle)
@@ -145,11 +111,6 @@ def dead_zone_gain(loop: ComplexArray, amplitude: float, half: float) -> FloatAr
 
     The input of the dead zone has the amplitude A/|1 + N L|; N solves that together with N(A) of the dead zone (Gelb
     and Vander Velde 1968): 1 far beyond the zone, 0 within it.
-
-    Args:
-        loop: L, what the output of the dead zone adds against its input, any shape.
-        amplitude: A.
-        half: half width of the zone.
     """
     low, high = np.zeros(loop.shape), np.ones(loop.shape)
     for _ in range(_HALVED):

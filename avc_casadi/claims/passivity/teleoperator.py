@@ -25,17 +25,7 @@ _POINTS = 2000
 
 @dataclass(frozen=True)
 class Teleoperator:
-    """Parameters of two devices of one sample time, in the leader's units.
-
-    Attributes:
-        leader_damping_ns_per_m: b_l.
-        follower_damping_ns_per_m: b_f.
-        sample_time_s: T.
-        there_samples: delay from leader to follower.
-        back_samples: delay from follower to leader.
-        leader_delay_samples: from measurement to force of the leader.
-        follower_delay_samples: the same of the follower.
-    """
+    """Parameters of two devices of one sample time, in the leader's units."""
 
     leader_damping_ns_per_m: float
     follower_damping_ns_per_m: float
@@ -47,12 +37,7 @@ class Teleoperator:
 
 
 def passivity_margin(device: Teleoperator, gains: ToolGains) -> tuple[float, float]:
-    """Return the smallest eigenvalue of the condition's matrix, N.s/m, and its frequency, Hz; 0 or more is passive.
-
-    Args:
-        device: both devices.
-        gains: K, B and the damper of each loop.
-    """
+    """Return the smallest eigenvalue of the condition's matrix, N.s/m, and its frequency, Hz; 0 or more is passive."""
     # Springs are worst where the delay is a small angle, dampers where it is many turns.
     slow = 1e-3 / (1 + device.there_samples + device.back_samples)
     theta = np.concatenate([np.geomspace(slow, 0.1, _POINTS // 2), np.linspace(0.1, math.pi, _POINTS)])
@@ -62,12 +47,7 @@ def passivity_margin(device: Teleoperator, gains: ToolGains) -> tuple[float, flo
 
 
 def damping_needed_ns_per_m(device: Teleoperator, gains: ToolGains) -> float:
-    """Return the damping that both devices need for passivity, the same at both ends.
-
-    Args:
-        device: its own damping is not used.
-        gains: K, B and the damper of each loop.
-    """
+    """Return the damping that both devices need for passivity, the same at both ends."""
     bare = Teleoperator(
         0.0,
         0.0,

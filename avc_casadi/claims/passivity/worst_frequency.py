@@ -68,16 +68,7 @@ def has_roots(degree: int) -> bool:
 
 
 def refine_minima(value: Callable[[FloatArray], FloatArray], points: FloatArray, oscillations: int) -> FloatArray:
-    """Refine the lowest local minima of sorted points, or all those of a scan, by golden section.
-
-    Args:
-        value: frequencies of shape (n, k) to values of the same shape.
-        points: shape (n, m), ascending in each row.
-        oscillations: half-waves of the value up to Nyquist.
-
-    Returns:
-        The points and what the search found, shape (n, m + some).
-    """
+    """Refine the lowest local minima of sorted points, or all those of a scan, by golden section."""
     values = value(points)
     before, after, first = _neighbours(points)
     below = [values <= np.take_along_axis(values, other, axis=1) for other in (before, after)]
@@ -113,13 +104,7 @@ def _neighbours(points: FloatArray) -> tuple[IndexArray, IndexArray, BoolArray]:
 
 
 def quadratic_stretch(bend: FloatArray, slope: FloatArray, free: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the ends of the lowest interval of x >= 0 with bend x^2 + slope x + free >= 0; infinite without one.
-
-    Args:
-        bend: all of one shape.
-        slope: of that shape.
-        free: of that shape.
-    """
+    """Return the ends of the lowest interval of x >= 0 with bend x^2 + slope x + free >= 0; infinite without one."""
     inside = slope**2 - 4 * bend * free
     half = -(slope + np.copysign(np.sqrt(np.maximum(inside, 0.0)), slope)) / 2
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -137,14 +122,6 @@ def stationary_cosines(loop: SampledLoop, parts: Fractions, contact_damping_ns_p
 
     Roots of any imaginary part are included: the caller evaluates Re Z_h there, which costs little, and no double root
     is lost to rounding.
-
-    Args:
-        loop: the sampled loop.
-        parts: partial fractions of n rows, each of shape (n,).
-        contact_damping_ns_per_m: b_p, shape (n,).
-
-    Returns:
-        Shape (n, delay + 2); where a row has fewer roots, the rest is 1.
     """
     gain, integral, kernel = _shapes(loop)
     rho = parts.pole[:, None]
@@ -199,15 +176,7 @@ _EQUAL = 1e-15
 
 @dataclass(frozen=True)
 class WorstMargin:
-    """The smallest Re Z_h of each row, shape (n,).
-
-    Attributes:
-        margin_ns_per_m: its value, N.s/m.
-        frequency_hz: its frequency; 0 means the limit of zero frequency.
-        poles_stable: whether all poles of the rendered impedance but a simple one at z = 1 lie inside the circle.
-        dc_stiffness_n_per_m: k k_e/(k + k_e), the residue at z = 1 over T; passivity needs it not negative.
-        tolerance_ns_per_m: rounding error of a margin of 0.
-    """
+    """The smallest Re Z_h of each row, shape (n,)."""
 
     margin_ns_per_m: FloatArray
     frequency_hz: FloatArray
@@ -239,19 +208,6 @@ def worst_margin(
     that resolve the slowest pole of the coupling, and the lowest ones are refined on Re Z_h itself: the margin is right
     to about 1e-12 of its terms. Beyond 62 samples of delay, where roots cost too much, a scan with 24 points to each
     half-wave of the delay takes the place of the stationary points.
-
-    Args:
-        loop: device, environment, hold.
-        damping_ns_per_m: b, N.s/m; infinite for a rigid coupling. All arguments broadcast to n rows.
-        stiffness_n_per_m: k, N/m.
-        contact_damping_ns_per_m: b_p, N.s/m.
-        low_hz: lower end of the band; 0 includes the limit of zero frequency.
-        high_hz: upper end; clipped at the Nyquist frequency.
-        refine: False omits the refinement, which takes most of the time; for searches that end with an exact check.
-        progress: reported over the rows.
-
-    Returns:
-        One result per row, shape (n,).
     """
     given = (
         damping_ns_per_m,

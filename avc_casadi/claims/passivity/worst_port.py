@@ -35,14 +35,7 @@ _MOST_NS_PER_M = 1e12
 def wave(
     parts: Fractions, contact_damping_ns_per_m: FloatArray, turns: FloatArray, model: Model = "sampled-data"
 ) -> ComplexArray:
-    """W = H (Z_eavc + b_p), H = 1/z or the paper's (z + 1)/(2 z), without the device's delay.
-
-    Args:
-        parts: partial fractions in that model; all arguments broadcast.
-        contact_damping_ns_per_m: b_p.
-        turns: omega T/(2 pi), above 0, up to 1/2.
-        model: hold.
-    """
+    """W = H (Z_eavc + b_p), H = 1/z or the paper's (z + 1)/(2 z), without the device's delay."""
     half = np.pi * turns
     sine, cosine = np.sin(half), np.sin(np.pi * (0.5 - turns))
     z = np.exp(2j * half)
@@ -90,12 +83,6 @@ class CouplingSlack:
     first lies within where
 
         1 + 2 Re(w_0 X) - 2 U rho - (U^2 - |X|^2)(|w_0|^2 - rho^2) >= 0    and    U >= rho (U^2 - |X|^2).
-
-    Attributes:
-        damping_ns_per_m: b, shape (n,).
-        stiffness_n_per_m: k.
-        contact_damping_ns_per_m: b_p.
-        sample_time_s: T.
     """
 
     damping_ns_per_m: FloatArray
@@ -134,16 +121,7 @@ class CouplingSlack:
 
 @dataclass(frozen=True)
 class PortWorst:
-    """The worst of all frequencies and devices for n rows, each of shape (n,).
-
-    Attributes:
-        passed: whether the slack is not negative, to rounding, at all frequencies of the scan.
-        margin_ns_per_m: the smallest eigenvalue of the Hermitian part of the impedance at the handle, there: the
-            damping that the handle can lose (negative: that it lacks); no more than the least R of the device alone.
-        frequency_hz: of the smallest slack.
-        device: index of the device.
-        tolerance_ns_per_m: rounding error of a margin of 0.
-    """
+    """The worst of all frequencies and devices for n rows, each of shape (n,)."""
 
     passed: BoolArray
     margin_ns_per_m: FloatArray
@@ -170,12 +148,6 @@ def port_worst(devices: Sequence[Device], slack: Slack, rows: int, progress: Pro
     A scan, no root-finding: the slack is a smooth function of the logarithm of the frequency, for the port has no
     lightly damped pole. 60 points a decade, 150 in the last two, and more where the delay turns the phase; the worst
     point of all devices is refined.
-
-    Args:
-        devices: corners of a device, each known exactly.
-        slack: of the rows.
-        rows: how many.
-        progress: reported over the devices.
     """
     every = np.arange(rows)
     least, rounding = np.full(rows, np.inf), np.zeros(rows)
@@ -248,19 +220,7 @@ _TOLERANCE = 1e-12
 def perceived_real(
     device: Device, parts: Fractions, contact_damping_ns_per_m: FloatArray, frequency_hz: FloatArray, model: Model
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0.
-
-    Args:
-        device: known exactly.
-        parts: partial fractions of the renderings in that model; all arguments broadcast.
-        contact_damping_ns_per_m: b_p.
-        frequency_hz: up to Nyquist.
-        model: hold and discretisation of the wall.
-
-    Returns:
-        Re Z_h (N.s/m); the same times |1 + A e W Y|^2, which has no sharp peak where the motor oscillates against a
-        fixed handle; and the size of the terms.
-    """
+    """Re Z_h, Z_h = Z_d + tau t A e W/(1 + A e W Y), of renderings at frequencies above 0."""
     port = response(device, frequency_hz)
     w = wave(parts, contact_damping_ns_per_m, frequency_hz * device.sample_time_s, model) * port.force
     closed = 1 + w * port.admittance
@@ -275,11 +235,6 @@ def impedance_at_handle(device: Device, rendered: ComplexArray, frequency_hz: Fl
 
     The model's W relates sampled force and velocity; at the frequency itself, which the aliases leave out, it is kappa
     = (sin(omega T/2)/(omega T/2))^2 times that.
-
-    Args:
-        device: known exactly.
-        rendered: W without the delay, N.s/m, shape (n,).
-        frequency_hz: above 0, shape (n,).
     """
     port = response(device, frequency_hz)
     force = rendered * np.sinc(frequency_hz * device.sample_time_s) ** 2 * port.force
@@ -294,16 +249,7 @@ def perceived_worst(
     high_hz: FloatArray,
     model: Model,
 ) -> PortWorst:
-    """Find the smallest Re Z_h over a band of each row and over devices, by a scan with refinement.
-
-    Args:
-        devices: corners of a device, each known exactly.
-        parts: partial fractions of n renderings in that model.
-        contact_damping_ns_per_m: b_p, shape (n,).
-        low_hz: lower ends, above 0, shape (n,); equal to the upper ones for a single frequency.
-        high_hz: upper ends, cut at Nyquist.
-        model: hold and discretisation of the wall.
-    """
+    """Find the smallest Re Z_h over a band of each row and over devices, by a scan with refinement."""
     rows = len(low_hz)
     every = np.arange(rows)
     column = parts.pick((slice(None), None))
