@@ -8,7 +8,7 @@ from reference_optimum import series_error
 
 import avc_casadi as avc
 from avc_casadi.cli import main
-from avc_casadi.design.comparison.accuracy import fastest, solver_costs
+from avc_casadi.design.comparison.accuracy import solver_costs
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.backends import DEFAULT_SOLVER
 
@@ -49,17 +49,6 @@ def test_own_methods_are_at_rounding_and_a_loose_solver_is_not(costs):
 def test_the_closed_form_is_never_called_optimal_where_it_violates_its_bounds(costs):
     closed = entry(costs, method="closed-form")
     assert closed.optimal_share <= closed.solved_share == 0
-
-
-def test_what_is_marked_as_fastest_has_none_that_is_faster_and_nearer(costs):
-    best = [cost for cost, front in zip(costs, fastest(costs), strict=True) if front]
-    assert entry(costs, method="exact") in best
-    for one in best:
-        assert not any(
-            other.seconds_per_frequency < one.seconds_per_frequency
-            and (other.largest_excess_error or np.inf) < one.largest_excess_error
-            for other in costs
-        )
 
 
 @pytest.mark.thorough

@@ -11,7 +11,6 @@ from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.simulation.run import Run
 from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
 
-T = 1e-3
 ADAPTIVE = [{"kind": "estimator"}, {"kind": "adaptation"}]
 
 
@@ -47,23 +46,6 @@ def test_a_preload_does_not_sag_while_the_hand_moves(name: str) -> None:
     depth, rest, soft = (run.position_m[late].mean() for run in runs)
     assert soft > 1.03 * rest
     assert depth == pytest.approx(rest, rel=0.005)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("runtime", [{}, {"hold_s": 0.2, "slew_per_s": 20.0}], ids=["at once", "held and slewed"])
-def test_a_held_press_ends_at_the_stiffness_of_its_row(runtime: dict[str, float]) -> None:
-    problem = load_problem("figure5")
-    assert (problem.device.coulomb_friction_n, problem.device.encoder_resolution_m) == (0.2, 2e-6)
-    table = GainTable.of(solve(problem, "schedule"))
-    static = GainTable.of(solve(problem, "static")).at_rest.stiffness_n_per_m
-    listed = [{"kind": kind} for kind in ("hand", "wall", "encoder", "coulomb-friction", "estimator")]
-    scene = {"effects": [*listed, {"kind": "adaptation"} | runtime], "duration_s": 4.0}
-    run = simulate(problem.changed(scene=scene), table)
-    k, k_e = table.rest_stiffness_n_per_m, problem.environment.stiffness_n_per_m
-    # Of friction 0.2 N a part may carry the hand.
-    assert run.apparent_stiffness_n_per_m == pytest.approx(k * k_e / (k + k_e), rel=0.06)
-    assert run.apparent_stiffness_n_per_m > 2 * static * k_e / (static + k_e)
-    assert run.stable
 
 
 def given_too_much(sample_time_s: float, damping: float) -> np.ndarray:
@@ -114,46 +96,3 @@ def test_jumping_gains_create_no_more_than_the_hold_of_a_force(damping: float) -
     assert slow.max() > 1e-4
     assert fast.max() < 0.25 * slow.max()
     assert np.median(fast) < 0.25 * np.median(slow)
-
-
-def test_constant_gains_never_lower_the_tank() -> None:
-    """In series with a wall, whatever the device does: what a held force creates is not charged to the adaptation."""
-    rng = np.random.default_rng(3)
-    k, k_e, ticks = 3e4, 1e5, 2000
-    x = np.cumsum(rng.normal(0, 3e-5, ticks))
-    e = x * k_e / (k + k_e)
-    given = {
-        "wanted_stiffness_n_per_m": np.full(ticks, k),
-        "rest_stiffness_n_per_m": np.full(ticks, k),
-        "deflection_m": np.append(0, e[:-1]),
-        "environment_energy_j": np.append(0, 0.5 * k_e * (x - e)[:-1] ** 2),
-        "held_force_n": np.append(0, k * e[:-1]),
-        "position_m": x,
-        "touching": np.ones(ticks),
-    }
-    step = adaptation_step(T, AdaptationSettings())
-    tank = step.run(np.array([given.get(name, np.zeros(ticks)) for name in step.inputs]))["tank_j"]
-    assert np.abs(tank).max() < 1e-9
-
-
-def test_falling_gains_hold_the_mean_force_only_with_a_full_tank() -> None:
-    """From 1e5 to 2e4 N/m at 50 um the spring must store 0.5 mJ more: a tenth of it in the tank, and it sags."""
-    step = adaptation_step(T, AdaptationSettings())
-    force = {}
-    for tank in (2e-3, 5e-5, 0.0):
-        past = {
-            "started": 1.0,
-            "stiffness_n_per_m": 1e5,
-            "tank_j": tank,
-            "stored_j": 1.25e-4,
-            "mean_deflection_m": 5e-5,
-        }
-        now = {"wanted_stiffness_n_per_m": 2e4, "deflection_m": 5e-5, "touching": 1.0, "rest_stiffness_n_per_m": 1e5}
-        state, inputs = (
-            [values.get(name, 0.0) for name in names] for values, names in ((past, step.states), (now, step.inputs))
-        )
-        found = dict(zip(step.outputs, step.function(state, inputs, [])[1].full()[:, 0], strict=True))
-        force[tank] = found["stiffness_n_per_m"] * (5e-5 - found["anchor_m"])
-    assert force[2e-3] == pytest.approx(5.0, rel=1e-4)
-    assert force[0.0] == pytest.approx(1.0, rel=1e-9)
-    assert 1.0 < force[5e-5] < 5.0

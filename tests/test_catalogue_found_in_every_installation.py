@@ -34,9 +34,3 @@ def test_the_catalogue_is_found(tmp_path, data):
     assert Path(file).is_relative_to(root)
     assert int(count) == len(avc.catalogue())
     assert name == "hard/rigid"
-
-
-def test_a_damaged_installation_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr("avc_casadi._resources._PACKAGE", tmp_path / "avc_casadi")
-    with pytest.raises(FileNotFoundError, match="reinstall avc-casadi"):
-        avc.catalogue()

@@ -35,17 +35,3 @@ def test_another_sample_time_is_refused(arguments, gains, capsys):
     assert code == 2
     assert "sample_time_s: is 0.0005" in out.err
     assert "0.001" in out.err
-
-
-@pytest.mark.thorough
-def test_gains_that_are_infeasible_end_in_a_no(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["solve", "hard/infeasible-box", "--method", "exact", "--out", "gains.json"]) == 1
-    capsys.readouterr()
-    code, out = call(capsys, "simulate", "hard/infeasible-box", "--gains", "gains.json")
-    assert code == 1
-    assert "--gains: no gains at 1 Hz" in out.err
-    assert out.err.rstrip().endswith(".")
-    code, out = call(capsys, "simulate", "hard/infeasible-box", "--json")
-    assert code == 1
-    assert json.loads(out.out)["errors"][0]["key"] == "scene.coupling"

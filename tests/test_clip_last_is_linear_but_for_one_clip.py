@@ -5,7 +5,6 @@ code with the scene. The linear part is that of the frozen loops that certificat
 """
 
 import itertools
-from dataclasses import replace
 
 import casadi as ca
 import numpy as np
@@ -13,11 +12,10 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import joint_rendering
-from avc_casadi.model.effects import EnvironmentEffect, HandEffect, SaturationEffect, WallEffect
-from avc_casadi.model.gains import Gains, GainTable
+from avc_casadi.model.effects import HandEffect, SaturationEffect, WallEffect
+from avc_casadi.model.gains import Gains
 from avc_casadi.model.scene import Press, Scene
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.scene import simulate
@@ -215,50 +213,6 @@ def test_dampers_without_a_spring_stay_gated(stiffness, gains):
     assert runs[0].force_n.tobytes() == runs[1].force_n.tobytes()
     assert not (runs[0].force_n[runs[0].position_m <= 0] > 0).any()
     assert Coupling.constant(asked, gains, "by hand").contact == "gated"
-
-
-@pytest.mark.parametrize(("second", "law"), [(2e4, "clip-last"), (0.0, "gated")])
-def test_one_row_without_a_spring_keeps_the_whole_table_gated(second, law):
-    rows = np.array([[1.0, 5.0, 1e4, 0.0], [9.0, 5.0, second, 3.0]])
-    made = {}
-    for asked in ("gated", "clip-last"):
-        problem = pressed((0.1, 5.0, 400.0), asked)
-        made[asked] = replace(Coupling.constant(problem, Gains(5.0, 1e4), "by hand"), table=GainTable(rows))
-    assert made["clip-last"].contact == law
-    runs = {asked: simulate(coupling.problem, coupling) for asked, coupling in made.items()}
-    same = runs["gated"].force_n.tobytes() == runs["clip-last"].force_n.tobytes()
-    assert same == (law == "gated")
-
-
-@pytest.mark.parametrize(
-    ("contact", "line", "said"),
-    [
-        ('"clip-lst"', 9, 'did you mean "clip-last"?'),
-        ("true", 9, "is true"),
-        ('"last"', 9, 'allowed: "clip-last", "gated"'),
-    ],
-)
-def test_faults_of_the_key_are_told_with_their_line(contact, line, said):
-    text = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 2.0\n[environment]\ndamping_ns_per_m = 5.0\n"
-    text += f"stiffness_n_per_m = 0.0\n\n[coupling]\ncontact = {contact}\n"
-    with pytest.raises(InputError) as refused:
-        avc.parse_problem(text, name="faulty")
-    (fault,) = refused.value.faults
-    assert (fault.line, fault.key) == (line, "coupling.contact")
-    assert said in fault.message
-    gated = avc.parse_problem(text.replace(contact, '"gated"'), name="sound")
-    assert gated.coupling.contact == "gated"
-    assert 'contact = "gated"' in avc.dump_problem(gated)
-
-
-def test_an_environment_on_both_sides_knows_no_law():
-    listed = Scene(duration_s=0.2, effects=(HandEffect(), EnvironmentEffect()))
-    runs = [
-        simulate(avc.load_problem("ve7").changed(coupling={"contact": law}, scene=listed), CONSTANT)
-        for law in ("gated", "clip-last")
-    ]
-    assert runs[0].force_n.tobytes() == runs[1].force_n.tobytes()
-    assert runs[0].force_n.min() < 0
 
 
 @pytest.mark.parametrize("gains", [CONSTANT, Gains(40.0, 3e4)])

@@ -1,13 +1,10 @@
 """Each error of the printed paper has the effect that its table states, and one switch reproduces the printed form."""
 
 import numpy as np
-import pytest
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.equations import coupling_gains, coupling_impedance, tustin
-from avc_casadi.paper.errata import PAPER_ERRORS
 from avc_casadi.paper.loop import loop_at
 
 PROBLEM = avc.load_problem("figure5")
@@ -19,30 +16,6 @@ def gains_by_17(coupling, s):
     """k = -Im(Z) |s|^2/Im(s), b = Re Z - k Re(s)/|s|^2, for any s."""
     k = -coupling.imag * np.abs(s) ** 2 / s.imag
     return coupling.real - k * s.real / np.abs(s) ** 2, k
-
-
-def test_the_table_names_each_equation():
-    assert [error.equation for error in PAPER_ERRORS] == [
-        "(2), (7)", "(10), (17)", "(17)", "(17)", "(13)", "(13)", "text",
-    ]  # fmt: skip
-    for error in PAPER_ERRORS:
-        assert error.as_printed
-        assert error.correct != error.as_printed
-        assert error.effect
-
-
-def test_forward_difference_takes_half_a_sample_of_stiffness_away():
-    """(2), (7): Re of k/s is -k T/2 with s = (z-1)/T, +k T/2 with s = (z-1)/(T z)."""
-    k, z = 3e4, np.exp(2j * np.pi * PROBLEM.frequencies_hz() * T)
-    np.testing.assert_allclose((k / ((z - 1) / T)).real, -k * T / 2, rtol=1e-6)
-    np.testing.assert_allclose((k / ((z - 1) / (T * z))).real, k * T / 2, rtol=1e-6)
-    np.testing.assert_allclose(coupling_impedance(LOOP.angle, 0.0, k).real, k * T / 2, rtol=1e-14)
-
-
-def test_printed_tustin_is_a_quarter_of_t_squared_of_the_right_one():
-    z = np.exp(2j * np.pi * PROBLEM.frequencies_hz() * T)
-    printed = T * (z - 1) / (2 * (z + 1))
-    np.testing.assert_allclose(printed, T**2 / 4 * tustin(LOOP.angle), rtol=1e-9, atol=1e-18)
 
 
 def test_as_printed_makes_the_desired_wall_of_10_stiffer_by_4_over_t_squared():
@@ -64,17 +37,6 @@ def test_as_printed_recovers_gains_with_the_printed_s():
     assert not np.allclose(right.requested_stiffness_n_per_m, k, rtol=0.5)
 
 
-def test_tustin_in_17_makes_b_half_a_sample_of_stiffness_too_large():
-    b, k = 12.0, 3e4
-    coupling = coupling_impedance(LOOP.angle, b, k)
-    wrong_b, same_k = gains_by_17(coupling, tustin(LOOP.angle))
-    np.testing.assert_allclose(wrong_b, b + k * T / 2, rtol=1e-12)
-    np.testing.assert_allclose(same_k, k, rtol=1e-12)
-    right_b, right_k = coupling_gains(LOOP.angle, coupling)
-    np.testing.assert_allclose(right_b, b, rtol=1e-12)
-    np.testing.assert_allclose(right_k, k, rtol=1e-12)
-
-
 def test_the_missing_formula_for_k_inverts_the_coupling():
     z = np.exp(2j * np.pi * PROBLEM.frequencies_hz() * T)
     b, k = gains_by_17(7.0 + 5e3 * T * z / (z - 1), (z - 1) / (T * z))
@@ -86,9 +48,3 @@ def test_13_keeps_the_imaginary_part_that_the_print_leaves_open():
     impedance, target = project(PROBLEM).impedance, LOOP.target
     np.testing.assert_array_equal(impedance.imag, target.imag)
     np.testing.assert_allclose(impedance.real, np.maximum(target.real, 0), atol=1e-13)
-
-
-def test_only_the_closed_form_has_a_printed_form():
-    for method in ("direct", "exact"):
-        with pytest.raises(avc.InputError, match="closed-form"):
-            solve(PROBLEM, method, as_printed=True)

@@ -5,7 +5,6 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
-from avc_casadi.model.problem import Frequency
 from avc_casadi.paper.closed_form import project
 from avc_casadi.paper.equations import environment_impedance
 from avc_casadi.paper.loop import loop_at
@@ -40,64 +39,6 @@ def test_a_gain_beside_its_box_by_more_than_rounding_is_refused(structure):
     for off, allowed in ((1e-15, True), (1e-9, False)):
         box = problem.changed(coupling={"stiffness_n_per_m": (0.0, top * (1 - off))})
         assert solve(box, "closed-form").usable.all() == allowed
-
-
-@pytest.mark.parametrize("structure", ["series", "damped"])
-def test_free_space_has_nothing_to_render(structure):
-    gains = solve(avc.load_problem("hard/free-space").changed(coupling={"structure": structure}), "closed-form")
-    assert gains.usable.all()
-    assert not gains.requested_rigid.any()
-    np.testing.assert_array_equal(gains.impedance, gains.target)
-    assert gains.notes[-1].startswith("nothing to render")
-
-
-def test_free_space_renders_no_wall():
-    wall = {"damping_ns_per_m": 10.0, "stiffness_n_per_m": 1e4}
-    problem = avc.load_problem("hard/free-space").changed(boundaries={"upper": wall, "lower": wall})
-    gains = solve(problem, "closed-form")
-    assert not gains.usable.any()
-    assert all("no coupling renders in free space" in reason for reason in gains.reason)
-
-
-def test_a_goal_of_the_environment_stays_rigid():
-    gains = solve(avc.load_problem("hard/rigid"), "closed-form")
-    assert gains.requested_rigid.any()
-
-
-@pytest.mark.parametrize("room", [0.0, -1e-16, 1e-16, 3e-15, 1e-14, -1e-14, 1e-13, -1e-13, 1e-12])
-@pytest.mark.parametrize("hertz", [1.0, 12.0, 100.0])
-@pytest.mark.parametrize("method", ["exact", "direct"])
-def test_a_constraint_met_with_no_room_is_told_in_numbers(room, hertz, method):
-    problem = avc.load_problem("figure5").changed(
-        coupling={"stiffness_n_per_m": (50.0, 1e5)}, frequency=Frequency(values_hz=(hertz,))
-    )
-    top = _largest_real_part(problem)
-    gains = solve(problem.changed(stability={"margin_ns_per_m": top * (1 - room)}), method)
-    assert "nan" not in gains.reason[0]
-    if method == "exact" and abs(room) >= 1e-14:
-        assert gains.usable[0] == (room > 0)
-
-
-def _largest_real_part(problem):
-    """Of Re Z_h over the edges of the gain box, by golden sections of its own."""
-    loop = loop_at(problem, problem.frequencies_hz())
-    (b0, b1), (k0, k1) = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
-    best = -np.inf
-    for edge in (
-        lambda t: (b0, k0 + t * (k1 - k0)),
-        lambda t: (b1, k0 + t * (k1 - k0)),
-        lambda t: (b0 + t * (b1 - b0), k0),
-        lambda t: (b0 + t * (b1 - b0), k1),
-    ):
-        low, high = 0.0, 1.0
-        for _ in range(60):
-            t = low + (high - low) * np.linspace(0, 1, 101)
-            value = loop.perceived(*map(np.asarray, edge(t[:, None]))).real
-            value = np.broadcast_to(value, (101, 1))[:, 0]
-            at = int(np.argmax(value))
-            best = max(best, float(value[at]))
-            low, high = t[max(at - 1, 0)], t[min(at + 1, 100)]
-    return best
 
 
 def test_the_printed_tustin_has_no_half_sample_of_stiffness_in_its_real_part():

@@ -48,15 +48,3 @@ def test_the_optimum_itself_is_a_tie():
     mine = avc.compare(problem, methods=("closed-form", "exact"), mine=pair).mine
     assert (mine.share_schedule_better, mine.share_pair_better) == (0.0, 0.0)
     assert mine.meets_margin.all()
-
-
-@pytest.mark.thorough
-def test_outside_the_box_is_said():
-    mine = avc.compare(PROBLEM, methods=("closed-form", "exact"), mine=(2e7, 10.0)).mine
-    assert not mine.inside_box
-
-
-@pytest.mark.parametrize("pair", [(np.nan, 1.0), (1.0, np.inf), (-1.0, 1.0)], ids=str)
-def test_bad_pairs_are_refused(pair):
-    with pytest.raises(avc.InputError, match="finite and >= 0"):
-        avc.compare(PROBLEM, methods=("closed-form", "exact"), mine=pair)

@@ -64,38 +64,3 @@ def test_contact_damper_reaches_the_margin_and_errs_as_stated(b, k, margin):
     np.testing.assert_allclose((damped.real / scale)[needed], (margin / scale)[needed], atol=1e-9)
     error = np.abs(damped - (target + injection.injected_damping_ns_per_m)) / np.abs(target)
     np.testing.assert_allclose(injection.residual_error[needed], error[needed], rtol=1e-6, atol=1e-9)
-
-
-def test_no_damper_where_the_hold_turns_it_round():
-    """With 20 samples of delay Re H < 0 at some frequencies: a damper there takes damping away."""
-    problem = problem_of(10.0, 1e5, model="sampled-data", delay=20)
-    loop = loop_at(problem, FREQUENCY)
-    injection = damping_injection(problem, loop)
-    turned = (np.real(loop.hold) <= 0) & (injection.injected_damping_ns_per_m > 0)
-    assert turned.any()
-    assert np.isnan(injection.contact_damper_ns_per_m[turned]).all()
-    assert np.isfinite(injection.contact_damper_ns_per_m[~turned]).all()
-
-
-def test_damped_structure_holds_it_where_spring_and_damper_render_the_wall():
-    """Desired wall r Z_e: the spring is r k_e/(1-r), the damper r b_e/(1-r), less k T/2 in the paper's model."""
-    share = 0.95
-    wall = BASE.environment
-    desired = wall.model_copy(
-        update={
-            "damping_ns_per_m": share * wall.damping_ns_per_m,
-            "stiffness_n_per_m": share * wall.stiffness_n_per_m,
-        }
-    )
-    bounds = BASE.boundaries.model_copy(update={"upper": desired, "lower": desired})
-    for model, realisable in (("paper", False), ("sampled-data", True)):
-        problem = BASE.changed(boundaries=bounds, stability={"model": model})
-        k = share * wall.stiffness_n_per_m / (1 - share)
-        b = share * wall.damping_ns_per_m / (1 - share)
-        assert k < problem.coupling.stiffness_n_per_m[1]
-        assert (b - (k * problem.device.sample_time_s / 2 if model == "paper" else 0) > 0) == realisable
-        injection = damping_injection(problem, loop_at(problem, problem.frequencies_hz()))
-        low = problem.frequencies_hz() < 80
-        assert np.all(injection.damped_realisable[low] == realisable)
-        told = [bool(reason) for reason in injection.damped_reason]
-        assert told == (~injection.damped_realisable).tolist()

@@ -1,13 +1,10 @@
 """Of two couplings the one that is stable with more is better, however near the other comes to the wall."""
 
 import itertools
-from dataclasses import replace
 
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling
-from avc_casadi.design.comparison.document import comparison_document
 from avc_casadi.design.comparison.judged import Safety, safer, safety_reason
 
 PROBLEM = avc.load_problem("figure5")
@@ -31,40 +28,6 @@ def test_a_stable_pair_beats_a_nearer_one_that_is_not(soft):
     assert mine.safety_reason == f"mine is stable with every hand, direct is not ({failed}): do not deploy direct"
 
 
-@pytest.mark.thorough
-def test_errors_decide_among_equally_unsafe_ones():
-    mine = avc.compare(PROBLEM, METHODS, mine=(1e6, 1.0)).mine
-    assert mine.safer == "equal"
-    assert mine.better == "direct"
-    assert mine.safety_reason.startswith("deploy neither mine (L5 fails at 200 of 200 rows) nor direct (L5")
-
-
-@pytest.mark.thorough
-def test_the_document_tells_what_each_method_is_safe_for(soft):
-    document = comparison_document(soft)
-    assert set(document["safety"]) == {*METHODS, "mine"}
-    assert document["safety"]["mine"]["deployable"]
-    assert not document["safety"]["direct"]["deployable"]
-    for name, found in document["safety"].items():
-        levels = soft.judged[name].certificate.levels
-        told = {level: None if result.refused else result.passed for level, result in levels.items()}
-        assert found["levels"] == told
-        assert found["let_go"] == levels["L5"].detail["released_pass"]
-        assert found["deployable"] == (levels["L5"].passed and found["let_go"])
-    assert document["mine"]["safer"] == "mine"
-
-
-@pytest.mark.thorough
-def test_a_level_that_is_refused_on_a_device_is_neither_passed_nor_failed():
-    problem = avc.load_problem("soft").changed(device={"amplifier_bandwidth_hz": 1000.0}, frequency={"points": 4})
-    document = comparison_document(avc.compare(problem))
-    for name, found in document["safety"].items():
-        certificate = document["methods"][name]["certificate"]["levels"]
-        told = {level for level, passed in found["levels"].items() if passed is None}
-        assert told == {level for level, one in certificate.items() if one["refused"]}
-        assert "L2" in told
-
-
 def table(hands, let_go, passive):
     levels = dict.fromkeys(("L0", "L1", "L2", "L4"), passive) | {"L3": passive, "L5": hands}
     failed = {level: 0 if passed else 7 for level, passed in levels.items()}
@@ -82,14 +45,3 @@ def test_every_hand_weighs_more_than_let_go_and_that_more_than_passive(one, othe
     for name, safety in (("mine", one), ("direct", other)):
         warned = f"do not deploy {name}" in reason or f"nor {name}" in reason or f"neither {name}" in reason
         assert warned == (not safety.deployable), reason
-
-
-@pytest.mark.thorough
-def test_what_was_not_judged_is_not_safe():
-    problem = PROBLEM.changed(device={"delay_samples": 100})
-    gains = avc.solve(problem, "exact")
-    certificate = avc.certify(problem, gains)
-    safety = Safety.of(certificate, avc.deployable(Coupling.of(problem, gains)))
-    assert not safety.deployable
-    assert not safety.let_go
-    assert replace(safety, hands=True, let_go=True).deployable

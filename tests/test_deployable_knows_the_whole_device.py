@@ -6,7 +6,6 @@ Each radius is held against a loop written down here from first principles and d
 import numpy as np
 import pytest
 from declared_device import MODE, growth, loop, random_device
-from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.claims.certify import certify
@@ -16,9 +15,6 @@ from avc_casadi.loops.walls import damping_range, loop_radius, stiffest_wall
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand, hand_corners, with_released
-from avc_casadi.simulation.population.coupling_trial import try_coupling
-from avc_casadi.simulation.population.operators import people_of
-from avc_casadi.simulation.population.trial import Conditions
 
 HANDS = Hand(np.array([0.05, 0.15, 0.3]), np.array([3.0, 8.0, 20.0]), np.array([200.0, 500.0, 800.0]))
 
@@ -45,43 +41,6 @@ def test_the_radius_is_that_of_the_written_down_loop(seed):
     for index, radius in enumerate(rigid):
         hand = tuple(HANDS.values(index).values())
         assert radius == pytest.approx(growth(case.device, hand, (0.0, 1e13, gains[2]), wall), abs=1e-7)
-
-
-@pytest.mark.parametrize("device", [{}, {"amplifier_bandwidth_hz": 1000.0}, {"delay_samples": 0.5}])
-def test_what_grows_beyond_all_numbers_within_a_sample_is_unstable(device):
-    case = problem(mass_kg=1e-6, **device)
-    light = Hand(*(np.append(value, one) for value, one in zip(vars(HANDS).values(), (1e-6, 1.0, 10.0), strict=True)))
-    found = linear_stability(
-        case.device, frozen_parts(case, 0.0, 1e3), 0.0, light, damping_shift_ns_per_m=-100.0
-    ).radius
-    assert np.isfinite(found[0, :-1]).all()
-    assert np.isposinf(found[0, -1])
-
-
-def test_a_rigid_device_is_judged_as_before():
-    """Equal to the loop of mass, damper and whole delay, written out as it was."""
-    walls, dampings, time = np.array([1e3, 2e4, 7e4]), np.array([3.0, 40.0, 82.0]), 1e-3
-    for delay in (0, 1, 2):
-        device = problem(delay_samples=delay).device
-        found = loop_radius(device, HANDS, walls, dampings)
-        for row, (k, d) in enumerate(zip(walls, dampings, strict=True)):
-            for index in range(len(HANDS)):
-                m, b, k_h = HANDS.values(index).values()
-                mass, damping = device.mass_kg + m, device.damping_ns_per_m + b
-                step = expm(
-                    np.array([[0, time, 0], [-k_h / mass * time, -damping / mass * time, -time / mass], [0, 0, 0]])
-                )
-                old = np.zeros((3 + delay, 3 + delay))
-                old[:2, :2], old[2, 0] = step[:2, :2], 1.0
-                asked = np.zeros(3 + delay)
-                asked[[0, 2]] = k + d / time, -d / time
-                if delay:
-                    old[3, :] = asked
-                    old[np.arange(4, 3 + delay), np.arange(3, 2 + delay)] = 1.0
-                    old[:2, 2 + delay] += step[:2, 2]
-                else:
-                    old[:2] += np.outer(step[:2, 2], asked)
-                assert found[row, index] == pytest.approx(np.abs(np.linalg.eigvals(old)).max(), abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -188,29 +147,3 @@ def test_a_free_device_with_a_resonance_keeps_its_place(damping):
     case = problem(0.0, 0.0, resonance=MODE, amplifier_bandwidth_hz=500.0, damping_ns_per_m=damping)
     claims = avc.deployable(Coupling.constant(case, Gains(0.0, 1e3), "x")).claims
     assert [claim.passed for claim in claims] == [True, True]
-
-
-def test_the_trial_simulates_all_that_is_declared():
-    device = {
-        "resonance": MODE,
-        "amplifier_bandwidth_hz": 500.0,
-        "position_noise_rms_m": 1e-6,
-        "backlash_m": 1e-5,
-        "coulomb_friction_n": 0.1,
-        "encoder_resolution_m": 1e-5,
-        "delay_samples": 0.5,
-        "max_force_n": 5.0,
-    }
-    case = problem(500.0, 0.5, **device)
-    coupling = Coupling.constant(case, Gains(0.0, 1e8, 2.0), "x")
-    listed = {effect.kind for effect in Conditions.of(coupling).effects()}
-    whole = {"resonance", "amplifier", "noise", "backlash", "coulomb-friction", "encoder", "delay", "saturation"}
-    assert listed == whole | {"hand", "wall"}
-    frictionless = {effect.kind for effect in Conditions.of(coupling).without_friction().effects()}
-    assert frictionless == listed - {"coulomb-friction"}
-    tried = try_coupling(coupling, people_of(case.hands, 9))
-    assert set(tried.effects) == listed
-    handle = case.changed(device={"encoder_at": "handle", "encoder_resolution_m": 0.0})
-    seen = Conditions.of(Coupling.constant(handle, Gains(0.0, 1e8, 2.0), "x")).effects()
-    assert {"encoder"} <= {effect.kind for effect in seen}
-    assert "backlash" not in {effect.kind for effect in seen}

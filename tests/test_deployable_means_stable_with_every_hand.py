@@ -10,7 +10,6 @@ import pytest
 import scipy.linalg
 
 import avc_casadi as avc
-from avc_casadi.claims.deployable import require_deployable
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.model.gains import Gains, GainTable
@@ -143,11 +142,6 @@ def test_two_stable_rows_may_be_unstable_between():
     assert not verdict(GainTable(rows)).passed
 
 
-def test_without_a_spring_a_free_device_keeps_its_place():
-    problem = avc.load_problem("hard/free-space")
-    assert avc.deployable(Coupling.of(problem, avc.solve(problem, "exact"))).passed
-
-
 @pytest.mark.parametrize("device", [{}, {"amplifier_bandwidth_hz": 500.0}], ids=["rigid", "amplifier"])
 @pytest.mark.parametrize("let_go", [False, True])
 def test_a_wall_without_a_spring_is_judged_alike_by_the_level_and_for_deployment(device, let_go):
@@ -166,30 +160,6 @@ def test_a_wall_without_a_spring_is_judged_alike_by_the_level_and_for_deployment
         assert (hands.passed, released.passed) == (rests, rests)
         assert (level.passed, level.detail["released_pass"]) == (rests, rests)
         assert (level.margin_ns_per_m >= 0) == rests
-
-
-def test_the_gate_refuses_says_which_claim_fails_and_what_to_do():
-    problem = avc.load_problem("figure5")
-    direct = Coupling.of(problem, avc.solve(problem))
-    with pytest.raises(avc.NotDeployableError, match=r"hands \(L5\): linearly unstable.*avc recommend.*unsafe"):
-        require_deployable(direct)
-    assert not require_deployable(direct, unsafe=True).passed
-
-
-def test_more_delay_than_can_be_judged_is_not_deployable():
-    problem = avc.load_problem("soft").changed(device={"delay_samples": 40})
-    verdict = avc.deployable(Coupling.constant(problem, Gains(1.0, 100.0), "x"))
-    assert not verdict.passed
-    assert "not judged" in verdict.sentence
-
-
-def test_a_table_that_is_written_to_is_judged_anew():
-    problem = avc.load_problem("ve3")
-    coupling = Coupling.constant(problem, Gains(0.0, 500.0), "x")
-    assert avc.deployable(coupling) is avc.deployable(coupling)
-    assert avc.deployable(coupling).passed
-    coupling.table.gains[2] = 1e4
-    assert not avc.deployable(coupling).passed
 
 
 def test_a_coupling_of_a_small_disk_margin_gets_no_tick(tmp_path, capsys):

@@ -13,8 +13,7 @@ from avc_casadi.claims.deployable import deployable
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.walls import damping_range, loop_poles
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import Hand, hand_set, no_hand
-from avc_hardware import TableImage
+from avc_casadi.model.hands import no_hand
 
 T = 1e-3
 KNOB = """
@@ -114,21 +113,6 @@ def test_what_is_claimed_of_a_valley_is_what_the_device_does_let_go():
             assert "in a valley" in claim.sentence
 
 
-def test_a_top_is_told_as_what_it_is():
-    problem = knob()
-    verdict = deployable(Coupling.constant(problem, Gains(0.0, 1e8, 0.002), "rigid"))
-    claim = next(claim for claim in verdict.claims if claim.name == "detent")
-    slope = problem.detent.slope_n_per_m
-    stiffer = int((hand_set(problem.hands, draws=24).stiffness_n_per_m > slope).sum())
-    assert claim.passed
-    assert f"{stiffer} of 33 hands" in claim.sentence
-    weak = Hand(2e-5, 0.002, 0.5 * slope)
-    poles = loop_poles(problem.device, weak, -slope, 0.0005)
-    leaving = poles[np.abs(poles) > 1]
-    assert len(leaving) == 1
-    assert leaving[0].imag == 0
-
-
 def test_a_detent_in_the_wall_adds_to_its_slope():
     """A wall that is held alone, and not with the slope of the detents on it."""
     alone = knob(torque=1e-6, wall=1.0)
@@ -137,12 +121,6 @@ def test_a_detent_in_the_wall_adds_to_its_slope():
     steep = knob(torque=0.3, wall=1.0, damping=0.002)
     failed = [claim.name for claim in deployable(Coupling.constant(steep, gains, "mine")).claims if not claim.passed]
     assert "detent-hands" in failed or "detent-let-go" in failed
-
-
-def test_a_table_refuses_detents_by_name():
-    problem = knob()
-    with pytest.raises(avc.UnsupportedError, match=r"detent has no place in the table.*avc export FILE"):
-        TableImage.of(Coupling.constant(problem, Gains(0.0, 1e8, 0.002), "rigid"))
 
 
 @pytest.mark.thorough

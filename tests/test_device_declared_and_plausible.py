@@ -1,14 +1,10 @@
 """What a device declares is named, and values far from what is usual are doubted, not refused."""
 
-import json
-
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import main
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.declared import declared
-from avc_casadi.model.device import DeviceRange
 from avc_casadi.recommendation.preconditions import assumed
 
 PLAIN = {"mass_kg": 0.1, "damping_ns_per_m": 2.0, "sample_time_s": 1e-3}
@@ -36,11 +32,6 @@ def problem(device=PLAIN, **tables):
     return bare.changed(device=device, **tables)
 
 
-def test_an_ideal_device_declares_nothing():
-    assert declared(problem()) == ()
-    assert plausibility(problem()) == ()
-
-
 @pytest.mark.parametrize(("key", "value"), [("position_noise_rms_m", 5e-5), ("delay_samples", 0.02)])
 def test_the_noise_of_an_analogue_sensor_and_a_small_part_of_a_sample_are_not_doubted(key, value):
     assert plausibility(problem(PLAIN | {key: value})) == ()
@@ -52,16 +43,6 @@ def test_every_key_that_makes_a_device_less_than_ideal_is_named():
         alone = {key: value}
         idle = key in {"amplifier_order", "amplifier_damping_ratio", "encoder_at"}
         assert declared(problem(PLAIN | alone)) == (() if idle else (f"device.{key}",))
-
-
-def test_every_range_is_named():
-    ends = {key: [value, value] for key, value in (PLAIN | EVERYTHING).items() if key in DeviceRange.model_fields} | {
-        "resonance": {key: [value, value] for key, value in MODE.items()}
-    }
-    named = declared(problem(PLAIN | EVERYTHING | {"range": ends}))
-    expected = [f"device.range.{key}" for key in DeviceRange.model_fields if key != "resonance"]
-    assert named[len(EVERYTHING) :] == (*expected, *(f"device.range.resonance.{key}" for key in MODE))
-    assert declared(problem(PLAIN | {"range": {"amplifier_damping_ratio": [0.5, 0.9]}})) == ()  # of a lag, nothing
 
 
 @pytest.mark.parametrize(
@@ -90,27 +71,3 @@ def test_an_unlikely_value_is_doubted_and_valid(tables, key):
     (doubt,) = plausibility(problem().changed(**tables))
     assert doubt.key == key
     assert any(f"{key} {doubt.message}" in line for line in assumed(problem().changed(**tables)))
-
-
-def test_check_reports_doubts_and_what_is_declared(tmp_path, capsys):
-    file = tmp_path / "heavy.toml"
-    file.write_text(avc.dump_problem(problem({"mass_kg": 250.0, "delay_samples": 0.5})))
-    assert main(["check", str(file)]) == 0
-    capsys.readouterr()
-    assert main(["check", str(file), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["valid"]
-    assert [one["key"] for one in document["warnings"]] == ["device.mass_kg"]
-    assert document["declared"] == ["device.delay_samples"]
-    assert document["passive_limit_n_per_m"] is None
-
-
-@pytest.mark.thorough
-def test_check_and_certify_tell_the_same_passive_limit(tmp_path, capsys):
-    case = problem({"damping_ns_per_m": 3.0, "range": {"damping_ns_per_m": [1.0, 5.0], "delay_samples": [0, 1]}})
-    file = tmp_path / "vague.toml"
-    file.write_text(avc.dump_problem(case))
-    assert main(["check", str(file), "--json"]) == 0
-    checked = json.loads(capsys.readouterr().out)
-    certified = avc.certify(case, avc.solve(case, "exact"))
-    assert checked["passive_limit_n_per_m"] == certified.passive_limit_n_per_m == 1.0 / case.device.sample_time_s

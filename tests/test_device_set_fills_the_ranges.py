@@ -50,18 +50,6 @@ def test_corners_come_first_and_the_rest_lies_within(mass, delay, mode, share, s
     assert np.all(np.ptp(within, axis=0)[moved] > 0.3 * np.ptp(ends, axis=0)[moved])
 
 
-def test_a_device_that_is_known_stands_for_itself():
-    known = Device(mass_kg=0.1, damping_ns_per_m=2.0, sample_time_s=1e-3)
-    assert device_set(known, LINEAR_KEYS) == device_corners(known) == [known]
-
-
-@pytest.mark.parametrize("keys", [("mass_kg",), ("coulomb_friction_n",)])
-def test_only_the_ranges_that_matter_are_filled(keys):
-    found = device_set(device(0.1, 1.0, 150.0, 0.2), keys, draws=5)
-    assert len(found) == 2 + 5
-    assert len({one.delay_samples for one in found}) == 1
-
-
 def test_a_delay_drawn_from_0_is_one_that_a_device_may_have():
     known = Device(mass_kg=0.1, damping_ns_per_m=1.0, range={"mass_kg": (0.09, 0.11), "delay_samples": (0.0, 2e-3)})
     late = {one.delay_samples for one in device_set(known, draws=200)}

@@ -54,24 +54,6 @@ def test_a_tighter_tolerance_gives_a_smaller_error():
     assert excess(1e-10) < excess(1e-2)
 
 
-def test_unknown_names_are_refused_with_those_that_are_known():
-    with pytest.raises(avc.InputError) as refused:
-        solve(STIFF, "direct", solver="gurobi")
-    assert all(name in str(refused.value) for name in SOLVERS)
-
-
-def test_another_plugin_is_taken_by_its_name_and_checked_like_all(capfd):
-    schedule, exact = solve(STIFF, "direct", solver="fatrop"), solve(STIFF, "exact")
-    capfd.readouterr()
-    assert schedule.solver == "fatrop"
-    good = [status != "failed" for status in schedule.status]
-    assert (np.abs(schedule.magnitude_error - exact.magnitude_error) <= EXCESS_TOLERANCE * np.abs(exact.target))[
-        good
-    ].all()
-    with pytest.raises(avc.InputError, match="keeps its own"):
-        solve(STIFF, "direct", solver="fatrop", tolerance=1e-6)
-
-
 def liar(monkeypatch, name, **options):
     """A solver of CasADi that calls its start solved, or whatever it has when it may do no step."""
     plugin, honest = SOLVERS["sqpmethod"](1e-12)
@@ -95,33 +77,6 @@ def test_a_false_solved_is_reported_as_failed_with_a_reason(monkeypatch, options
         assert not schedule.real_part[row] < 0, "a node that misses (12) is never passed on"
     failed = schedule.status.count("failed")
     assert any(f"at {failed} failed frequencies" in note for note in schedule.notes) or failed == schedule.rows
-
-
-def test_where_direct_and_exact_part_is_told_by_the_comparison(monkeypatch):
-    name = liar(monkeypatch, "liar-compared", max_iter=0)
-
-    def with_liar(problem, method):
-        return solve(problem, method, solver=name) if method == "direct" else solve(problem, method)
-
-    comparison = avc.compare(STIFF, solver=with_liar)
-    check, failed = comparison.cross_check, comparison.methods["direct"].status.count("failed")
-    assert not check.agree
-    assert check.only_one == failed == len(check.partings) > 0
-    for parting in check.partings:
-        assert parting.frequency_hz in comparison.frequency_hz
-        assert "local minimum" in parting.reason
-    honest = avc.compare(STIFF).cross_check
-    assert honest.agree
-    assert honest.partings == ()
-
-
-def test_infeasible_problems_are_told_apart_from_failures():
-    problem = avc.load_problem("hard/infeasible-box")
-    problem = problem.changed(frequency=type(problem.frequency)(values_hz=(1.0, 100.0)))
-    for name in ("ipopt", "sqpmethod"):
-        schedule = solve(problem, "direct", solver=name)
-        assert set(schedule.status) == {"infeasible"}
-        assert all("missed by" in reason for reason in schedule.reason)
 
 
 @pytest.mark.thorough
@@ -160,34 +115,3 @@ def test_ctrl_c_ends_a_solve(name):
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.parametrize("delay_s", [0.001, 0.003, 0.005, 0.02])
-def test_ctrl_c_is_left_to_a_handler_that_stands_already(delay_s):
-    came = []
-    before = signal.signal(signal.SIGINT, lambda *_: came.append(1))
-    try:
-        timer = threading.Timer(delay_s, os.kill, (os.getpid(), signal.SIGINT))
-        timer.start()
-        assert "failed" not in solve(some_frequencies("figure5", 1.0, 18.0), "direct", solver="ipopt").status
-        timer.join()
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert came == [1]
-
-
-def test_solving_works_outside_the_main_thread():
-    kept = []
-    worker = threading.Thread(target=lambda: kept.append(solve(STIFF, "direct", solver="sqpmethod")))
-    worker.start()
-    worker.join()
-    assert set(kept[0].status) <= {"solved", "active-bound"}
-
-
-@pytest.mark.thorough
-def test_a_device_that_turns_is_solved_as_its_rim_is():
-    """In N.m.s/rad a knob's impedances are below a solver's absolute tolerances."""
-    knob = avc.load_problem("knob").changed(frequency={"points": 15})
-    found = avc.solve(knob, "direct", solver="ipopt")
-    assert "failed" not in [status.value for status in found.status]
-    assert len(found.usable.nonzero()[0]) == 15

@@ -138,17 +138,6 @@ def gains_of(gains):
     return gains.stiffness_n_per_m, gains.damping_ns_per_m
 
 
-def test_a_state_that_is_ahead_of_its_force_is_passive_for_no_explicit_engine():
-    """Strictly causal: what it gives back at the first step it has not yet been asked for."""
-    for gains in (ToolGains(10.0, 0.01), ToolGains(100.0, 0.2), PAIR):
-        assert not engine_port(stated(5, "semi-implicit", "ahead"), gains).passive
-
-
-def test_step_that_is_no_multiple_of_the_sample_is_refused():
-    with pytest.raises(avc.UnsupportedError, match="whole multiple of T"):
-        engine_port(problem("tool_mass_kg = 0.2\nstep_s = 0.0025"), PAIR)
-
-
 def test_undamped_gains_that_let_the_device_float_are_not_passive():
     found = engine_port(stated(2), ToolGains(0.0, 0.1))
     assert not found.passive

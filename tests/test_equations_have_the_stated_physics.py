@@ -67,31 +67,6 @@ def test_a_tustin_spring_on_backward_difference_velocity_costs_half_a_sample_mor
     assert asked[0] == pytest.approx(stiffness * T, rel=1e-4)
 
 
-@pytest.mark.parametrize("delay", [0, 1, 5])
-def test_a_rendered_spring_is_passive_at_low_frequency_up_to_2b_over_delay(delay):
-    """Re Z_h of a pure spring at DC is 0 for K = 2 b_d/((1 + 2 d) T)."""
-    limit = 2 * 2.0 / ((1 + 2 * delay) * T)
-    for share, sign in ((0.999, 1), (1.001, -1)):
-        loop = loop_of("sampled-data", delay, b_e=0.0, k_e=share * limit, frequency=np.array([0.01]))
-        assert np.sign(loop.without_coupling.real[0]) == sign
-
-
-def test_without_coupling_a_stiff_wall_is_active_at_low_frequency():
-    """Re Z_h = b_d + cos^2(phi)(b_e - k_e T/2) on the paper's hold."""
-    for b_e, k_e in ((10.0, 1e5), (10.0, 1e4), (0.0, 3e3)):
-        loop = loop_of(b_e=b_e, k_e=k_e)
-        expected = 2.0 + np.cos(THETA / 2) ** 2 * (b_e - k_e * T / 2)
-        scale = np.abs(loop.environment).max()
-        np.testing.assert_allclose(loop.without_coupling.real, expected, atol=1e-13 * scale)
-        assert (loop.without_coupling.real[0] < 0) == (k_e * T / 2 > b_e + 2.0)
-
-
-def test_the_device_adds_no_false_damping():
-    assert np.all(loop_of().device.real == 2.0)
-    backward = 0.1 * backward_difference(ANGLE) + 2.0
-    assert backward.real[-1] == pytest.approx(2.0 + 2 * 0.1 / T, rel=1e-4)
-
-
 def test_an_edge_of_the_gain_box_becomes_a_circle_arc():
     """The cross ratio of four points of a circle is real."""
     loop = loop_of("sampled-data", 1)
@@ -140,11 +115,3 @@ def test_a_contact_damper_is_held_and_late_like_every_other_force(model, delay):
     found = loop.perceived(0.0, 0.0, contact) - loop.device
     held = (Z + 1) / (2 * Z) if model == "paper" else 1 / Z
     np.testing.assert_allclose(found, contact * held * Z**-delay, rtol=1e-10, atol=1e-10)
-
-
-def test_a_held_damper_needs_as_much_damping_in_the_device():
-    """b_d >= b_p: at Nyquist the force of a damper that is held stands against the damping of the device."""
-    nearly_nyquist = np.array([499.99])
-    for contact, sign in ((1.99, 1), (2.01, -1)):
-        loop = loop_of("sampled-data", frequency=nearly_nyquist)
-        assert np.sign(loop.perceived(0.0, 0.0, contact).real[0]) == sign

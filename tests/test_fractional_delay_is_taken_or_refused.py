@@ -5,23 +5,13 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi import UnsupportedError
-from avc_casadi.claims.certify import certify
-from avc_casadi.claims.deployable import deployable
-from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
-from avc_casadi.claims.zwidth import llewellyn_table
-from avc_casadi.cli import main
-from avc_casadi.coupling import Coupling
-from avc_casadi.design.scene_coupling import scene_coupling
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.sampled_loop import SampledLoop, passive_limit_n_per_m
+from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, joint_rendering, linear_stability, wall
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
-from avc_casadi.paper.rendered import gain_schedule
 
 T = 1e-3
 HAND = Hand(np.array([0.05]), np.array([3.0]), np.array([800.0]))
@@ -34,12 +24,6 @@ def text_of(delay):
 
 def problem(delay, **tables):
     return avc.parse_problem(text_of(delay)).changed(**tables)
-
-
-def rows(case, b, k, contact=0.0):
-    n = len(case.frequencies_hz())
-    gains = tuple(np.full(n, value) for value in (b, k, contact))
-    return gain_schedule(case, "file", gains, (Status.SOLVED,) * n)
 
 
 def marched(case, b, k, contact, samples):
@@ -96,62 +80,8 @@ def test_the_own_frequency_is_judged_with_the_fraction(model, delay):
     np.testing.assert_allclose(found.margin_ns_per_m, loop_at(case, frequency).perceived(3.0, 9e3, 1.0).real, rtol=1e-9)
 
 
-def test_a_certificate_judges_what_it_can_and_says_what_it_cannot():
-    case = problem(0.5, device={"damping_ns_per_m": 30.0})
-    levels = certify(case, rows(case, 1.0, 50.0)).levels
-    for level in ("L0", "L1", "L3", "L5"):
-        assert levels[level].passed
-    for level in ("L2", "L4"):
-        assert not levels[level].passed
-        assert levels[level].claim.startswith(f"Not judged: {level} with the paper's hold has no proof")
-        assert "part of a sample of delay (device.delay_samples)" in levels[level].claim
-    document = certify(case, rows(case, 1.0, 50.0)).document()
-    assert document["passive_limit_n_per_m"] is None
-    assert document["levels"]["L2"]["margin_ns_per_m"] is None
-    assert document["levels"]["L3"]["margin_ns_per_m"] > 0
-
-
 def test_pointwise_methods_agree_for_a_fractional_delay():
     case = problem(0.5)
     direct, exact = avc.solve(case, "direct"), avc.solve(case, "exact")
     assert direct.usable.any()
     np.testing.assert_allclose(direct.magnitude_error, exact.magnitude_error, rtol=1e-4, atol=1e-6)
-
-
-def test_what_knows_whole_samples_only_says_so_by_name():
-    case = problem(1.5)
-    calls = (
-        lambda: worst_margin(SampledLoop.of(case), 1.0, 1e3),
-        lambda: llewellyn_margin(SampledLoop.of(case), 1.0, 1e3),
-        lambda: llewellyn_table(case),
-        lambda: avc.solve(case, "static"),
-        lambda: avc.solve(case.changed(stability={"scope": "all"}), "schedule"),
-    )
-    for call in calls:
-        with pytest.raises(UnsupportedError, match=r"device.delay_samples is 1.5: .* whole samples only") as refused:
-            call()
-        assert refused.value.key == "device.delay_samples"
-    assert np.isnan(passive_limit_n_per_m(case.device))
-
-
-@pytest.mark.thorough
-def test_a_scene_that_names_no_coupling_gets_one_for_the_next_whole_sample(tmp_path, capsys):
-    case = problem(1.5)
-    assert "coupling" not in case.scene.model_fields_set
-    found = scene_coupling(case)
-    assert found.usable.all()
-    np.testing.assert_array_equal(
-        found.stiffness_n_per_m, avc.solve(case.changed(device={"delay_samples": 2}), "static").stiffness_n_per_m
-    )
-    (tmp_path / "p.toml").write_text(text_of(1.5))
-    for options in ((), ("--screen",)):
-        assert main(["simulate", str(tmp_path / "p.toml"), *options]) in {0, 1}
-        assert "designed for 2 samples of delay, simulated with 1.5" in " ".join(capsys.readouterr().out.split())
-    named = case.changed(scene={"coupling": "static"})
-    with pytest.raises(UnsupportedError, match="whole samples only"):
-        scene_coupling(named)
-
-
-def test_a_coupling_for_a_fractional_delay_is_judged_for_deployment():
-    case = problem(0.5, device={"damping_ns_per_m": 30.0}, hands={"let_go": True})
-    assert deployable(Coupling.of(case, rows(case, 1.0, 50.0))).passed

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from schedule_problems import figure5
 
 from avc_casadi import InputError, solve
-from avc_casadi.coupling import CAPACITY_ROWS, thinned
 from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.gains import Gains, GainTable, gains_at, interpolate, single_ln
 from avc_casadi.model.schedule import Status
@@ -46,11 +45,6 @@ def test_single_precision_is_the_device_and_near_double(rows, frequencies):
 @given(st.floats(2**-100, 2**100, width=32))
 def test_single_logarithm(x):
     assert float(single_ln(x)) == pytest.approx(np.log(np.float64(np.float32(x))), rel=1e-6, abs=2e-7)
-
-
-def test_undefined_frequency_takes_the_first_row():
-    rows = np.array([[1.0, 2.0, 3.0, 4.0], [2.0, 5.0, 6.0, 7.0]])
-    np.testing.assert_array_equal(interpolate(rows, np.nan), rows[0, 1:])
 
 
 def test_scene_takes_the_gains_of_the_device():
@@ -104,18 +98,3 @@ def test_no_smaller_choice_meets_the_tolerance(seed, tolerance):
     size = np.where(table[:, 1:] == 0, np.maximum(table[:, 1:].max(axis=0), 1), table[:, 1:])
     assert (np.abs(guess - table[:, 1:]) <= tolerance * size * (1 + 1e-9) + 1e-12).all()
     assert len(kept) == fewest_by_trying_every_pair(table, tolerance)
-
-
-def test_a_device_holds_a_table_that_bends_everywhere():
-    frequency = np.geomspace(1.0, 450.0, 900)
-    wave = 100 + 50 * np.sin(60 * np.log(frequency))
-    table = np.column_stack([frequency, wave, wave, wave])
-    found = thinned(GainTable(table))
-    assert 200 < len(found) <= CAPACITY_ROWS
-    np.testing.assert_array_equal(found.rows[[0, -1]], table[[0, -1]])
-
-
-def test_table_without_gains_is_refused():
-    problem = load_problem("hard/infeasible-box")
-    with pytest.raises(InputError, match="no row with gains"):
-        GainTable.of(solve(problem, "exact"))

@@ -4,8 +4,6 @@ import ast
 import re
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parent.parent
 # From the ground up; a room may import those before it and itself. The order is that of the data: plain numbers,
 # the paper's equations, files, claims, simulation, and what stands on all of them.
@@ -141,48 +139,3 @@ def test_no_room_imports_what_is_private_to_another():
         return last.startswith("_") and not f"{package}.".startswith(f"{owner}.")
 
     assert not [f"{name}:{line} -> {target}" for name, target, line in ARROWS if foreign(name, target)]
-
-
-@pytest.mark.thorough
-def test_modules_of_one_room_do_not_go_round():
-    """Within a room too, no two modules need each other to be imported."""
-    down = {}
-    for name, path in MODULES.items():
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        early = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
-        down[name] = {
-            whole if (whole := f"{node.module}.{alias.name}") in MODULES else node.module
-            for node in early
-            for alias in node.names
-            if node.module in MODULES
-        }
-    done, open_ = set(), []
-
-    def visit(name):
-        assert name not in open_, " -> ".join([*open_[open_.index(name) :], name])
-        if name in done or MODULES[name].name == "__init__.py":
-            return
-        open_.append(name)
-        for target in down[name]:
-            if target in MODULES:
-                visit(target)
-        open_.pop()
-        done.add(name)
-
-    for name in MODULES:
-        visit(name)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "def late():\n    from avc_casadi.cli import main\n",
-        "PLACE = 'avc_casadi.cli:main'\n",
-        "if 1:\n    import avc_casadi.cli\n",
-        "from avc_casadi import cli\n",
-    ],
-)
-def test_late_imports_and_strings_are_seen(text, tmp_path):
-    path = tmp_path / "probe.py"
-    path.write_text(text)
-    assert "avc_casadi.cli" in {target for target, _ in imported("avc_casadi.model.probe", path)}

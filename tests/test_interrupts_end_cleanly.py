@@ -13,10 +13,7 @@ from hardware_bench import host_core
 from host_device import HostLink
 
 import avc_hardware
-from avc_casadi import InputError, fault_document
-from avc_casadi._util.interrupt import HeldInterrupt
 from avc_casadi.cli import main
-from avc_casadi.cli.console import output_folder
 
 # A caller that has Ctrl-C ignored, as nohup has, hands that on: here it is not.
 PROGRAM = """
@@ -94,91 +91,6 @@ def test_workers_end_with_the_command(stop, said, tmp_path):
     wait_until_begun(process, "_casadi", workers=1)
     process.send_signal(stop)
     assert output(process) == (b"", said)
-
-
-# CasADi converts an exception in the reading of an argument, or drops it; the last hears nothing at all.
-FOREIGN = {
-    "converted": "raise SystemError('returned a result with an exception set') from KeyboardInterrupt()",
-    "dropped": "time.sleep(60)",
-    "deaf": "while True:\n        try:\n            time.sleep(9)\n        except KeyboardInterrupt:\n            pass",
-}
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", FOREIGN)
-def test_an_interrupt_that_foreign_code_drops_ends_the_command(kind, tmp_path):
-    before = f"""
-import time
-from avc_casadi.cli import look
-def stuck(_args, _console):
-    try:
-        signal.raise_signal(signal.SIGINT)
-    except KeyboardInterrupt:
-        pass
-    {FOREIGN[kind]}
-look.run_list = stuck
-"""
-    process = begun(["list"], tmp_path, before)
-    out, err = output(process)
-    assert (process.returncode, out, err) == (130, b"", b"avc: interrupted\n")
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("module", ["avc_casadi.cli", "avc_casadi.cli.look", "avc_casadi.files", "numpy.exceptions"])
-@pytest.mark.parametrize("options", [(), ("--json",)])
-def test_an_interrupt_of_the_imports_is_answered_like_any_other(module, options, tmp_path):
-    before = f"""
-class Interrupt:
-    def find_spec(self, name, *_):
-        if name == "{module}":
-            signal.raise_signal(signal.SIGINT)
-sys.meta_path.insert(0, Interrupt())
-"""
-    process = begun(["list", *options], tmp_path, before)
-    out, err = output(process)
-    assert process.returncode == 130
-    if options:
-        assert (json.loads(out), err) == (fault_document(InputError.of("interrupted")), b"")
-    else:
-        assert (out, err) == (b"", b"avc: interrupted\n")
-
-
-def interrupted_block(seen):
-    with HeldInterrupt() as interrupt:
-        seen.append(interrupt.came)
-        signal.raise_signal(signal.SIGINT)
-        seen.append(interrupt.came)
-
-
-def test_interrupt_is_held_until_the_end_of_the_block():
-    seen = []
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            interrupted_block(seen)
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    finally:
-        signal.signal(signal.SIGINT, before)
-    assert seen == [False, True]
-
-
-def test_a_folder_that_was_made_goes_again_where_nothing_comes_of_it(tmp_path):
-    there = tmp_path / "there"
-    there.mkdir()
-
-    def interrupted(asked):
-        with output_folder(str(tmp_path / asked), "--out") as folder:
-            (folder / "half.json").write_text("{")
-            raise KeyboardInterrupt
-
-    for asked in ("new/inner", "there/new"):
-        with pytest.raises(KeyboardInterrupt):
-            interrupted(asked)
-    assert list(tmp_path.iterdir()) == [there]
-    assert list(there.iterdir()) == []
-    with output_folder(str(tmp_path / "new" / "inner"), "--out") as folder:
-        (folder / "whole.json").write_text("{}")
-    assert [path.name for path in (tmp_path / "new" / "inner").iterdir()] == ["whole.json"]
 
 
 @pytest.mark.thorough

@@ -9,12 +9,8 @@ from scene_reference import scene_problem
 from avc_casadi import parse_problem, solve
 from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.constant.static_tuned import tune_static
-from avc_casadi.design.schedule.hands import hands_slack
-from avc_casadi.design.schedule.scope import worst_slack
-from avc_casadi.design.schedule.states import States
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.hands import hand_set
-from avc_casadi.paper.loop import loop_at
 
 ROWS = np.array([1.0, 20.0, 100.0, 400.0])
 GAINS = np.array([0.1, 5.0, 40.0, 200.0]), np.array([500.0, 2e3, 8e3, 5e4]), np.array([0.0, 5.0, 0.0, 20.0])
@@ -38,24 +34,6 @@ def test_scope_of_frozen_rows(margin, delay):
     np.testing.assert_allclose(asked.slack, robbed.slack, rtol=0, atol=1e-12)
     free = scope_slack(problem(2.0, 0.0, delay), ROWS, *GAINS)
     assert (free.slack - asked.slack > 1e-5).all()
-
-
-@pytest.mark.parametrize("scope", ["pointwise", "band", "all"])
-def test_exact_check_of_the_schedule_where_the_ends_of_a_band_decide(scope):
-    """Its short cut is the slack of the whole scope, margin and all."""
-    for margin in (0.0, 0.7):
-        case = problem(2.0, margin).changed(stability={"scope": scope})
-        short, whole = worst_slack(case, ROWS, GAINS), scope_slack(case, ROWS, *GAINS)
-        np.testing.assert_allclose(short.slack, whole.slack, rtol=1e-6, atol=1e-6)
-
-
-def test_table_that_the_schedule_is_solved_with():
-    asked, robbed = problem(2.0, 1.5), problem(0.5, 0.0)
-    states = States.of(asked, loop_at(asked, asked.frequencies_hz()))
-    at = states.low[:, None] + np.linspace(0.3, 0.8, 7) * (states.high - states.low)[:, None]
-    found = hands_slack(asked, states, at)
-    np.testing.assert_allclose(found, hands_slack(robbed, states, at), rtol=0, atol=1e-12)
-    assert np.abs(found - hands_slack(problem(2.0, 0.0), states, at)).max() > 1e-4
 
 
 @pytest.mark.thorough

@@ -1,6 +1,5 @@
 """A lighter device, missed samples: told as a plant of its own says, and kept where asked for."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,7 @@ from whole_device import WholeDevice, rests_as_tried
 
 import avc_casadi as avc
 import avc_hardware
-from avc_casadi.loops.walls import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_released
-from avc_casadi.model.robustness import USUAL, Robustness, unmodelled
-from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
+from avc_casadi.model.robustness import Robustness, unmodelled
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_population, people_of
 from avc_casadi.simulation.population.settled import residual_speeds
@@ -54,36 +50,12 @@ def test_missed_samples_move_nobody_where_another_plant_sees_nobody_move():
     assert told(found, Robustness(dropped_share=1e-3), hands.pick(slice(8))).all()
 
 
-@pytest.mark.thorough
-def test_what_is_told_is_counted_one_difference_at_a_time():
-    found = coupling()
-    problem = found.problem
-    limit = stiffest_wall(problem.device, with_released(hand_corners(problem.hands)))
-    seen = margins(found, limit)
-    assert [one.key for one in seen] == ["mass_share", "dropped_share"]
-    assert [one.value for one in seen] == list(vars(USUAL).values())
-    assert not any(one.asked for one in seen)
-
-
 def test_a_device_in_ranges_is_lighter_than_its_lightest():
     device = avc.load_problem("reference-r1").device
     known = device.model_copy(update={"range": device.range.model_copy(update={"mass_kg": (0.08, 0.13)})})
     (lighter,) = unmodelled(known, Robustness(mass_share=0.25))
     assert lighter.device.mass_kg == pytest.approx(0.06)
     assert unmodelled(known, Robustness()) == ()
-
-
-def test_what_is_asked_for_and_not_reached_is_named_and_what_is_only_told_is_not():
-    short = Withstood("mass_share", 0.2, asked=True, hands=60, at_rest_without_friction=50, at_rest=60, plain=None)
-    assert "10 of 60 hands do not settle with mass_share = 0.2" in missed((short,), by_friction=False)
-    assert missed((short,), by_friction=True) == ""
-    assert missed((dataclasses.replace(short, asked=False),), by_friction=False) == ""
-
-
-@pytest.mark.parametrize("value", [0.0, 1.0, -0.1])
-def test_a_share_of_the_mass_that_is_none_is_refused(value):
-    with pytest.raises(avc.InputError, match=r"robustness\.mass_share"):
-        avc.load_problem("figure5").changed(robustness={"mass_share": value})
 
 
 STYLUS = """

@@ -6,14 +6,10 @@ from exported import Exported
 from scene_reference import scene_problem
 
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.methods import solve
 from avc_casadi.design.scene_coupling import simulate
-from avc_casadi.files.problem_file import load_problem
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import Hand
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
-from avc_casadi.simulation.scene import simulate_batch
 
 T, MASS, STEP_M = 1e-3, 0.2, 2e-5
 
@@ -59,25 +55,6 @@ def test_it_says_where_the_mass_will_be_when_the_next_force_acts(asked, ahead):
     assert error < 0.2 * unpredicted
 
 
-def test_without_steps_it_is_the_measurement():
-    position = np.cumsum(np.random.default_rng(0).normal(0, 1e-5, 500))
-    found = observer_step(T, ObserverSettings(0.0, MASS)).run(np.array([position, np.zeros(500)]))["position_m"]
-    np.testing.assert_allclose(found, position, rtol=0, atol=1e-15)
-
-
-@pytest.mark.thorough
-def test_one_sample_of_delay_is_predicted_away():
-    problem = load_problem("scenes/adaptive-press-delayed")
-    gains = solve(problem, "schedule")
-    rng = np.random.default_rng(6)
-    hands = Hand(rng.uniform(0.05, 0.3, 20), rng.uniform(3, 20, 20), rng.uniform(200, 800, 20))
-    found = simulate_batch(problem, hands, gains)
-    assert found.stable.all()
-    assert np.median(found.apparent_stiffness_n_per_m) > 0.85e5
-    effects = tuple(effect for effect in problem.scene.effects if effect.kind != "observer")
-    assert not simulate_batch(problem.changed(scene={"effects": effects}), hands, gains).stable.any()
-
-
 DELAYED = """
 [device]
 mass_kg = 0.1
@@ -88,22 +65,6 @@ delay_samples = {delay}
 damping_ns_per_m = 10.0
 stiffness_n_per_m = 2e4
 """
-
-
-def pressed(delay, samples):
-    """Position under a press with the effect delay as written, on a device of so many samples of delay."""
-    effects = ('kind = "hand"', 'kind = "wall"', 'kind = "encoder"', 'kind = "observer"', f'kind = "delay"\n{samples}')
-    case = scene_problem(effects, scene="duration_s = 0.5\n", head=DELAYED.format(delay=delay))
-    return simulate(case, Gains(20.0, 1e4)).position_m
-
-
-@pytest.mark.parametrize("delay", [2, 1.5])
-def test_a_delay_that_the_device_states_is_predicted_like_one_that_the_scene_states(delay):
-    stated = pressed(delay, "")
-    np.testing.assert_array_equal(stated, pressed(0, f"samples = {delay}"))
-    np.testing.assert_array_equal(stated, pressed(5, f"samples = {delay}"))
-    assert np.abs(stated - pressed(3, "")).max() > 1e-6
-    assert np.abs(stated - pressed(0, "samples = 1")).max() > 1e-6
 
 
 @pytest.mark.parametrize("ahead", [1, 2, 5])

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi import UnsupportedError
 from avc_casadi.claims.prove.disc import Disc, Moving, held, in_series, turned
-from avc_casadi.claims.prove.held_device import HAND, STYLUS, SampledPlantBox
+from avc_casadi.claims.prove.held_device import HAND, SampledPlantBox
 from avc_casadi.claims.prove.law import ContactLaw
 from avc_casadi.claims.prove.multiplier import Multiplier, _bounds, _Cells, _rounded, verify
 from avc_casadi.claims.prove.rest import contact_radius, prove_rest
@@ -20,7 +19,7 @@ from avc_casadi.loops.loop import Body
 from avc_casadi.loops.wall import closed, fraction_rendering, frozen_parts
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.hands import STYLUS_RANGES, Hand
+from avc_casadi.model.hands import Hand
 from avc_casadi.model.sampled_plant import sampled_plant
 
 BOX = {"mass_kg": (0.05, 0.3), "damping_ns_per_m": (3.0, 20.0), "stiffness_n_per_m": (200.0, 800.0)}
@@ -157,16 +156,6 @@ def changed(device, values):
     return Device.model_validate(whole)
 
 
-def test_hands_on_a_stylus_are_enclosed_too():
-    found = SampledPlantBox(device_of({}), STYLUS_RANGES)
-    corner = found.corners()[[3, 17]]
-    omega = np.array([0.3, 2.0])
-    cell = [Moving.fixed(np.full(2, 0.3)), *(Moving.fixed(corner[:, place]) for place in range(len(STYLUS)))]
-    above, below, around = found.over(cell[0], tuple(cell[1:]))
-    enclosed = above * (1 / below) + around
-    np.testing.assert_allclose(enclosed.value.centre, found.at(omega, corner)[:, 0], rtol=1e-4)
-
-
 @settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_the_law_is_that_of_the_loop_in_contact(seed):
@@ -253,16 +242,3 @@ def test_a_multiplier_that_fails_for_one_hand_of_the_box_is_found_out():
     above, _, below = (np.polyval([float(part) for part in one], step) for one in law.transfer)
     loop = sampled(problem.device, hand, omega) * above / below
     assert (found.multiplier.at(omega) * (1 + loop)).real < 0
-
-
-@pytest.mark.parametrize(
-    ("keys", "box", "word"),
-    [
-        ({"mass_kg": 0.0}, BOX | {"mass_kg": (0.0, 0.1)}, "mass"),
-        ({}, BOX | {"stiffness_n_per_m": (0.0, 100.0)}, "place of rest"),
-        ({"damping_ns_per_m": 0.0}, BOX | {"damping_ns_per_m": (0.0, 1.0)}, "damping"),
-    ],
-)
-def test_what_has_no_rest_is_refused_by_name(keys, box, word):
-    with pytest.raises(UnsupportedError, match=word):
-        SampledPlantBox(device_of(keys), box)

@@ -1,7 +1,5 @@
 """Realism: what counts as inside, and the errors that methods minimise."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -28,11 +26,6 @@ def test_the_desired_impedance_is_inside_both():
     assert result.share_inside_jnd == result.share_inside_bounds == 1.0
 
 
-@pytest.mark.parametrize(("factor", "inside"), [(1.0799, True), (1.0801, False), (0.9201, True), (0.9199, False)])
-def test_just_noticeable_difference_is_relative(factor, inside):
-    assert (judge_realism(CASE, factor * target()).inside_jnd == inside).all()
-
-
 def test_bounds_do_not_see_phase_and_the_difference_does():
     result = judge_realism(CASE, target() * np.exp(0.5j))
     assert result.inside_bounds.all()
@@ -53,16 +46,6 @@ def test_what_a_solver_leaves_of_bounds_that_coincide_is_inside(rounding):
     same = CASE.changed(boundaries={"upper": CASE.boundaries.upper, "lower": CASE.boundaries.upper})
     z = np.asarray(loop_at(same, same.frequencies_hz()).target)
     assert judge_realism(same, rounding * z).inside_bounds.all()
-
-
-def test_rows_without_gains_are_not_inside():
-    z = target()
-    z[3] = np.nan
-    result = judge_realism(CASE, z)
-    assert not result.inside_jnd[3]
-    assert not result.inside_bounds[3]
-    assert result.share_inside_jnd == 19 / 20
-    json.dumps(result.document(), allow_nan=False)
 
 
 def test_errors_by_objective():

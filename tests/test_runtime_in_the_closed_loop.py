@@ -1,13 +1,9 @@
 """Estimator, adaptation and observer inside a scene: what they leave alone, never create, and cure."""
 
-import casadi as ca
 import numpy as np
 import pytest
 
-from avc_casadi import InputError
-from avc_casadi.coupling import thinned
 from avc_casadi.design.methods import solve
-from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.files.problem_file import load_problem, parse_problem
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.hands import Hand
@@ -75,18 +71,6 @@ def with_table(problem, table):
     return found, ledger
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("passive", ["true", "false"])
-def test_adapting_between_equal_rows_is_no_adaptation(passive):
-    gains = solve(scene(()), "static")
-    constant = simulate(scene(()), gains)
-    adaptive = simulate(scene(('kind = "estimator"', f'kind = "adaptation"\npassive = {passive}')), gains)
-    np.testing.assert_allclose(adaptive.position_m, constant.position_m, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(adaptive.force_n, constant.force_n, rtol=0, atol=1e-9)
-    assert np.nanmedian(adaptive.interaction_hz[1000:2400]) == pytest.approx(4.0, rel=0.05)
-    assert np.isnan(adaptive.interaction_hz[-1])
-
-
 JUMPING = GainTable(np.array([[1.0, 5, 1e3, 0], [3.9, 5, 1e3, 0], [3.901, 5, 1e7, 0], [50.0, 5, 1e7, 0]]))
 
 
@@ -104,14 +88,6 @@ def test_gain_switch_at_full_deflection_creates_energy_only_without_the_anchor(c
         least[passive] = (ledger.dissipated_j + sampled).min()
     assert least["true"] > -1e-9
     assert least["false"] < -0.01
-
-
-def test_a_table_that_jumps_by_ten_thousand_stays_at_rest_when_nobody_moves():
-    problem = scene(ADAPTIVE, SOFT.replace('kind = "stroke"', 'kind = "hold"').split("frequency_hz = 4.0")[0])
-    found, _ = with_table(problem, JUMPING)
-    assert not found["interaction_hz"][-500:].any()
-    assert np.abs(found["velocity_m_per_s"][-500:]).max() < 1e-6
-    assert np.all(found["stiffness_n_per_m"][-500:] == 1e3)
 
 
 @pytest.mark.parametrize("contact", ["gated", "clip-last"])
@@ -143,22 +119,6 @@ def test_table_look_up_is_the_device_s():
     np.testing.assert_array_equal(table(np.array([1e6]))[:, 0], table.gains[:, -1])
 
 
-@pytest.mark.thorough
-def test_table_keeps_its_tolerance_and_its_expressions_agree():
-    schedule = solve(load_problem("scenes/adaptive-press-series"), "schedule")
-    full = GainTable.of(schedule)
-    thin = thinned(full)
-    assert len(thin) < len(full) / 2
-    at = np.geomspace(0.5, 600, 300)
-    # A gain below a thousandth of its largest is held to that thousandth.
-    scale = np.maximum(full(at), 1e-3 * full.gains.max(axis=1, keepdims=True))
-    assert np.abs(thin(at) - full(at)).max(axis=1) == pytest.approx(0, abs=1.1e-3 * scale.max())
-    assert np.all(np.abs(thin(at) - full(at)) <= 1.1e-3 * scale)
-    f = ca.SX.sym("f")
-    evaluated = ca.Function("look_up", [f], [ca.vertcat(*thin.expressions(f))])(at[None]).full()
-    np.testing.assert_allclose(evaluated, thin(at), rtol=1e-9, atol=1e-9)
-
-
 def test_lost_estimate_is_held_then_falls_through_the_table_to_rest():
     step = hold_step(T, HoldSettings(hold_s=0.2, decay_s=0.1))
     valid = np.zeros(3000)
@@ -183,26 +143,6 @@ def test_twenty_micrometre_encoder_without_friction_needs_the_observer():
     assert np.median(found.apparent_stiffness_n_per_m) > 0.9e5
     effects = tuple(effect for effect in problem.scene.effects if effect.kind != "observer")
     assert simulate_batch(problem.changed(scene={"effects": effects}), hands, gains).stable.sum() < 6
-
-
-@pytest.mark.thorough
-def test_dropped_ticks_and_a_desk_lost_by_noise_leave_numbers_finite():
-    extra = ('kind = "jitter"\nrms_s = 1e-4\ndropped_share = 0.05', 'kind = "noise"\nrms_m = 1e-4')
-    run = simulate(scene((*ADAPTIVE, *extra)), solve(scene(()), "static"))
-    for trace in (run.position_m, run.force_n, run.stiffness_n_per_m):
-        assert np.all(np.isfinite(trace))
-    assert run.certificate()["outcome"] == run.claim
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("effect", "message"),
-    [('kind = "adaptation"', "no estimate to follow"), ('kind = "observer"', "no steps to look between")],
-)
-def test_effects_without_what_they_need_are_refused_by_name(effect, message):
-    with pytest.raises(InputError, match=message) as refused:
-        simulate(scene((effect,)))
-    assert "scene.effects[2]" in str(refused.value)
 
 
 @pytest.mark.parametrize("adaptive", [True, False])

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.model.corners import LINEAR_KEYS, RIGID_KEYS, device_corners
+from avc_casadi.model.corners import device_corners
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.hands import Hand, StylusHand
@@ -201,29 +201,3 @@ def test_a_device_alone_keeps_its_place_and_its_momentum_decays():
     found = sampled_plant(device)
     np.testing.assert_allclose(np.linalg.eigvals(found.matrix[0, 0]), [1.0, np.exp(-2.0 / 0.1 * 1e-3)], rtol=1e-12)
     assert device_plant(device).grip == "device"
-
-
-def test_corners_take_every_range_or_those_that_matter():
-    device = Device(
-        mass_kg=0.1,
-        damping_ns_per_m=2.0,
-        coulomb_friction_n=0.2,
-        resonance={"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5},
-        range={
-            "mass_kg": (0.08, 0.12),
-            "damping_ns_per_m": (2.0, 2.0),
-            "coulomb_friction_n": (0.0, 0.3),
-            "resonance": {"mass_ratio": (0.4, 0.6)},
-        },
-    )
-    every = device_corners(device)
-    assert len(every) == 8
-    assert {(one.mass_kg, one.coulomb_friction_n, one.resonance.mass_ratio) for one in every} == {
-        (mass, friction, share) for mass in (0.08, 0.12) for friction in (0.0, 0.3) for share in (0.4, 0.6)
-    }
-    assert {one.resonance.frequency_hz for one in every} == {150.0}
-    assert all(one.range == type(one.range)() for one in every)
-    assert len(device_corners(device, LINEAR_KEYS)) == 4
-    assert len(device_corners(device, RIGID_KEYS)) == 2
-    plain = Device(mass_kg=0.1, damping_ns_per_m=2.0)
-    assert device_corners(plain) == [plain]

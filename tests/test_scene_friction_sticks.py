@@ -5,7 +5,7 @@ import pytest
 from scene_reference import Reference, scene_problem
 
 from avc_casadi.design.scene_coupling import simulate
-from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.compile import compile_scene
 
 HEAD = """
@@ -57,34 +57,6 @@ def test_it_breaks_away_when_the_load_exceeds_the_friction():
     first = np.flatnonzero(run.velocity_m_per_s)[0]
     # 200 N/m stretched at 0.01 m/s reaches 0.8 N after 0.4 s.
     assert run.time_s[first] == pytest.approx(0.4, abs=2e-3)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("substeps", [1, 3])
-def test_a_swing_of_two_samples_sticks_and_slips_within_one(substeps):
-    # 250 Hz: two reversals in four samples, and friction strong enough to stop the mass between two samples.
-    k, mass = 0.001 * (2 * np.pi * 250) ** 2, 0.001
-    coarse = released(k, 2.0, mass=mass, duration=0.05, substeps=substeps)
-    fine = released(k, 2.0, mass=mass, duration=0.05, substeps=24)
-    np.testing.assert_allclose(coarse.position_m, fine.position_m, rtol=0, atol=1e-12)
-    assert np.ptp(coarse.position_m[:10]) > 1e-3
-    assert np.ptp(coarse.position_m[-5:]) == 0
-
-
-def test_friction_alone_can_hold_a_loop_at_rest_and_is_said_to():
-    wall = 'kind = "wall"'
-    hand = 'kind = "hand"\nmass_kg = 0.05\ndamping_ns_per_m = 3.0\nstiffness_n_per_m = 500.0'
-    gains = Gains(200.0, 1e5)
-    held = simulate(scene_problem((hand, wall, 'kind = "coulomb-friction"\nforce_n = 1.0')), gains)
-    free = simulate(scene_problem((hand, wall)), gains)
-    assert held.claim == "held-by-friction"
-    assert held.stable
-    assert free.claim == "unstable"
-    assert not held.certificate()["pass"]
-    assert "friction" in held.certificate()["claim"]
-    calm = simulate(scene_problem((hand, wall, 'kind = "coulomb-friction"')), Gains(5.0, 3e3))
-    assert calm.claim == "asymptotic"
-    assert calm.certificate()["pass"]
 
 
 @pytest.mark.thorough

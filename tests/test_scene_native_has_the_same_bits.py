@@ -24,17 +24,6 @@ RESONANCE = 'kind = "resonance"\nfrequency_hz = 180.0\ndamping_ratio = 0.02\nmas
 ADAPTED = (HAND, WALL, 'kind = "estimator"', 'kind = "adaptation"', FRICTION, ENCODER)
 
 
-MORE = {
-    "stiff-amplifier-with-friction": (
-        (HAND, WALL, FRICTION, 'kind = "amplifier"\nbandwidth_hz = 900.0'),
-        Gains(10.0, 7e3),
-    ),
-    "friction-in-free-space": ((HAND, FRICTION), Gains(10.0, 7e3)),
-    "friction-without-a-hand": ((WALL, FRICTION), Gains(10.0, 7e3)),
-    "adapted-gains": ((HAND, WALL, 'kind = "estimator"', 'kind = "adaptation"', FRICTION), None),
-}
-
-
 def compiled_scene(effects, gains, scene=""):
     problem = scene_problem(effects, motion=QUICK, scene=scene)
     bound, chosen, _ = settled(problem, build_effects(problem), gains or avc.solve(problem, "exact"))
@@ -107,31 +96,6 @@ def test_peaks_and_rest_are_those_of_the_traces(effects, gains):
         few = execute_to_speed(scene, parameters[:3], inputs, engine="casadi")
     np.testing.assert_array_equal(speed < 1, judged.stable)
     np.testing.assert_array_equal(few, speed[:3])
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "case",
-    [
-        "linear-series",
-        "no-wall",
-        "much-friction",
-        "late-dropped-friction",
-        "velocity-filter",
-        "everything",
-        *MORE,
-    ],
-)
-def test_bits(case):
-    effects, gains = (CASES | MORE)[case]
-    problem = scene_problem(effects, motion=QUICK, scene="duration_s = 0.3\n")
-    settled_effects, gains, _ = settled(problem, build_effects(problem), gains or avc.solve(problem, "exact"))
-    scene = compile_for(problem, settled_effects, gains)
-    arguments = scene, scene.parameter_values(gains), scene.input_values()
-    ours, native = execute(*arguments, engine="casadi"), execute(*arguments, engine="native")
-    assert ours.keys() == native.keys()
-    for name, values in ours.items():
-        assert_same_bits(values, native[name])
 
 
 @pytest.mark.thorough

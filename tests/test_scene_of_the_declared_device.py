@@ -1,18 +1,12 @@
 """With no effects listed a scene holds all that the device declares; a list says what it leaves out."""
 
-import json
-
 import numpy as np
 import pytest
 from scene_reference import Reference, scene_problem
 
 import avc_casadi as avc
-from avc_casadi import InputError
-from avc_casadi.cli import main
 from avc_casadi.model.declared import declared_effects, left_out, scene_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains
-from avc_casadi.model.registries import EFFECTS
-from avc_casadi.model.scene import Scene
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
@@ -66,12 +60,6 @@ def test_a_scene_without_a_list_holds_all_that_is_declared():
     assert left_out(problem) == ()
 
 
-def test_an_ideal_device_is_a_hand_at_a_wall():
-    problem = avc.load_problem("soft").changed(device={"coulomb_friction_n": 0.0, "encoder_resolution_m": 0.0})
-    problem = problem.changed(device={"max_force_n": None})
-    assert [effect.kind for effect in declared_effects(problem)] == ["hand", "wall"]
-
-
 @pytest.mark.thorough
 def test_the_declared_device_agrees_with_an_independent_integration():
     listed = "\n[[scene.effects]]\n".join(("", *(f'kind = "{kind}"' for kind in sorted(ALL))))
@@ -115,23 +103,6 @@ def test_a_list_says_what_it_leaves_out():
     assert not {"hand", "wall"} & set(left_out(stylus))
 
 
-@pytest.mark.thorough
-def test_simulate_names_what_is_left_out(tmp_path, capsys):
-    file = tmp_path / "p.toml"
-    text = DEVICE.format(**SOFT) + '[scene]\nduration_s = 0.05\ncoupling = "none"\n'
-    file.write_text(text + f"[[scene.effects]]\n{HAND}\n[[scene.effects]]\n{WALL}\n")
-    main(["simulate", str(file)])
-    said = " ".join(capsys.readouterr().out.split())
-    assert "Left out declared, but not listed in the scene: resonance, coulomb-friction" in said
-    main(["simulate", str(file), "--json"])
-    assert set(json.loads(capsys.readouterr().out)["left_out"]) == ALL - {"hand", "wall"}
-    file.write_text(text)
-    main(["simulate", str(file), "--json"])
-    document = json.loads(capsys.readouterr().out)
-    assert document["left_out"] == []
-    assert {effect["kind"] for effect in document["effects"]} == ALL
-
-
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
 def test_projection_splits_the_sample_where_the_force_changes(share):
     effects = (HAND, WALL, 'kind = "coulomb-friction"', f'kind = "delay"\nsamples = {1 + share}')
@@ -171,30 +142,6 @@ def test_a_delay_that_tends_to_whole_samples_tends_to_the_whole_delay():
     assert np.abs(run(1.5) - whole).max() > 1e-5
 
 
-@pytest.mark.parametrize(
-    ("effects", "words"),
-    [
-        (('kind = "delay"\nsamples = 0.5', 'kind = "jitter"\nrms_s = 1e-4'), "whole samples, or jitter with rms_s = 0"),
-        (('kind = "encoder"\nresolution_m = 1e-5\nat = "handle"',), "beside the effect resonance"),
-        (('kind = "resonance"\nfrequency_hz = 100.0',), "device.resonance.damping_ratio"),
-        (('kind = "backlash"',), "device.backlash_m"),
-        (('kind = "noise"',), "device.position_noise_rms_m"),
-        (('kind = "amplifier"',), "device.amplifier_bandwidth_hz"),
-        (('kind = "notch"\nfrequency_hz = 600.0',), "below the Nyquist frequency"),
-    ],
-)
-def test_effects_that_do_not_go_together_are_refused_by_name(effects, words):
-    with pytest.raises(InputError, match=words):
-        compile_scene(scene_problem((HAND, WALL, *effects)))
-
-
-def test_backlash_beyond_which_the_encoder_sits_is_refused():
-    mode = 'kind = "resonance"\nfrequency_hz = 120.0\ndamping_ratio = 0.05\nmass_ratio = 0.5'
-    both = ('kind = "backlash"\ngap_m = 1e-4', 'kind = "encoder"\nresolution_m = 1e-5\nat = "handle"')
-    with pytest.raises(InputError, match="backlash and an encoder at the handle exclude"):
-        compile_scene(scene_problem((HAND, WALL, mode, *both)))
-
-
 def test_play_holds_the_measured_position_until_it_is_taken_up():
     effects = (
         HAND,
@@ -209,8 +156,3 @@ def test_play_holds_the_measured_position_until_it_is_taken_up():
     moving = np.abs(np.diff(seen)) > 0
     assert 0.1 < moving.mean() < 0.9
     assert np.all(np.abs((run.position_m - seen)[1:][moving]) == pytest.approx(1e-3, rel=1e-9))
-
-
-def test_every_declared_effect_is_one_that_scenes_simulate():
-    assert set(EFFECTS) >= ALL
-    assert Scene(effects=[{"kind": kind} for kind in sorted(ALL)]).effects

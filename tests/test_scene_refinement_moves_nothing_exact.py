@@ -7,7 +7,6 @@ import pytest
 from scene_cases import CASES, QUICK
 from scene_reference import scene_problem
 
-from avc_casadi import UnsupportedError
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.model.gains import Gains
 
@@ -45,16 +44,3 @@ def test_runge_kutta_has_order_four_without_friction():
     found = errors("rk4", FRICTION[:2], Gains(10.0, 7e3), (1, 2, 4))
     assert found[0] > 1e-12
     assert all(10 < coarse / fine < 22 for coarse, fine in pairwise(found))
-
-
-def test_runge_kutta_does_not_stick():
-    stuck = run(FRICTION, Gains(10.0, 7e3), duration=0.4).position_m[-20:]
-    creeping = run(FRICTION, Gains(10.0, 7e3), "rk4", 4, duration=0.4).position_m[-20:]
-    assert np.ptp(stuck) == 0
-    assert np.ptp(creeping) > 0
-
-
-def test_projection_refuses_late_forces():
-    effects = (*FRICTION, 'kind = "jitter"\nrms_s = 1e-4')
-    with pytest.raises(UnsupportedError, match="jitter"):
-        run(effects, Gains(10.0, 7e3), "projected")

@@ -76,10 +76,3 @@ def test_one_sample_of_delay_with_a_hand_leaves_a_third():
     hand = (0.2, 10.0, 500.0)
     assert limit(0.0, 1, hand) / limit(0.0, 0, hand) == pytest.approx(0.335, abs=0.01)
     assert limit(0.0, 0, hand) == pytest.approx(2 * 12.0 / T, rel=0.03)
-
-
-def test_a_hand_given_to_simulate_replaces_that_of_the_scene():
-    problem = two_sided(2000.0, hand=(0.2, 10.0, 500.0))
-    other = simulate(two_sided(2000.0, hand=(0.1, 5.0, 300.0)), NO_COUPLING)
-    same = simulate(problem, NO_COUPLING, hand=Hand(0.1, 5.0, 300.0))
-    np.testing.assert_array_equal(same.position_m, other.position_m)

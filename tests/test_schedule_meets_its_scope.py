@@ -115,40 +115,9 @@ def test_the_slack_of_the_hands_is_that_of_the_worst_corner_of_the_device():
     assert np.ptp(np.clip(slack, -0.1, 0.1), axis=1).max() > 1e-3
 
 
-@pytest.mark.thorough
-def test_damping_of_the_hand_is_credited():
-    plain = figure5(stability={"model": "sampled-data", "scope": "band"})
-    trusting = changed(plain, schedule={"hand_damping_ns_per_m": 3.0})
-    gains = solve(trusting, "schedule")
-    rows = gains.damping_ns_per_m, gains.stiffness_n_per_m
-    # Passive with the hand's damping beside that of the device, not without it: the credit was used.
-    helped = changed(plain, device={"damping_ns_per_m": 5.0})
-    assert (scope_slack(helped, gains.frequency_hz, *rows).slack >= 0).all()
-    assert (scope_slack(plain, gains.frequency_hz, *rows).slack < 0).any()
-    alone = solve(plain, "schedule")
-    size = np.abs(gains.target)
-    assert np.mean((gains.magnitude_error / size) ** 2) < np.mean((alone.magnitude_error / size) ** 2)
-
-
 @pytest.mark.parametrize("limit", [0.0001, 0.3, 2.0])
 def test_slope_limit(limit):
     problem = figure5(stability={"model": "sampled-data", "scope": "band"}, schedule={"slope_limit": limit})
     gains = solve(problem, "schedule")
     assert gains.usable.all()
     assert steepest(problem, gains) <= limit * (1 + 1e-6) + 1e-9
-
-
-@pytest.mark.thorough
-def test_cost_of_contact_damping_and_interaction():
-    base = figure5(
-        coupling={"structure": "damped", "contact_damping_ns_per_m": (0.0, 150.0)},
-        stability={"model": "sampled-data", "scope": "hands"},
-        realism={"objective": "complex"},
-    )
-    cheap = solve(base, "schedule").contact_damping_ns_per_m
-    dear = solve(changed(base, schedule={"contact_damping_penalty": 10.0}), "schedule").contact_damping_ns_per_m
-    assert dear.mean() < cheap.mean()
-    narrow = changed(base, schedule={"interaction_hz": (2.0, 20.0)})
-    inside = (base.frequencies_hz() >= 2) & (base.frequencies_hz() <= 20)
-    better, plain = solve(narrow, "schedule").complex_error, solve(base, "schedule").complex_error
-    assert (better[inside] ** 2).mean() <= (plain[inside] ** 2).mean() * (1 + 1e-6)

@@ -6,9 +6,7 @@ import pytest
 from schedule_problems import changed
 
 from avc_casadi import solve
-from avc_casadi.claims.scope import scope_slack
 from avc_casadi.files.problem_file import load_problem
-from avc_casadi.model.schedule import Status
 
 
 def amount(reason, pattern):
@@ -34,23 +32,6 @@ def test_box_without_passive_gains(scope, model):
     assert solve(enough, "schedule").usable.all()
     short = changed(problem, device={"damping_ns_per_m": damping + missed * 0.98})
     assert not solve(short, "schedule").usable.all()
-
-
-def test_some_rows_missing():
-    problem = changed(load_problem("hard/pinned-box"), stability={"scope": "band"})
-    gains = solve(problem, "schedule")
-    assert 0 < gains.counts()["infeasible"] < gains.rows
-    assert all(
-        bool(reason) == (status is Status.INFEASIBLE) for reason, status in zip(gains.reason, gains.status, strict=True)
-    )
-
-
-def test_scope_met_with_nothing_to_spare_is_met():
-    """Without damping of the device no coupling at all is all that the scope allows: feasible, without interior."""
-    problem = changed(load_problem("hard/undamped-device"), stability={"scope": "all"}, frequency={"points": 5})
-    gains = solve(problem, "schedule")
-    assert gains.usable.all(), gains.reason
-    assert scope_slack(problem, gains.frequency_hz, gains.damping_ns_per_m, gains.stiffness_n_per_m).met.all()
 
 
 def test_hands_that_no_gains_can_hold():

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.margins import SETTLED, transients
 from avc_casadi.model.gains import Gains
@@ -22,18 +21,6 @@ encoder_counts_per_turn = 65536
 max_torque_nm = {limit}
 [environment]
 stiffness_nm_per_rad = 8.0
-damping_nms_per_rad = 0.0
-"""
-TRIGGER = """
-[device]
-motion = "rotary"
-handle_radius_m = 0.03
-inertia_kgm2 = 1e-3
-damping_nms_per_rad = 0.02
-coulomb_friction_nm = 0.09
-max_torque_nm = 0.22
-[environment]
-stiffness_nm_per_rad = 0.3
 damping_nms_per_rad = 0.0
 """
 
@@ -81,12 +68,6 @@ def test_a_wheel_is_damped_until_it_settles(limit):
 
 
 @pytest.mark.thorough
-def test_a_handle_that_friction_holds_short_is_told():
-    document = avc.recommend(avc.parse_problem(TRIGGER), hands=10).data()
-    assert document["felt"]["rest_error_m"] == pytest.approx(0.09 / 0.3, rel=0.02)
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.04}, {"max_force_n": 0.0033}]
 )
@@ -98,33 +79,3 @@ def test_what_renders_nothing_is_not_deployable(slip):
     assert not found.deployable
     assert found.reason.startswith("nothing of the wall is rendered")
     assert next(iter(slip)) in found.reason
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("limit", "written"), [(1.2, False), (5.0, True)])
-def test_what_is_not_deployable_is_not_written_as_a_coupling(limit, written, capsys, tmp_path):
-    """Other verbs judge linear stability alone: `certify` passed the file, and `export` took it."""
-    file, out = tmp_path / "finger.toml", tmp_path / "c.json"
-    device = f"mass_kg = 0.018\ndamping_ns_per_m = 0.05\nmax_force_n = {limit}"
-    file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 600.0\ndamping_ns_per_m = 0.0\n")
-    assert main(["recommend", str(file), "--hands", "20", "--out", str(out)]) == int(not written)
-    page = " ".join(capsys.readouterr().out.split())
-    assert out.exists() == written == ("Written" in page)
-    assert ("max_force_n, 1.2); check its unit, or state [hands] that press less" in page) != written
-
-
-def test_gains_that_are_all_nothing_are_not_deployable():
-    problem = avc.load_problem("spring")
-    verdict = avc.deployable(Coupling.constant(problem, Gains(0.0, 0.0), "static"))
-    assert not verdict.passed
-    assert "nothing of the wall is rendered" in verdict.sentence
-    assert avc.deployable(Coupling.constant(problem, Gains(0.0, 100.0), "static")).passed
-
-
-@pytest.mark.thorough
-def test_a_value_that_is_hardly_meant_is_told_first(capsys, tmp_path):
-    file = tmp_path / "mine.toml"
-    device = "mass_kg = 0.1\ndamping_ns_per_m = 0.5\nencoder_resolution_m = 0.004"
-    file.write_text(f"[device]\n{device}\n[environment]\nstiffness_n_per_m = 500.0\ndamping_ns_per_m = 0.0\n")
-    assert main(["recommend", str(file), "--hands", "8"]) in {0, 1}
-    assert "encoder_resolution_m is 0.004" in capsys.readouterr().out.split("\n\n")[1].splitlines()[0]

@@ -90,14 +90,6 @@ def test_scene_moves_as_a_plain_simulation(ratio, integrator, exchange, late, st
     np.testing.assert_allclose(run.tool_m[:until], tool[:until], atol=1e-9)
 
 
-def test_scene_without_gains_is_refused():
-    text = SCENE.format(
-        step=1e-3, integrator="implicit", exchange="late", late=0, stiffness=1.0, damping=0.0, local=0.0
-    ).replace("stiffness_n_per_m = 1.0\n", "")
-    with pytest.raises(avc.InputError, match=r"stiffness_n_per_m: is missing; allowed: a stiffness"):
-        avc.simulate(avc.parse_problem(text), NO_COUPLING)
-
-
 def test_missed_steps_of_the_engine_are_the_share_that_is_asked_for():
     text = SCENE.format(
         step=1e-3, integrator="implicit", exchange="late", late=0, stiffness=100.0, damping=1.0, local=0.0

@@ -97,14 +97,6 @@ def test_slow_and_barely_damped_devices_have_their_edge(given, scale):
     assert released == pytest.approx(damping / ((0.5 + given[3]) * period), rel=0.1)
 
 
-def test_a_mass_without_damping_holds_no_spring_alone():
-    device = Device.model_validate({"mass_kg": 0.1, "damping_ns_per_m": 0.0})
-    found = stable_walls([device], Hand(0.0, 0.0, 0.0), np.array([0.0, 5.0]))
-    assert np.isnan(found.first_n_per_m[0])
-    # Jury's test of the double integrator under a hold: K < 2 B/T (2 m - B T)/(2 m + B T).
-    assert found.first_n_per_m[1] == pytest.approx(1e4 * 0.195 / 0.205, rel=1e-9)
-
-
 def test_a_stiffer_wall_may_be_stable_again():
     resonance = {"frequency_hz": 14.6, "damping_ratio": 0.0395, "mass_ratio": 0.78}
     device = Device.model_validate({"mass_kg": 0.827, "damping_ns_per_m": 0.019, "resonance": resonance})

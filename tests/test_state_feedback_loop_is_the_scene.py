@@ -6,10 +6,9 @@ import pytest
 from hardware_bench import believer
 
 import avc_casadi as avc
-from avc_casadi import InputError
 from avc_casadi.claims import feedback as _feedback_radius
 from avc_casadi.claims.feedback import feedback_radius
-from avc_casadi.coupling import Coupling, schedule_of
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.robust.lqg import Space
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.spectrum import largest_radius
@@ -21,7 +20,6 @@ from avc_casadi.model.hands import Hand, hand_ranges, hand_set
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.paper.rendered import perceived_impedance_of
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.hand import Grip
 from avc_casadi.simulation.effects.registry import build_effects
@@ -139,31 +137,6 @@ def test_at_rest_the_wall_has_its_own_stiffness(seed):
     assert force.real == pytest.approx(stiffness, rel=1e-3)
 
 
-def test_what_is_no_law_is_refused_with_every_fault():
-    with pytest.raises(InputError) as caught:
-        StateFeedback(((1.0, 0.0), (0.0,)), (1.0, 2.0), (1.0,), (1.0, float("nan")), (0, 5), 1, -1.0)
-    told = str(caught.value)
-    for key in ("state[1]", "innovation", "feedback", "positions", "dead_zone_m"):
-        assert key in told
-
-
-def test_a_law_for_another_wall_is_refused_by_the_claim_that_fails():
-    problem = avc.load_problem("reference-r1")
-    space = Space(problem.device, problem.hands)
-    verdicts = {}
-    for stiffness in (2e3, 5e3, 12e3):
-        stated = problem.changed(environment={"stiffness_n_per_m": stiffness})
-        made = Coupling.constant(
-            stated, Gains(0.0, 1e8), "x", Runtime(state_feedback=space.law(space.starts[-1], stiffness))
-        )
-        verdicts[stiffness] = avc.deployable(made)
-    assert [claim.passed for claim in verdicts[2e3].claims] == [True, True, True]
-    assert [claim.passed for claim in verdicts[5e3].claims] == [True, False, True]
-    assert "released: linearly unstable when released" in verdicts[5e3].sentence
-    assert not any(claim.passed for claim in verdicts[12e3].claims)
-    assert "dead zone: linearly unstable with a hand of" in verdicts[12e3].sentence
-
-
 def feedback(problem, point):
     """The wall of a problem behind a law of the search space."""
     stiffness = problem.environment.stiffness_n_per_m
@@ -201,37 +174,6 @@ def test_no_drawn_hand_and_share_is_worse_than_the_worst_that_is_found(seed):
     found, slack = feedback_radius(made), 1e-6
     assert radii(made, drawn, np.exp(rng.uniform(np.log(0.01), 0.0, 12))).max() <= found.any_share.radius + slack
     assert radii(made, drawn, [1.0]).max() <= found.held.radius + slack
-
-
-def test_the_rows_of_a_robust_design_tell_what_runs():
-    """Impedance of observer, feedback, spring and wall by solving the loop for a velocity, one frequency at a time."""
-    problem = avc.load_problem("reference-r2").changed(environment={"stiffness_n_per_m": 2500.0})
-    space, device, t = Space(problem.device, problem.hands), problem.device, problem.device.sample_time_s
-    law = space.law(space.starts[0], 2500.0)
-    made = Coupling.constant(problem, Gains(0.0, 1e8), "robust", Runtime(state_feedback=law))
-    for hz in (0.5, 3.0, 40.0):
-        z = np.exp(2j * np.pi * hz * t)
-        state, asked, gain, weight = (
-            np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback)
-        )
-        # Unknown: the believed states before the measurement and the force, the measured position being 1 m.
-        n, wall = law.states, 1e8 * 2500.0 / (1e8 + 2500.0)
-        seen = np.zeros(n)
-        seen[law.measures] = 1.0
-        corrected = np.eye(n) - np.outer(gain, seen)
-        system = np.zeros((n + 1, n + 1), complex)
-        system[:n, :n], system[:n, n] = z * np.eye(n) - state @ corrected, -asked
-        system[n, :n], system[n, n] = -wall * (weight @ corrected), 1.0
-        force = np.linalg.solve(system, np.append(state @ gain, wall * (weight @ gain)))[n]
-        # Tustin's mass, and a force that is held for a sample over the velocity of the sampled position.
-        expected = device.mass_kg * 2 / t * (z - 1) / (z + 1) + device.damping_ns_per_m
-        expected += force * t * z / (z - 1) * z ** -(1 + device.delay_samples)
-        stated = problem.changed(stability={"model": "sampled-data"})
-        ((found,),) = [perceived_impedance_of(stated, np.array([hz]), made.table.gains, law)]
-        assert found == pytest.approx(expected, rel=1e-9)
-    schedule = schedule_of(problem, made.table, "robust", law)
-    alone = schedule_of(problem, made.table, "robust")
-    assert schedule.impedance[0] != pytest.approx(alone.impedance[0], rel=1e-3)
 
 
 def test_the_whole_innovation_is_one_of_its_shares(monkeypatch):

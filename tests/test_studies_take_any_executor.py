@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi._util.parallel import Crew, mapped
+from avc_casadi._util.parallel import mapped
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.comparison import table1 as _table1
-from avc_casadi.design.comparison.table1 import table1
 from avc_casadi.model.corners import device_set
 from avc_casadi.simulation.population import coupling_trial as _coupling_trial
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
@@ -52,16 +51,6 @@ def deadly(_):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def written(folder, name):
-    with (folder / name).open("a") as file:
-        file.write("once ")
-    return name
-
-
-def broken():
-    raise ValueError("this task fails")
-
-
 def test_results_come_in_order(executor):
     told = []
 
@@ -80,12 +69,6 @@ def test_a_dead_worker_and_a_fault_end_the_work():
         mapped(deadly, range(2), workers=2)
     with pytest.raises(ZeroDivisionError):
         mapped(partial(divmod, 1), [1, 0, 1], workers=2)
-
-
-@pytest.mark.parametrize("workers", [0, -1, 2.5, True, None, "2"])
-def test_what_is_no_number_of_processes_is_refused(workers):
-    with pytest.raises(avc.InputError, match="allowed: a whole number, 1 or more"):
-        avc.recommend("spring", workers=workers)
 
 
 @pytest.mark.thorough
@@ -123,34 +106,6 @@ def test_trials(problem, coupling, executor):
     alone = try_on_devices(coupling, people, devices, 3)
     assert alone.devices == len(devices) > 1
     np.testing.assert_equal(try_on_devices(coupling, people, devices, 3, executor).to_dict(), alone.to_dict())
-
-
-@pytest.mark.thorough
-def test_table1(executor, monkeypatch):
-    asked = {"walls": ("VE7",), "couplings": ("none", "closed-form")}
-    whole = table1(10, 5, **asked, executor=executor)
-    monkeypatch.undo()
-    assert table1(10, 5, **asked) == whole
-
-
-@pytest.mark.thorough
-def test_a_crew_gives_what_one_process_gives(tmp_path):
-    names = [f"task{number}" for number in range(6)]
-    with Crew(2) as crew:
-        begun = [crew.begin(partial(written, tmp_path, f"begun{number}")) for number in range(3)]
-        assert list(crew.each([partial(written, tmp_path, name) for name in names])) == names
-        for one in begun:
-            assert one() == one()
-        with pytest.raises(ValueError, match="this task fails"):
-            list(crew.each([partial(late, 1), broken]))
-    assert {path.read_text() for path in tmp_path.iterdir()} == {"once "}
-
-
-def test_the_end_does_not_wait_for_a_helper():
-    begun = time.monotonic()
-    with Crew(2) as crew:
-        crew.begin(partial(time.sleep, 60))
-    assert time.monotonic() - begun < 30
 
 
 @pytest.mark.thorough

@@ -6,7 +6,7 @@ import pytest
 import avc_casadi as avc
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.loops.walls import damping_range, loop_radius, stiffest_wall
-from avc_casadi.model.gains import NO_COUPLING, Gains
+from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.scene import Hold
 from avc_casadi.simulation.population.operators import corner_subjects
 from avc_casadi.simulation.population.trial import Conditions, judged
@@ -54,17 +54,3 @@ def test_stiffest_wall_holds_and_a_stiffer_one_does_not(population, multiple):
     for damping in np.linspace(0.8, 1.2, 5) * middle:
         beyond = judged(walled(1.03 * found.stiffness_n_per_m, damping), NO_COUPLING, people, DEEP, Conditions()).stable
         assert not beyond.all()
-
-
-def test_no_damping_saves_a_wall_beyond():
-    assert np.isnan(damping_range(DEVICE, corner_subjects("A"), 1.2e5).lowest_ns_per_m)
-
-
-def test_a_contact_damper_is_damping_of_the_wall():
-    people = corner_subjects("A")
-    rigid = Gains(np.inf, np.inf, 80.0)
-    a = judged(walled(1e5, 10.0), rigid, people, DEEP, Conditions())
-    b = judged(walled(1e5, 90.0), NO_COUPLING, people, DEEP, Conditions())
-    assert a.apparent_stiffness_n_per_m == pytest.approx(b.apparent_stiffness_n_per_m, rel=1e-9)
-    assert a.stable.all()
-    assert b.stable.all()

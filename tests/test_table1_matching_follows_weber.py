@@ -8,10 +8,9 @@ from scipy.integrate import solve_ivp
 
 import avc_casadi as avc
 from avc_casadi.design.comparison.table1 import choose, distance, reference_traces
-from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_population
-from avc_casadi.simulation.population.trial import Conditions, Traces, traces
+from avc_casadi.simulation.population.trial import Traces
 
 far = st.one_of(st.floats(0, 10), st.just(np.inf))
 fraction = st.sampled_from([0.07, 0.1, 0.23])
@@ -66,12 +65,3 @@ def test_the_reference_is_the_continuous_wall(wall):
     touched = exact > 0
     error = np.sqrt(np.mean((reference.position_m[0, :1000] - exact)[touched] ** 2) / np.mean(exact[touched] ** 2))
     assert error < 0.04
-
-
-def test_a_wall_that_does_not_come_to_rest_is_noticed():
-    problem = avc.load_problem("ve7")
-    people = draw_population("A", 5, 4)
-    reference = reference_traces(problem, people, 0.0)
-    (sampled,) = traces(problem, NO_COUPLING, people, MOTIONS["press"], Conditions())
-    assert not sampled.judged().stable.any()
-    assert np.all(distance(sampled, reference) > 1)

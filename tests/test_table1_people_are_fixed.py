@@ -44,14 +44,3 @@ def test_people_of_a_problem_are_drawn_from_its_hands():
     drawn = draw_hands(heavy, 50, 4)
     assert 0.5 <= drawn.mass_kg.min() <= drawn.mass_kg.max() <= 0.6
     assert np.array_equal(drawn.damping_ns_per_m, draw_population("A", 50, 4).damping_ns_per_m)
-
-
-def test_stylus_means_are_near_the_measured_ones():
-    means = numbers(draw_population("B", 4000, 1)).mean(axis=0)
-    assert means == pytest.approx([0.21, 1.3, 575, 11, 170], rel=0.31)
-
-
-def test_picking_keeps_the_people():
-    everybody = draw_population("B", 6, 3)
-    assert np.array_equal(numbers(everybody.pick(slice(2, 4))), numbers(everybody)[2:4])
-    assert len(draw_population("arm", 10, 0)) == 1

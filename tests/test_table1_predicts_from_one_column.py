@@ -1,48 +1,21 @@
 """The table: only its column without coupling was fitted, everything else follows, the same for the same seed."""
 
-import json
-
 import numpy as np
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.design.comparison.table1 import PAPER, table1
+from avc_casadi.design.comparison.table1 import table1
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.simulation.population.motions import MOTIONS
 from avc_casadi.simulation.population.operators import draw_population
-from avc_casadi.simulation.population.settled import exact_interval
 from avc_casadi.simulation.population.trial import Conditions, judged
 
 COUPLINGS = ("none", "static", "closed-form", "static-tuned", "schedule")
-ROW_KEYS = {
-    "ve",
-    "stiffness_n_per_m",
-    "coupling",
-    "stable",
-    "stable_low",
-    "stable_high",
-    "matched",
-    "unable",
-    "apparent_stiffness_n_per_m",
-    "paper",
-}
 
 
 @pytest.fixture(scope="module")
 def document():
     return table1(12, 5, walls=("VE7",), couplings=COUPLINGS)
-
-
-@pytest.mark.thorough
-def test_every_cell_is_there(document):
-    assert json.loads(json.dumps(document, allow_nan=False)) == document
-    assert (document["hands"], document["seed"]) == (12, 5)
-    assert [(row["ve"], row["coupling"]) for row in document["rows"]] == [("VE7", coupling) for coupling in COUPLINGS]
-    for row in document["rows"]:
-        assert row.keys() >= ROW_KEYS
-        assert (row["stable_low"], row["stable_high"]) == exact_interval(row["stable"], 12)
-        assert row["matched"] + row["unable"] <= 12
-        assert row["stable"] <= min(row["stable_by_motion"].values())
 
 
 @pytest.mark.thorough
@@ -68,15 +41,3 @@ def test_prediction_at_the_stiff_wall(document):
     assert rows["schedule"]["matched_against"] == "static"
     # Nobody can tell constant gains from scheduled ones.
     assert rows["static-tuned"]["unable"] == 12
-
-
-@pytest.mark.thorough
-def test_another_seed_is_another_draw_and_the_same_seed_the_same():
-    found = [table1(12, seed, walls=("VE3",), couplings=("none",)) for seed in (5, 5, 6)]
-    first, again, other = (one["rows"][0]["apparent_stiffness_n_per_m"] for one in found)
-    assert first == again != other
-
-
-def test_paper_adds_up():
-    assert [row.stable_without_coupling for row in PAPER.values()] == [10, 10, 10, 4, 0, 0]
-    assert all(row.nearer_static + row.nearer_adaptive + row.unable == 10 for row in PAPER.values())

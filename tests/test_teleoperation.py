@@ -1,6 +1,5 @@
 """A second device at the other end: the lifted loop, the passivity condition and the recommendation, each twice."""
 
-import json
 import math
 
 import numpy as np
@@ -11,7 +10,6 @@ from teleoperator_simulator import run
 
 import avc_casadi as avc
 from avc_casadi.claims.passivity.teleoperator import Teleoperator, damping_needed_ns_per_m, passivity_margin
-from avc_casadi.cli import main
 from avc_casadi.loops.follower import FollowerLoops, Link, Touch, link_clocks
 from avc_casadi.loops.loop import Body
 from avc_casadi.model.hands import Hand, hand_corners
@@ -179,17 +177,6 @@ def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
         assert loop.force_per_metre(ToolGains(k, b), hz) == pytest.approx(seen, rel=1e-3)
 
 
-@pytest.mark.thorough
-def test_wanted_stiffness_beyond_the_limit_gets_local_dampers_or_a_reason():
-    text = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_samples = 1\ndelay_s = 0.002\nstiffness_n_per_m = {k}"
-    stiff = recommend_bilateral(problem(text.format(k="8000.0")), 8)
-    assert stiff.deployable
-    assert stiff.coupling.gains.local_damping_ns_per_m > 1
-    none = recommend_bilateral(problem(text.format(k="1e6")), 8)
-    assert not none.deployable
-    assert "stiffest coupling that is stable" in none.reason
-
-
 def test_scaled_follower_is_the_same_coupling():
     plain = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001"
     scaled = "mass_kg = 3.0\ndamping_ns_per_m = 10.0\ndelay_s = 0.001\nposition_scale = 0.2\nforce_scale = 0.5"
@@ -197,13 +184,6 @@ def test_scaled_follower_is_the_same_coupling():
     assert FollowerLoops(problem(plain)).radius(gains)[0] == pytest.approx(
         FollowerLoops(problem(scaled)).radius(gains)[0], rel=1e-9
     )
-
-
-def test_scaled_follower_keeps_its_force_limit_and_encoder():
-    """A follower of a fifth of the way and twice the force: what it reads and can push is counted at the leader."""
-    keys = "mass_kg = 3.0\ndamping_ns_per_m = 10.0\nposition_scale = 0.2\nforce_scale = 0.5\n"
-    follower = problem(f"{keys}max_force_n = 10.0\nencoder_resolution_m = 1e-5\n").follower.at_leader()
-    assert (follower.max_force_n, follower.encoder_resolution_m) == (5.0, pytest.approx(5e-5))
 
 
 @pytest.mark.thorough
@@ -224,37 +204,3 @@ def test_passivity_counts_the_least_damping_that_is_known():
     sure, unsure = margin(""), margin("[device.range]\ndamping_ns_per_m = [0.2, 1.4]\n")
     assert unsure.coupling.gains == sure.coupling.gains
     assert unsure.pair.passivity_margin_ns_per_m < sure.pair.passivity_margin_ns_per_m - 0.05
-
-
-@pytest.mark.thorough
-def test_command_answers_in_a_page_and_as_json(tmp_path, capsys):
-    file = tmp_path / "arm.toml"
-    file.write_text(f"{LEADER}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n")
-    assert main(["recommend", str(file), "--hands", "8", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["pair"]
-    assert found["gains"]["stiffness_n_per_m"] < found["stiffest"]["stiffness_n_per_m"]
-    assert not any(found["limited_by"]["hand"].values())
-
-
-def test_follower_is_a_device_of_the_catalogue_by_name():
-    named = avc.parse_problem(f'{LEADER}[follower]\nfrom = "phantom-omni"\ndelay_s = 0.002\nmass_kg = 0.2\n').follower
-    known = avc.load_device("phantom-omni").device
-    assert (named.mass_kg, named.damping_ns_per_m) == (0.2, known.damping_ns_per_m)
-    assert named.delay_s == (0.002, 0.002)
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\ndelay_s = -1.0", "delay_s"),
-        ("damping_ns_per_m = 1.0", "mass_kg"),
-        ('from = "no-such-device"', "no-such-device"),
-        ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\narchitecture = 'force-force'", "architecture"),
-        ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\nstep_s = 0.1", "step_s"),
-        ("mass_kg = 0.1\ndamping_ns_per_m = 1.0\ndelay_s = 0.1", "delay_s.*at most 64 samples"),
-        ('from = "direct-drive-wheel"', "follower.motion"),
-    ],
-)
-def test_faults_of_the_table_are_told_with_their_keys(text, said):
-    with pytest.raises(avc.InputError, match=said):
-        problem(text)

@@ -7,12 +7,8 @@ import plain_velocity
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scene_cases import HAND
-from scene_reference import scene_problem
 
 import avc_casadi as avc
-from avc_casadi.design.scene_coupling import simulate
-from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.velocity import VelocityFilterEffect, velocity_poles
 
 T, STEP = 1e-3, 2e-5
@@ -47,24 +43,6 @@ def test_the_poles_of_the_kalman_filter_are_its_velocity(acceleration, phase):
 def test_the_first_order_lag_passes_a_held_velocity_by_its_exponential():
     ramp = rates(poles("first-order", cutoff_hz=80.0), 0.1 * T * np.arange(60))
     np.testing.assert_allclose(ramp, 0.1 * (1 - np.exp(-2 * math.pi * 80.0 * T * np.arange(60))), atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("keys", "told"),
-    [
-        ({"estimator": "first-order"}, "has no cutoff_hz"),
-        ({"estimator": "kalman", "cutoff_hz": 50.0}, 'has cutoff_hz, no key of estimator "kalman"'),
-        ({"estimator": "kalmann"}, 'did you mean "kalman"'),
-        ({"estimator": "kalman", "acceleration_m_per_s2": 3.0}, "noise_rms_m: is missing"),
-        ({"estimator": "kalman"}, "has no acceleration_m_per_s2"),
-    ],
-)
-def test_what_is_missing_or_not_its_own_is_told(keys, told):
-    free = scene_problem((HAND, 'kind = "wall"')).changed(device={"max_force_n": None})
-    effects = [{"kind": "wall"}, {"kind": "velocity-filter", **keys}]
-    with pytest.raises(avc.InputError) as caught:
-        simulate(free.changed(scene={"effects": effects}), NO_COUPLING)
-    assert told in str(caught.value)
 
 
 @pytest.mark.parametrize("name", KEYS)

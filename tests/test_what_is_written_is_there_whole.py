@@ -4,13 +4,11 @@ import json
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from avc_process import ENVIRONMENT
 
 import avc_casadi as avc
-import avc_hardware
 
 # A full disk would cut off what Python caches of a module too.
 NO_CACHE = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}
@@ -60,25 +58,3 @@ def test_a_full_disk_is_told_of_what_was_typed(arguments, named, tmp_path):
     assert done.returncode == 2
     assert f"{named} (File too large)" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["c.json"]
-
-
-def test_a_log_that_cannot_begin_leaves_no_file(tmp_path, monkeypatch):
-    def full(path, *_, **__):
-        path.touch()
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_text", full)
-    with pytest.raises(avc.InputError, match=r"log\.csv: cannot be written \(No space left on device\)"):
-        avc_hardware.open_log(tmp_path / "log.csv")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_link_and_a_mode_stay(tmp_path):
-    target, link = tmp_path / "real.json", tmp_path / "link.json"
-    target.write_text("x")
-    target.chmod(0o640)
-    link.symlink_to(target)
-    avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft", "static")), link)
-    assert link.is_symlink()
-    assert avc.read_coupling(target).method == "static"
-    assert target.stat().st_mode & 0o777 == 0o640

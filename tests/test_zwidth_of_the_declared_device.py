@@ -1,7 +1,5 @@
 """The K-B region of the device as declared: its edges stand at the worst corner, and what it leaves out is named."""
 
-import json
-import re
 from functools import cache
 
 import numpy as np
@@ -9,12 +7,9 @@ import pytest
 from declared_device import MODE, growth, lowest_eigenvalue
 
 import avc_casadi as avc
-from avc_casadi import UnsupportedError
-from avc_casadi.claims.zwidth import llewellyn_table, zwidth
-from avc_casadi.cli import main
+from avc_casadi.claims.zwidth import zwidth
 from avc_casadi.model.corners import device_corners
 from avc_casadi.model.hands import hand_corners
-from avc_casadi.present.figures.zwidth import draw_zwidth
 
 CASES = {
     "mass": {"range": {"mass_kg": (0.05, 0.3)}},
@@ -120,74 +115,6 @@ def test_every_passive_wall_is_stable():
         inside = np.isfinite(passive)
         for key in ("stable-hands", "stable-released"):
             assert (passive[inside] <= curve(name, key)[inside] * (1 + 1e-4)).all()
-
-
-def test_what_has_no_proof_is_refused_by_name():
-    for name in ("mass", "damping and delay"):
-        assert region(name).refused == ()
-        assert "passive-paper" in {one.key for one in region(name).curves}
-    for name, keys in (("amplifier", ["amplifier_bandwidth_hz"]), ("resonance", ["resonance"])):
-        (why,) = region(name).refused
-        assert why.startswith("passive with the paper's hold: no proof on a device with device.")
-        assert all(f"device.{key}" in why for key in keys)
-        assert "passive-paper" not in {one.key for one in region(name).curves}
-        with pytest.raises(UnsupportedError, match=f"Llewellyn's table knows no device.{keys[0]}"):
-            llewellyn_table(problem(name))
-
-
-@pytest.mark.thorough
-def test_declared_keys_are_used_or_named_as_not_used():
-    case = problem("amplifier").changed(
-        device={
-            "coulomb_friction_n": 0.2,
-            "encoder_resolution_m": 2e-5,
-            "max_force_n": 8.0,
-            "backlash_m": 1e-4,
-            "position_noise_rms_m": 1e-6,
-            "range": {"coulomb_friction_n": (0.1, 0.3), "encoder_resolution_m": (1e-5, 4e-5)},
-        }
-    )
-    found = zwidth(case)
-    assert set(found.not_used) == {"device.max_force_n", "device.backlash_m", "device.position_noise_rms_m"}
-    assert {"device.amplifier_bandwidth_hz", "device.amplifier_order", "device.range.mass_kg"} <= set(found.used)
-    assert found.encoder_limit_n_per_m == pytest.approx(2 * 0.1 / 4e-5)
-    assert "device.coulomb_friction_n" in found.used
-    without = zwidth(case.changed(device={"range": {"coulomb_friction_n": (0.0, 0.3)}}))
-    assert without.encoder_limit_n_per_m is None  # there may be no friction
-    assert "device.encoder_resolution_m" in without.not_used
-
-
-@pytest.mark.thorough
-def test_the_command_tells_what_it_used_and_refused(tmp_path, capsys):
-    file = tmp_path / "slow.toml"
-    file.write_text(avc.dump_problem(problem("amplifier").changed(device={"max_force_n": 8.0, "delay_samples": 1})))
-    assert main(["zwidth", str(file), "--json", "--plot", str(tmp_path / "z.png")]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert (document["kind"], document["gains"]) == ("zwidth", None)
-    assert {"device.delay_samples", "device.amplifier_bandwidth_hz"} <= set(document["used"])
-    assert document["not_used"] == ["device.max_force_n"]
-    assert document["device_corners"] == 2
-    assert document["wanted"] == {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 3e3}
-    assert document["llewellyn"] is None
-    assert document["static"] == []
-    assert document["passive_limit_n_per_m"] is None
-    refused = [one.partition(":")[0] for one in document["refused"]]
-    assert refused == ["passive with the paper's hold", "constant couplings"]
-    assert main(["zwidth", str(file), "-v"]) == 0
-    text = capsys.readouterr().out
-    assert re.search(r"Not used +device.max_force_n: declared, and no part of these claims", text)
-    assert re.search(r"Not judged +passive with the paper's hold", text)
-    assert re.search(r"Without coupling +this wall is neither passive nor stable", text)
-
-
-def test_the_figure_marks_the_wall_that_is_wanted():
-    for name in ("mass", "all"):
-        axes = draw_zwidth(region(name)).axes[0]
-        (star,) = [line for line in axes.lines if line.get_label().startswith("wall wanted")]
-        assert (star.get_xdata()[0], star.get_ydata()[0]) == (1.0, 3e3)
-        (low, high), (left, right) = axes.get_ylim(), axes.get_xlim()
-        assert low < 3e3 < high
-        assert left <= 1.0 <= right
 
 
 @pytest.mark.thorough

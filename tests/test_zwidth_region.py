@@ -4,9 +4,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from avc_casadi import UnsupportedError, load_problem, parse_problem
+from avc_casadi import UnsupportedError, parse_problem
 from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.zwidth import llewellyn_table, rendered_wall, zwidth
 from avc_casadi.design.methods import solve
@@ -16,8 +15,6 @@ from avc_casadi.model.hands import no_hand
 from avc_casadi.model.schedule import Status
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
-from avc_casadi.present.figures.zwidth import draw_zwidth
-from avc_casadi.present.rows.judge import walls
 
 T = 1e-3
 
@@ -55,51 +52,6 @@ def test_passive_regions_without_delay_are_the_closed_forms():
     np.testing.assert_allclose(found["passive-sampled-data"], expected, rtol=1e-6)
     assert found["passive-delayed"][0] == pytest.approx(2 * 2.0 / (3 * T), rel=1e-6)
     assert region.passive_limit_n_per_m == pytest.approx(2 * 2.0 / T)
-
-
-@pytest.mark.parametrize("resonance_hz", [120.0, 40.0, None])
-def test_the_stiffness_of_a_curve_can_be_read_between_two_labels(resonance_hz):
-    mode = {"frequency_hz": resonance_hz, "damping_ratio": 0.02, "mass_ratio": 0.3}
-    device = {"delay_samples": 1, "resonance": None if resonance_hz is None else mode}
-    (axes,) = draw_zwidth(zwidth(problem().changed(device=device, environment={"stiffness_n_per_m": 3e3}))).axes
-    FigureCanvasAgg(axes.figure).draw()
-    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-        ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
-        shown = [tick.get_loc() for tick in ticks if low <= tick.get_loc() <= high and tick.label1.get_text()]
-        assert len(shown) >= 2
-
-
-@pytest.mark.parametrize(("b_d", "delay"), [(2.0, 0), (2.0, 1), (0.3, 2), (5.0, 4)])
-def test_the_legend_of_llewellyns_panel_covers_no_value(b_d, delay):
-    panel = draw_zwidth(region_of(b_d, delay), llewellyn_table(problem(b_d, delay), np.linspace(0.0, 8.0, 81))).axes[1]
-    FigureCanvasAgg(panel.figure).draw()
-    legend = panel.get_legend().get_window_extent()
-    assert len(panel.texts) == 2
-    assert not any(legend.overlaps(text.get_window_extent()) for text in panel.texts)
-    assert not any(
-        legend.contains(*point) for line in panel.lines for point in line.get_transform().transform(line.get_xydata())
-    )
-
-
-@pytest.mark.parametrize(("b_d", "delay", "grows"), [(2.0, 0, True), (0.3, 0, True), (2.0, 3, False)])
-def test_what_grows_with_the_wall_damping_without_end_is_told_as_no_limit(b_d, delay, grows):
-    region, case = region_of(b_d, delay), problem(b_d, delay)
-    told = {row.label: row.text(case.units) for row in walls(region.document(), case).rows}
-    assert ("beyond" in told["Passive, paper"]) == grows
-    assert not any("beyond" in told[name] for name in ("Passive, sampled", "Stable, released", "Stable, all hands"))
-    # Re Z_h with twice the damping that was looked at, and a stiffness above all that was told.
-    z = np.exp(1j * np.linspace(1e-3, np.pi - 1e-6, 20_001))
-    damping, stiffness = 2 * region.damping_ns_per_m[-1], 1.5 * np.nanmax(curves(region)["passive-paper"])
-    wall = damping + stiffness * T / 2 * (z + 1) / (z - 1)
-    assert ((b_d + ((z + 1) / 2 * z ** (-1 - delay) * wall).real).min() > -1e-9) == grows
-
-
-@pytest.mark.parametrize("name", ["reference-r1", "reference-r3"])
-def test_every_region_is_in_the_picture_where_no_passive_limit_is_known(name):
-    region = zwidth(load_problem(name))
-    assert np.isnan(region.passive_limit_n_per_m)
-    lowest, _ = draw_zwidth(region).axes[0].get_ylim()
-    assert all(np.nanmax(curve.stiffness_n_per_m) > 2 * lowest for curve in region.curves)
 
 
 @pytest.mark.thorough
@@ -158,18 +110,6 @@ def test_llewellyn_table_scales_with_the_device():
     assert light.sampled_data[0] == pytest.approx(2.0)
     with pytest.raises(UnsupportedError, match="damping_ns_per_m is 0"):
         llewellyn_table(problem(0.0))
-
-
-@pytest.mark.thorough
-def test_figure_shows_every_claim_and_the_gains():
-    case = problem(extra=FRICTION)
-    region = region_of(extra=FRICTION)
-    figure = draw_zwidth(region, llewellyn_table(case), {"exact": rendered_wall(case, solve(case, "exact"))})
-    labels = {text.get_text() for text in figure.legends[0].get_texts()}
-    assert len(labels) == len(region.curves) + 5
-    assert any("rendered by exact" in label for label in labels)
-    alone = draw_zwidth(region_of(b_d=0.0))
-    assert len(alone.axes) == 1
 
 
 def test_contact_damping_is_damping_of_the_rendered_wall():
