@@ -14,7 +14,7 @@ from hardware_bench import require, run, scratch
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.virtual_tool import ToolGains
-from avc_hardware import export_tool_c
+from avc_hardware import export_c
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\nmax_force_n = 8.0\n"
 # More than any coupling remembers.
@@ -33,7 +33,7 @@ class ExportedTool:
     def __init__(self, coupling, *, compiler=C99, precision="double"):
         require(compiler[0])
         folder = Path(tempfile.mkdtemp(dir=scratch()))
-        for name, text in export_tool_c(coupling, precision=precision, unsafe=True).items():
+        for name, text in export_c(coupling, precision=precision, unsafe=True).items():
             (folder / name).write_text(text, encoding="ascii")
         library = folder / "coupling.so"
         tool, *options = compiler

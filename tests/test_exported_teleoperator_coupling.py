@@ -12,7 +12,7 @@ from teleoperator_simulator import run
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.files.coupling_file import read_coupling, write_coupling
-from avc_hardware import export_teleoperator_c
+from avc_hardware import export_c
 
 # In which a force fades, and after how many a link is silent, in samples.
 FADE, SILENT = 50, 5
@@ -214,8 +214,8 @@ def test_lost_damper_uncovers_no_spring():
 def test_unstable_coupling_is_written_by_request_only():
     coupling = teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0)
     with pytest.raises(avc.NotDeployableError, match="linearly unstable"):
-        export_teleoperator_c(coupling)
-    assert "UNSAFE, written by request" in export_teleoperator_c(coupling, unsafe=True)["avc_coupling.h"]
+        export_c(coupling)
+    assert "UNSAFE, written by request" in export_c(coupling, unsafe=True)["avc_coupling.h"]
 
 
 def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):

@@ -18,9 +18,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
-from avc_hardware import export_teleoperator_c, export_tool_c
 
 PLAIN = with_gains(bench_problem((5.0, 5e3), max_force_n=8.0), 5.0, 4e3, 3.0)
 TRIGRAPHS = {f"??{last}": meant for last, meant in zip("/=()'<!>-", "\\#[]^{|}~", strict=True)}
@@ -71,8 +71,8 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
 def test_no_title_or_file_of_a_simulation_becomes_code(title: str, file: str) -> None:
     plain = tool_coupling("tool_mass_kg = 0.2\nstep_s = 0.002", 500.0, 5.0)
     named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
-    found = export_tool_c(named)
-    for place, text in export_tool_c(plain).items():
+    found = avc_hardware.export_c(named)
+    for place, text in avc_hardware.export_c(plain).items():
         assert found[place].isascii()
         assert code(found[place]).replace(named.id, plain.id) == code(text)
 
@@ -84,8 +84,8 @@ def test_no_title_or_file_of_a_simulation_becomes_code(title: str, file: str) ->
 def test_no_title_or_file_of_a_teleoperator_becomes_code(title: str, file: str) -> None:
     plain = teleoperator_coupling("mass_kg = 0.3\ndamping_ns_per_m = 1.0", 500.0, 5.0)
     named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
-    found = export_teleoperator_c(named, unsafe=True)
-    for place, text in export_teleoperator_c(plain, unsafe=True).items():
+    found = avc_hardware.export_c(named, unsafe=True)
+    for place, text in avc_hardware.export_c(plain, unsafe=True).items():
         assert found[place].isascii()
         assert code(found[place]).replace(named.id, plain.id) == code(text)
 

@@ -9,7 +9,7 @@ from exported import C99, CLANG, CPP11
 from exported_tool import DEVICE, ExportedLoop, ExportedTool, tool_coupling
 
 import avc_casadi as avc
-from avc_hardware import export_tool_c
+from avc_hardware import export_c
 
 HAND = (0.3, 4.0, 300.0)
 SAMPLES = 1500
@@ -289,13 +289,13 @@ def test_loop_with_glitches_and_a_hanging_engine_settles(exchange):
 def test_gains_that_are_not_stable_are_refused_or_written_down():
     coupling = tool_coupling(f'{TOOL}exchange = "ahead"', 20000.0, 20.0)
     with pytest.raises(avc.NotDeployableError, match="linearly unstable"):
-        export_tool_c(coupling)
-    assert "UNSAFE, written by request" in export_tool_c(coupling, unsafe=True)["avc_coupling.h"]
+        export_c(coupling)
+    assert "UNSAFE, written by request" in export_c(coupling, unsafe=True)["avc_coupling.h"]
 
 
 def test_an_engine_that_solves_the_spring_is_given_no_force_on_the_tool():
     damped, implicit, held = (
-        export_tool_c(tool_coupling(f"{TOOL}{keys}", 500.0, 5.0, 3.0))["avc_coupling.c"]
+        export_c(tool_coupling(f"{TOOL}{keys}", 500.0, 5.0, 3.0))["avc_coupling.c"]
         for keys in (
             'integrator = "implicit-damping"\n',
             'integrator = "implicit"\n',
@@ -328,13 +328,13 @@ def test_target_before_the_first_sample_and_after_a_fault_has_no_share():
 @pytest.mark.parametrize(("options", "said"), [({"precision": "half"}, "half"), ({"name": "a*/"}, "name: is ")])
 def test_options_that_are_none_are_refused(options, said):
     with pytest.raises(avc.InputError, match=said):
-        export_tool_c(tool_coupling(TOOL, 500.0, 5.0), **options)
+        export_c(tool_coupling(TOOL, 500.0, 5.0), **options)
 
 
 @pytest.mark.parametrize("gains", [(1e39, 5.0), (500.0, 1e39), (math.nan, 5.0)])
 def test_gains_that_c_has_no_word_for_are_refused(gains):
     with pytest.raises(avc.InputError, match=r"stiffness_n_per_m|damping_ns_per_m|below 3.4e\+38"):
-        export_tool_c(tool_coupling(TOOL, *gains), unsafe=True)
+        export_c(tool_coupling(TOOL, *gains), unsafe=True)
 
 
 SCENE = """<mujoco><option gravity="0 0 0" timestep="0.002"/><worldbody>

@@ -130,26 +130,21 @@ def _write(args: argparse.Namespace, files: dict[str, str]) -> list[str]:
 
 def _export_pair(coupling: Any, args: argparse.Namespace, console: Console) -> Answer:
     """Write both ends of a coupling to a simulation or a follower, or return its parameters for an engine."""
-    from avc_casadi.loops.engine import ToolLoops
-    from avc_casadi.loops.follower import FollowerLoops
     from avc_casadi.present.engines import parameters
     from avc_casadi.present.rows.deploy import pair_export
-    from avc_hardware import export_teleoperator_c, export_tool_c
-    from avc_hardware.codegen.other_end_export import verdict
+    from avc_hardware import export_c
+    from avc_hardware.codegen.pair_export import pair_verdict
 
-    problem, gains, tool = coupling.problem, coupling.gains, coupling.problem.simulation
-    loops: Any = FollowerLoops(problem) if tool is None else ToolLoops(problem)
+    tool = coupling.problem.simulation
+    judged, stable = pair_verdict(coupling, unsafe=args.unsafe)
     if args.parameters is not None:
-        judged = verdict(problem, loops, gains, unsafe=args.unsafe)
-        return parameters(coupling, args.parameters, args.gains, "" if loops.stable(gains) else judged)
-    export = export_teleoperator_c if tool is None else export_tool_c
+        return parameters(coupling, args.parameters, args.gains, "" if stable else judged)
     with faults_of(args.gains, args), console.step("C"):
-        files = export(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
-    stable = loops.stable_over_ranges(gains)
+        files = export_c(coupling, precision=args.precision, name=args.name, unsafe=args.unsafe)
     data = {
         "coupling": coupling.id,
         "files": _write(args, files),
-        "sample_time_s": problem.device.sample_time_s,
+        "sample_time_s": coupling.sample_time_s,
         "precision": args.precision,
         "unsafe": "" if stable else "UNSAFE, went on by request: a loop is linearly unstable",
     }

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from avc_hardware.codegen.figures import RuntimeFigures as RuntimeFigures
     from avc_hardware.codegen.firmware_fit import FirmwareLacksError as FirmwareLacksError
     from avc_hardware.codegen.firmware_fit import check_runs_on as check_runs_on
-    from avc_hardware.codegen.teleoperator_export import export_teleoperator_c as export_teleoperator_c
-    from avc_hardware.codegen.tool_export import export_tool_c as export_tool_c
     from avc_hardware.emulator.bench import BenchDevice as BenchDevice
     from avc_hardware.emulator.board import EmulatedBoard as EmulatedBoard
     from avc_hardware.in_the_loop import FirmwareInTheLoop as FirmwareInTheLoop
@@ -63,8 +61,6 @@ else:
         "codegen.export": ("export_c",),
         "codegen.figures": ("BoardLimits", "RuntimeFigures"),
         "codegen.firmware_fit": ("FirmwareLacksError", "check_runs_on"),
-        "codegen.teleoperator_export": ("export_teleoperator_c",),
-        "codegen.tool_export": ("export_tool_c",),
         "emulator.bench": ("BenchDevice",),
         "emulator.board": ("EmulatedBoard",),
         "in_the_loop": ("FirmwareInTheLoop", "LoopResult", "LoopTrace", "tried_in_the_loop"),

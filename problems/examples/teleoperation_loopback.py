@@ -34,7 +34,7 @@ from scipy.linalg import expm
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_hardware import export_teleoperator_c
+from avc_hardware import export_c
 
 Array = NDArray[np.float64]
 
@@ -182,7 +182,7 @@ def compiled(coupling: Coupling, folder: Path) -> str:
     compiler = shutil.which(os.environ.get("CC", "cc"))
     if compiler is None:
         sys.exit("teleoperation_loopback.py needs a C compiler: install one, or name it in CC")
-    for name, text in export_teleoperator_c(coupling).items():
+    for name, text in export_c(coupling).items():
         (folder / name).write_text(text, encoding="ascii")
     library = str(folder / "avc_coupling.so")
     command = [compiler, "-O2", "-shared", "-fPIC", str(folder / "avc_coupling.c"), "-o", library]

@@ -82,10 +82,14 @@ def compiler_checks(precision: Precision) -> str:
     return _NO_FAST_MATH + (_WIDE_ENOUGH if precision is DOUBLE else "")
 
 
-def units_line(problem: Problem) -> str:
-    """Return what a head comment says of names of a device that turns; nothing for one that slides."""
+def head_words(problem: Problem) -> dict[str, str]:
+    """Return what a head comment says of a problem: its name and title, and what names mean where it turns."""
     turns = "It turns: read m as rad, N as N.m, N/m as N.m/rad and N.s/m as N.m.s/rad in names and numbers."
-    return "" if problem.units.linear else f"\n * {turns}"
+    return {
+        "problem": comment(problem.name or "a problem"),
+        "title": comment(f": {problem.title}") if problem.title else "",
+        "units": "" if problem.units.linear else f"\n * {turns}",
+    }
 
 
 def named(files: Mapping[str, str], name: str) -> dict[str, str]:

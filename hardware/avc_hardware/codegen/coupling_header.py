@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, units_line
+from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_words
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 
 if TYPE_CHECKING:
@@ -98,13 +98,11 @@ def coupling_header(coupling: Coupling, program: CouplingProgram, precision: Pre
     return _HEADER.format(
         **FRAME,
         id=coupling.id,
-        problem=comment(problem.name or "a problem"),
-        title=comment(f": {problem.title}") if problem.title else "",
+        **head_words(problem),
         method=comment(coupling.method),
         structure=comment(coupling.structure),
         contact=comment(coupling.contact),
         rows="constant gains" if program.before is None else f"{count} rows from {low:.6g} to {high:.6g} Hz",
-        units=units_line(problem),
         verdict=comment_lines(
             verdict.sentence if verdict.passed else f"UNSAFE, written by request: {verdict.sentence}"
         ),

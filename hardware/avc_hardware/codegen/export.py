@@ -6,20 +6,19 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from avc_casadi.claims.deployable import require_deployable
+from avc_casadi.coupling import Coupling
 from avc_casadi.simulation.emit import SINGLE, Precision
 from avc_hardware.codegen.c_frame import HEADER, NAME, SOURCE, checked, compiler_checks, named
 from avc_hardware.codegen.coupling_header import coupling_header
 from avc_hardware.codegen.coupling_program import CouplingProgram, coupling_program
 from avc_hardware.codegen.firmware_fit import single_rows
+from avc_hardware.codegen.pair_export import pair_files, pair_verdict
 from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
 from avc_hardware.codegen.tick_c import start_lines
 from avc_hardware.codegen.tick_program import GAINS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from avc_casadi.coupling import Coupling
-
 
 _SOURCE = """\
 /* Coupling {id}: the expressions of avc-casadi's scenes, one statement an operation; do not edit. */
@@ -197,8 +196,10 @@ def export_c(
     name: str = NAME,
     unsafe: bool = False,
 ) -> dict[str, str]:
-    """Return a coupling as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
+    """Return a coupling to any end as C, ``avc_coupling.h`` and ``avc_coupling.c``, by file name."""
     chosen = checked(precision, name)
+    if isinstance(coupling, Coupling) and coupling.end != "wall":
+        return named(pair_files(coupling, chosen, pair_verdict(coupling, unsafe=unsafe)[0]), name)
     verdict = require_deployable(coupling, unsafe=unsafe)
     rows = single_rows(coupling) if chosen is SINGLE else coupling.table.rows
     program = coupling_program(coupling, chosen)

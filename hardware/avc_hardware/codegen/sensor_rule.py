@@ -1,4 +1,4 @@
-"""Plausibility of positions in exported C: one rule for walls, tools and teleoperators; bounds, text, C code."""
+"""Plausibility of positions in exported C: bounds of walls, tools and followers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from avc_hardware.codegen.figures import actuator_m_per_s2, board_limits
 
 if TYPE_CHECKING:
     from avc_casadi.model.device import Device
-    from avc_casadi.simulation.emit import Precision
 
 FARTHEST_M = 1e6
 """Larger positions count as infinite, and single precision might end."""
@@ -58,28 +57,3 @@ class SensorBounds:
             outside_m=change_m(most if detents else min(most, alone)),
             change_m=change_m(most),
         )
-
-
-_BELIEVED = """\
-static int within({real} value, {real} most)
-{{
-    return value >= -most && value <= most;
-}}
-
-/* Whether a position can have come after the one before, that a movement had brought; known: 0 none of the two, 1 the
- * position, 2 both. No hand moves faster, none changes its speed faster. */
-static int believed({real} position_m, {real} before_m, {real} moved_m, unsigned char known, {real} jump_m,
-                    {real} change_m)
-{{
-    const {real} moved_now_m = position_m - before_m;
-    if (!within(position_m, {farthest})) {{
-        return 0;
-    }}
-    return known == 0u || (within(moved_now_m, jump_m) && (known == 1u || within(moved_now_m - moved_m, change_m)));
-}}
-"""
-
-
-def believed_c(precision: Precision) -> str:
-    """Return the rule as functions of C: ``within`` and ``believed``."""
-    return _BELIEVED.format(real=precision.c_type, farthest=precision.literal(FARTHEST_M))

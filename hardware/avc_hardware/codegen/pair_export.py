@@ -1,0 +1,405 @@
+"""Export of a coupling to another end as C: a spring and damper to a message, with a watchdog.
+
+The other end is the tool of a simulation, whose engine runs beside the device, or a follower with the same source.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from avc_casadi import NotDeployableError
+from avc_casadi.loops.engine import ToolLoops
+from avc_casadi.loops.follower import FollowerLoops
+from avc_hardware.codegen.c_frame import HEADER, SOURCE, compiler_checks
+from avc_hardware.codegen.pair_header import MISSED_STEPS, fade_samples, pair_header
+from avc_hardware.codegen.sensor_rule import FARTHEST_M, SensorBounds
+
+if TYPE_CHECKING:
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.virtual_tool import ToolGains, VirtualTool
+    from avc_casadi.simulation.emit import Precision
+
+# A link without so many messages in a row, jitter aside, is silent: with 1 % of losses once in 1e10 messages.
+_MESSAGES = 5
+
+_SOURCE = """\
+/* Coupling {id}: spring and damper to {other}; do not edit. */
+#include "avc_coupling.h"
+
+{checks}
+{ends}
+static int within({real} value, {real} most)
+{{
+    return value >= -most && value <= most;
+}}
+
+/* Whether the own position is a number that can have come after the one before: no hand moves faster, and from the
+ * third sample in a row, none changes its speed faster. */
+static int believed(const avc_coupling_t *coupling, {real} position_m)
+{{
+    const avc_coupling_end_t *end = coupling->end;
+    const avc_coupling_message_t *own = &coupling->own;
+    const {real} moved_m = position_m - own->position_m;
+    const {real} changed_m = moved_m - own->velocity_m_per_s * end->sample_time_s;
+    if (!within(position_m, {farthest})) {{
+        return 0;
+    }}
+    return coupling->started == 0u ||
+           (within(moved_m, end->jump_m) &&
+            (coupling->started == 1u || coupling->missed > 0ul || within(changed_m, end->change_m)));
+}}
+
+/* Whether the other end can be so, after as many of its messages. */
+static int plausible(const avc_coupling_t *coupling, const avc_coupling_message_t *far, uint32_t ahead)
+{{
+    const avc_coupling_end_t *end = coupling->end;
+    const {real} moved_m = far->position_m - coupling->far.position_m;
+    return within(far->position_m, {farthest}) && within(far->force_n, {farthest}) &&
+           within(far->velocity_m_per_s, end->far_fastest_m_per_s) &&
+           (coupling->given == 0u || (ahead <= end->most &&
+                                      within(moved_m, ({real})ahead * end->far_jump_m + end->far_step_m)));
+}}
+
+/* What is left of a force that fades; 0 where it is no number. */
+static {real} left_of(const avc_coupling_t *coupling, {real} force_n)
+{{
+    const unsigned long faded = coupling->faded, fade = coupling->end->fade;
+    if (!within(force_n, {largest})) {{
+        return {zero};
+    }}
+    return faded == 0ul ? force_n : force_n * (({real})(fade - faded) / ({real})fade);
+}}
+
+/* A force that is no larger than another, and in no other direction. */
+static {real} no_more({real} force_n, {real} than_n)
+{{
+    const {real} low = than_n < {zero} ? than_n : {zero}, high = than_n > {zero} ? than_n : {zero};
+    return force_n < low ? low : (force_n > high ? high : force_n);
+}}
+
+/* The force to give where the law asks for one. While something is wrong it fades and never grows, although a spring
+ * that has lost its damper may ask for more; then it comes back from where it was. */
+static {real} eased(avc_coupling_t *coupling, {real} law_n, int sound)
+{{
+    const {real} last_n = coupling->force_n;
+    const unsigned long fade = coupling->end->fade;
+    law_n = within(law_n, {largest}) ? law_n : {zero};
+    if (!sound) {{
+        coupling->faded += coupling->faded < fade ? 1ul : 0ul;
+        coupling->force_n = no_more(left_of(coupling, law_n), last_n);
+    }} else {{
+        coupling->faded -= coupling->faded > 0ul ? 1ul : 0ul;
+        if (coupling->fading != 0u && (law_n < {zero} || law_n > {zero})) {{
+            const unsigned long kept =
+                (unsigned long)(({real})fade * (no_more(law_n, last_n) / law_n) + {one_and_a_half});
+            coupling->faded = kept + coupling->faded < fade ? fade - kept : coupling->faded;
+        }}
+        coupling->force_n = left_of(coupling, law_n);
+    }}
+    coupling->fading = !sound;
+    return coupling->force_n;
+}}
+
+static void begin(avc_coupling_t *coupling, const avc_coupling_end_t *end, unsigned long faded)
+{{
+    const avc_coupling_message_t nothing = {{0u, {zero}, {zero}, {zero}}};
+    coupling->end = end;
+    coupling->own = nothing;
+    coupling->far = nothing;
+    coupling->missed = 0ul;
+    coupling->lost = 0ul;
+    coupling->silent = 0ul;
+    coupling->faded = faded;
+    coupling->force_n = {zero};
+{clear}    coupling->started = 0u;
+    coupling->given = 0u;
+    coupling->fading = 0u;
+}}
+
+void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m)
+{{
+    const avc_coupling_end_t *end = coupling->end;
+    avc_coupling_message_t *own = &coupling->own;
+    if (coupling->missed >= end->fade) {{
+        coupling->started = 0u;
+    }}
+    if (coupling->silent < end->watchdog + end->fade) {{
+        coupling->silent++;
+    }} else {{
+        coupling->given = 0u;
+    }}
+    if (!believed(coupling, position_m)) {{
+        coupling->missed += coupling->missed < end->fade ? 1ul : 0ul;
+        return;
+    }}
+    own->velocity_m_per_s = {zero};
+    if (coupling->started != 0u) {{
+        own->velocity_m_per_s =
+            (position_m - own->position_m) / (({real})(coupling->missed + 1ul) * end->sample_time_s);
+    }}
+    own->position_m = position_m;
+    own->number += own->number < UINT32_MAX ? 1u : 2u;
+    coupling->started = coupling->started != 0u && coupling->missed == 0ul ? 2u : 1u;
+    coupling->missed = 0ul;
+}}
+
+/* Spring and damper to what is known of the other end, or its force; the damper of the own loop; the limit. */
+static {real} pull(avc_coupling_t *coupling)
+{{
+    const avc_coupling_end_t *end = coupling->end;
+    const avc_coupling_message_t *own = &coupling->own, *far = &coupling->far;
+    const int good = coupling->missed == 0ul && coupling->lost == 0ul && coupling->given != 0u;
+    {real} pull_n = {zero}, force_n = {zero};
+    if (coupling->started != 0u && coupling->given != 0u) {{
+        if (end->feels_force != 0u) {{
+            pull_n = -(end->force_scale * far->force_n);
+        }} else {{
+            pull_n = end->stiffness_n_per_m * (end->position_scale * far->position_m - own->position_m);
+            if (good) {{
+                pull_n +=
+                    end->damping_ns_per_m * (end->position_scale * far->velocity_m_per_s - own->velocity_m_per_s);
+            }}
+        }}
+        force_n = good ? pull_n - end->local_damping_ns_per_m * own->velocity_m_per_s : pull_n;
+        if (force_n > end->max_force_n) {{
+            force_n = end->max_force_n;
+        }}
+        if (force_n < -end->max_force_n) {{
+            force_n = -end->max_force_n;
+        }}
+    }}
+    force_n = eased(coupling, force_n, good && coupling->silent <= end->watchdog);
+    coupling->own.force_n = left_of(coupling, pull_n);
+    return force_n;
+}}
+
+{calls}"""
+
+_FOLLOWER = """\
+void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end)
+{{
+    begin(coupling, end, end->fade);
+}}
+
+avc_coupling_message_t avc_coupling_message(const avc_coupling_t *coupling)
+{{
+    return coupling->own;
+}}
+
+int avc_coupling_receive(avc_coupling_t *coupling, const avc_coupling_message_t *message)
+{{
+    const uint32_t ahead = message->number - coupling->far.number;
+    if (message->number == 0u || ahead == 0u || !plausible(coupling, message, ahead)) {{
+        return 0;
+    }}
+    coupling->far = *message;
+    coupling->silent = 0ul;
+    coupling->given = 1u;
+    return 1;
+}}
+
+{real} avc_coupling_force(avc_coupling_t *coupling)
+{{
+    return pull(coupling);
+}}
+
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, const avc_coupling_message_t *message)
+{{
+    avc_coupling_sample(coupling, position_m);
+    if (message) {{
+        (void)avc_coupling_receive(coupling, message);
+    }}
+    return avc_coupling_force(coupling);
+}}
+"""
+
+_ENGINE = """\
+void avc_coupling_init(avc_coupling_t *coupling)
+{{
+    begin(coupling, &AVC_COUPLING_DEVICE, 0ul);
+}}
+
+void avc_coupling_alive(avc_coupling_t *coupling)
+{{
+    coupling->silent = 0ul;
+}}
+
+{real} avc_coupling_force(avc_coupling_t *coupling, {given})
+{{
+    avc_coupling_message_t tool = {{1u, {zero}, {zero}, {zero}}};
+{tool}
+    if (coupling->lost >= coupling->end->fade) {{
+        coupling->given = 0u;
+    }}
+    if (plausible(coupling, &tool, 1u)) {{
+        coupling->far = tool;
+        coupling->lost = 0ul;
+        coupling->given = 1u;
+    }} else if (coupling->lost < coupling->end->fade) {{
+        coupling->lost++;
+    }}
+    return pull(coupling);
+}}
+
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given})
+{{
+    avc_coupling_sample(coupling, position_m);
+    return avc_coupling_force(coupling, {passed});
+}}
+"""
+
+# A force of spring and damper from the tool's present state.
+_PULL = """
+{real} avc_coupling_{which}(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s)
+{{
+    {real} force_n;
+    avc_coupling_alive(coupling);
+    if (coupling->started == 0u || !within(tool_position_m, {farthest}) ||
+        !within(tool_velocity_m_per_s, {farthest})) {{
+        return {zero};
+    }}
+    force_n = AVC_COUPLING_TOOL_STIFFNESS * ({scale} * coupling->own.position_m - tool_position_m);
+    if (coupling->missed == 0ul) {{
+        force_n += AVC_COUPLING_TOOL_DAMPING * {speed};
+    }}
+    force_n = left_of(coupling, force_n);
+    coupling->{kept} = coupling->missed == 0ul ? force_n : no_more(force_n, coupling->{kept});
+    return coupling->{kept};
+}}
+"""
+
+_TARGET = """
+{real} avc_coupling_target(avc_coupling_t *coupling, {real} *position_m, {real} *velocity_m_per_s)
+{{
+    avc_coupling_alive(coupling);
+    *position_m = {scale} * coupling->own.position_m;
+    *velocity_m_per_s = coupling->missed == 0ul ? {scale} * coupling->own.velocity_m_per_s : {zero};
+    return coupling->started == 0u ? {zero} : left_of(coupling, {one});
+}}
+"""
+
+
+def pair_verdict(coupling: Coupling, *, unsafe: bool) -> tuple[str, bool]:
+    """Judge gains on the loops of their own problem, independent of any certificate: a sentence, and whether stable."""
+    problem, gains, tool = coupling.problem, coupling.gains, coupling.end == "simulation"
+    loops: Any = ToolLoops(problem) if tool else FollowerLoops(problem)
+    if loops.stable_over_ranges(gains):
+        also = "" if tool else ", the follower free and in contact"
+        told = f"deployable: all {len(loops)} loops are linearly stable, with every hand of [hands] and released{also}"
+        return told, True
+    radius, case = loops.radius(gains)
+    who = "with a hand" if any(case.hand.values()) else "released"
+    why = f"not deployable: linearly unstable {who}, spectral radius {radius:.6g}"
+    if not unsafe:
+        raise NotDeployableError(f"{problem.name}: {why}. Make it again: avc recommend P --out FILE")
+    return f"UNSAFE, written by request: {why}", False
+
+
+def pair_files(coupling: Coupling, precision: Precision, verdict: str) -> dict[str, str]:
+    """Return header and source of a coupling to a simulation or a follower, by file name."""
+    literal = precision.literal
+    words = {
+        "id": coupling.id,
+        "checks": compiler_checks(precision),
+        "real": precision.c_type,
+        "zero": literal(0.0),
+        "one": literal(1.0),
+        "one_and_a_half": literal(1.5),
+        "largest": literal(precision.largest),
+        "farthest": literal(FARTHEST_M),
+    }
+    tool = coupling.problem.simulation
+    if tool is None:
+        words |= {"other": "the other of two devices", "clear": ""}
+        ends, calls = _both_ends(coupling), _FOLLOWER.format(**words)
+    else:
+        clear = "".join(f"    coupling->{one}_n = {words['zero']};\n" for one in ("to_tool", "handed"))
+        words |= {"other": "the tool of a simulation", "clear": clear}
+        ends, calls = [_device_end(coupling, tool)], _engine_c(tool, words, literal(tool.position_scale))
+    silences_s = [end.watchdog * end.own.sample_time_s for end in ends]
+    source = _SOURCE.format(**words, ends="\n".join(end.c(precision) for end in ends), calls=calls)
+    return {HEADER: pair_header(coupling, precision, verdict, silences_s), SOURCE: source}
+
+
+@dataclass(frozen=True)
+class _End:
+    """One end: its device, gains, and what it believes of the other."""
+
+    name: str
+    own: Device
+    gains: ToolGains
+    scales: tuple[float, float]  # own metres and newtons for one of the other end
+    far: tuple[float, float, float]  # the farthest from message to message, its encoder's steps, the fastest
+    watchdog: int
+    most: int = 1
+    feels_force: bool = False
+
+    def c(self, precision: Precision) -> str:
+        """Return it as a constant of C."""
+        own, bounds = self.own, SensorBounds.of(self.own)
+        limit = precision.largest if own.max_force_n is None else own.max_force_n
+        moved = (bounds.jump_m, bounds.change_m, *self.far)
+        numbers = (own.sample_time_s, *self.scales, *vars(self.gains).values(), limit, *moved)
+        whole = (f"{self.watchdog}ul", f"{fade_samples(own)}ul", f"{self.most}u", f"{int(self.feels_force)}u")
+        body = "".join(f"    {one},\n" for one in (*map(precision.literal, numbers), *whole))
+        kind = "static const" if self.name == "DEVICE" else "const"
+        return f"{kind} avc_coupling_end_t AVC_COUPLING_{self.name} = {{\n{body}}};\n"
+
+
+def _device_end(coupling: Coupling, tool: VirtualTool) -> _End:
+    device = coupling.problem.device
+    fastest = SensorBounds.of(device).fastest_m_per_s * tool.position_scale
+    # A tool may move as far in a step of the engine as in a sample.
+    jump_m = fastest * max(*tool.step_s, device.sample_time_s)
+    watchdog = MISSED_STEPS * math.ceil(max(tool.step_s) / device.sample_time_s - 1e-9)
+    feels = tool.exchange == "held-force"
+    scales = (1 / tool.position_scale, tool.force_scale)
+    return _End("DEVICE", device, coupling.gains, scales, (jump_m, 0.0, fastest), watchdog, feels_force=feels)
+
+
+def _both_ends(coupling: Coupling) -> list[_End]:
+    leader, follower = coupling.problem.device, coupling.follower
+    (there, back), late = follower.delays_s[-1], 2 * follower.jitter
+    position, force = follower.position_scale, follower.force_scale
+    feels = follower.architecture == "position-force"
+
+    def end(
+        name: str, own: Device, far: Device, gains: ToolGains, scales: tuple[float, float], delay_s: float, feels: bool
+    ) -> _End:
+        silence_s = _MESSAGES * max(own.sample_time_s, far.sample_time_s) + late * delay_s
+        watchdog = math.ceil(silence_s / own.sample_time_s - 1e-9)
+        # After a longer silence any message number is accepted.
+        longest_s = (watchdog + fade_samples(own)) * own.sample_time_s + delay_s
+        most = math.ceil(longest_s / far.sample_time_s) + 1
+        fastest, step = SensorBounds.of(far).fastest_m_per_s, 2 * (far.encoder_resolution_m or 0.0)
+        seen = (fastest * far.sample_time_s, step, fastest + step / far.sample_time_s)
+        return _End(name, own, gains, scales, seen, watchdog, most, feels)
+
+    return [
+        end("LEADER", leader, follower, coupling.gains, (1 / position, force), back, feels),
+        end("FOLLOWER", follower, leader, coupling.at_follower, (position, 1 / force), there, False),
+    ]
+
+
+def _engine_c(tool: VirtualTool, words: dict[str, str], scale: str) -> str:
+    """Return the calls of a device with an engine: forces without what its integrator solves, or the target."""
+    names = ("force_n",) if tool.exchange == "held-force" else ("position_m", "velocity_m_per_s")
+    made = {
+        "given": ", ".join(f"{words['real']} tool_{name}" for name in names),
+        "passed": ", ".join(f"tool_{name}" for name in names),
+        "tool": "\n".join(f"    tool.{name} = tool_{name};" for name in names),
+    }
+    found = _ENGINE.format(**words, **made)
+    moving = f"{scale} * coupling->own.velocity_m_per_s"
+    both = f"({moving} - tool_velocity_m_per_s)"
+    if tool.solved == "spring and damper":
+        found += _TARGET.format(**words, scale=scale)
+    else:
+        speed = f"({moving})" if tool.solved == "damper" else both
+        found += _PULL.format(**words, scale=scale, which="tool_force", speed=speed, kept="to_tool_n")
+    if tool.solved != "nothing" and tool.exchange == "held-force":
+        found += _PULL.format(**words, scale=scale, which="handed_force", speed=both, kept="handed_n")
+    return found

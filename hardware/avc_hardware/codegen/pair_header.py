@@ -1,0 +1,331 @@
+"""Header of an exported coupling to another end: what it is, the order of a sample, what ends in less force."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from avc_hardware.codegen.c_frame import FRAME, comment, comment_lines, head_words
+from avc_hardware.codegen.sensor_rule import SensorBounds
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.follower import Follower
+    from avc_casadi.model.virtual_tool import ToolGains, VirtualTool
+    from avc_casadi.simulation.emit import Precision
+
+_WRONG = """\
+{first} A position that is no number (NaN, infinite), or that comes faster than {fastest}, as no hand does, or by a
+movement that differs from the one before by more than {change}: the last good one stays, the dampers are left out, and
+the force fades as long as it lasts{more}."""
+_OF_ENGINE = """\
+A number of the engine that is none, or a tool that moves faster: the same. Once nothing is left of the force, whatever
+comes is believed. No step of the engine for more than {silence}: it hangs, and the force fades. {call} says that it
+lives; where it is called on another computer, call avc_coupling_alive whenever something of the tool comes in."""
+_OF_FOLLOWER = """\
+Old messages, duplicates, and messages that are no number or farther from the last good one than that speed would bring
+it are ignored. No new message for more than {silence}: the force fades. Once nothing is left, any sound message but the
+last one again is believed: the other end may have started anew, and then counts from 1. So the link may repeat its
+newest message for ever, but must never hand out older ones again."""
+_THREADS = """: an engine in a thread of its own takes the lock of the device's loop for each call. An engine on
+ * another computer has its own avc_coupling_t, writes own.position_m and own.velocity_m_per_s of the device's newest
+ * sample into it and 1 into started, and calls {call}"""
+
+FADE_S = 0.05
+"""Fade time of a force, down and up: long for a sample, short for a hand."""
+MISSED_STEPS = 5
+"""An engine that has missed so many of its longest steps counts as hanging."""
+
+_HEADER = """\
+/* The coupling between {between}, made by avc-casadi; do not edit.
+ *
+ * Coupling {id} for {problem}{title}
+{facts}
+ * {verdict}
+ * sample time: {times}, and no other: the gains mean another loop at another rate{units}
+ *
+{use}
+ *
+ * What goes wrong ends in less force, never in a kick:
+ * - {wrong}
+ * - While a force fades it neither grows nor turns, and it comes back from where it was, over {fade_s:.3g} s.
+ * - After a fault of more than {fade_s:.3g} s the spring comes back stretched by how far both ends have gone apart, and
+ *   pulls them together with energy that no hand has put in: bring them together first.
+ *
+ * One thread at a time{threads}.
+ * C99, also C++11 and later; no heap, no library. IEEE {precision} precision. -ffast-math is refused.
+ */
+#ifndef AVC_COUPLING_H
+#define AVC_COUPLING_H
+
+#include <stdint.h>
+
+#define AVC_COUPLING_ID "{id}"
+{defines}
+{begin_c}
+typedef {real} avc_coupling_real_t;
+
+/* What one end tells the other, in its own units. */
+typedef struct {{
+    /* 0: nothing was measured yet, and nobody believes it. */
+    uint32_t number;
+    {real} position_m, velocity_m_per_s;
+    /* With which it presses, where the other end feels that in place of spring and damper. */
+    {real} force_n;
+}} avc_coupling_message_t;
+
+/* What one end knows. */
+typedef struct {{
+    {real} sample_time_s;
+    /* Own metres and newtons for one of the other end. */
+    {real} position_scale, force_scale;
+    {real} stiffness_n_per_m, damping_ns_per_m, local_damping_ns_per_m;
+    {real} max_force_n;
+    /* The farthest that the own position goes in a sample, that its movement changes by, and that the other's goes from
+     * one message to the next; what its encoder adds; its fastest. */
+    {real} jump_m, change_m, far_jump_m, far_step_m, far_fastest_m_per_s;
+    /* In own samples: until the other end is silent, and in which a force fades; messages that may lie between two. */
+    unsigned long watchdog, fade;
+    uint32_t most;
+    /* Whether a force of the other end is felt in place of spring and damper. */
+    unsigned char feels_force;
+}} avc_coupling_end_t;
+
+/* What an end remembers between two samples. */
+typedef struct {{
+    const avc_coupling_end_t *end;
+    /* Of the newest good sample, and the newest good one of the other end. */
+    avc_coupling_message_t own, far;
+    /* Samples since the last good position, since the last good number of the other end, and since it was heard. */
+    unsigned long missed, lost, silent;
+    /* How far the force has faded; 0 is all of it. */
+    unsigned long faded;
+    /* That was given last. */
+    {real} force_n{engine_forces};
+    /* Known of the own position: 0 nothing, 1 the last one, 2 its velocity too; whether the other end is known, and
+     * whether something was wrong in the last sample. */
+    unsigned char started, given, fading;
+}} avc_coupling_t;
+
+/* Forget everything. Call it once before the first sample, and whenever sampling has paused. */
+{calls}
+{end_c}"""
+
+_ENGINE_CALLS = """\
+void avc_coupling_init(avc_coupling_t *coupling);
+
+/* One sample of the device, its position as measured; returns the force on it, N; never NaN. */
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, {given});
+
+/* The two halves of avc_coupling_step, for an engine that steps between them. */
+void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m);
+{real} avc_coupling_force(avc_coupling_t *coupling, {given});
+
+/* The engine lives: where none of the following is called on this coupling. */
+void avc_coupling_alive(avc_coupling_t *coupling);
+
+"""
+_TOOL_FORCE = """\
+/* The force on the tool{without}, in units of the scene, from the device's newest sample: once in each
+ * step of the engine, with position and velocity that the step begins with. 0 before the first sample, and where one
+ * of them is no number. */
+{real} avc_coupling_tool_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
+"""
+_TARGET = """\
+/* Where the engine's spring and damper lead in this step, in units of the scene: once in each step of the engine.
+ * Returns what share of both acts: 1, less while something fades, 0 before the first sample. */
+{real} avc_coupling_target(avc_coupling_t *coupling, {real} *position_m, {real} *velocity_m_per_s);
+"""
+_HANDED_FORCE = """\
+/* The force for the device's loop, in units of the scene, not to be put on the tool: once in each step of the engine,
+ * with position and velocity that the step begins with. */
+{real} avc_coupling_handed_force(avc_coupling_t *coupling, {real} tool_position_m, {real} tool_velocity_m_per_s);
+"""
+_FOLLOWER_CALLS = """\
+void avc_coupling_init(avc_coupling_t *coupling, const avc_coupling_end_t *end);
+
+extern const avc_coupling_end_t AVC_COUPLING_LEADER;
+extern const avc_coupling_end_t AVC_COUPLING_FOLLOWER;
+
+/* One sample; returns the force on the own device, N, along its positions; never NaN.
+ * position_m: as measured. message: one that has arrived, or NULL. */
+{real} avc_coupling_step(avc_coupling_t *coupling, {real} position_m, const avc_coupling_message_t *message);
+
+/* What to send after the step. */
+avc_coupling_message_t avc_coupling_message(const avc_coupling_t *coupling);
+
+/* Take a message, and return whether it was newer and sound. */
+int avc_coupling_receive(avc_coupling_t *coupling, const avc_coupling_message_t *message);
+
+/* The two halves of avc_coupling_step round what arrives; a message of positions may be sent between them. */
+void avc_coupling_sample(avc_coupling_t *coupling, {real} position_m);
+{real} avc_coupling_force(avc_coupling_t *coupling);
+
+"""
+
+_USE_OF_FOLLOWER = """\
+ * One source for both ends.
+ * Each end, once:     avc_coupling_init(&coupling, &AVC_COUPLING_LEADER), or AVC_COUPLING_FOLLOWER
+ * in each sample:     avc_coupling_receive for each message that has arrived, in any order (the last may go with step);
+ *                     force = avc_coupling_step(&coupling, own_position, NULL or a message);
+ *                     message = avc_coupling_message(&coupling), sent to the other end.
+ * A message holds each end's own units and scales are applied here by who receives it. How it is packed into bytes is
+ * yours; number is what tells old from new."""
+_MEASURED = "\n * The follower puts the force with which it presses, as measured, into message.force_n before it sends."
+_USE_OF_ENGINE = """\
+ * EXCHANGE, for which this is certified: {exchange}; another one is another loop.
+ * In every sample, in this order:
+{order}
+ * The tool's numbers, the same until the engine's next step, are the engine's own, in SI units of the scene, with the
+ * device's origin and direction. Put the tool where the device is before the first sample: the spring pulls from then
+ * on.{solved}"""
+_SOLVED = {
+    "nothing": "",
+    "damper": """
+ *
+ * THE ENGINE HAS THE DAMPER: AVC_COUPLING_TOOL_DAMPING times the tool's own velocity, which it solves implicitly, as a
+ * damper of the tool's joint beside any drag of the tool. avc_coupling_tool_force leaves that part out. Without it the
+ * tool has no damper; with a second one, or in an engine that integrates explicitly, this is another loop than the
+ * certified one. Where a position is bad the engine's damper stays.""",
+    "spring and damper": """
+ *
+ * THE ENGINE HAS SPRING AND DAMPER: AVC_COUPLING_TOOL_STIFFNESS and AVC_COUPLING_TOOL_DAMPING, each times the share
+ * that avc_coupling_target returns, between the tool and the position and velocity that it tells; it solves both
+ * implicitly. No force of this coupling is put on the tool: one that is computed before the step is another loop, in
+ * which a light tool is unstable. Where a position is bad the target stands still at the last one.""",
+}
+
+
+def fade_samples(device: Device) -> int:
+    """Return the number of samples in which a force fades."""
+    return max(1, round(FADE_S / device.sample_time_s))
+
+
+def pair_header(coupling: Coupling, precision: Precision, verdict: str, silences_s: Sequence[float]) -> str:
+    """Return the header; every text of a file passes the allow-list of comments."""
+    problem, tool, device = coupling.problem, coupling.problem.simulation, coupling.problem.device
+    of_end = _of_follower(coupling, precision) if tool is None else _of_engine(coupling, tool, precision)
+    ends = [("device", device)] if tool else [("leader", device), ("follower", coupling.follower)]
+    bounds = [(who, SensorBounds.of(own)) for who, own in ends]
+    limits = [f"{who} {_limit(own)}" for who, own in ends]
+    silence = " or ".join(f"{one:.4g} s ({who})" for one, (who, _) in zip(silences_s, ends, strict=True))
+    wrong = _WRONG.format(
+        first="The first sample has no velocity." if tool else "The force comes in over 50 ms, wherever both ends are.",
+        fastest=" and ".join(f"{one.fastest_m_per_s:.4g} m/s ({who})" for who, one in bounds),
+        change=" and ".join(f"{one.change_m:.4g} m ({who})" for who, one in bounds),
+        more="" if tool else "; no new message is made, and the other end fades too",
+    )
+    also = of_end.pop("also").format(silence=silence)
+    facts = [*of_end.pop("told"), f"force limits: {'; '.join(limits)}"]
+    return _HEADER.format(
+        **FRAME,
+        **head_words(problem),
+        **of_end,
+        id=coupling.id,
+        facts="\n".join(f" * {comment(fact)}" for fact in facts),
+        verdict=comment_lines(verdict),
+        wrong="\n * - ".join(comment_lines(one).replace("\n * ", "\n *   ") for one in (wrong, also)),
+        fade_s=max(fade_samples(own) * own.sample_time_s for _, own in ends),
+        precision=precision.name,
+        real=precision.c_type,
+    )
+
+
+def _limit(own: Device) -> str:
+    return "no limit is known, limit it yourself" if own.max_force_n is None else f"{own.max_force_n:.9g} N"
+
+
+def _law(where: str, gains: ToolGains) -> str:
+    own = gains.local_damping_ns_per_m
+    local = f", damper of its own loop {own:.9g} N.s/m" if own else ""
+    return f"at the {where}: spring {gains.stiffness_n_per_m:.9g} N/m, damper {gains.damping_ns_per_m:.9g} N.s/m{local}"
+
+
+def _scales(end: VirtualTool | Follower) -> str:
+    return f"position scale {end.position_scale:.9g}, force scale {end.force_scale:.9g}"
+
+
+def _of_follower(coupling: Coupling, precision: Precision) -> dict[str, Any]:
+    device, follower = coupling.problem.device, coupling.follower
+    there, back = follower.delays_s[-1]
+    feels = follower.architecture == "position-force"
+    measured = feels and follower.force == "measured"
+    lossy = f"jitter {follower.jitter:.9g}, lost {follower.lost_share:.9g}"
+    return {
+        "between": "a leader and its follower",
+        "told": [
+            _law("leader", coupling.gains),
+            _law("follower", coupling.at_follower),
+            f"{follower.architecture}{f', force {follower.force}' if feels else ''}; {_scales(follower)}",
+            f"link: up to {there:.9g} s to the follower, {back:.9g} s back; {lossy}",
+        ],
+        "times": f"leader {device.sample_time_s:.9g} s, follower {follower.sample_time_s:.9g} s",
+        "use": _USE_OF_FOLLOWER + (_MEASURED if measured else ""),
+        "also": _OF_FOLLOWER,
+        "threads": "",
+        "defines": f"#define AVC_COUPLING_LEADER_SAMPLE_TIME_S {precision.literal(device.sample_time_s)}\n"
+        f"#define AVC_COUPLING_FOLLOWER_SAMPLE_TIME_S {precision.literal(follower.sample_time_s)}\n",
+        "engine_forces": "",
+        "calls": _FOLLOWER_CALLS.format(real=precision.c_type),
+    }
+
+
+def _of_engine(coupling: Coupling, tool: VirtualTool, precision: Precision) -> dict[str, Any]:
+    device, scene, real, literal = coupling.problem.device, coupling.in_scene, precision.c_type, precision.literal
+    held = tool.exchange == "held-force"
+    given = f"{real} tool_force_n" if held else f"{real} tool_position_m, {real} tool_velocity_m_per_s"
+    calls = _ENGINE_CALLS + (_TARGET if tool.solved == "spring and damper" else _TOOL_FORCE)
+    calls += _HANDED_FORCE if held and tool.solved != "nothing" else ""
+    call = "avc_coupling_target" if tool.solved == "spring and damper" else "avc_coupling_tool_force"
+    steps = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.step_s))
+    masses = " to ".join(f"{one:.9g}" for one in dict.fromkeys(tool.tool_mass_kg or ()))
+    moves = f"a tool of {masses} kg, {tool.integrator}" if masses else "the spring leads where the engine sets it"
+    late = f", and {_steps(tool.steps_late)} later" if tool.steps_late else ""
+    order = "\n".join(f" *   {number}. {one}" for number, one in enumerate(_order(tool), 1))
+    return {
+        "between": "a haptic device and the tool of a simulation",
+        "told": [
+            _law("device", coupling.gains),
+            f"in the scene: spring {scene.stiffness_n_per_m:.9g}, damper {scene.damping_ns_per_m:.9g}; {_scales(tool)}",
+            f"engine: a step every {steps} s, {moves}",
+        ],
+        "times": f"{device.sample_time_s:.9g} s",
+        "use": _USE_OF_ENGINE.format(exchange=comment(tool.exchange + late), order=order, solved=_SOLVED[tool.solved]),
+        "also": _OF_ENGINE.format(silence="{silence}", call=call),
+        "threads": _THREADS.format(call=call),
+        "defines": f'#define AVC_COUPLING_EXCHANGE "{tool.exchange}"\n'
+        f"#define AVC_COUPLING_SAMPLE_TIME_S {literal(device.sample_time_s)}\n"
+        f"#define AVC_COUPLING_SAMPLE_TIME_NS {round(device.sample_time_s * 1e9)}L\n"
+        "/* Spring and damper between device and tool, in units of the scene. */\n"
+        f"#define AVC_COUPLING_TOOL_STIFFNESS {literal(scene.stiffness_n_per_m)}\n"
+        f"#define AVC_COUPLING_TOOL_DAMPING {literal(scene.damping_ns_per_m)}\n{FRAME['loop']}",
+        "engine_forces": ", to_tool_n, handed_n",
+        "calls": calls.format(real=real, given=given, without=" without the damper" if tool.solved == "damper" else "")
+        + "\n",
+    }
+
+
+def _order(tool: VirtualTool) -> list[str]:
+    """Return the operations of a sample of the exchange, in order."""
+    handed = tool.exchange == "held-force" and tool.solved != "nothing"
+    first = "force = avc_coupling_tool_force(its state)"
+    if tool.solved == "spring and damper":
+        first = "avc_coupling_target(...) for its spring and damper"
+    engine = f"where the engine steps: {first}"
+    engine += "; force to hand out = avc_coupling_handed_force(its state)" if handed else ""
+    engine += "; then the step"
+    late = f"{_steps(tool.queued)} before this one" if tool.queued else ""
+    if tool.exchange == "held-force":
+        given = f"the force of {late}" if late else "that force"
+        return ["avc_coupling_sample(position)", engine, f"avc_coupling_force({given})"]
+    if tool.exchange == "ahead":
+        given = f"the state that {late or 'this step'} has made"
+        return ["avc_coupling_sample(position)", engine, f"avc_coupling_force({given})"]
+    given = f"the state that {late} began with" if late else "the state that a step now due begins with"
+    return [f"avc_coupling_step(position, {given})", engine]
+
+
+def _steps(count: int) -> str:
+    return "one step" if count == 1 else f"{count} steps"
