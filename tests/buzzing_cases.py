@@ -7,7 +7,7 @@ import numpy as np
 from buzzing_device import Buzzing, logged, played
 
 from avc_casadi.files.problem_file import problem_of
-from avc_casadi.identification.record import Columns
+from avc_casadi.identification.log import Columns
 from avc_casadi.model.device import Device
 from avc_casadi.model.gains import NO_COUPLING
 from avc_casadi.model.problem import Hands

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from avc_casadi.identification.record import Columns
+from avc_casadi.identification.log import Columns
 
 
 def held_log(law, *, mass, damping, friction, spring=0.0, load=0.0, period=1e-3, ticks=4000, step=2e-5, delay=0,

@@ -1,11 +1,9 @@
 """Numbers behind an excitation: its centring, its strength, its ramps."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from avc_casadi.identification.excitation import design as _design
+from avc_casadi.identification.excitation.design import plan_excitation
 from avc_casadi.identification.excitation.plan import speed_window
 from avc_casadi.identification.excitation.signal import WHOLE, ramp
 from avc_casadi.model.device import Device
@@ -15,22 +13,12 @@ T = 1e-3
 
 @pytest.mark.parametrize("force_n", [0.5, 5.0, 500.0])
 def test_the_centring_swings_slowly_beside_its_delay_and_leaves_half_the_force(force_n):
-    travel_m, window = 0.02, 4
-    devices = [Device(mass_kg=mass, damping_ns_per_m=1.0, sample_time_s=T, delay_samples=20) for mass in (0.2, 0.05)]
-    devices = [one.model_copy(update={"coulomb_friction_n": 0.4 * force_n}) for one in devices]
-    spring, _ = _design._centring(devices, force_n, travel_m, window)
-    late_s = (20 + 1.5 + window / 2) * T
-    assert np.sqrt(spring / 0.05) * late_s <= 0.3 * (1 + 1e-9)
-    assert spring * travel_m <= 0.5 * force_n * (1 + 1e-9)
-
-
-def test_a_signal_is_no_stronger_than_the_weakest_that_comes_near_a_limit(monkeypatch):
-    """A stronger one may be kept by friction or by its phase: it is none that is taken."""
-    plan = SimpleNamespace(max_force_n=1.0, max_speed_m_per_s=1.0, max_travel_m=1.0)
-    reached = np.array([[0.1, 0.2, 0.95, 0.3]])
-    found = SimpleNamespace(force_n=0.0 * reached, speed_m_per_s=reached, travel_m=0.0 * reached)
-    monkeypatch.setattr(_design, "forecast", lambda *_: found)
-    assert _design._largest(plan, (), np.array([1.0, 2.0, 3.0, 4.0]), None) == 2.0
+    ranges = {"mass_kg": (0.05, 0.2)}
+    device = Device(mass_kg=0.2, damping_ns_per_m=1.0, delay_samples=20, max_force_n=2 * force_n, range=ranges)
+    plan = plan_excitation(device, seconds=2.0, force_n=force_n).plan
+    late_s = (20 + 1.5 + plan.window / 2) * T
+    assert np.sqrt(plan.spring_n_per_m / 0.05) * late_s <= 0.3 * (1 + 1e-9)
+    assert plan.spring_n_per_m * plan.max_travel_m <= 0.5 * force_n * (1 + 1e-9)
 
 
 @pytest.mark.parametrize("steps", [0.3, 1.0, 2.4, 7.01])

@@ -194,4 +194,4 @@ def test_every_limit_is_kept_by_the_plan(limits):
     (key, most), reached = *limits.items(), made.forecast
     assert getattr(reached, key).max() <= most
     assert made.held_back_by == key
-    assert made.peak_force_n > 0.24
+    assert made.plan.peak_force_n > 0.24

@@ -17,7 +17,7 @@ from avc_casadi.claims.zwidth import llewellyn_table
 from avc_casadi.design.comparison.accuracy import SolverCost
 from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.identification.identify import identify
-from avc_casadi.identification.record import Columns, Record
+from avc_casadi.identification.log import Columns, Record
 from avc_casadi.model.gains import Gains
 from avc_casadi.present import figures
 from avc_casadi.present.figures.accuracy import draw_accuracy

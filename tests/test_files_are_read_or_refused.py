@@ -171,7 +171,7 @@ def test_texts_are_read_as_numpy_reads_them(mark, feed, tmp_path):
     rows[5_000] += f"{feed}# a remark{feed}"
     text = feed.join([mark.join(("time_s", "position_m", "force_n")), *rows])
     (tmp_path / "a.csv").write_bytes(text.encode())
-    (log,) = read_columns(tmp_path / "a.csv")
+    log = read_columns(tmp_path / "a.csv")
     assert np.array_equal(np.c_[log.time_s, log.position_m, log.force_n], plain)
     assert (log.at(0), log.at(4_999), log.at(5_001)) == (2, 5_001, 5_005)
 

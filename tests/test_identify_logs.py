@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.identification.read import read_columns, read_logs
-from avc_casadi.identification.units import Layout
+from avc_casadi.identification.read import Layout, read_columns, read_logs
 
 SIZE = 400
 TIME = np.arange(SIZE) * 1e-3
@@ -188,7 +187,7 @@ def test_a_last_line_that_was_cut_short_is_left_out_and_told(tmp_path):
     records, told = read_logs([path])
     same(records)
     assert "cut short" in told[0]
-    assert read_columns(path)[0].told == tuple(told)
+    assert read_columns(path).told == tuple(told)
     path.write_text("\n".join([*whole[:100], whole[100][:4], *whole[101:]]))
     (fault,) = faults(path)
     assert (fault.line, "columns" in fault.message) == (101, True)

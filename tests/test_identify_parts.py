@@ -9,11 +9,11 @@ from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification import run as _run
 from avc_casadi.identification.closed_loop import only_feedback
-from avc_casadi.identification.encoder import encoder_step_m
+from avc_casadi.identification.encoder import lattice_step
 from avc_casadi.identification.fit import Block, Fit, Window, fit
 from avc_casadi.identification.intervals import bootstrap, compared, held_out
+from avc_casadi.identification.log import Record
 from avc_casadi.identification.predictor import Observer, Predictor
-from avc_casadi.identification.record import Record
 from avc_casadi.identification.regression import Motion
 from avc_casadi.identification.terms import RUNGS, Structure
 
@@ -58,7 +58,7 @@ def test_simulator_turns_without_losing_an_impulse():
 
 @pytest.mark.parametrize("rungs", MODELS, ids=lambda rungs: rungs[-1])
 def test_compiled_and_evaluated_predictions_agree(predictor, rungs, monkeypatch):
-    structure = Structure(rungs, {}, {})
+    structure = Structure(rungs, {})
     search = structure.start(VALUES)
     (compiled,) = predictor.predict(structure, search, Observer(40.0))
     monkeypatch.setattr(_run, "compiler", lambda: None)
@@ -70,7 +70,7 @@ def test_compiled_and_evaluated_predictions_agree(predictor, rungs, monkeypatch)
 @pytest.mark.parametrize("delay", np.linspace(1.01, 1.99, 8))
 def test_slopes_hold_wherever_in_a_sample_the_force_arrives(predictor, delay):
     """Where one of the times at which friction looks at the velocity leaves the sample, all of them changed places."""
-    structure = Structure(MODELS[-1], {}, {})
+    structure = Structure(MODELS[-1], {})
     search = structure.start({**VALUES, "delay_samples": delay})
     observer = Observer(1e-6)
     (found,) = predictor.predict(structure, search, observer)
@@ -97,7 +97,7 @@ def test_a_fit_survives_models_that_run_away(predictor, size, where):
                 getattr(found[0], where)[-1] = size
             return found
 
-    structure = Structure(("rigid",), {}, {})
+    structure = Structure(("rigid",), {})
     found = fit(Spoiled(predictor.records), structure, VALUES, Observer(60.0), Window(50, 50), steps=4)
     assert np.isfinite(found.search).all()
 
@@ -110,14 +110,14 @@ def linear_fit(seed, count=40, size=60, noise=1.0, names=("mass_kg", "damping_ns
     error -= slopes @ np.linalg.lstsq(slopes, error, rcond=None)[0]
     parts = zip(np.split(error, count), np.split(slopes, count), strict=True)
     blocks = tuple(Block(size, float(e @ e), j.T @ e, j.T @ j) for e, j in parts)
-    structure = Structure(("rigid",), dict.fromkeys({*RUNGS["rigid"]} - {*names}, 0.0), {})
-    return Fit(structure, np.zeros(len(names)), Observer(1.0), (error,), blocks, 1.0, 1.0, 0.0), slopes
+    structure = Structure(("rigid",), {}, assumed=dict.fromkeys({*RUNGS["rigid"]} - {*names}, 0.0))
+    return Fit(structure, np.zeros(len(names)), Observer(1.0), (error,), blocks, 1.0, 0.0), slopes
 
 
 def test_bootstrap_of_a_linear_problem_is_its_least_squares_interval():
     found, slopes = linear_fit(3)
     exact = 2.02 * np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)))
-    np.testing.assert_allclose(bootstrap(found)[0], exact, rtol=0.3)
+    np.testing.assert_allclose(bootstrap(found), exact, rtol=0.3)
 
 
 def test_error_of_a_block_that_was_held_out_is_that_of_a_fit_without_it():
@@ -144,19 +144,10 @@ def test_a_parameter_of_nothing_is_not_taken():
         left = less - one @ np.linalg.lstsq(one, less, rcond=None)[0]
         parts = zip(np.split(left, 40), np.split(one, 40), strict=True)
         blocks = tuple(Block(60, float(e @ e), j.T @ e, j.T @ j) for e, j in parts)
-        structure = Structure(("rigid",), dict.fromkeys({*RUNGS["rigid"]} - {"mass_kg"}, 0.0), {})
-        simple = Fit(structure, np.zeros(1), Observer(1.0), (left,), blocks, 1.0, 1.0, 0.0)
+        structure = Structure(("rigid",), {}, assumed=dict.fromkeys({*RUNGS["rigid"]} - {"mass_kg"}, 0.0))
+        simple = Fit(structure, np.zeros(1), Observer(1.0), (left,), blocks, 1.0, 0.0)
         taken += compared(simple, rich, "friction").taken
     assert taken <= 1
-
-
-@pytest.mark.parametrize("changed", [{}, {"coulomb": 1.2}, {"resonance": 80.0}, {"bandwidth": 60.0}, {"offset": 0.8}])
-def test_a_force_that_acts_as_it_is_logged_has_no_limit(changed):
-    truth = Truth(**{"mass": 0.12, "damping": 0.8, "coulomb": 0.1, "delay": 1.0, "encoder": 2e-5, **changed})
-    random = np.random.default_rng(1)
-    _, position, force = measured(truth, multisine(random, 8.0, 1e-3, 0.5, 80.0, 1.5), random)
-    motion = Motion([Record("log", 1e-3, position, force)], 1)
-    assert motion.limit_n(motion.start().values["delay_samples"]) is None
 
 
 def test_regression_starts_near_the_device():
@@ -169,16 +160,14 @@ def test_regression_starts_near_the_device():
     assert start.values["delay_samples"] == pytest.approx(1.5, abs=0.3)
 
 
-def test_the_controller_that_makes_the_whole_force_is_found():
+def test_a_controller_that_makes_the_whole_force_is_noticed():
     loop = Buzzing(
         mass=0.12, damping=0.8, friction=0.1, encoder=2e-5, stiffness=1500.0, damper=2.0, end=0.01, sway=4e-3
     )
     _, position, force = logged(loop, 6.0)
-    found = only_feedback([Record("pressed", loop.period, position, force)])
-    assert found.stiffness_n_per_m == pytest.approx(1500.0, rel=1e-3)
-    assert found.damping_ns_per_m == pytest.approx(2.0, abs=0.05)
+    assert only_feedback([Record("pressed", loop.period, position, force)])
     beside = force + multisine(np.random.default_rng(1), 6.0, loop.period, 1.0, 80.0, 0.3)
-    assert only_feedback([Record("excited", loop.period, position, beside)]) is None
+    assert not only_feedback([Record("excited", loop.period, position, beside)])
 
 
 ROUNDED = {
@@ -203,7 +192,7 @@ def readings(seed, step, travel_steps, samples):
 )
 def test_the_step_of_the_encoder_is_that_of_its_readings(rounded, seed, step, travel_steps):
     position = ROUNDED[rounded](readings(seed, step, travel_steps, 4000), step)
-    found = encoder_step_m([Record("log", 1e-3, position, np.zeros(4000))])
+    found = lattice_step(position)
     assert found == pytest.approx(step, rel=1e-3)
 
 
@@ -211,4 +200,4 @@ def test_the_step_of_the_encoder_is_that_of_its_readings(rounded, seed, step, tr
 def test_noise_has_no_step(seed):
     random = np.random.default_rng(seed)
     position = readings(seed, 1e-6, 1e3, 4000) + 1e-6 * random.normal(size=4000)
-    assert encoder_step_m([Record("log", 1e-3, position, np.zeros(4000))]) is None
+    assert lattice_step(position) is None

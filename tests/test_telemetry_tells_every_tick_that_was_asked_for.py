@@ -269,7 +269,7 @@ def test_a_csv_log_is_whole_after_every_record_and_is_read_as_any_other(
                 rows = list(csv.DictReader(io.StringIO("\n".join(lines))))
                 assert [int(row["tick"]) for row in rows] == [one.ticks for one in seen[:count]]
     assert float(rows[-1]["force_N"]) == pytest.approx(-seen[-1].force_n)
-    (columns,) = read_columns(path)
+    columns = read_columns(path)
     assert columns.position_m == pytest.approx([sample.position_m for sample in seen], abs=1e-12)
     assert columns.force_n == pytest.approx([-sample.force_n for sample in seen])
 

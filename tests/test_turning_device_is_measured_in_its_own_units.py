@@ -19,9 +19,8 @@ from avc_casadi.files.device_file import parse_device
 from avc_casadi.identification.device import device_text
 from avc_casadi.identification.excitation.design import plan_excitation
 from avc_casadi.identification.identify import identify
-from avc_casadi.identification.read import read_logs
-from avc_casadi.identification.record import Columns, Record
-from avc_casadi.identification.units import Layout
+from avc_casadi.identification.log import Columns, Record
+from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.model.device import Device
 from avc_hardware.in_the_loop import tried_in_the_loop
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from avc_casadi.cli.console import Console
     from avc_casadi.coupling import Coupling
     from avc_casadi.files.device_file import DeviceFile
-    from avc_casadi.identification.units import Layout
+    from avc_casadi.identification.read import Layout
     from avc_casadi.model.virtual_tool import ToolGains
 
 
@@ -140,7 +140,7 @@ def add_log_layout(parser: argparse.ArgumentParser) -> None:
 def log_layout(args: argparse.Namespace) -> Layout:
     """Return the columns and units given by the options."""
     from avc_casadi import InputError
-    from avc_casadi.identification.units import Layout, pairs_of
+    from avc_casadi.identification.read import Layout, pairs_of
 
     columns, wrong = pairs_of(args.columns, "--columns")
     units, also = pairs_of(args.units, "--units")

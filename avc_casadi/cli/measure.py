@@ -161,14 +161,9 @@ def _excite_plan(made: Excitation) -> dict[str, Any]:
             "lowest_hz": low,
             "highest_hz": high,
             "tones": len(plan.signal.step),
-            "peak_force_n": made.peak_force_n,
-            "crest_factor": made.crest,
+            "peak_force_n": plan.peak_force_n,
             "held_back_by": plan.units.key(made.held_back_by),
-            "limits": {
-                "force_n": plan.max_force_n,
-                "speed_m_per_s": plan.max_speed_m_per_s,
-                "travel_m": plan.max_travel_m,
-            },
+            "limits": plan.limits,
             "centring": {"spring_n_per_m": plan.spring_n_per_m, "damper_ns_per_m": plan.damper_ns_per_m},
             "devices": len(made.devices),
             "forecast": {
@@ -214,18 +209,6 @@ def add_identify(parser: argparse.ArgumentParser) -> None:
     )
     add_log_layout(parser)
     parser.add_argument(
-        "--added-mass",
-        metavar="KG,...",
-        help="known mass (kg.m2 on what turns) on the device, one of each log: tells the force's scale",
-    )
-    parser.add_argument(
-        "--known",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="a value not to search for: mass_kg=0.1, or inertia_kgm2=1e-5",
-    )
-    parser.add_argument(
         "--handle-radius-m",
         type=positive,
         metavar="R",
@@ -240,7 +223,7 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
     """Read, identify, write."""
     out = output_file(args.out, "--out", (".toml",)) if args.out else None
     page = output_file(args.report, "--report", (".html",)) if args.report else None
-    layout, masses, known = log_layout(args), _identify_masses(args), _identify_known(args)
+    layout = log_layout(args)
     base = load_known(args.device) if args.device else None
     from avc_casadi._util.units import units_for
     from avc_casadi.identification.device import device_text
@@ -251,8 +234,6 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
         args.log,
         layout=layout,
         base=base,
-        known=known,
-        added_mass_kg=masses,
         encoder_at=args.encoder_at,
         flip_force=args.flip_force,
         handle_radius_m=args.handle_radius_m,
@@ -279,32 +260,6 @@ def run_identify(args: argparse.Namespace, console: Console) -> Answer:
 
             write_text(page, identification_html(answer, found, package_versions()), "--report")
     return replace(answer, code=int(found.device is None), complaint=complaint)
-
-
-def _identify_masses(args: argparse.Namespace) -> tuple[float, ...]:
-    if args.added_mass is None:
-        return ()
-    try:
-        masses = tuple(float(part) for part in args.added_mass.split(","))
-    except ValueError:
-        masses = (math.nan,)
-    if len(masses) != len(args.log) or not all(0 <= mass <= 1e6 for mass in masses):
-        raise avc.InputError.of(
-            f"is {args.added_mass!r} for {len(args.log)} log(s); allowed: kilograms, at most 1e6, one of each log",
-            key="--added-mass",
-        )
-    return masses
-
-
-def _identify_known(args: argparse.Namespace) -> dict[str, float]:
-    known: dict[str, float] = {}
-    for text in args.known:
-        key, _, value = text.partition("=")
-        try:
-            known[key] = float(value)
-        except ValueError:
-            raise avc.InputError.of(f"is {text!r}; allowed: KEY=VALUE, as mass_kg=0.1", key="--known") from None
-    return known
 
 
 def add_diagnose(parser: argparse.ArgumentParser) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, signal
@@ -12,8 +12,9 @@ from scipy import optimize, signal
 from avc_casadi._util.arrays import BoolArray, FloatArray
 from avc_casadi.diagnose.law import Law
 from avc_casadi.diagnose.oscillation import Log, Oscillation
+from avc_casadi.loops.loop import Body, Loop
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import STYLUS_RANGES, Hand, hand_corners, hand_ranges, joined, no_hand
+from avc_casadi.model.hands import Hand, hand_corners, hand_ranges, joined, no_hand
 from avc_casadi.model.problem import Hands
 from avc_casadi.model.sampled_plant import sampled_plant
 
@@ -40,19 +41,14 @@ class Declared:
         held = self.hands.model_copy(update={"let_go": False})
         return joined(hand_corners(held), Hand(*hand_ranges(held).mean(axis=1).tolist()))
 
-    def grip(self) -> FloatArray:
-        """Return the ranges of damping and stiffness of a grip, behind which the hand's mass hardly moves."""
-        keys = ("grip_damping_ns_per_m", "grip_stiffness_n_per_m")
-        return np.asarray(self.device.metres_per_unit**2 * np.array([STYLUS_RANGES[key] for key in keys]))
-
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A device, the hand on it or None, and stops: two positions, stiffness and damping beyond them."""
+    """A device, the hand on it or None, and the positions of travel stops."""
 
     device: Device
     hand: Hand | None
-    stops: tuple[float, float, float, float] | None = None
+    stops: tuple[float, float] | None = None
 
     def changed(self, **values: object) -> Hypothesis:
         """Return the hypothesis with another value of its device; a delay below the least of a device is none."""
@@ -70,23 +66,14 @@ class Hypothesis:
 def growth(one: Hypothesis, law: Law, stiffness: float = 1.0, damping: float = 1.0) -> tuple[float, float]:
     """Return growth rate, 1/s, and frequency, Hz, of the least damped mode of the loop of one rate, gains scaled."""
     period = one.device.sample_time_s
-    delayed = one.changed(delay_samples=one.delay + law.lag) if law.lag else one
-    plant = sampled_plant(delayed.device, one.hand or no_hand())
-    a, b = (part[0, 0] for part in plant.with_forces_under_way())
-    s = b.size
-    scale = np.ones(s)
-    scale[: len(plant.names)] = [period if name.endswith("_per_s") else 1.0 for name in plant.names]
-    x = np.zeros(s + 2)
-    x[: len(plant.measured)] = plant.measured
-    # States: the plant's, the position before, the filtered velocity times T.
-    before, rate = np.eye(s + 2)[s:]
-    speed = law.keep * rate + (1 - law.keep) * (x - before)
-    k, d = stiffness * law.stiffness_n_per_m, damping * law.damping_ns_per_m / period
-    whole = np.zeros((s + 2, s + 2))
-    whole[:s, :s] = a * scale[:, None] / scale
-    whole[:s] += np.outer(b * scale, k * x + d * speed)
-    whole[s], whole[s + 1] = x, speed
-    values = np.linalg.eigvals(whole)
+    late = one.changed(delay_samples=one.delay + law.lag)
+    body = Body.of(sampled_plant(late.device, one.hand or no_hand())).axes(0, 0)
+    # Beside the plant: the position before, and the filtered velocity times T.
+    loop = Loop(body=body.size, before=1, rate=1)
+    x = body.measured[None] @ loop["body"]
+    rate = law.keep * loop["rate"] + (1 - law.keep) * (x - loop["before"])
+    force = stiffness * law.stiffness_n_per_m * x + damping * law.damping_ns_per_m / period * rate
+    values = np.linalg.eigvals(loop.event(body=body.moved(loop["body"], force[0]), before=x, rate=rate))
     value = values[np.argmax(np.abs(values))]
     return math.log(max(abs(value), 1e-300)) / period, abs(float(np.angle(value))) / (2 * math.pi * period)
 
@@ -115,12 +102,11 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    position: FloatArray
+    start: float
+    position: FloatArray  # from the start
     past: FloatArray  # force, from the longest delay before
     rub: FloatArray  # sign of the velocity, smoothed
     use: BoolArray
-    between: BoolArray  # whether no stop is touched
-    beyond: FloatArray  # travel and speed beyond the stops, shape (samples, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,23 +115,22 @@ class _Structure:
 
     declared: Declared
     period_s: float
-    kind: str  # "held", "grip" or "free"
+    held: bool
     resonant: bool
     names: tuple[str, ...]
     middle: FloatArray
     spread: FloatArray
     slow_hz: float
     stops: tuple[float, float] | None = None
-    low: FloatArray = field(init=False)
-    high: FloatArray = field(init=False)
 
-    def __post_init__(self) -> None:
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the unknowns."""
         low, high = self.middle - 4 * self.spread, self.middle + 4 * self.spread
         low[0], high[0] = _LEAST_DELAY, _MOST_DELAY
         if self.resonant:
             low[-3:], high[-3:] = [math.log(25.0), math.log(2e-3), 0.1], [high[-3], math.log(0.15), 0.9]
-        object.__setattr__(self, "low", low)
-        object.__setattr__(self, "high", high)
+        return low, high
 
     def answer(self, point: FloatArray) -> Hypothesis:
         """Return device and hand at a point."""
@@ -159,13 +144,12 @@ class _Structure:
             shape = math.exp(value["mode"]), min(math.exp(value["ratio"]), 0.5), value["share"]
             new["resonance"] = dict(zip(("frequency_hz", "damping_ratio", "mass_ratio"), shape, strict=True))
         hand = None
-        if self.kind != "free":
-            mass = math.exp(value["mass"]) if "mass" in value else 0.0
-            hand = Hand(mass, math.exp(value["damping"]), math.exp(value["stiffness"]))
-        return Hypothesis(device, hand).changed(**new)
+        if self.held:
+            hand = Hand(*(math.exp(value[key]) for key in ("mass", "damping", "stiffness")))
+        return Hypothesis(device, hand, self.stops).changed(**new)
 
-    def residual(self, point: FloatArray, window: _Window, *, through: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return the residual of the position between stops; or through them, with their stiffness and damping."""
+    def residual(self, point: FloatArray, window: _Window) -> FloatArray:
+        """Return the residual of the position between stops."""
         one = self.answer(point)
         plant = sampled_plant(one.device, one.hand or no_hand())
         n, whole = window.position.size, int(plant.whole_delay[0])
@@ -192,29 +176,29 @@ class _Structure:
         orders = np.arange(int(2 * self.slow_hz * n * self.period_s) + 2)
         slow = np.cos(np.pi * np.outer(np.arange(n) + 0.5, orders) / n)
         use, columns = window.use, [free[:n]]
-        if self.stops is not None and not through:
+        if self.stops is not None:
             # After each contact the motion goes on from any state; the contact itself is left out.
-            use = use & window.between
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], window.between.astype(int), [0]])))
+            between = np.abs(window.start + window.position - np.mean(self.stops)) <= np.ptp(self.stops) / 2
+            use = use & between
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], between.astype(int), [0]])))
             columns = [np.zeros((n, free.shape[1])) for _ in edges[::2]]
             for block, begin, end in zip(columns, edges[::2], edges[1::2], strict=True):
                 block[begin:end] = free[: end - begin]
-        columns += [] if self.kind == "grip" else [slow]
-        if self.kind != "held":
-            pushes = [np.ones(n), np.arange(n) / n, *(slow.T[1:] if self.kind == "grip" else ())]
+        columns.append(slow)
+        if not self.held:
+            pushes = np.ones(n), np.arange(n) / n
             columns.append(np.stack([response(new + old, push) for push in pushes], axis=1))
-        if through:
-            columns.append(np.stack([response(new + old, push) for push in window.beyond.T], axis=1))
         basis = np.concatenate(columns, axis=1)[use]
         basis = np.where(np.abs(basis) < 1e-60, 0.0, basis)
         size = np.sqrt(np.mean(basis**2, axis=0))
         basis, size = basis[:, size > 0] / size[size > 0], size[size > 0]
         rest = (window.position - forced)[use]
-        upright, triangle = np.linalg.qr(basis)
-        along = upright.T @ rest
-        strength = np.linalg.lstsq(triangle, along, rcond=1e-12)[0][-2:] / size[-2:] if through else np.zeros(2)
-        spare = max(rest.size - basis.shape[1], 1)
-        return np.asarray(rest - upright @ along) * math.sqrt(rest.size / spare), np.asarray(strength)
+        upright = np.linalg.qr(basis)[0]
+        spare = rest.size - basis.shape[1]
+        if spare < basis.shape[1]:
+            # Stops that leave hardly any motion explain all of it.
+            return np.full(max(rest.size, 1), np.ptp(window.position))
+        return np.asarray(rest - upright @ (upright.T @ rest)) * math.sqrt(rest.size / spare)
 
     def solve(
         self, first: FloatArray, windows: Sequence[_Window], levels: FloatArray, tries: int
@@ -222,13 +206,14 @@ class _Structure:
         """Return the best point, the curvature there, and half the sum of squares with the prior."""
 
         def gap(point: FloatArray) -> FloatArray:
-            left = [self.residual(point, one)[0] / level for one, level in zip(windows, levels, strict=True)]
+            left = [self.residual(point, one) / level for one, level in zip(windows, levels, strict=True)]
             return np.concatenate([*left, (point - self.middle) / self.spread])
 
+        low, high = self.ends
         found = optimize.least_squares(
             gap,
-            np.clip(first, self.low + 1e-6, self.high - 1e-6),
-            bounds=(self.low, self.high),
+            np.clip(first, low + 1e-6, high - 1e-6),
+            bounds=(low, high),
             x_scale=self.spread,
             diff_step=np.full(first.size, 1e-4),
             max_nfev=tries,
@@ -247,37 +232,30 @@ def _structures(declared: Declared, period_s: float, lag: int, hertz: float, *, 
     box = np.log(np.maximum(hand_ranges(declared.hands), device.metres_per_unit**2 * np.array([[1e-3], [0.1], [5.0]])))
     width = np.maximum((box[:, 1] - box[:, 0]) / 2, 0.4 if declared.known else 1.1)
     hand = list(zip(("mass", "damping", "stiffness"), box.mean(axis=1), width, strict=True))
-    grip = np.log(declared.grip())
-    gripped = list(zip(("damping", "stiffness"), grip.mean(axis=1), (grip[:, 1] - grip[:, 0]) / 2, strict=True))
     free = [("device", 0.0, 0.06 if declared.known else 1.1), ("drag", 0.0, 0.5 if declared.known else 1.1)]
     mode = [("mode", math.log(max(hertz, 40.0)), 0.6), ("ratio", math.log(0.03), 0.6), ("share", 0.4, 0.15)]
-    parts: list[tuple[str, tuple[float, float], list[tuple[str, float, float]]]] = []
-    if resonant:
-        parts = [("held", punctual, [*hand, *([] if declared.known else free), *mode])]
-    else:
-        held = [*hand, *([] if declared.known else free)]
-        parts = [("held", punctual, held), ("held", late, held)]
-        if declared.known:
-            parts += [("free", punctual, free), ("free", late, free), ("grip", punctual, gripped)]
+    held = [*hand, *([] if declared.known else free)]
+    parts = [(True, punctual, [*held, *mode])] if resonant else [(True, punctual, held), (True, late, held)]
+    parts += [(False, punctual, free), (False, late, free)] if declared.known and not resonant else []
     slow = min(float(np.clip(hertz / 3, 2.5, 40.0)), hertz / 2)
     return [
         _Structure(
             declared,
             period_s,
-            kind,
+            with_hand,
             resonant,
             ("delay", *(name for name, _, _ in unknowns)),
             np.array([delay[0], *(middle for _, middle, _ in unknowns)]),
             np.array([delay[1], *(spread for _, _, spread in unknowns)]),
             slow,
         )
-        for kind, delay, unknowns in parts
+        for with_hand, delay, unknowns in parts
     ]
 
 
-def _windows(log: Log, swing: Oscillation, stops: tuple[float, float] | None) -> list[_Window]:
+def _windows(log: Log, swing: Oscillation) -> list[_Window]:
     """Return the end of the oscillation and its beginning; of one over few steps the strongest motion too."""
-    period, n, lead = log.ticks.period_s, log.position_m.size, int(_MOST_DELAY) + 2
+    period, n, lead = log.period_s, log.position_m.size, int(_MOST_DELAY) + 2
     size = int(min(max(0.4, 6 / swing.frequency_hz) / period, 1500, n - lead))
     places = [swing.last - size, swing.first + round(2 / swing.frequency_hz / period)]
     if swing.steps < 12:
@@ -289,25 +267,13 @@ def _windows(log: Log, swing: Oscillation, stops: tuple[float, float] | None) ->
             chosen.append(start)
     smooth = signal.savgol_filter(log.position_m, 5, 2, deriv=1)
     rub = np.tanh(smooth / max(0.05 * log.encoder_m, 1e-3 * float(np.std(smooth)), 1e-12))
-    low, high = (-math.inf, math.inf) if stops is None else stops
-    under, over = log.position_m < low, log.position_m > high
-    beyond = np.stack(
-        [
-            np.where(under, log.position_m - low, 0.0) + np.where(over, log.position_m - high, 0.0),
-            np.where(under | over, smooth, 0.0),
-        ],
-        axis=1,
-    )
-    # Over a sample the mean of its two ends acts.
-    beyond = (beyond + np.roll(beyond, -1, axis=0)) / 2
     return [
         _Window(
+            float(log.position_m[start]),
             log.position_m[start : start + size] - log.position_m[start],
             log.force_n[start - lead : start + size],
             np.asarray(rub[start : start + size]),
             log.ran[start : start + size],
-            ~(under | over)[start : start + size],
-            beyond[start : start + size],
         )
         for start in chosen
     ]
@@ -315,41 +281,34 @@ def _windows(log: Log, swing: Oscillation, stops: tuple[float, float] | None) ->
 
 def fit_plants(log: Log, swing: Oscillation, declared: Declared, lag: int, seed: int) -> list[Fit]:
     """Return device and hand in every structure, likeliest first; with a resonance or stops where nothing else fits."""
-    period, hertz = log.ticks.period_s, swing.frequency_hz
+    period, hertz = log.period_s, swing.frequency_hz
     part = log.position_m[swing.first : swing.last]
     scatter = math.hypot(log.encoder_m / math.sqrt(12), declared.device.position_noise_rms_m)
     noise = math.hypot(scatter, 5e-3 * float(np.std(part)))
-    plain = _structures(declared, period, lag, hertz, resonant=False)
-    windows = _windows(log, swing, None)
-    tried = [(one, windows, *_begin(one, windows, noise)) for one in plain]
+    plain, windows = _structures(declared, period, lag, hertz, resonant=False), _windows(log, swing)
+    tried = [_begin(one, windows, noise) for one in plain]
+    least = min(left for *_, left in tried)
     # Behind stops the acceleration is of a force that is not in the log.
-    if min(left for *_, left in tried) > 2 * noise and swing.steps > 14:
+    if least > 2 * noise and swing.steps > 14:
         middle, half = (float(part.max()) + float(part.min())) / 2, float(np.ptp(part)) / 2
-        least = min(left for *_, left in tried)
         for one in plain:
+            ends = [(middle - side * half, middle + side * half) for side in (0.96, 0.9, 0.82, 0.72, 0.6)]
+            options = [_begin(replace(one, stops=stops), windows, noise) for stops in ends]
             # A stop that is taken too far in leaves out a little motion; one too far out is motion that none explains.
-            options = []
-            for side in (0.96, 0.9, 0.82, 0.72, 0.6):
-                stopped = replace(one, stops=(middle - side * half, middle + side * half))
-                behind = _windows(log, swing, stopped.stops)
-                options.append((stopped, behind, *_begin(stopped, behind, noise)))
-            least_left = min(option[-1] for option in options)
-            stopped, behind, point, left = next(one for one in options if one[-1] < 1.3 * least_left)
-            if left < 0.5 * least:
-                tried.append((stopped, behind, point, left))
+            most = 1.3 * min(left for *_, left in options)
+            stopped = next(option for option in options if option[-1] < most)
+            tried += [stopped] if stopped[-1] < 0.5 * least else []
     if declared.device.resonance is None and min(left for *_, left in tried) > 2 * noise:
-        tried += [
-            (one, windows, *_begin(one, windows, noise))
-            for one in _structures(declared, period, lag, hertz, resonant=True)
-        ]
-    best = [min((one.residual(point, w[i])[0] for one, w, point, _ in tried), key=_rms) for i in range(len(windows))]
+        resonant = _structures(declared, period, lag, hertz, resonant=True)
+        tried += [_begin(one, windows, noise) for one in resonant]
+    best = [min((one.residual(point, window) for one, point, _ in tried), key=_rms) for window in windows]
     levels = np.array([max(noise, _rms(left)) * math.sqrt(_alike(left)) for left in best])
-    fits = [_finish(one, w, point, levels, noise, seed) for one, w, point, _ in tried]
+    fits = [_finish(one, windows, point, levels, noise, seed) for one, point, _ in tried]
     return sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.cost)
 
 
-def _begin(one: _Structure, windows: Sequence[_Window], noise: float) -> tuple[FloatArray, float]:
-    """Return the best point from a few initial guesses, and its residual."""
+def _begin(one: _Structure, windows: Sequence[_Window], noise: float) -> tuple[_Structure, FloatArray, float]:
+    """Return a structure with its best point from a few initial guesses, and its residual."""
     firsts = []
     for delay in (0.0, 2.5) if one.spread[0] > 2 else (0.0,):
         for turn in (0.75, 0.95, 1.2, 1.6) if one.resonant else (1.0,):
@@ -360,9 +319,9 @@ def _begin(one: _Structure, windows: Sequence[_Window], noise: float) -> tuple[F
             firsts.append(one.solve(first, windows, np.full(len(windows), 1.7 * noise), 15))
     point = min(firsts, key=lambda each: each[2])[0]
     # A sudden motion of the hand spoils its window, not the evidence of the others.
-    left = np.array([max(noise, _rms(one.residual(point, window)[0])) for window in windows])
+    left = np.array([max(noise, _rms(one.residual(point, window))) for window in windows])
     point = one.solve(point, windows, 1.7 * left, 12)[0]
-    return point, max(_rms(one.residual(point, window)[0]) for window in windows)
+    return one, point, max(_rms(one.residual(point, window)) for window in windows)
 
 
 def _finish(
@@ -373,25 +332,21 @@ def _finish(
     values, vectors = np.linalg.eigh(curvature)
     random = np.random.default_rng(seed).standard_normal((_DRAWS, point.size))
     drawn = point + (random / np.sqrt(np.maximum(values, 1e-6))) @ vectors.T
-    drawn = np.clip(drawn, one.low + 1e-9, one.high - 1e-9)
+    low, high = one.ends
+    drawn = np.clip(drawn, low + 1e-9, high - 1e-9)
     # The evidence integrates over the posterior, to compare structures with different numbers of unknowns.
     volume = 0.5 * float(np.sum(np.log(np.maximum(values, 1e-6)))) + float(np.sum(np.log(one.spread)))
-    near = 1e-3 * (one.high - one.low)
-    ends = (point > one.high - near) | (point < one.low + near)
-    if one.resonant and ends[-3:].any():
+    near = 1e-3 * (high - low)
+    if one.resonant and ((point > high - near) | (point < low + near))[-3:].any():
         return None
-    stops = None
-    if one.stops is not None:
-        strength = np.mean([one.residual(point, window, through=True)[1] for window in windows], axis=0)
-        stops = (*one.stops, max(float(strength[0]), 0.0), max(float(strength[-1]) * one.period_s, 0.0))
     odds = _RESONANCE_ODDS * one.resonant + _STOP_ODDS * (one.stops is not None)
     return Fit(
-        best=replace(one.answer(point), stops=stops),
-        draws=tuple(replace(one.answer(each), stops=stops) for each in drawn),
+        best=one.answer(point),
+        draws=tuple(map(one.answer, drawn)),
         cost=cost + odds + volume,
-        misfit=min(_rms(one.residual(point, window)[0]) for window in windows) / noise,
+        misfit=min(_rms(one.residual(point, window)) for window in windows) / noise,
         delay_error=float(np.std(drawn[:, 0])),
-        at_end=bool(point[0] > one.high[0] - near[0]),
+        at_end=bool(point[0] > high[0] - near[0]),
     )
 
 
@@ -406,14 +361,3 @@ def _alike(left: FloatArray) -> float:
     if not correlation[0] > 0:
         return 3.0
     return max(3.0, 1 + 2 * float(np.sum((correlation[1:] / correlation[0]) ** 2 - 1 / n)))
-
-
-def measured(one: Hypothesis) -> Mapping[str, float]:
-    """Return the values of device and hand by key."""
-    hand = {} if one.hand is None else {f"hand_{key}": value for key, value in one.hand.values(0).items()}
-    mode = (
-        {}
-        if one.device.resonance is None
-        else {f"resonance_{k}": v for k, v in one.device.resonance.model_dump().items()}
-    )
-    return {"mass_kg": one.device.mass_kg, "damping_ns_per_m": one.device.damping_ns_per_m, **hand, **mode}

@@ -202,7 +202,7 @@ def dump_problem(problem: Problem) -> str:
     """
     tables = _tables_of(problem, "python")
     del tables["name"]
-    return "\n".join(_lines((), problem.units.keyed(tables))) + "\n"
+    return "\n".join(toml_lines((), problem.units.keyed(tables))) + "\n"
 
 
 def problem_document(problem: Problem) -> dict[str, Any]:
@@ -226,7 +226,7 @@ def problem_of(document: Mapping[str, Any], *, file: str = "problem", key: str =
     return found
 
 
-def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
+def toml_lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
     """Write the plain keys of a table, its kind first, then the tables in it."""
     for key in sorted(table, key=lambda key: key != "kind"):
         if not _holds_tables(table[key]):
@@ -240,7 +240,7 @@ def _lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
                 yield f"\n[[{header}]]"
             elif not all(map(_holds_tables, item.values())):
                 yield f"\n[{header}]"
-            yield from _lines(inner, item)
+            yield from toml_lines(inner, item)
 
 
 def _holds_tables(value: object) -> bool:

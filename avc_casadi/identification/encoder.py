@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.record import Record
 
 _MOST_VALUES = 4000
 # Readings off the lattice by this share of a step, root mean square, are still on it: files and time stamps are
@@ -18,11 +15,9 @@ _FEWEST = 6
 _APART = 6
 
 
-def encoder_step_m(records: Sequence[Record]) -> float | None:
+def lattice_step(readings_m: FloatArray) -> float | None:
     """Return the resolution of the encoder, or None where the readings lie on no lattice."""
-    values = np.unique(
-        np.concatenate([record.position_m if record.readings_m is None else record.readings_m for record in records])
-    )
+    values = np.unique(readings_m)
     if values.size < _FEWEST:
         return None
     gaps = np.diff(values)

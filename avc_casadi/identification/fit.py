@@ -9,9 +9,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.linear import linear_step, taps_of
+from avc_casadi.identification.log import shortened
 from avc_casadi.identification.predictor import Observer, Predictor
-from avc_casadi.identification.record import shortened
 from avc_casadi.identification.terms import Structure
 
 # A record is judged from so many seconds on, or from this share of it: by then the initial state must have decayed, but
@@ -44,7 +43,6 @@ class Fit:
     error_m: tuple[FloatArray, ...]
     blocks: tuple[Block, ...]
     unit_m: float
-    noise_share: float
     turning: float
 
     @property
@@ -103,9 +101,8 @@ def fit(
             found = predictor.predict(structure, search, observer)
             e = np.concatenate([one.error_m[window.skip :] for one in found])
             j = np.concatenate([one.slopes[window.skip :] for one in found])
-            if all(bool((np.abs(part) < _LOST).all()) for part in (e, j)):
-                if not unit:
-                    unit.append(float(np.sqrt(np.mean(e**2))) or 1.0)
+            if (np.abs(e) < _LOST).all() and (np.abs(j) < _LOST).all():
+                unit.append(float(np.sqrt(np.mean(e**2))) or 1.0)
                 last[key] = e / unit[0], j / unit[0]
             else:
                 last[key] = np.full_like(e, 1e3), np.zeros_like(j)
@@ -144,15 +141,12 @@ def judged(predictor: Predictor, structure: Structure, search: FloatArray, obser
         count = max(1, error.size // window.block)
         for e, j in zip(np.array_split(error / unit, count), np.array_split(slopes, count), strict=True):
             blocks.append(Block(e.size, float(e @ e), j.T @ e, j.T @ j))
-    values = structure.values(search)
-    step = linear_step(values, structure, predictor.sample_time_s, taps_of(values), parts=0)
-    _, share = observer.gain(step, values["mass_kg"], predictor.sample_time_s)
     moves = [
         np.diff(record.position_m[window.skip :] - error)
         for record, error in zip(predictor.records, errors, strict=True)
     ]
     turning = float(np.mean(np.concatenate([one[1:] * one[:-1] < 0 for one in moves])))
-    return Fit(structure, search, observer, errors, tuple(blocks), unit, share, turning)
+    return Fit(structure, search, observer, errors, tuple(blocks), unit, turning)
 
 
 def _bounded(numbers: FloatArray) -> FloatArray:

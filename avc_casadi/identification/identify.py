@@ -13,30 +13,21 @@ from avc_casadi._errors import Fault, InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.text import number
-from avc_casadi._util.units import units_for
+from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.closed_loop import autocorrelation, coloured, only_feedback
-from avc_casadi.identification.device import check_against, device_file, differences
-from avc_casadi.identification.encoder import encoder_step_m
+from avc_casadi.identification.device import check_against, device_file
+from avc_casadi.identification.encoder import lattice_step
 from avc_casadi.identification.fit import Window
 from avc_casadi.identification.frequency import measured_response, model_response
 from avc_casadi.identification.intervals import bootstrap
 from avc_casadi.identification.ladder import WIDEST, Ladder
-from avc_casadi.identification.model import Estimate, Identification, Stretch
+from avc_casadi.identification.log import Record, shortened
+from avc_casadi.identification.model import Estimate, Identification
 from avc_casadi.identification.predictor import Observer, Predictor
-from avc_casadi.identification.read import read_logs
-from avc_casadi.identification.record import Record, shortened
+from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, in_ticks
-from avc_casadi.identification.terms import (
-    FRICTION,
-    MASS_RATIO,
-    OFFSET,
-    PARAMETERS,
-    RUNGS,
-    Structure,
-    offset_of,
-)
-from avc_casadi.identification.units import Layout
+from avc_casadi.identification.terms import FRICTION, MASS_RATIO, OFFSET, Structure, offset_of
 
 MOST_SAMPLES = 120_000
 _LEAST_S, _FEWEST_STEPS = 1.0, 12
@@ -47,23 +38,8 @@ _FOLLOWS = 0.3
 _PLAUSIBLE = {"linear": (1e-3, 2e3), "rotary": (1e-8, 1e4)}
 # A log moves one way if so little of its travel goes the other.
 _OTHER_WAY = 0.01
-# Encoder resolution is known to this share of it; noise is told from this share of its rounding on, and to this one.
-_STEP_SHARE, _LEAST_NOISE, _NOISE_SHARE = 1e-3, 0.3, 0.15
-_LOGS = {
-    "mass_kg": "a multisine of 1 to 30 Hz with several times the force of the friction",
-    "damping_ns_per_m": "long strokes at several speeds",
-    "delay_samples": "a multisine or chirp up to a fifth of the sample rate, or steps of force",
-    FRICTION: "slow strokes both ways with many reversals, the force twice the friction or more",
-    OFFSET: "strokes both ways",
-    "resonance": "a multisine or chirp of 20 Hz to a third of the sample rate, over several encoder steps",
-    MASS_RATIO: "a log of the position at the motor, or the handle weighed",
-    "amplifier_bandwidth_hz": "a higher sample rate, or a log of the current; the delay holds its lag",
-    "stiffness_n_per_m": "slow strokes over the whole travel",
-    "force_scale": "two logs, one with a known mass on the device (--added-mass), or --known",
-    "encoder_resolution_m": "the encoder's own counts, unfiltered",
-    "max_force_n": "the amplifier's data sheet",
-}
-"""The log that would tell each value."""
+# Encoder resolution is known to this share of it.
+_STEP_SHARE = 1e-3
 
 
 def identify(
@@ -71,50 +47,43 @@ def identify(
     *,
     layout: Layout | None = None,
     base: DeviceFile | None = None,
-    known: Mapping[str, float] | None = None,
-    added_mass_kg: Sequence[float] = (),
     encoder_at: str | None = None,
     flip_force: bool = False,
     handle_radius_m: float | None = None,
     progress: Progress = SILENT,
 ) -> Identification:
     """Identify a device from logs of time, position and commanded force."""
-    records, notes = _records(logs, layout, added_mass_kg)
-    if encoder_at not in {None, "motor", "handle"}:
-        raise InputError.of(f"is {encoder_at!r}; allowed: motor, handle", key="encoder_at")
+    several = [logs] if isinstance(logs, str | Path) else list(logs)
+    records, notes = [one for one in several if isinstance(one, Record)], list[str]()
+    if not records:
+        records, notes = read_logs([one for one in several if isinstance(one, str | Path)], layout)
+    _check(records, base, handle_radius_m)
     if flip_force:
         records = [
             replace(one, force_n=-one.force_n, later_n=None if one.later_n is None else -one.later_n) for one in records
         ]
-    fixed = _fixed(known or {}, records, base, handle_radius_m)
-    if base is not None:
-        check_against(records, base)
     records, by_clock = in_ticks(records)
     whole = sum(one.position_m.size for one in records)
     records = shortened(records, MOST_SAMPLES)
     used = sum(one.position_m.size for one in records)
     notes += by_clock + ([f"of {whole} samples {used} were used, in pieces over the records"] if used < whole else [])
-    step_m = encoder_step_m(records)
-    rms_n, travel_m = _sizes(records, step_m)
+    readings = [one.position_m if one.readings_m is None else one.readings_m for one in records]
+    step_m = lattice_step(np.concatenate(readings))
+    _check_motion(records, step_m)
     ways = {_way(one) for one in records}
-    offsets = len({one.whole for one in records})
-    if ways <= {-1, 1}:
-        # Friction and a constant force are one number in a log of one direction: of logs both ways it is the same.
-        offsets = 1 if len(ways) > 1 else 0
-        fixed = fixed if offsets else {OFFSET: 0.0, **fixed}
+    # Friction and a constant force are one number in a log of one direction: of logs both ways it is the same.
+    offsets = len({one.whole for one in records}) if 0 in ways else len(ways) - 1
     with progress.step("first guess"):
-        motion = Motion(records, offsets)
-        start = _checked(motion, one_way=ways <= {-1, 1})
-    structure = _simplest(records, fixed, rms_n, travel_m, start, offsets)
+        start = _checked(Motion(records, offsets).start(), records[0].motion)
+    structure = _simplest(records, start, offsets)
     if encoder_at is None and base is not None and base.device.resonance is not None:
         encoder_at = base.device.encoder_at
     predictor, response = Predictor(records), measured_response(records)
     sides = ("motor", "handle") if encoder_at is None else (encoder_at,)
     with progress.step("model"):
-        begun = {OFFSET: 0.0, "force_scale": 1.0, **start.values, **fixed}
-        found = Ladder.climb(predictor, structure, begun, response, sides, progress)
-    fit = found.fit
-    estimates = _estimates(found, step_m, one_way=len(ways) == 1 and ways <= {-1, 1})
+        ladder = Ladder.climb(predictor, structure, start, response, sides, progress)
+    fit = ladder.fit
+    estimates = _estimates(ladder, step_m, one_way=not offsets)
     lags = autocorrelation(fit.error_m)
     if coloured(lags, resampled=any(one.scatter for one in records)):
         notes.append(
@@ -132,99 +101,59 @@ def identify(
         rungs=fit.structure.rungs,
         encoder_at=fit.structure.encoder_at if "resonance" in fit.structure.rungs else "motor",
         estimates=estimates,
-        unknown=_unknown(estimates, fit.structure),
-        trials=tuple(found.trials.values()),
-        names=tuple(fit.structure.names),
-        correlation=bootstrap(fit)[1],
+        unknown=_unknown(estimates, fit.structure.rungs),
+        trials=tuple(ladder.trials.values()),
         error_m=np.concatenate(fit.error_m),
         lags=lags,
         notes=tuple(notes),
         response=response,
         modelled=model_response(fit.values, fit.structure, predictor.sample_time_s, response.frequency_hz),
-        stretches=_stretches(predictor, found),
+        stretch=_stretch(ladder),
     )
-    if base is not None:
-        identified = replace(identified, notes=(*identified.notes, *differences(identified, base)))
     return replace(identified, device=device_file(identified, base, handle_radius_m))
 
 
-def _records(
-    logs: Sequence[str | Path] | str | Path | Sequence[Record], layout: Layout | None, added: Sequence[float]
-) -> tuple[list[Record], list[str]]:
-    several = [logs] if isinstance(logs, str | Path) else list(logs)
-    records = [one for one in several if isinstance(one, Record)]
-    notes: list[str] = []
-    if not records:
-        paths = [one for one in several if isinstance(one, str | Path)]
-        if not paths:
-            raise InputError.of("are none; allowed: at least one log", key="logs")
-        records, notes = read_logs(paths, layout, added)
-    if len({one.motion for one in records}) > 1:
-        raise InputError.of("are of a device that turns and of one that does not; allowed: one kind", key="logs")
+def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: float | None) -> None:
+    motions = {one.motion for one in records}
     seconds = sum(one.seconds for one in records)
-    if seconds < _LEAST_S:
-        raise InputError.of(f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s", key="logs")
-    return records, notes
-
-
-def _fixed(
-    known: Mapping[str, float], records: Sequence[Record], base: DeviceFile | None, handle_radius_m: float | None
-) -> dict[str, float]:
-    """Return the known values by internal keys, and check the motion of the device."""
-    motion = records[0].motion
-    units = units_for(motion)
     faults = []
-    if base is not None and base.device.motion != motion:
-        kinds = {"linear": "metres and newtons", "rotary": "rad and N.m"}
-        faults.append(
-            Fault("", None, "logs", f"are in {kinds[motion]}, and {base.name} is not; allowed: a base of their motion")
-        )
-    if motion == "linear" and handle_radius_m is not None:
+    if len(motions) > 1 or (base is not None and base.device.motion not in motions):
+        message = "are of devices that turn and that do not; allowed: logs and a base of one motion"
+        faults.append(Fault("", None, "logs", message))
+    if seconds < _LEAST_S:
+        faults.append(Fault("", None, "logs", f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s"))
+    if motions == {"linear"} and handle_radius_m is not None:
         faults.append(Fault("", None, "handle_radius_m", "says nothing of logs in metres; allowed: beside logs in rad"))
-    inner = {units.key(name): name for name in RUNGS["rigid"]}
-    for key, value in known.items():
-        if key not in inner:
-            faults.append(Fault("", None, "known", f"names {key}; allowed: {', '.join(inner)}"))
-            continue
-        one = PARAMETERS[inner[key]]
-        if not one.lowest <= value <= one.highest:
-            faults.append(
-                Fault("", None, "known", f"has {key} = {value:g}; allowed: {one.lowest:g} to {one.highest:g}")
-            )
     if faults:
         raise InputError(faults)
-    return {inner[key]: float(value) for key, value in known.items()}
+    if base is not None:
+        check_against(records, base)
 
 
-def _sizes(records: Sequence[Record], step_m: float | None) -> tuple[float, float]:
-    """Return the change of the force and the travel; refuse logs that tell nothing."""
-    rms_n = float(np.sqrt(np.mean(np.concatenate([one.force_n for one in records]) ** 2)))
+def _check_motion(records: Sequence[Record], step_m: float | None) -> None:
+    """Refuse logs that tell nothing."""
     travel = max(float(np.ptp(one.position_m)) for one in records)
-    places = max(np.unique(one.position_m).size for one in records)
-    steps = travel / step_m if step_m else float(places)
-    if steps < _FEWEST_STEPS:
-        raise InputError.of(
-            f"move over {number(steps, 2)} steps of the encoder only; allowed: more force, or lower frequencies: a "
-            "travel of 50 steps and more",
-            key="logs",
-        )
-    if max(float(np.ptp(one.force_n)) for one in records) < 1e-9 and len(records) == 1:
-        raise InputError.of(f"have a force that never changes; allowed: {_LOGS['mass_kg']}", key="logs")
+    steps = travel / step_m if step_m else float(max(np.unique(one.position_m).size for one in records))
     skip = Window.of(Predictor(records)).skip
-    if not any(np.ptp(one.position_m[skip:]) for one in records):
-        raise InputError.of(
-            f"move in the first {number(skip * records[0].sample_time_s)} s only, which the model needs to begin; "
-            "allowed: motion that goes on (a multisine, as avc excite plays one)",
-            key="logs",
+    if steps < _FEWEST_STEPS:
+        message = (
+            f"move over {number(steps, 2)} steps of the encoder only; allowed: more force, or lower frequencies: a "
+            "travel of 50 steps and more"
         )
-    if only_feedback(records) is not None:
-        raise InputError.of(
+    elif not any(np.ptp(one.position_m[skip:]) for one in records):
+        message = (
+            f"move in the first {number(skip * records[0].sample_time_s)} s only, which the model needs to begin; "
+            "allowed: motion that goes on (a multisine, as avc excite plays one)"
+        )
+    elif only_feedback(records):
+        message = (
             "have a force that is a spring and a damper on the measured position and nothing else, while the device "
             "goes on moving: what moves it is not logged; allowed: a force of its own beside the controller (a "
-            "multisine, as avc excite plays one), hands off",
-            key="logs",
+            "multisine, as avc excite plays one), hands off"
         )
-    return rms_n, travel
+    else:
+        return
+    raise InputError.of(message, key="logs")
 
 
 def _way(record: Record) -> int:
@@ -236,9 +165,8 @@ def _way(record: Record) -> int:
     return 1 if forth > back else -1
 
 
-def _checked(motion: Motion, *, one_way: bool) -> Start:
-    """Return the start; refuse a force of reversed sign or saturated, and implausible units."""
-    start, records = motion.start(), motion.records
+def _checked(start: Start, motion: MotionKind) -> Start:
+    """Refuse a force of reversed sign, and implausible units."""
     mass = start.values["mass_kg"]
     if mass < 0 or (start.against and start.explained > _FOLLOWS):
         why, allowed = "force and position point against each other", "force along +position, or --flip-force"
@@ -247,28 +175,19 @@ def _checked(motion: Motion, *, one_way: bool) -> Start:
             why = f"the motion hardly follows the force ({share} % of it explained)"
             allowed = "a multisine with several times the force, free of contact; is it the force that acts, in time?"
         raise InputError.of(f"give a mass of {number(mass)}: {why}; allowed: {allowed}", key="logs")
-    low, high = _PLAUSIBLE[records[0].motion]
+    low, high = _PLAUSIBLE[motion]
     if not low <= mass <= high:
         raise InputError.of(
             f"give a mass of {number(mass)}; allowed: {low:g} to {high:g}; are the units of position and force right?",
             key="logs",
         )
-    limit = None if one_way else motion.limit_n(start.values["delay_samples"])
-    if limit is not None:
-        largest = max(float(np.abs(one.force_n).max()) for one in records)
-        raise InputError.of(
-            f"ask for a force of up to {number(largest, 3)}, and the device follows it up to about {number(limit, 2)}: "
-            "what acts is then not what is logged; allowed: a log below that force, or the force as the amplifier "
-            "gives it",
-            key="logs",
-        )
     return start
 
 
-def _simplest(
-    records: Sequence[Record], fixed: Mapping[str, float], rms_n: float, travel_m: float, start: Start, offsets: int
-) -> Structure:
-    """Return the lowest rung: a scale of the force where a mass is known, a spring where the start has one."""
+def _simplest(records: Sequence[Record], start: Start, offsets: int) -> Structure:
+    """Return the lowest rung, with a spring where the start has one."""
+    rms_n = float(np.sqrt(np.mean(np.concatenate([one.force_n for one in records]) ** 2)))
+    travel_m = max(float(np.ptp(one.position_m)) for one in records)
     speeds = []
     for one in records:
         every = max(1, int(0.01 / one.sample_time_s))
@@ -280,10 +199,8 @@ def _simplest(
         FRICTION: rms_n,
         "stiffness_n_per_m": rms_n / travel_m,
     }
-    rungs = ["rigid"]
-    rungs += ["spring"] if "stiffness_n_per_m" in start.values else []
-    rungs += ["scale"] if "mass_kg" in fixed or len({one.added_mass_kg for one in records}) > 1 else []
-    return Structure(tuple(rungs), fixed, units, offsets=max(offsets, 1))
+    rungs = ("rigid", "spring") if "stiffness_n_per_m" in start.values else ("rigid",)
+    return Structure(rungs, units, assumed={} if offsets else {OFFSET: 0.0}, offsets=max(offsets, 1))
 
 
 def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[str, Estimate]:
@@ -308,7 +225,7 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
         # Friction that the rest of the model explains as well is not told, and bounded with care.
         alike = bool(found.trials["friction"].why)
         most = rival.structure.units[FRICTION]
-        most *= max(float(rival.search[place] + (1 + 2 * alike) * bootstrap(rival)[0][place]), 0.0)
+        most *= (1 + 0.5 * alike) * max(float(rival.search[place] + bootstrap(rival)[place]), 0.0)
         known = most < rival.structure.units[FRICTION] and not alike
         source = "not told from damping; the upper end bounds it" if alike else "no evidence; the upper end bounds it"
         estimates[FRICTION] = Estimate(FRICTION, "force", 0.0, 0.0, most, source, known)
@@ -320,50 +237,29 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
         share = fit.values[MASS_RATIO]
         source = "assumed; the other intervals hold for this range"
         estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, *found.shares, source, identified=False)
-    for key, value in fit.structure.known.items():
-        if not (key == OFFSET and one_way):
-            estimates[key] = Estimate(key, PARAMETERS[key].quantity, value, value, value, "known beforehand")
     if step_m is not None:
         low, high = step_m * (1 - _STEP_SHARE), step_m * (1 + _STEP_SHARE)
         estimates["encoder_resolution_m"] = Estimate(
             "encoder_resolution_m", "length", step_m, low, high, "lattice of the readings"
         )
-    rounding = (step_m or 0.0) ** 2 / 12
-    mean = fit.rms_m**2 * fit.noise_share
-    if not coloured(autocorrelation(fit.error_m)) and mean - rounding > max(
-        _LEAST_NOISE * rounding, _NOISE_SHARE * mean
-    ):
-        shares = (1, 1 - _NOISE_SHARE, 1 + _NOISE_SHARE)
-        value, low, high = (math.sqrt(max(share * mean - rounding, 0.0)) for share in shares)
-        source = "prediction error less the encoder's rounding"
-        estimates["position_noise_rms_m"] = Estimate("position_noise_rms_m", "length", value, low, high, source)
     return estimates
 
 
-def _unknown(estimates: Mapping[str, Estimate], structure: Structure) -> dict[str, str]:
-    """Return what the log does not tell, with the log that would."""
-    absent = {"resonance": "resonance", "amplifier_bandwidth_hz": "lag"}
-    present = {"lag" if rung == "loop" else rung for rung in structure.rungs}
-    return {
-        key: log
-        for key, log in _LOGS.items()
-        if (key in estimates and not estimates[key].identified)
-        or (key in absent and absent[key] not in present)
-        or (key in {FRICTION, "encoder_resolution_m", "max_force_n", "force_scale"} and key not in estimates)
-    }
+def _unknown(estimates: Mapping[str, Estimate], rungs: Sequence[str]) -> tuple[str, ...]:
+    """Return the keys of what the log does not tell."""
+    vague = [key for key, one in estimates.items() if not one.identified]
+    vague += [] if "resonance" in rungs else ["resonance"]
+    vague += [] if {"lag", "loop"} & {*rungs} else ["amplifier_bandwidth_hz"]
+    return (*vague, *(key for key in (FRICTION, "encoder_resolution_m", "max_force_n") if key not in estimates))
 
 
-def _stretches(predictor: Predictor, found: Ladder) -> tuple[Stretch, ...]:
-    """Return stretches of the longest records in which the model runs nearly free."""
-    stretches = []
-    for record in sorted(predictor.records, key=lambda one: -one.seconds)[:2]:
-        free = Predictor([record], predictor)
-        structure, search = found.fit.structure, found.fit.search
-        error: FloatArray = free.predict(structure, search, Observer(_STRETCH_RATE_PER_S), slopes=False)[0].error_m
-        size = min(record.position_m.size // 2, int(_STRETCH_S / record.sample_time_s))
-        first = record.position_m.size - size - size // 4
-        part = slice(first, first + size)
-        time = np.asarray(np.arange(first, first + size) * record.sample_time_s, dtype=np.float64)
-        position = record.position_m[part]
-        stretches.append(Stretch(record.name, time, position, position - error[part]))
-    return tuple(stretches)
+def _stretch(found: Ladder) -> FloatArray:
+    """Return a stretch of the longest record in which the model runs nearly free."""
+    record = max(found.predictor.records, key=lambda one: one.seconds)
+    free, slow = Predictor([record], found.predictor), Observer(_STRETCH_RATE_PER_S)
+    error: FloatArray = free.predict(found.fit.structure, found.fit.search, slow, slopes=False)[0].error_m
+    size = min(record.position_m.size // 2, int(_STRETCH_S / record.sample_time_s))
+    first = record.position_m.size - size - size // 4
+    part = slice(first, first + size)
+    time = np.arange(first, first + size) * record.sample_time_s
+    return np.stack([time, record.position_m[part], record.position_m[part] - error[part]])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,21 +79,14 @@ def compared(simple: Fit, rich: Fit, rung: str) -> Trial:
     return Trial(rung, sure > SURE and -change > WORTH, change, sure)
 
 
-def moves_of(fit: Fit) -> FloatArray:
-    """Return the Gauss-Newton step by each block, shape (blocks, free); they add up."""
-    whole, scale = _curvature(fit)
-    gradients = np.array([block.gradient for block in fit.blocks]).T / scale[:, None]
-    return np.asarray(-(np.linalg.lstsq(whole / scale / scale[:, None], gradients, rcond=1e-10)[0] / scale[:, None]).T)
-
-
 def collinearity(fit: Fit) -> float:
     """Return 1/sqrt of the smallest eigenvalue of the normalised sensitivities: above 100 some are confounded."""
     whole, scale = _curvature(fit)
     return 1 / math.sqrt(max(float(np.linalg.eigvalsh(whole / scale / scale[:, None])[0]), 1e-16))
 
 
-def bootstrap(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Return half the interval of each coordinate and their correlation: each draw moves it by a Gauss-Newton step."""
+def bootstrap(fit: Fit) -> FloatArray:
+    """Return half the interval of each coordinate: blocks drawn anew move the estimate by a Gauss-Newton step."""
     gradients = np.array([block.gradient for block in fit.blocks])
     curvatures = np.array([block.curvature for block in fit.blocks])
     _, scale = _curvature(fit)
@@ -106,11 +99,8 @@ def bootstrap(fit: Fit) -> tuple[FloatArray, FloatArray]:
         drawn = random.integers(0, count, count)
         curvature = curvatures[drawn].sum(axis=0) / scale / scale[:, None]
         moves.append(-np.linalg.lstsq(curvature, gradients[drawn].sum(axis=0) / scale, rcond=1e-12)[0] / scale)
-    covariance = np.atleast_2d(np.cov(np.array(moves).T)) * count / max(1, count - 1)
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    outer = np.outer(deviation, deviation)
-    correlation = np.divide(covariance, outer, out=np.eye(scale.size), where=outer > 0)
-    return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, max(1, count - 1)) * deviation), correlation
+    deviation = np.std(moves, axis=0, ddof=1) * math.sqrt(count / max(1, count - 1))
+    return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, max(1, count - 1)) * deviation)
 
 
 def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[str, Fit]) -> FloatArray:
@@ -120,7 +110,7 @@ def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[
     is not as assumed), what is left out inside a sample, and the clock; rungs that were not taken and predict as well
     widen it to what they say.
     """
-    half, _ = bootstrap(fit)
+    half = bootstrap(fit)
     rate, slowest, fastest = fit.observer.rate_per_s, slowest_observer(predictor), 1 / predictor.sample_time_s
     rates = {min(max(rate * by, slowest), fastest) for by in _OTHER_OBSERVERS} - {rate}
     others = [judged(predictor, fit.structure, fit.search, Observer(other), window) for other in sorted(rates)]
@@ -138,11 +128,18 @@ def half_widths(predictor: Predictor, fit: Fit, window: Window, rivals: Mapping[
 
 def _beyond_chance(fit: Fit, other: Fit) -> FloatArray:
     """Return the shift of the estimate under another observer, less its chance part."""
+    moves = _moves(other) - _moves(fit)
     low, high = fit.structure.bounds()
-    moves = moves_of(other) - moves_of(fit)
     shift = np.clip(fit.search + moves.sum(axis=0), low, high) - fit.search
     chance = 2.0 * np.sqrt(len(moves)) * moves.std(axis=0, ddof=1)
     return np.asarray(np.sqrt(np.maximum(shift**2 - chance**2, 0.0)))
+
+
+def _moves(fit: Fit) -> FloatArray:
+    """Return the Gauss-Newton step by each block, shape (blocks, free); they add up."""
+    whole, scale = _curvature(fit)
+    gradients = np.array([block.gradient for block in fit.blocks]).T / scale[:, None]
+    return np.asarray(-(np.linalg.lstsq(whole / scale / scale[:, None], gradients, rcond=1e-10)[0] / scale[:, None]).T)
 
 
 def _inside_a_sample(fit: Fit, period: float) -> FloatArray:
@@ -181,24 +178,14 @@ def late_samples(values: Mapping[str, float], order: int, period: float) -> floa
 
 
 def _apart(fit: Fit, rival: Fit, rung: str, period: float) -> FloatArray:
-    """Return how far a rung that was not taken moves each coordinate.
-
-    A lag that was not taken counts in the delay, and a bandwidth is another number of another kind of amplifier.
-    """
-    names, widths = rival.structure.names, bootstrap(rival)[0]
+    """Return how far a rung that was not taken moves each coordinate; a lag beside none counts in the delay."""
+    widths = dict(zip(rival.structure.names, zip(rival.search, bootstrap(rival), strict=True), strict=True))
     found = np.zeros(fit.search.size)
     for index, name in enumerate(fit.structure.names):
-        if name not in names or name == "amplifier_bandwidth_hz":
-            continue
-        place = names.index(name)
-        moved = float(rival.search[place]) - float(fit.search[index])
-        if name == "delay_samples":
-            moved += late_samples(rival.values, rival.structure.order, period)
-            moved -= late_samples(fit.values, fit.structure.order, period)
-        found[index] = abs(moved) + (float(widths[place]) if rung == "friction" else 0.0)
+        # A bandwidth is another number of another kind of amplifier.
+        if name in widths and name != "amplifier_bandwidth_hz":
+            value, width = widths[name]
+            if name == "delay_samples" and not late_samples(fit.values, fit.structure.order, period):
+                value = value + late_samples(rival.values, rival.structure.order, period)
+            found[index] = abs(value - fit.search[index]) + (width if rung == "friction" else 0.0)
     return found
-
-
-def other_shares(half: FloatArray, fit: Fit, others: Sequence[Fit]) -> FloatArray:
-    """Return half widths that hold fits of other assumed mass ratios, too."""
-    return np.asarray(np.max([half, *(half + np.abs(other.search - fit.search) for other in others)], axis=0))

@@ -11,7 +11,7 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi.identification.fit import FIRST_RATE_PER_S, Fit, Window, closely, fit, judged, roughly, slowest_observer
-from avc_casadi.identification.frequency import Response, likely_resonances, spring_start
+from avc_casadi.identification.frequency import Response, likely_resonances
 from avc_casadi.identification.intervals import (
     WORTH,
     Trial,
@@ -19,16 +19,16 @@ from avc_casadi.identification.intervals import (
     compared,
     half_widths,
     late_samples,
-    other_shares,
 )
 from avc_casadi.identification.predictor import Observer, Predictor
+from avc_casadi.identification.regression import Start
 from avc_casadi.identification.terms import (
     FRICTION,
     HIGHEST_SEEN,
     LOOP_RATIO,
     MASS_RATIO,
+    OFFSET,
     RUNGS,
-    WORDS,
     Structure,
 )
 
@@ -48,7 +48,6 @@ WIDEST = {
     "resonance.damping_ratio": 1.4,
     MASS_RATIO: 2.0,
     "stiffness_n_per_m": 0.4,
-    "force_scale": 0.35,
 }
 # Damping of no mode: two real poles, which any small misfit has. A lag faster than this is a delay.
 _NO_MODE, _FASTEST_LAG, _BESIDE_RESONANCE, _BESIDE_SCATTER = 1.9, 1.5, 0.6, 0.2
@@ -64,6 +63,7 @@ class Ladder:
     window: Window
     response: Response
     start: Mapping[str, float]
+    sprung: Mapping[str, float]
     sides: Sequence[str]
     fit: Fit
     trials: dict[str, Trial] = field(default_factory=dict)
@@ -76,7 +76,7 @@ class Ladder:
         cls,
         predictor: Predictor,
         structure: Structure,
-        start: Mapping[str, float],
+        start: Start,
         response: Response,
         sides: Sequence[str],
         progress: Progress = SILENT,
@@ -84,12 +84,13 @@ class Ladder:
         """Take the rungs that the log bears out, and find the intervals."""
         window = Window.of(predictor)
         first = Observer(max(FIRST_RATE_PER_S, slowest_observer(predictor)))
-        lowest = fit(predictor, structure, start, first, window, tolerance=1e-5)
-        found = cls(predictor, window, response, start, sides, closely(predictor, lowest, window))
+        values = {OFFSET: 0.0, **start.values}
+        lowest = closely(predictor, fit(predictor, structure, values, first, window, tolerance=1e-5), window)
+        found = cls(predictor, window, response, values, start.sprung, sides, lowest)
         found._try(("friction",))
         left = [rung for rung in ("lag", "loop", "resonance", "spring") if rung not in structure.rungs]
         for step in range(3):
-            progress.advance(step, 3, ", ".join(WORDS[rung] for rung in left))
+            progress.advance(step, 3, ", ".join(left))
             taken = found._try(left)
             if taken is None:
                 break
@@ -125,7 +126,7 @@ class Ladder:
             (rung for rung in good if good[rung].rms_m <= (1 + WORTH) * least), key=lambda rung: good[rung].search.size
         )
         for rung in good.keys() - {taken}:
-            self.trials[rung] = replace(self.trials[rung], taken=False, why=f"{WORDS[taken]} explains more")
+            self.trials[rung] = replace(self.trials[rung], taken=False, why=f"{taken} explains more")
         self.rivals.pop(taken, None)
         self.fit = good[taken]
         return taken
@@ -160,16 +161,17 @@ class Ladder:
         start = {**values, "amplifier_bandwidth_hz": 2.618 * lag_hz, LOOP_RATIO: 1.5}
         start["delay_samples"] = max(values["delay_samples"] - 1 / (2 * np.pi * 6.854 * lag_hz * period), 0.0)
         structure = self.fit.structure.without("lag").with_rung("loop")
-        loop = fit(self.predictor, structure, start, self.fit.observer, self.window, tolerance=1e-8)
+        loop = fit(self.predictor, structure, start, self.fit.observer, self.window)
         trial = compared(self.fit, loop, "loop")
         if trial.taken and not self._too_fast(loop):
-            self.trials["loop"] = trial
+            self.trials["loop"], self.fit = trial, loop
             self.rivals.pop("loop", None)
-            self.fit = loop
+        else:
+            self.rivals["loop"] = loop
 
     def _with_share(self, found: Fit, share: float) -> Fit:
         """Return a fit with its mass ratio fixed: with the encoder at the handle a log hardly changes with it."""
-        structure = replace(found.structure, assumed={MASS_RATIO: share})
+        structure = replace(found.structure, assumed={**found.structure.assumed, MASS_RATIO: share})
         return fit(self.predictor, structure, found.values, found.observer, self.window, steps=15, tolerance=1e-6)
 
     def _starts(self, rung: str) -> Iterator[tuple[Structure, dict[str, float]]]:
@@ -197,11 +199,7 @@ class Ladder:
             found.sort(key=lambda one: one[0])
             yield from (one[1:] for one in found[:_MOST_STARTS] if one[0] < 3 * found[0][0])
         else:
-            likely_spring = spring_start(self.response, values["delay_samples"] * period)
-            if likely_spring is not None:
-                yield rich, {**values, "delay_samples": self.start["delay_samples"], **likely_spring}
-            else:
-                yield rich, values
+            yield rich, {**values, **self.sprung}
 
     def _doubt(self, found: Fit, rung: str) -> str:
         """Return why a rung that betters the prediction is not told all the same, if it is not."""
@@ -251,31 +249,27 @@ class Ladder:
             self.half = half_widths(self.predictor, self.fit, self.window, self.rivals)
             if MASS_RATIO in self.fit.structure.assumed:
                 self._other_shares()
-            if MASS_RATIO in self._wide():
+            widths = dict(zip(self.fit.structure.names, self.half.tolist(), strict=True))
+            wide = {name for name, half in widths.items() if half > WIDEST.get(name, np.inf)}
+            if MASS_RATIO in wide:
                 self.fit = self._with_share(self.fit, float(np.clip(self.fit.values[MASS_RATIO], 0.1, 0.7)))
                 continue
-            vague = [rung for rung in ("spring", "loop", "lag", "resonance") if self._vague(rung)]
-            if not vague:
+            rungs = [rung for rung in ("spring", "loop", "lag", "resonance") if rung in self.fit.structure.rungs]
+            vague = next((rung for rung in rungs if self._vague(rung, wide, widths)), None)
+            if vague is None:
                 return
-            without = self._without(vague[0])
-            self._drop(vague[0], without, replace(self.trials[vague[0]], taken=False, why="too vague for a model"))
-            if vague[0] == "loop":
+            without = self._without(vague)
+            self._drop(vague, without, replace(self.trials[vague], taken=False, why="too vague for a model"))
+            if vague == "loop":
                 self._try(("lag",))
 
-    def _wide(self) -> set[str]:
-        """Return the parameters that the log does not tell."""
-        names = self.fit.structure.names
-        return {name for name, half in zip(names, self.half, strict=True) if half > WIDEST.get(name, np.inf)}
-
-    def _vague(self, rung: str) -> bool:
-        structure, key = self.fit.structure, RUNGS[rung][0]
-        if rung not in structure.rungs:
-            return False
+    def _vague(self, rung: str, wide: set[str], widths: Mapping[str, float]) -> bool:
+        key = RUNGS[rung][0]
         if rung == "spring":
-            place = structure.names.index(key)
-            return bool(self.fit.search[place] <= self.half[place]) or key in self._wide()
-        keys = {key} if rung == "resonance" else set(RUNGS[rung])
-        return bool(self._wide() & keys) or (rung != "resonance" and self._too_fast(self.fit))
+            return key in wide or self.fit.search[self.fit.structure.names.index(key)] <= widths[key]
+        return bool(wide & ({key} if rung == "resonance" else {*RUNGS[rung]})) or (
+            rung != "resonance" and self._too_fast(self.fit)
+        )
 
     def _other_shares(self) -> None:
         """Widen the intervals to every usual mass ratio that predicts the log as well."""
@@ -287,6 +281,5 @@ class Ladder:
                 if compared(other, self.fit, "resonance").taken:
                     break
                 good.append((at, other))
-        self.half = other_shares(self.half, self.fit, [found for _, found in good])
-        shares = [at for at, _ in good]
-        self.shares = min(shares), max(shares)
+        self.half = self.half + np.max([np.abs(found.search - self.fit.search) for _, found in good], axis=0)
+        self.shares = min(at for at, _ in good), max(at for at, _ in good)

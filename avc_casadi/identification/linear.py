@@ -11,7 +11,8 @@ import numpy as np
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.identification.terms import LOOP_RATIO, Structure
 from avc_casadi.model.device import Device, Resonance
-from avc_casadi.model.plant import GROUND, LinearPlant, Plant, Transition, transitions
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.plant import LinearPlant, Transition, transitions
 from avc_casadi.model.sampled_plant import SampledPlant, device_plant, sampled_plant
 
 # Step of the differences that give the slopes of a prediction, in search coordinates.
@@ -23,16 +24,6 @@ _LEAST_DELAY = 1e-3
 TAPS = 2
 # Intervals of a sample in which dry friction is evaluated behind an amplifier.
 PARTS = 8
-
-
-@dataclass(frozen=True)
-class _Spring:
-    """A spring from the grip to the ground, as the loop takes it."""
-
-    stiffness_n_per_m: float
-
-    def mechanics(self, plant: Plant) -> None:
-        plant.join(plant.grip, GROUND, self.stiffness_n_per_m, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,18 +74,6 @@ def device_of(values: Mapping[str, float], structure: Structure, sample_time_s: 
     )
 
 
-def linear_step(
-    values: Mapping[str, float],
-    structure: Structure,
-    sample_time_s: float,
-    taps: tuple[int, ...],
-    *,
-    parts: int = PARTS,
-) -> LinearStep:
-    """Discretise one device exactly."""
-    return linear_steps([values], structure, sample_time_s, taps, parts=parts)[0]
-
-
 def linear_steps(
     several: Sequence[Mapping[str, float]],
     structure: Structure,
@@ -110,27 +89,27 @@ def linear_steps(
     sampled: dict[int, tuple[SampledPlant, int]] = {}
     for spring in dict.fromkeys(springs):
         mine = [place for place, one in enumerate(springs) if one == spring]
-        made = sampled_plant([devices[place] for place in mine], None if spring is None else _Spring(spring))
+        made = sampled_plant([devices[place] for place in mine], None if spring is None else Hand(0.0, 0.0, spring))
         sampled |= {place: (made, row) for row, place in enumerate(mine)}
     plants = [
-        device_plant(device, None if spring is None else _Spring(spring)).linear()
+        device_plant(device, None if spring is None else Hand(0.0, 0.0, spring)).linear()
         for device, spring in zip(devices, springs, strict=True)
     ]
     late_s = [(device.delay_samples - int(device.delay_samples)) * sample_time_s for device in devices]
     cuts = [_cuts(one, near or one, sample_time_s, parts) for one in several]
     motor, early = _inside(plants, late_s, sample_time_s, cuts)
     found = []
-    for place, (values, plant) in enumerate(zip(several, plants, strict=True)):
+    for place, plant in enumerate(plants):
         made, row = sampled[place]
         whole = int(made.whole_delay[row])
         columns = {whole: -made.new[row, 0], whole + 1: -made.old[row, 0]}
-        force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1) * values["force_scale"]
+        force = np.stack([columns.get(tap, np.zeros(plant.states)) for tap in taps], axis=1)
         inside = np.zeros((len(early[place]), plant.states + len(taps) + 1))
         inside[:, : plant.states] = early[place][:, : plant.states]
         # Forces are positive against +x in the loop.
         for tap, column in ((whole + 1, plant.states), (whole, plant.states + 1)):
             if tap in taps:
-                inside[:, plant.states + taps.index(tap)] = -early[place][:, column] * values["force_scale"]
+                inside[:, plant.states + taps.index(tap)] = -early[place][:, column]
         inside[:, -1] = -early[place][:, -1]
         found.append(
             LinearStep(
@@ -153,24 +132,18 @@ def _cuts(values: Mapping[str, float], near: Mapping[str, float], period: float,
     interval has the same error. Instants beyond the sample lie in the next one; which do, and their order, is taken
     from the nearby device: a change of order would swap rows, and a difference would be no derivative.
     """
-    if math.isnan(values["amplifier_bandwidth_hz"]):
-        return [_samples_late(values) * period] if parts else []
-    before = _looks(near, period, parts)
-    places = _looks(values, period, parts) - np.floor(before)
+
+    def instants(of: Mapping[str, float]) -> FloatArray:
+        """Return the instants in samples, not wrapped at the end of the sample."""
+        late = of["delay_samples"] % 1.0
+        if math.isnan(of["amplifier_bandwidth_hz"]):
+            return np.array([late] if parts else [])
+        turn = math.pi * of["amplifier_bandwidth_hz"] * period
+        return np.asarray(late - np.log1p(np.arange(parts) / parts * math.expm1(-turn)) / turn)
+
+    before = instants(near)
+    places = instants(values) - np.floor(before)
     return [period * min(max(float(place), 0.0), 1.0) for place in places[np.argsort(before % 1.0)]]
-
-
-def _looks(values: Mapping[str, float], period: float, parts: int) -> FloatArray:
-    """Return the instants in samples, not wrapped at the end of the sample."""
-    turn = math.pi * values["amplifier_bandwidth_hz"] * period
-    after = -np.log1p(np.arange(parts) / parts * math.expm1(-turn)) / turn
-    return np.asarray(_samples_late(values) + after)
-
-
-def _samples_late(values: Mapping[str, float]) -> float:
-    """Return the part of a sample after which the newer force arrives."""
-    delay = values["delay_samples"]
-    return delay - int(delay)
 
 
 def _inside(

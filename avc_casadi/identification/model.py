@@ -32,18 +32,8 @@ class Estimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
-    """A stretch of a record beside the free-running model, arrays of shape (samples,)."""
-
-    record: str
-    time_s: FloatArray
-    measured_m: FloatArray
-    simulated_m: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class Identification:
-    """An identified device."""
+    """An identified device; `stretch` is time, and position measured and of the model running nearly free, (3, n)."""
 
     sources: tuple[str, ...]
     seconds: float
@@ -53,16 +43,14 @@ class Identification:
     rungs: tuple[str, ...]
     encoder_at: str
     estimates: Mapping[str, Estimate]
-    unknown: Mapping[str, str]
+    unknown: tuple[str, ...]
     trials: tuple[Trial, ...]
-    names: tuple[str, ...]
-    correlation: FloatArray
     error_m: FloatArray
     lags: FloatArray
     notes: tuple[str, ...]
     response: Response
     modelled: ComplexArray
-    stretches: tuple[Stretch, ...]
+    stretch: FloatArray
     device: DeviceFile | None = None
 
     @property
@@ -72,34 +60,29 @@ class Identification:
 
     def data(self) -> dict[str, Any]:
         """Return its JSON values."""
-        device, key_of = self.device, units_for(self.motion).key
+        key_of, response = units_for(self.motion).key, self.response
+        plainly = ("seconds", "records", "sample_time_s", "rungs", "encoder_at", "amplifier_order", "notes")
+        device = None if self.device is None else self.device.device.model_dump(mode="json", exclude_unset=True)
         result: dict[str, Any] = plain(
             {
                 "logs": self.sources,
-                "seconds": self.seconds,
-                "records": self.records,
-                "sample_time_s": self.sample_time_s,
-                "rungs": self.rungs,
-                "encoder_at": self.encoder_at,
-                "amplifier_order": self.amplifier_order,
+                **{key: getattr(self, key) for key in plainly},
                 "estimates": {
                     key: {name: value for name, value in vars(one).items() if name != "key"}
                     for key, one in self.estimates.items()
                 },
-                "unknown": self.unknown,
+                "unknown": [*map(key_of, self.unknown)],
                 "evidence": [vars(one) for one in self.trials],
-                "correlation": {"names": [*map(key_of, self.names)], "of_estimates": self.correlation},
                 "error_autocorrelation": self.lags,
-                "notes": self.notes,
-                "device": None if device is None else device.device.model_dump(mode="json", exclude_unset=True),
-                "gaps": None if device is None else [*map(key_of, device.gaps)],
+                "device": device,
+                "gaps": None if self.device is None else [*map(key_of, self.device.gaps)],
                 "response": {
-                    "frequency_hz": self.response.frequency_hz,
-                    "measured_re": self.response.velocity_per_force.real,
-                    "measured_im": self.response.velocity_per_force.imag,
+                    "frequency_hz": response.frequency_hz,
+                    "measured_re": response.velocity_per_force.real,
+                    "measured_im": response.velocity_per_force.imag,
                     "model_re": self.modelled.real,
                     "model_im": self.modelled.imag,
-                    "coherence": self.response.coherence,
+                    "coherence": response.coherence,
                 },
             }
         )

@@ -14,8 +14,8 @@ import numpy as np
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.identification.linear import PARTS, LinearStep, beside, linear_steps, taps_of
-from avc_casadi.identification.record import Record
-from avc_casadi.identification.run import Kind, run
+from avc_casadi.identification.log import Record
+from avc_casadi.identification.run import run
 from avc_casadi.identification.terms import FRICTION, OFFSET, Structure, is_force, offset_of
 
 _MOST_DOUBLINGS = 60
@@ -36,8 +36,8 @@ class Observer:
 
     rate_per_s: float
 
-    def gain(self, step: LinearStep, mass_kg: float, period: float) -> tuple[FloatArray, float]:
-        """Return the gain of the observer for a white disturbance at the motor, and the share of noise in the error."""
+    def gain(self, step: LinearStep, mass_kg: float, period: float) -> FloatArray:
+        """Return the gain of the observer for a white disturbance at the motor."""
         # With velocities in metres per sample and forces as accelerations in metres per sample squared the equation is
         # balanced.
         scale = np.array([_scale(name, mass_kg, period) for name in step.names])
@@ -54,16 +54,13 @@ class Observer:
             if np.abs(more).max() <= 1e-14 * np.abs(h).max():
                 break
         measured = h[:, step.measured]
-        total = float(measured[step.measured]) + 1.0
-        return np.asarray(measured / total / scale, dtype=np.float64), 1.0 / total
+        return np.asarray(measured / (measured[step.measured] + 1.0) / scale, dtype=np.float64)
 
 
 def _scale(name: str, mass_kg: float, period: float) -> float:
-    if name.endswith("_m_per_s"):
-        return period
     if name.startswith("actuator"):
         return period**2 / mass_kg * (period if name.endswith("_per_s") else 1.0)
-    return 1.0
+    return period if name.endswith("_m_per_s") else 1.0
 
 
 class Predictor:
@@ -84,40 +81,30 @@ class Predictor:
         values = structure.values(search)
         several, moves = beside(values, structure) if slopes else ([], np.zeros(0))
         taps = taps_of(values)
-        lag = structure.present("amplifier_bandwidth_hz")
-        kind = Kind(2 + 2 * structure.present("resonance.frequency_hz") + lag * structure.order, PARTS if lag else 1)
-        masses = {record.added_mass_kg for record in self.records}
-        models = {mass: self._models(structure, [values, *several], taps, observer, mass) for mass in masses}
+        cuts = PARTS if structure.present("amplifier_bandwidth_hz") else 1
+        step, linear = self._models(structure, [values, *several], taps, observer)
         found = []
         for record, log in zip(self.records, self._logs, strict=True):
-            step, linear = models[record.added_mass_kg]
             # Where each log has a constant force of its own, that takes the place of the common one.
             keys = [FRICTION, offset_of(log) if structure.offsets > 1 else OFFSET]
             forces = [[each.get(key, 0.0) for key in keys] for each in (values, *several)]
             numbers = np.insert(linear, [step.flat().size], np.array(forces), axis=1)
-            out = run(*self._begun(step, record, taps), numbers, kind)
+            out = run(*self._begun(step, record, taps), numbers, cuts)
             by = (out[:, 1:] - out[:, :1]) / moves
             found.append(Prediction(out[:, 0].copy(), by))
         return found
 
     def _models(
-        self,
-        structure: Structure,
-        several: Sequence[Mapping[str, float]],
-        taps: tuple[int, ...],
-        observer: Observer,
-        added_mass_kg: float,
+        self, structure: Structure, several: Sequence[Mapping[str, float]], taps: tuple[int, ...], observer: Observer
     ) -> tuple[LinearStep, FloatArray]:
         """Return the first step, and of every model the entries, gain and row that `run` takes around its forces."""
-        loaded = [{**values, "mass_kg": values["mass_kg"] + added_mass_kg} for values in several]
-        linear = [0, *(at for at, name in enumerate(structure.names, 1) if at < len(loaded) and not is_force(name))]
-        made = linear_steps([loaded[at] for at in linear], structure, self.sample_time_s, taps, near=loaded[0])
+        linear = [0, *(at for at, name in enumerate(structure.names, 1) if at < len(several) and not is_force(name))]
+        made = linear_steps([several[at] for at in linear], structure, self.sample_time_s, taps, near=several[0])
         by_place = dict(zip(linear, made, strict=True))
-        steps = [by_place.get(at, made[0]) for at in range(len(loaded))]
+        steps = [by_place.get(at, made[0]) for at in range(len(several))]
         step = steps[0]
-        gain, _ = observer.gain(step, loaded[0]["mass_kg"], self.sample_time_s)
-        row = np.zeros(len(step.names))
-        row[step.measured] = 1.0
+        gain = observer.gain(step, several[0]["mass_kg"], self.sample_time_s)
+        row = np.eye(len(step.names))[step.measured]
         return step, np.array([np.concatenate([one.flat(), gain, row]) for one in steps])
 
     def _begun(self, step: LinearStep, record: Record, taps: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:

@@ -1,15 +1,15 @@
-"""Logs as files: CSV, NPZ and MAT v5; every fault of a file at once."""
+"""Logs as files: CSV and other text, NPZ and MAT v5; columns and units from headers and options."""
 
 from __future__ import annotations
 
 import csv
+import difflib
 import math
 import re
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,109 +18,140 @@ import scipy.io
 from scipy.io.matlab import MatReadError
 
 from avc_casadi._errors import Fault, InputError
-from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.arrays import IndexArray
 from avc_casadi._util.files import opened
-from avc_casadi.identification.record import Columns, Record, backwards_of, faults_of_rows, implausible, records_of
-from avc_casadi.identification.repair import filled
-from avc_casadi.identification.units import QUANTITIES, Column, Layout, chosen_columns, motion_of
+from avc_casadi._util.units import MotionKind
+from avc_casadi.identification.log import Columns, Record, faults_of, faults_of_rows, records_of
 
 MOST_BYTES = 2**27
-# A longer line is no row of numbers; a hundred channels are a thousand characters.
-_LONGEST_ROW = 50_000
+_QUANTITIES = ("time", "position", "force")
+_TEXTS = (".csv", ".txt", ".dat", ".tsv")
 _MARKS = ("#", "%")
-_COMMA = re.compile(r"\d,\d+'$")
+_NAMES = {
+    "time": ("time", "t", "timestamp", "stamp", "clock"),
+    "position": ("position", "pos", "x", "q", "displacement", "y", "angle", "theta", "phi"),
+    "force": ("force", "f", "u", "command", "force_command", "cmd_force", "effort", "torque", "tau", "moment"),
+}
+_ALSO = {"angle": "position", "torque": "force"}
+_UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+    | {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180},
+    "force": {"n": 1.0, "mn": 1e-3, "kn": 1e3}
+    | {"n.m": 1.0, "mn.m": 1e-3, "kn.m": 1e3, "nm": 1.0, "mnm": 1e-3, "unm": 1e-6},
+}
+_SPELT = {
+    **dict.fromkeys(("sec", "seconds"), "s"),
+    **dict.fromkeys(("degrees", "degree", "°"), "deg"),
+    **dict.fromkeys(("n*m", "n·m"), "n.m"),
+    **dict.fromkeys(("micros", "µs"), "us"),
+    "millis": "ms",
+    "µm": "um",
+    "newton": "n",
+    "radians": "rad",
+    "µrad": "urad",
+}
+_USUAL = {
+    "time": "s, ms, us, ns, in the header as time_s",
+    "position": "m, cm, mm, um (counts times the encoder's step), rad, deg, in the header as position_m or angle_rad",
+    "force": "N, mN, kN, or N.m, mN.m (a current times the motor's constant), in the header as force_n or torque_nm",
+}
 _NUMBERS = {"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 # Exceptions of libraries at a file that is not of their kind.
-_UNREADABLE = (
-    ValueError,
-    TypeError,
-    IndexError,
-    KeyError,
-    NotImplementedError,
-    EOFError,
-    MemoryError,
-    OverflowError,
-    zlib.error,
-    zipfile.BadZipFile,
-    MatReadError,
+_UNREADABLE: tuple[type[Exception], ...] = (
+    *(ValueError, TypeError, LookupError, NotImplementedError, EOFError, MemoryError, OverflowError),
+    *(csv.Error, zlib.error, zipfile.BadZipFile, MatReadError),
 )
 
 
-def read_logs(
-    paths: Sequence[str | Path], layout: Layout | None = None, added_mass_kg: Sequence[float] = ()
-) -> tuple[list[Record], list[str]]:
+@dataclass(frozen=True)
+class Layout:
+    """Columns (headers, or numbers from 1) and units by quantity, and the sample time of a log without time."""
+
+    columns: Mapping[str, str | int] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    sample_time_s: float | None = None
+
+
+def pairs_of(texts: Sequence[str], key: str) -> tuple[dict[str, str], list[Fault]]:
+    """Parse ``time=1,position=2`` as the columns and units of an option; an angle is a position, a torque a force."""
+    pairs: dict[str, str] = {}
+    faults = []
+    for part in (part.strip() for text in texts for part in text.split(",") if part.strip()):
+        name, _, value = part.partition("=")
+        name = _ALSO.get(name, name)
+        if name not in _QUANTITIES or not value:
+            allowed = ", ".join(f"{one}=..." for one in _QUANTITIES)
+            faults.append(Fault("", None, key, f"{part!r} is no pair; allowed: {allowed}"))
+        else:
+            pairs[name] = value
+    return pairs, faults
+
+
+def read_logs(paths: Sequence[str | Path], layout: Layout | None = None) -> tuple[list[Record], list[str]]:
     """Read the logs of one device."""
-    if added_mass_kg and len(added_mass_kg) != len(paths):
-        raise InputError.of(f"has {len(added_mass_kg)} for {len(paths)} logs; allowed: one for each", key="added_mass")
     records: list[Record] = []
     faults: list[Fault] = []
     notes: list[str] = []
-    for index, path in enumerate(paths):
-        columns, wrong = _columns(Path(path), str(path), layout or Layout())
-        faults += wrong
-        if columns is not None:
-            cut, broken, told = records_of(columns, added_mass_kg[index] if added_mass_kg else 0.0)
-            records += cut
-            faults += broken
-            notes += told
-    periods = {record.sample_time_s for record in records}
-    if not faults and periods and max(periods) > min(periods) * (1 + 1e-4):
-        seconds = ", ".join(f"{period:g}" for period in sorted(periods))
+    for path in paths:
+        try:
+            cut, broken, more = records_of(_columns(path, layout or Layout()))
+        except InputError as error:
+            faults += error.faults
+        else:
+            records, faults, notes = records + cut, faults + broken, notes + more
+    periods = sorted({record.sample_time_s for record in records})
+    if not faults and periods and periods[-1] > periods[0] * (1 + 1e-4):
+        seconds = ", ".join(f"{period:g}" for period in periods)
         faults.append(Fault("", None, "LOG", f"have sample times of {seconds} s; allowed: one sample time for all"))
     if faults:
         raise InputError(faults)
     return [replace(record, sample_time_s=records[0].sample_time_s) for record in records], notes
 
 
-def read_columns(path: str | Path, layout: Layout | None = None) -> list[Columns]:
-    """Read a log with its own time stamps: gaps, jitter and a device at rest are no faults.
-
-    A few lost samples are filled in, with a note.
-    """
-    columns, faults = _columns(Path(path), str(path), layout or Layout())
-    if columns is not None:
-        columns = filled(columns)
-        faults += implausible(columns, idle=True) or backwards_of(columns)
-    if faults or columns is None:
+def read_columns(path: str | Path, layout: Layout | None = None) -> Columns:
+    """Read a log of a swing with its own time stamps: gaps, jitter and a device at rest are no faults."""
+    columns = _columns(path, layout or Layout()).complete()
+    faults = faults_of(columns, swing=True)
+    if faults:
         raise InputError(faults)
-    return [columns]
+    return columns
 
 
-def _columns(path: Path, file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
-    """Return the log of a file, or its faults."""
-    ending = path.suffix.lower()
-    texts = (".csv", ".txt", ".dat", ".tsv")
-    if ending not in (*texts, ".npz", ".mat"):
-        return None, [Fault(file, None, "", f"ends in {path.suffix!r}; allowed: {', '.join(texts)}, .npz, .mat")]
+def _columns(path: str | Path, layout: Layout) -> Columns:
+    """Return the columns of a file in SI units."""
+    file, ending = str(path), Path(path).suffix.lower()
+    if ending not in (*_TEXTS, ".npz", ".mat"):
+        raise InputError.of(f"ends in {ending!r}; allowed: {', '.join(_TEXTS)}, .npz, .mat", file=file)
     try:
         with opened(path, MOST_BYTES) as stream:
-            if ending in texts:
-                return _text(stream.read(), file, layout)
+            if ending in _TEXTS:
+                return _text(stream.read().decode("utf-8-sig"), file, layout)
             return _arrays(_npz(stream) if ending == ".npz" else _mat(stream), file, layout)
-    except InputError as error:
-        return None, list(error.faults)
+    except InputError:
+        raise
     except UnicodeDecodeError:
-        return None, [Fault(file, None, "", "is no UTF-8 text; allowed: UTF-8: save it as such")]
+        raise InputError.of("is no UTF-8 text; allowed: UTF-8: save it as such", file=file) from None
     except _UNREADABLE as error:
         first = str(error).partition("\n")[0][:200] or type(error).__name__
         hint = "; save it with -v7" if isinstance(error, NotImplementedError) else ""
-        return None, [Fault(file, None, "", f"is not read as {ending} ({first}){hint}")]
+        raise InputError.of(f"is not read as {ending} ({first}){hint}", file=file) from error
 
 
 def _npz(stream: BinaryIO) -> Mapping[str, Any]:
     with zipfile.ZipFile(stream) as archive:
         _bound(sum(one.file_size for one in archive.infolist()))
     stream.seek(0)
-    with np.load(stream, allow_pickle=False) as held:
-        return {name: held[name] for name in held.files}
+    with np.load(stream, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 def _mat(stream: Any) -> Mapping[str, Any]:
     sizes = {name: math.prod(shape) for name, shape, kind in scipy.io.whosmat(stream) if kind in _NUMBERS}
     _bound(8 * sum(sizes.values()))
     stream.seek(0)
-    held = scipy.io.loadmat(stream, squeeze_me=True, variable_names=list(sizes))
-    return {name: held[name] for name in sizes if name in held}
+    arrays = scipy.io.loadmat(stream, squeeze_me=True, variable_names=list(sizes))
+    return {name: arrays[name] for name in sizes if name in arrays}
 
 
 def _bound(size: int) -> None:
@@ -128,134 +159,173 @@ def _bound(size: int) -> None:
         raise ValueError(f"it holds {size} bytes; allowed: at most {MOST_BYTES}; cut it")
 
 
-def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
+def _arrays(named: Mapping[str, Any], file: str, layout: Layout) -> Columns:
     """Return the columns of named arrays: a vector is one by its name, a matrix ``data`` is data:1, data:2, ..."""
-    columns: dict[str, FloatArray] = {}
-    for name, held in named.items():
-        value: Any = np.squeeze(np.asarray(held))
+    vectors: dict[str, Any] = {}
+    for name, array in named.items():
+        value: Any = np.squeeze(np.asarray(array))
         if value.dtype.kind not in "fiu" or value.ndim not in {1, 2} or value.size < 2:
             continue
         if value.ndim == 1:
-            columns[name] = value
+            vectors[name] = value
         else:
             table = value if value.shape[0] >= value.shape[1] else value.T
-            columns |= {f"{name}:{at}": column for at, column in enumerate(table.T, start=1)}
-    names = list(columns)
-    if not names:
-        return None, [Fault(file, None, "", "holds no numbers; allowed: vectors of time, position and force")]
-    chosen, faults = chosen_columns(names, len(names), layout, file, None)
-    if faults:
-        return None, faults
-    values = {quantity: columns[names[one.index]] for quantity, one in chosen.items()}
+            vectors |= {f"{name}:{at}": column for at, column in enumerate(table.T, start=1)}
+    if not vectors:
+        raise InputError.of("holds no numbers; allowed: vectors of time, position and force", file=file)
+    chosen = _chosen(list(vectors), len(vectors), layout, file, None)
+    values = {quantity: list(vectors.values())[index] for quantity, (index, _) in chosen.items()}
     if len({one.size for one in values.values()}) > 1:
         sizes = ", ".join(f"{quantity} {one.size}" for quantity, one in values.items())
-        return None, [Fault(file, None, "", f"has columns of unequal length: {sizes}; allowed: equal lengths")]
-    return _quantities(file, values, chosen, layout, None), []
+        raise InputError.of(f"has columns of unequal length: {sizes}; allowed: equal lengths", file=file)
+    return _in_si(file, values, chosen, layout)
 
 
-def _quantities(
+def _text(content: str, file: str, layout: Layout) -> Columns:
+    """Read a text: headers in its first row, or in the comment above it, as numpy writes it."""
+    lines = [(at, row) for at, row in enumerate(content.splitlines(), start=1) if row.strip()]
+    rows = [(at, row) for at, row in lines if not row.lstrip().startswith(_MARKS)]
+    if not rows:
+        raise InputError.of("is empty; allowed: columns of time, position and force", file=file)
+    sample = rows[min(1, len(rows) - 1)][1]
+    mark = next((mark for mark in (";", "\t", ",") if mark in sample), None)
+    places = [at for at, _ in rows]
+    cells = list(_cells((row for _, row in rows), mark))
+    width, headers, header_line = len(cells[0]), None, None
+    if not all(_number(cell) is not None for cell in cells[0]):
+        headers, header_line = cells.pop(0), places.pop(0)
+    else:
+        above = [(at, row.lstrip(" #%")) for at, row in lines if at < places[0]]
+        for (at, _), names in zip(above, _cells((row for _, row in above), mark), strict=True):
+            if len(names) == width:
+                headers, header_line = names, at
+    chosen = _chosen(headers, width, layout, file, header_line)
+    notes: tuple[str, ...] = ()
+    if len(cells) > 1 and len(cells[-1]) < width:
+        notes = (f"{file}: its last line, {places.pop()}, is cut short and left out",)
+        cells.pop()
+    if not cells:
+        raise InputError.of("has headers and no samples", file=file)
+    wide = [(at, f"has {len(row)} columns") for at, row in zip(places, cells, strict=True) if len(row) != width]
+    faults = faults_of_rows(file, "", wide, f"{width}, as the first row")
+    values = {}
+    for quantity, (index, _) in chosen.items():
+        # An empty cell is a lost sample.
+        column = [_number(row[index] or "nan") if len(row) == width else math.nan for row in cells]
+        wrong = [(places[at], f"is {cells[at][index][:40]!r}") for at, one in enumerate(column) if one is None]
+        comma = bool(wrong) and all(re.search(r"\d,\d+'$", what) for _, what in wrong)
+        allowed = "a number, with a decimal point" if comma else "a number"
+        faults += faults_of_rows(file, quantity, wrong, allowed)
+        values[quantity] = column if wrong else np.array(column)
+    if faults:
+        raise InputError(sorted(faults, key=lambda fault: fault.line or 0))
+    return _in_si(file, values, chosen, layout, np.array(places, dtype=np.intp), notes)
+
+
+def _cells(rows: Iterable[str], mark: str | None) -> Iterable[list[str]]:
+    if mark is None:
+        return (row.split() for row in rows)
+    return ([cell.strip() for cell in next(csv.reader([row], delimiter=mark))] for row in rows)
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _in_si(
     file: str,
-    columns: Mapping[str, FloatArray],
-    chosen: Mapping[str, Column],
+    columns: Mapping[str, Any],
+    chosen: Mapping[str, tuple[int, str]],
     layout: Layout,
-    lines: IndexArray | None,
-    told: tuple[str, ...] = (),
+    lines: IndexArray | None = None,
+    notes: tuple[str, ...] = (),
 ) -> Columns:
     """Return columns in SI units, under a given clock where the log has none."""
     with np.errstate(over="ignore", invalid="ignore"):  # reported where numbers are looked at
-        values = {key: np.asarray(one, dtype=np.float64) * chosen[key].size for key, one in columns.items()}
-    if "time" not in values or (layout.sample_time_s is not None and "time" not in layout.columns):
+        values = {key: np.asarray(one, dtype=np.float64) * _UNITS[key][chosen[key][1]] for key, one in columns.items()}
+    if "time" not in values:
         values["time"] = float(layout.sample_time_s or 0.0) * np.arange(values["position"].size, dtype=np.float64)
-    return Columns(file, values["time"], values["position"], values["force"], lines, motion_of(chosen), told)
+    turns = any(_turns(quantity, unit) for quantity, (_, unit) in chosen.items())
+    motion: MotionKind = "rotary" if turns else "linear"
+    return Columns(file, values["time"], values["position"], values["force"], lines, motion, notes)
 
 
-def _text(content: bytes, file: str, layout: Layout) -> tuple[Columns | None, list[Fault]]:
-    """Read a text: headers in its first row, or in the comment above it, as numpy writes it."""
-    lines = list(enumerate(content.decode("utf-8-sig").splitlines(), start=1))
-    long = [line for line, row in lines if len(row) > _LONGEST_ROW]
-    if long:
-        return None, [Fault(file, long[0], "", f"is longer than {_LONGEST_ROW} characters; allowed: rows of numbers")]
-    written = [(line, row) for line, row in lines if row.strip()]
-    rows = [(line, row) for line, row in written if not row.lstrip().startswith(_MARKS)]
-    if not rows:
-        return None, [Fault(file, None, "", "is empty; allowed: columns of time, position and force")]
-    sample = rows[min(1, len(rows) - 1)][1]
-    mark = next((mark for mark in (";", "\t", ",") if mark in sample), None)
-    line, first = rows[0][0], _cells(rows[0][1], mark)
-    width, headers, header_line = len(first), None, None
-    if not all(map(_is_number, first)):
-        headers, header_line, rows = first, line, rows[1:]
-    else:
-        for number, row in written:
-            names = _cells(row.lstrip(" #%"), mark)
-            if number < line and len(names) == width:
-                headers, header_line = names, number
-    chosen, faults = chosen_columns(headers, width, layout, file, header_line)
-    if faults:
-        return None, faults
-    told: tuple[str, ...] = ()
-    if len(rows) > 1 and len(_cells(rows[-1][1], mark)) < width:
-        told = (f"{file}: its last line, {rows[-1][0]}, is cut short and left out",)
-        rows = rows[:-1]
-    if not rows:
-        return None, [Fault(file, None, "", "has headers and no samples")]
-    places = [one.index for one in chosen.values()]
-    numbers = np.array([number for number, _ in rows], dtype=np.intp)
-    texts = [row for _, row in rows]
-    table = np.zeros((0, 0))
-    if all((len(row.split()) if mark is None else row.count(mark) + 1) == width for row in texts):
-        with suppress(ValueError):  # parsed one by one then
-            table = np.loadtxt(texts, delimiter=mark, usecols=places, comments=None, ndmin=2)
-    if not table.size:
-        table, chosen, faults = _one_by_one(rows, mark, width, chosen, layout, file)
-        if faults:
-            return None, faults
-    columns = dict(zip(chosen, table.T, strict=True))
-    return _quantities(file, columns, chosen, layout, numbers, told), []
+def _turns(quantity: str, unit: str) -> bool:
+    """Return whether a unit is of a device that turns."""
+    return unit.endswith(("rad", "deg")) or (quantity == "force" and unit.endswith("m"))
 
 
-def _one_by_one(
-    rows: Sequence[tuple[int, str]],
-    mark: str | None,
-    width: int,
-    chosen: dict[str, Column],
-    layout: Layout,
-    file: str,
-) -> tuple[FloatArray, dict[str, Column], list[Fault]]:
-    """Parse rows with empty or quoted cells, or a fault; an empty cell is a lost sample."""
-    cells = [(line, _cells(row, mark)) for line, row in rows]
-    if "time" in chosen and "time" not in layout.columns and layout.sample_time_s is not None:
-        spare = chosen["time"].index
-        if any(len(row) > spare and not _is_number(row[spare] or "0") for _, row in cells):
-            # A time of day, replaced by the given sample time.
-            chosen = {key: one for key, one in chosen.items() if key != "time"}
-    wrong: dict[str, list[tuple[int | None, str]]] = {}
-    for line, row in cells:
-        if len(row) != width:
-            wrong.setdefault("", []).append((line, f"has {len(row)} columns"))
+def _chosen(
+    headers: Sequence[str] | None, width: int, layout: Layout, file: str, line: int | None
+) -> dict[str, tuple[int, str]]:
+    """Return the index and unit of each quantity; headers are None where there are none."""
+    chosen: dict[str, tuple[int, str]] = {}
+    faults: list[Fault] = []
+    parsed = [_split(header) for header in headers or ()]
+    # A sample time replaces a missing time, or one of writing.
+    spare = ("time",) if layout.sample_time_s is not None and "time" not in layout.columns else ()
+    for quantity in (one for one in _QUANTITIES if one not in spare):
+        index = _column(quantity, headers, parsed, width, layout.columns.get(quantity))
+        if isinstance(index, str):
+            faults.append(Fault(file, line, quantity, index))
             continue
-        for quantity, one in chosen.items():
-            if not _is_number(row[one.index] or "nan"):
-                wrong.setdefault(quantity, []).append((line, f"is {row[one.index][:40]!r}"))
-    faults = []
-    for quantity in ("", *QUANTITIES):
-        some = wrong.get(quantity, [])
-        allowed = "a number" if quantity else f"{width}, as the first row"
-        allowed += ", with a decimal point" if quantity and all(_COMMA.search(what) for _, what in some) else ""
-        faults += faults_of_rows(file, quantity, some, allowed)
+        unit = layout.units.get(quantity, parsed[index][1] if parsed else "").strip()
+        known = _SPELT.get(unit.lower(), unit.lower())
+        if known in _UNITS[quantity]:
+            chosen[quantity] = index, known
+        else:
+            what = f"has the unit {unit!r}" if unit else "has no unit"
+            allowed = f"{_USUAL[quantity]}, or with --units {quantity}=UNIT"
+            faults.append(Fault(file, line, quantity, f"{what}; allowed: {allowed}"))
+    if len({index for index, _ in chosen.values()}) < len(chosen):
+        faults.append(Fault(file, line, "", "one column is named for two quantities; allowed: one column each"))
+    turning = [quantity for quantity, (_, unit) in chosen.items() if _turns(quantity, unit)]
+    if len(turning) == 1 and {"position", "force"} <= chosen.keys():
+        message = "turns and the rest of the log goes in a line, by their units; allowed: rad and N.m, or m and N"
+        faults.append(Fault(file, line, turning[0], message))
     if faults:
-        return np.zeros((0, 0)), chosen, sorted(faults, key=lambda fault: fault.line or 0)
-    table = [[float(row[one.index] or "nan") for one in chosen.values()] for _, row in cells]
-    return np.array(table), chosen, []
+        raise InputError(faults)
+    return chosen
 
 
-def _cells(row: str, mark: str | None) -> list[str]:
-    return row.split() if mark is None else [cell.strip() for cell in next(csv.reader([row], delimiter=mark))]
+def _split(header: str) -> tuple[str, str]:
+    """Return name and unit of ``position_mm``, ``position [mm]`` or ``position (mm)``."""
+    text = header.strip().strip('"')
+    bracket = re.fullmatch(r"(.*?)\s*[\[(]\s*(\S+?)\s*[\])]", text)
+    if bracket:
+        return bracket[1].strip().lower(), bracket[2]
+    stem, _, last = text.rpartition("_")
+    known = last.lower() in {*_SPELT, *(unit for units in _UNITS.values() for unit in units)}
+    return (stem.lower(), last) if stem and known else (text.lower(), "")
 
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _column(
+    quantity: str,
+    headers: Sequence[str] | None,
+    parsed: Sequence[tuple[str, str]],
+    width: int,
+    wanted: str | int | None,
+) -> int | str:
+    """Return the index of a column, or the fault."""
+    if wanted is not None and str(wanted).isdigit():
+        place = int(wanted)
+        return place - 1 if 1 <= place <= width else f"is column {place}; allowed: 1 to {width}"
+    if headers is None:
+        return f"is not named, and there is no header; allowed: --columns {quantity}=NUMBER, 1 is the first"
+    if wanted is not None:
+        exact = [index for index, header in enumerate(headers) if header.strip() == wanted]
+        near = difflib.get_close_matches(str(wanted), headers, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        return exact[0] if len(exact) == 1 else f"is {wanted!r}, no column; allowed: {', '.join(headers[:20])}{hint}"
+    named = [index for index, (name, _) in enumerate(parsed) if name in _NAMES[quantity]]
+    if len(named) == 1:
+        return named[0]
+    unknown = [header.strip() for header in headers if header.rpartition("_")[0].strip().lower() in _NAMES[quantity]]
+    if unknown and not named:
+        return f"has a unit that is not known in {', '.join(unknown)}; allowed: {_USUAL[quantity]}"
+    many = f"{len(named)} columns" if named else "no column"
+    allowed = f"one, or --columns {quantity}=HEADER" + ("; without time --sample-time S" if quantity == "time" else "")
+    return f"has {many} among {', '.join(map(repr, headers[:20]))}; allowed: {allowed}"

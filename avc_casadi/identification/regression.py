@@ -9,15 +9,11 @@ import numpy as np
 from scipy import signal
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.identification.record import Record
+from avc_casadi.identification.log import Record
 from avc_casadi.identification.terms import FRICTION, offset_of
 
 _DELAYS = tuple(np.arange(0.0, 8.5, 0.5))
 _SHARE_OF_RATE, _CUTOFF_HZ, _EDGE = 1 / 12, 40.0, 60
-# Shares of the largest force at which it may saturate. With the right limit at most this share of the other residual
-# remains (0.13 where it saturates, 0.96 where it does not), and this one of the force.
-_CUT_AT = (0.9, 0.75, 0.6, 0.5, 0.4, 0.3, 0.2)
-_CUT_LEAVES, _EXPLAINED = 0.5, 0.1
 # A spring leaves at most this share of the residual of a free device: 0.004 to 0.22 of devices on springs, 0.76 and
 # more elsewhere.
 _SPRING_LEAVES = 0.5
@@ -31,9 +27,10 @@ _POSITION = 3
 
 @dataclass(frozen=True)
 class Start:
-    """Start of the search."""
+    """Start of the search, that of a device on a spring beside it, and how well and in which direction it follows."""
 
     values: dict[str, float]
+    sprung: dict[str, float]
     explained: float
     against: bool
 
@@ -57,9 +54,6 @@ class Motion:
             for first, parts in enumerate(both):
                 parts.append(np.concatenate([self._columns(record, first), constant], axis=1)[_EDGE:-_EDGE])
         self.regressors, self.instruments = (np.concatenate(parts) for parts in both)
-        sizes = [record.position_m.size - 2 * _EDGE for record in records]
-        added = np.repeat([record.added_mass_kg for record in records], sizes)
-        self.added_n = added * self.regressors[:, 0]
 
     def _columns(self, record: Record, first: int) -> FloatArray:
         time = np.arange(record.position_m.size)
@@ -73,20 +67,16 @@ class Motion:
         sections = signal.butter(4, self.cutoff_hz, fs=1 / self.period, output="sos")
         return np.asarray(signal.sosfiltfilt(sections, values), dtype=np.float64)
 
-    def explains(
-        self, delay: float, limit_n: float = np.inf, *, spring: bool = False
-    ) -> tuple[float, float, FloatArray]:
-        """Return squared residual, squared force, and parameters, with a delay and a limit of the force."""
+    def explains(self, delay: float, *, spring: bool = False) -> tuple[float, float, FloatArray]:
+        """Return squared residual, squared force, and parameters, with a delay."""
         regressors, instruments = (
             one if spring else np.delete(one, _POSITION, axis=1) for one in (self.regressors, self.instruments)
         )
-        forces = []
-        for record in self.records:
-            # The force of a hold acts half a sample after its command on average.
-            time = np.arange(record.force_n.size)
-            late = np.interp(time - delay - 0.5, time, np.clip(record.force_n, -limit_n, limit_n))
-            forces.append(self._filtered(late)[_EDGE:-_EDGE])
-        wanted = np.concatenate(forces) - self.added_n
+        # The force of a hold acts half a sample after its command on average.
+        times = [np.arange(record.force_n.size) for record in self.records]
+        pairs = zip(times, self.records, strict=True)
+        late = [np.interp(time - delay - 0.5, time, record.force_n) for time, record in pairs]
+        wanted = np.concatenate([self._filtered(force)[_EDGE:-_EDGE] for force in late])
         found = np.linalg.lstsq(instruments.T @ regressors, instruments.T @ wanted, rcond=None)[0]
         left = float(np.sum((wanted - regressors @ found) ** 2))
         return left, max(float(np.sum((wanted - wanted.mean()) ** 2)), 1e-300), np.asarray(found, dtype=np.float64)
@@ -111,24 +101,14 @@ class Motion:
             best, spring = rigid, False
             found = dict(zip(keys[:3], map(float, best[3]), strict=False))
         delay, left, whole, numbers = best
-        little = float(np.sqrt(whole / len(self.added_n))) * _LITTLE / float(sizes["mass_kg"] or 1e-300)
+        little = float(np.sqrt(whole / len(self.regressors))) * _LITTLE / float(sizes["mass_kg"] or 1e-300)
         if abs(found["mass_kg"]) < little or (found["mass_kg"] < 0 and not against):
             # Below a resonance, or in friction, inertia is a small share of the force: the fit finds it.
             found["mass_kg"] = little
         offsets = {offset_of(log): -float(force) for log, force in enumerate(numbers[3 + spring :])}
-        return Start({**found, **offsets, "delay_samples": float(delay)}, 1 - left / whole, against)
-
-    def limit_n(self, delay: float) -> float | None:
-        """Return the level at which the acting force saturates below the logged one; None where it does not."""
-        largest = max(float(np.abs(record.force_n).max()) for record in self.records)
-        near = [max(0.0, delay + step) for step in (-1.0, 0.0, 1.0)]
-
-        def left(share: float) -> float:
-            return min(one / whole for one, whole, _ in (self.explains(late, share * largest) for late in near))
-
-        cut = {share: left(share) for share in _CUT_AT}
-        share = min(cut, key=lambda one: cut[one])
-        return share * largest if cut[share] < min(_CUT_LEAVES * left(1.0), _EXPLAINED) else None
+        sprung = dict(zip(("delay_samples", *keys), (held[0], *map(float, held[3][:4])), strict=True))
+        sprung = sprung if min(sprung["mass_kg"], sprung["stiffness_n_per_m"]) > 0 else {}
+        return Start({**found, **offsets, "delay_samples": float(delay)}, sprung, 1 - left / whole, against)
 
 
 def in_ticks(records: Sequence[Record]) -> tuple[list[Record], list[str]]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -51,29 +50,21 @@ int avc_run(long long samples, long long models, const double* initial, const do
 """
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A kind of model: states of the linear part, evaluations of the velocity inside a sample."""
-
-    states: int
-    cuts: int
-
-
-def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, kind: Kind) -> FloatArray:
-    """Return the prediction error of every sample and model, shape (samples, models)."""
+def run(state: FloatArray, inputs: FloatArray, numbers: FloatArray, cuts: int) -> FloatArray:
+    """Return the prediction error of every sample and model, with some looks at the velocity, (samples, models)."""
     x, inputs, numbers = (np.array(one, dtype=np.float64, order="C") for one in (state, inputs, numbers))
     if compiler() is None:
-        through = sample(kind).mapaccum("through", len(inputs))
+        through = sample(x.size, cuts).mapaccum("through", len(inputs))
         return np.array([np.asarray(through(x, inputs.T, one)[1]).ravel() for one in numbers]).T
     out = np.empty((len(inputs), len(numbers)))
     pointers = (one.ctypes.data for one in (x, inputs, numbers, out))
-    _native(kind)(len(inputs), len(numbers), *pointers)
+    _native(x.size, cuts)(len(inputs), len(numbers), *pointers)
     return out
 
 
 @lru_cache(maxsize=16)
-def _native(kind: Kind) -> Callable[..., int]:
-    one = sample(kind)
+def _native(states: int, cuts: int) -> Callable[..., int]:
+    one = sample(states, cuts)
     body = in_lanes(one, ("x[{}]", "SPREAD(inputs[{}])", "numbers[{}]"), ("next[{}]", "error[{}]"))
     sizes = dict(zip(("states", "inputs", "numbers"), (one.numel_in(at) for at in range(3)), strict=True))
     function = library(_LOOP.format(head=LANES_HEAD, body=body, **sizes)).avc_run
@@ -84,9 +75,8 @@ def _native(kind: Kind) -> Callable[..., int]:
 
 
 @lru_cache(maxsize=16)
-def sample(kind: Kind) -> Any:
+def sample(states: int, cuts: int) -> Any:
     """Return a sample as a CasADi function: state, inputs, numbers -> next state, error."""
-    states, cuts = kind.states, kind.cuts
     x, inputs = ca.SX.sym("x", states), ca.SX.sym("inputs", TAPS + 1)
     numbers = ca.SX.sym("numbers", entries_of(states, cuts) + len(FORCES) + 2 * states)
     entries, parts, gain, measured = ca.vertsplit(

@@ -51,7 +51,6 @@ PARAMETERS: Mapping[str, Parameter] = {
         Parameter("resonance.damping_ratio", "number", "log", 1e-4, 2.0),
         Parameter(MASS_RATIO, "number", "share", 1e-3, 0.999),
         Parameter("stiffness_n_per_m", "stiffness", "linear", 0.0, 1e7),
-        Parameter("force_scale", "number", "log", 1e-3, 1e3),
     )
 }
 RUNGS: Mapping[str, tuple[str, ...]] = {
@@ -61,21 +60,10 @@ RUNGS: Mapping[str, tuple[str, ...]] = {
     "loop": ("amplifier_bandwidth_hz", LOOP_RATIO),
     "resonance": ("resonance.frequency_hz", "resonance.damping_ratio", MASS_RATIO),
     "spring": ("stiffness_n_per_m",),
-    "scale": ("force_scale",),
 }
 """What each rung adds; an amplifier is a lag, or a current loop of the second order."""
-WORDS: Mapping[str, str] = {
-    "rigid": "rigid body, delay",
-    "friction": "dry friction",
-    "lag": "amplifier, a lag",
-    "loop": "amplifier, a current loop",
-    "resonance": "resonance",
-    "spring": "spring to ground",
-    "scale": "scale of the commands",
-}
 _ABSENT = {
     "mass_kg": 1.0,
-    "force_scale": 1.0,
     LOOP_RATIO: CURRENT_LOOP_DAMPING_RATIO,
     "amplifier_bandwidth_hz": math.nan,
     **dict.fromkeys(RUNGS["resonance"], math.nan),
@@ -94,10 +82,9 @@ def is_force(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Structure:
-    """The rungs of a model, and what is known beforehand."""
+    """The rungs of a model, and values that are assumed."""
 
     rungs: tuple[str, ...]
-    known: Mapping[str, float]
     units: Mapping[str, float]
     encoder_at: Literal["motor", "handle"] = "motor"
     assumed: Mapping[str, float] = field(default_factory=dict)
@@ -106,9 +93,8 @@ class Structure:
     @property
     def free(self) -> tuple[Parameter, ...]:
         """Free parameters."""
-        fixed = {*self.known, *self.assumed}
-        found = [PARAMETERS[name] for rung in self.rungs for name in RUNGS[rung] if name not in fixed]
-        more = range(1, 1 if OFFSET in fixed else self.offsets)
+        found = [PARAMETERS[name] for rung in self.rungs for name in RUNGS[rung] if name not in self.assumed]
+        more = range(1, 1 if OFFSET in self.assumed else self.offsets)
         return (*found, *(replace(PARAMETERS[OFFSET], name=offset_of(log)) for log in more))
 
     @property
@@ -127,7 +113,7 @@ class Structure:
 
     def values(self, search: FloatArray) -> dict[str, float]:
         """Return every parameter at given coordinates; absent ones have no effect."""
-        found = {name: _ABSENT.get(name, 0.0) for name in PARAMETERS} | dict(self.known)
+        found = {name: _ABSENT.get(name, 0.0) for name in PARAMETERS}
         found |= {name: value for name, value in self.assumed.items() if self.present(name)}
         return found | {one.name: self.outward(one, float(q)) for one, q in zip(self.free, search, strict=True)}
 
@@ -157,16 +143,6 @@ class Structure:
         """Return the bounds of the search."""
         low, high = np.array([(self.inward(one, one.lowest), self.inward(one, one.highest)) for one in self.free]).T
         return low, high
-
-    def slopes(self, search: FloatArray) -> FloatArray:
-        """Return d value / d coordinate, shape (free,)."""
-        values = [self.outward(one, float(q)) for one, q in zip(self.free, search, strict=True)]
-        return np.array(
-            [
-                {"log": value, "share": value * (1 - value), "linear": self._unit(one)}[one.kind]
-                for one, value in zip(self.free, values, strict=True)
-            ]
-        )
 
     def with_rung(self, rung: str) -> Structure:
         """Return the structure with one more rung."""

@@ -248,9 +248,8 @@ def identification_html(answer: Answer, found: Identification, versions: Mapping
     from avc_casadi.identification.device import device_text  # noqa: PLC0415 - SciPy, which no other page needs
     from avc_casadi.present.figures.identification import draw_identification  # noqa: PLC0415
 
-    shown = found.stretches[0]
     caption = (
-        f"{shown.record}: the model on the commanded input, held near by a slow observer (a, b); frequency response "
+        "The model on the commanded input, held near by a slow observer (a, b); frequency response "
         "where input and motion are coherent (c, d); intervals (e); prediction error, white inside the grey band (f)"
     )
     pictures = [Picture.of(draw_identification, found, caption)[1]]

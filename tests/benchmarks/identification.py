@@ -31,7 +31,7 @@ from measured_device import Truth, measured, multisine  # noqa: E402 - found bes
 
 import avc_casadi as avc  # noqa: E402
 from avc_casadi.identification.identify import identify  # noqa: E402
-from avc_casadi.identification.record import Record  # noqa: E402
+from avc_casadi.identification.log import Record  # noqa: E402
 
 OUT, PAGE = HERE / "results" / "identification.json", HERE / "RESULTS_identification.md"
 SECONDS = 10.0

@@ -26,15 +26,15 @@ from scipy import signal
 from studied import about, cpu_seconds
 
 from avc_casadi.identification.identify import identify
+from avc_casadi.identification.log import Record
 from avc_casadi.identification.read import read_logs
-from avc_casadi.identification.record import Record
 
 OUT = Path(__file__).parent / "results" / "real_drive.json"
 SUBSTEPS = 10
 # Least squares see the signals below this frequency, at every so manieth sample.
 LOW_PASS_HZ = 60.0
 EVERY = 5
-KEYS = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "offset_n", "delay_samples", "damping_asymmetry_ns_per_m")
+KEYS = ("mass_kg", "damping_ns_per_m", "coulomb_friction_n", "offset_n", "delay_samples")
 
 Values = Mapping[str, float]
 Array = NDArray[np.float64]
@@ -63,13 +63,12 @@ def simulated(values: Values, record: Record) -> tuple[Array, Array]:
     where = np.arange(size * SUBSTEPS) / SUBSTEPS - late
     force = record.force_n[np.clip(np.floor(where).astype(int), 0, size - 1)] + values["offset_n"]
     mass, damping, dry = values["mass_kg"], values["damping_ns_per_m"], values["coulomb_friction_n"]
-    lean = values.get("damping_asymmetry_ns_per_m", 0.0)
     x, v = float(record.position_m[0]), float(filtered(record)[1][0])
     positions, velocities = np.empty(size), np.empty(size)
     for k, push in enumerate(force.tolist()):
         if k % SUBSTEPS == 0:
             positions[k // SUBSTEPS], velocities[k // SUBSTEPS] = x, v
-        drive = push - damping * v - lean * abs(v)
+        drive = push - damping * v
         if v == 0.0:
             after = 0.0 if abs(drive) <= dry else h * (drive - np.copysign(dry, drive)) / mass
         else:

@@ -28,7 +28,7 @@ sys.path[:0] = [str(HERE.parent)]
 
 from avc_casadi._util.arrays import FloatArray  # noqa: E402 - the package of this tree
 from avc_casadi.diagnose.causes import Diagnosis, diagnose  # noqa: E402
-from avc_casadi.identification.record import Columns  # noqa: E402
+from avc_casadi.identification.log import Columns  # noqa: E402
 from avc_casadi.model.device import Device  # noqa: E402
 
 KINDS = ("delay", "rate", "stiffness", "damping", "let-go", "relay", "dead band", "rates", "noise", "stops", "none")

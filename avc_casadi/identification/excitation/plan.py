@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from avc_casadi._util.arrays import FloatArray, IndexArray
+from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import MotionKind, Units, units_for
 from avc_casadi.identification.excitation.signal import FULL, WHOLE, Signal, ramp
@@ -26,27 +26,19 @@ Kind = Literal["multisine", "chirp"]
 
 SILENCE_S = 1.0
 """The device stops after so long without a message from the host."""
-WINDOW_MOST = 32
+_WINDOW_MOST = 32
 
 
 @dataclass(frozen=True)
 class Plan:
-    """An excitation as the device plays it.
+    """An excitation as the device plays it; rotary has rad and N.m in all of these.
 
     Attributes:
-        kind: multisine or chirp.
-        sample_time_s: T.
-        metres_per_count: of the encoder.
-        ticks: played, with the ramps.
-        ramp_ticks: in, and out.
+        ticks, ramp_ticks: played, with the ramps; in, and out.
         max_force_n: limit of signal and centring together.
-        max_speed_m_per_s: limit; beyond it the force stays off.
-        max_travel_m: limit to either side of the start.
-        spring_n_per_m: weak centring spring.
-        damper_ns_per_m: centring damper.
+        max_speed_m_per_s, max_travel_m: beyond them, to either side of the start, the force stays off.
+        spring_n_per_m, damper_ns_per_m: weak centring.
         window: ticks over which the velocity is taken, 1 to 32.
-        signal: in addition to the centring.
-        motion: of the device; rotary has rad and N.m in all of these.
     """
 
     kind: Kind
@@ -83,22 +75,21 @@ class Plan:
         """Lowest and highest frequency of the signal."""
         return self.signal.frequency_hz(self.ticks, self.sample_time_s)
 
+    @property
+    def peak_force_n(self) -> float:
+        """Largest force of the signal alone."""
+        return float(np.abs(self.signal.units(self.ticks)).max()) / FULL * self.max_force_n
 
-def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_s: float) -> int:
-    """Return the window of a velocity in ticks: a step of the encoder is at most a tenth of the speed limit over it."""
-    wanted = metres_per_count / (0.1 * max_speed_m_per_s * sample_time_s)
-    return int(min(max(1, -(-wanted // 1)), WINDOW_MOST))
+    @property
+    def limits(self) -> dict[str, float]:
+        """Limits by the keys of a forecast."""
+        most = self.max_force_n, self.max_speed_m_per_s, self.max_travel_m
+        return dict(zip(("force_n", "speed_m_per_s", "travel_m"), most, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """Largest magnitudes, each of shape (devices, scales).
-
-    Attributes:
-        force_n: of signal and centring together.
-        speed_m_per_s: as the device measures it, over its window.
-        travel_m: from the start.
-    """
+    """Largest magnitudes, each of shape (devices, scales): force with centring, speed over the window, travel."""
 
     force_n: FloatArray
     speed_m_per_s: FloatArray
@@ -112,87 +103,54 @@ def corners_of(device: Device) -> list[Device]:
     return [whole, *(one for one in corners if one != whole)]
 
 
+def speed_window(metres_per_count: float, sample_time_s: float, max_speed_m_per_s: float) -> int:
+    """Return the window of a velocity in ticks: a step of the encoder is at most a tenth of the speed limit over it."""
+    wanted = metres_per_count / (0.1 * max_speed_m_per_s * sample_time_s)
+    return int(min(max(1, -(-wanted // 1)), _WINDOW_MOST))
+
+
 def forecast(
-    plan: Plan, devices: Sequence[Device], scales: FloatArray | None = None, progress: Progress = SILENT
+    plan: Plan, devices: Sequence[Device], scales: Sequence[float] | FloatArray = (1.0,), progress: Progress = SILENT
 ) -> Forecast:
-    """Simulate a plan on devices of one structure, with the signal scaled; None is 1 alone."""
-    scales = np.ones(1) if scales is None else scales
+    """Simulate a plan on devices of one structure, with the signal scaled."""
+    scales = np.asarray(scales)
     signal = plan.signal.units(plan.ticks) * (plan.max_force_n / FULL)
     fade = ramp(plan.ticks, plan.ramp_ticks) / WHOLE
-    steps = _Steps.of(devices)
-    shape = (len(devices), scales.size)
-    state = np.zeros((*shape, steps.states))
-    asked = np.zeros((steps.longest + 2, *shape))
-    rows = np.arange(len(devices))
-    passed = np.zeros((plan.window, *shape))
-    most = np.zeros((3, *shape))
+    whole = np.array([int(one.delay_samples) for one in devices])
+    rest = np.array([one.delay_samples for one in devices]) - whole
+    # In two parts of a sample an older and a newer force act; friction is constant over each.
+    split = bool(rest.any())
+    parts = [_part(devices, share) for share in ([rest, 1 - rest] if split else [np.full(whole.size, 0.5)] * 2)]
+    late = np.stack([whole + 1, whole] if split else [whole] * 2)
+    rubs = np.array([[one.coulomb_friction_n] for one in devices])
+    seen = 2 if devices[0].resonance is not None and devices[0].encoder_at == "handle" else 0
+    shape = len(devices), scales.size
+    state = np.zeros((*shape, parts[0][0].shape[-1]))
+    commands = np.zeros((int(late.max()) + 2, *shape))
+    rows, passed, most = np.arange(len(devices)), np.zeros((plan.window, *shape)), np.zeros((3, *shape))
     window_s = plan.window * plan.sample_time_s
     for tick in range(plan.ticks):
         if tick % 500 == 0:
             progress.advance(tick, plan.ticks, "ticks simulated")
-        away = state[..., steps.seen]
-        slot = tick % plan.window
-        speed = (away - passed[slot]) / window_s
-        passed[slot] = away
-        hold = plan.spring_n_per_m * away + plan.damper_ns_per_m * speed
-        force = (signal[tick] * scales - hold) * fade[tick]
-        for into, found in zip(most, (force, speed, away), strict=True):
-            np.maximum(into, np.abs(found), out=into)
-        limited = np.minimum(np.maximum(force, -plan.max_force_n), plan.max_force_n)
-        asked[tick % len(asked)] = limited
-        state = steps.advance(state, asked[(tick - steps.late) % len(asked), rows])
-    step_m = plan.metres_per_count
-    return Forecast(most[0], most[1] + step_m / window_s, most[2] + step_m)
+        away = state[..., seen]
+        speed = (away - passed[tick % plan.window]) / window_s
+        passed[tick % plan.window] = away
+        force = (signal[tick] * scales - plan.spring_n_per_m * away - plan.damper_ns_per_m * speed) * fade[tick]
+        most = np.maximum(most, np.abs([force, speed, away]))
+        commands[tick % len(commands)] = np.clip(force, -plan.max_force_n, plan.max_force_n)
+        acting = commands[(tick - late) % len(commands), rows]
+        for (matrix, push, rub), acts in zip(parts, acting, strict=True):
+            state = state @ matrix + push * acts[..., None]
+            state = state + rub * np.clip(state[..., 1] / -rub[..., 1], -rubs, rubs)[..., None]
+    return Forecast(most[0], most[1] + plan.metres_per_count / window_s, most[2] + plan.metres_per_count)
 
 
-@dataclass(frozen=True, eq=False)
-class _Steps:
-    """Parts of a sample: transition, force and friction; their delays, (parts, devices); friction; measured state."""
-
-    parts: tuple[tuple[FloatArray, FloatArray, FloatArray], ...]
-    late: IndexArray
-    most_n: FloatArray
-    seen: int
-
-    @classmethod
-    def of(cls, devices: Sequence[Device]) -> _Steps:
-        whole = np.array([int(one.delay_samples) for one in devices])
-        rest = np.array([one.delay_samples for one in devices]) - whole
-        split = bool(rest.any())
-        shares = [rest, 1 - rest] if split else [np.full(whole.size, 0.5)] * 2
-        first = devices[0]
-        return cls(
-            parts=tuple(_part(devices, share) for share in shares),
-            late=np.stack([whole + 1, whole] if split else [whole] * 2),
-            most_n=np.array([[one.coulomb_friction_n] for one in devices]),
-            seen=2 if first.resonance is not None and first.encoder_at == "handle" else 0,
-        )
-
-    @property
-    def states(self) -> int:
-        return int(self.parts[0][0].shape[-1])
-
-    @property
-    def longest(self) -> int:
-        return int(self.late.max())
-
-    def advance(self, state: FloatArray, forces: FloatArray) -> FloatArray:
-        rubs = bool(self.most_n.any())
-        for (matrix, push, rub), force in zip(self.parts, forces, strict=True):
-            state = state @ matrix + push * force[..., None]
-            if rubs:
-                stops = state[..., 1] / -rub[..., 1]
-                held = np.minimum(np.maximum(stops, -self.most_n), self.most_n)
-                state = state + rub * held[..., None]
-        return state
-
-
-def _part(devices: Sequence[Device], share: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _part(devices: Sequence[Device], shares: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return transition, effect of the force and of friction over a share of a sample, one of each device."""
     matrix, push, rub = [], [], []
-    for device, part in zip(devices, share, strict=True):
-        plant = device_plant(device).linear()
+    for device, share in zip(devices, shares.tolist(), strict=True):
+        plant, seconds = device_plant(device).linear(), max(share, 1e-9) * device.sample_time_s
         rubbing = LinearPlant(plant.names, plant.matrix, plant.friction, plant.target, plant.friction)
-        seconds = max(float(part), 1e-9) * device.sample_time_s
         step = transition(plant, seconds)
         matrix.append(step.matrix.T)
         push.append([-step.force])

@@ -62,7 +62,7 @@ def draw_diagnosis(found: Diagnosis, axes: GivenAxes = None) -> Figure:
 
 def _spectrum(axes: Axes, found: Diagnosis, size: float, unit: str) -> None:
     """Draw the amplitudes of the oscillation, and half an encoder step."""
-    one, period = found.swing, found.log.ticks.period_s
+    one, period = found.swing, found.log.period_s
     part = one.fast_m[one.first : one.last]
     window = np.hanning(part.size)
     amplitude = size * 2 * np.abs(np.fft.rfft(part * window)) / max(window.sum(), 1.0)

@@ -44,18 +44,18 @@ def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure
 
 
 def _stretch(position: Axes, left: Axes, found: Identification) -> None:
-    shown = found.stretches[0]
-    position.plot(shown.time_s, 1e3 * shown.measured_m, **_MEASURED)
-    position.plot(shown.time_s, 1e3 * shown.simulated_m, **_MODEL)
+    time, measured, simulated = found.stretch
+    position.plot(time, 1e3 * measured, **_MEASURED)
+    position.plot(time, 1e3 * simulated, **_MODEL)
     length = units_for(found.motion).unit("m")
     position.set_ylabel(f"position (m{length})")
-    difference = shown.measured_m - shown.simulated_m
+    difference = measured - simulated
     size, prefix = (1e3, "m") if np.abs(difference).max(initial=0.0) > _LARGE_M else (1e6, "u")
-    left.plot(shown.time_s, size * difference, color="#08306b", linewidth=0.8)
+    left.plot(time, size * difference, color="#08306b", linewidth=0.8)
     left.set_ylabel(f"difference ({prefix}{length})")
     for one in (position, left):
         one.set_xlabel("time (s)")
-        one.set_xlim(float(shown.time_s[0]), float(shown.time_s[-1]))
+        one.set_xlim(float(time[0]), float(time[-1]))
 
 
 def _response(size: Axes, phase: Axes, found: Identification) -> None:

@@ -76,7 +76,7 @@ def identification(
     rows += notes(found.notes, mark=Mark.CAUTION)
     if written:
         rows.append(row("Written", ", ".join(written), mark=Mark.PASS))
-    rows += [row(f"{units.key(key)} is told by", log, rank=1) for key, log in found.unknown.items()]
+    rows.append(row("Not told", ", ".join(map(units.key, found.unknown)), rank=1))
     for trial in found.trials:
         share, errors = Value(trial.change, "share"), f"on stretches held out, {trial.standard_errors:.2g} std errors"
         taken = "taken: error" if trial.taken else "not taken: error"
@@ -116,7 +116,7 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
         rows += [row("Others", plural(len(found) - 10, "log"))] if len(found) > 10 else []
         return Answer("diagnose", data, (f"{len(found)} logs",), (*rows, *beside), (command,), units)
     (one,) = found
-    swing, law, ticks, fit = one.swing, one.law, one.log.ticks, one.fit
+    swing, law, fit = one.swing, one.law, one.fit
     rows = [row("Verdict", one.conclusion, mark=_verdict(one))]
     for cure in one.remedies[:3]:
         values = Value(cure.value, cure.quantity), Value(cure.before, cure.quantity)
@@ -126,9 +126,8 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
         size = Value(swing.peak_to_peak_m, "length"), ",", Value(swing.force_peak_to_peak_n, "force")
         contact = ", in contact", Value(swing.contact_share, "share")
         rows.append(row("Oscillation", swing.kind, Value(swing.frequency_hz, "frequency"), ":", size, contact))
-    if ticks.missed_share:
-        missed = f"missing, at most {ticks.longest_gap} in a row"
-        rows.append(row("Ticks", Value(ticks.missed_share, "share"), missed, mark=Mark.CAUTION))
+    if one.log.missed_share:
+        rows.append(row("Ticks", Value(one.log.missed_share, "share"), "missing", mark=Mark.CAUTION))
     if law is not None:
         k, b = Value(law.stiffness_n_per_m, "stiffness"), Value(law.damping_ns_per_m, "damping")
         rows.append(row("Force", "k", k, ", b", b, "; residual", Value(max(law.misfit, 1e-3), "share")))
@@ -139,9 +138,9 @@ def diagnosis(data: Mapping[str, Any], found: Sequence[Diagnosis], command: str,
         hand = () if fit.best.hand is None else zip(fit.best.hand.values(0).values(), HAND, strict=True)
         rows.append(row("Hand", listed(Value(value, of) for value, (_, of) in hand) or "none"))
         if fit.best.stops is not None:
-            rows.append(row("Stops", listed(Value(each, "length") for each in fit.best.stops[:2])))
+            rows.append(row("Stops", listed(Value(each, "length") for each in fit.best.stops)))
     rows += [*beside, *notes(one.notes, "Assumed", Mark.NONE, 1)]
-    title = parts(one.log.name, " ", Value(one.log.position_m.size * ticks.period_s, "time"))
+    title = parts(one.log.name, " ", Value(one.log.position_m.size * one.log.period_s, "time"))
     return Answer("diagnose", data, title, tuple(rows), (command,), units)
 
 

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 _HEAD = struct.Struct("<5I5f4H33HH")
 _TONE = struct.Struct("<IHh")
-_SHAPES = ("sine", "release")
 _RUNS = 1
 ENDS = {
     2: "played to the end",
@@ -177,7 +176,7 @@ def plan_bytes(plan: Plan, number: int) -> bytes:
     head = _HEAD.pack(
         *(number, plan.ticks, plan.ramp_ticks, plan.silent_ticks, signal.growth),
         *(plan.max_force_n, plan.max_speed_m_per_s, plan.max_travel_m, plan.spring_n_per_m, plan.damper_ns_per_m),
-        *(plan.window, _SHAPES.index(signal.shape), len(signal.step), 0),
+        *(plan.window, 0, len(signal.step), 0),
         *signal.knots,
         0,
     )
