@@ -10,33 +10,11 @@ import avc_casadi as avc
 from avc_casadi.paper.loop import loop_at
 
 LADDER = ["ve2", "ve3", "ve4", "ve5", "ve6", "ve7"]
-PLAIN = {"figure5", "soft", "damper", "spring", "damped", *LADDER}
-HARD = {
-    "rigid",
-    "near-rigid",
-    "stiffer-target",
-    "free-space",
-    "infeasible-box",
-    "resonance",
-    "case-boundary",
-    "long-delay",
-    "near-nyquist",
-    "low-frequency",
-    "massless",
-    "undamped-device",
-    "wide-box",
-    "pinned-box",
-}
 
 
 def loop_of(name):
     problem = avc.load_problem(name)
     return problem, loop_at(problem, problem.frequencies_hz())
-
-
-def test_the_catalogue_is_whole():
-    names = {entry.name for entry in avc.catalogue()}
-    assert names >= PLAIN | {f"hard/{name}" for name in HARD}
 
 
 @pytest.mark.parametrize("entry", avc.catalogue(), ids=lambda entry: entry.name)
@@ -71,13 +49,6 @@ def test_the_ladder_rises_and_crosses_what_a_hand_holds():
         for damping in walls[0].hands.damping_ns_per_m
     )
     assert stiffness[1] < lowest < stiffness[2] < highest < stiffness[3]
-
-
-def test_the_infeasible_box_holds_no_passive_gain():
-    problem, loop = loop_of("hard/infeasible-box")
-    damping, stiffness = problem.coupling.damping_ns_per_m, problem.coupling.stiffness_n_per_m
-    best = max(loop.perceived(b, k).real.max() for b in np.linspace(*damping, 11) for k in np.geomspace(*stiffness, 21))
-    assert best < -10
 
 
 def test_the_case_boundary_is_met_from_both_sides_to_rounding():

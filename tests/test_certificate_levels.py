@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from avc_casadi import load_problem, parse_problem
 from avc_casadi.claims.certify import certify
-from avc_casadi.claims.scope import deciding_frequencies_hz, scope_slack
+from avc_casadi.claims.scope import scope_slack
 from avc_casadi.design.methods import solve
 from avc_casadi.loops.wall import frozen_parts, linear_stability
 from avc_casadi.model.hands import hand_corners, hand_set
@@ -132,24 +132,6 @@ def test_device_known_to_a_range_is_judged_at_its_worst():
     assert known.levels["L5"].detail["spectral_radius"] == max(radii)
 
 
-@settings(max_examples=40)
-@given(
-    st.sampled_from(["pointwise", "band", "all"]),
-    st.floats(0.1, 20),
-    st.floats(0, 200),
-    st.floats(0, 2e5),
-    st.floats(0, 9),
-)
-def test_deciding_frequencies_decide(scope, b_d, b, k, contact):
-    case = problem(b_d, model="sampled-data", scope=scope, margin_ns_per_m=0.1)
-    own = case.frequencies_hz()
-    whole = scope_slack(case, own, b, k, contact)
-    deciding = deciding_frequencies_hz(case, own)
-    pointwise = problem(b_d, model="sampled-data", margin_ns_per_m=0.1)
-    alone = [scope_slack(pointwise, column, b, k, contact).slack for column in deciding.T]
-    np.testing.assert_allclose(np.min(alone, axis=0), whole.slack, atol=1e-9 * (b_d + b + k + 100))
-
-
 @pytest.mark.parametrize(
     ("b_d", "b", "k", "fault"),
     [(20.0, 5.0, -200.0, "negative DC stiffness"), (2000.0, 300.0, -2e5, "pole outside the unit circle")],
@@ -167,17 +149,6 @@ def test_a_real_part_that_is_positive_everywhere_does_not_make_a_rendering_passi
     for scope in ("pointwise", "band", "all"):
         asked = problem(b_d=b_d, rows=2, scope=scope)
         assert not scope_slack(asked, asked.frequencies_hz(), b, k).met.any()
-
-
-def test_contact_damping_counts_in_every_level():
-    """Sampled-data without delay: at Nyquist b_d - b_p - a_1 a_2/(a_1 + a_2); at its own frequency b_p cos(omega T)."""
-    case = problem(b_d=60.0, rows=3, model="sampled-data")
-    with_it, without = (certify(case, table(case, 2.0, 4e3, contact), draws=0).levels for contact in (30.0, 0.0))
-    lead, wall = 2.0 + 4e3 * 1e-3 / 2, 10.0 + 1e5 * 1e-3 / 2
-    assert with_it["L3"].margin_ns_per_m == pytest.approx(60 - 30 - lead * wall / (lead + wall), rel=1e-12)
-    own = with_it["L0"].row_margin_ns_per_m - without["L0"].row_margin_ns_per_m
-    np.testing.assert_allclose(own, 30 * np.cos(2 * np.pi * case.frequencies_hz() * 1e-3), rtol=1e-9)
-    assert with_it["L5"].detail["spectral_radius"] != without["L5"].detail["spectral_radius"]
 
 
 def test_a_loop_that_grows_slowly_is_not_stable():

@@ -5,9 +5,6 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
-from avc_casadi.paper.closed_form import project
-from avc_casadi.paper.equations import environment_impedance
-from avc_casadi.paper.loop import loop_at
 
 
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
@@ -39,18 +36,3 @@ def test_a_gain_beside_its_box_by_more_than_rounding_is_refused(structure):
     for off, allowed in ((1e-15, True), (1e-9, False)):
         box = problem.changed(coupling={"stiffness_n_per_m": (0.0, top * (1 - off))})
         assert solve(box, "closed-form").usable.all() == allowed
-
-
-def test_the_printed_tustin_has_no_half_sample_of_stiffness_in_its_real_part():
-    """s as printed in (10) is imaginary: Re Z_ds is the damper alone, whatever the hold model."""
-    problem = avc.load_problem("figure5").changed(stability={"model": "sampled-data"})
-    loop = loop_at(problem, problem.frequencies_hz())
-    printed = project(problem, as_printed=True)
-    desired = printed.rendered - printed.injected_damping_ns_per_m / loop.hold
-    bounds, period = problem.boundaries, problem.device.sample_time_s
-    b = (bounds.upper.damping_ns_per_m + bounds.lower.damping_ns_per_m) / 2
-    k = (bounds.upper.stiffness_n_per_m + bounds.lower.stiffness_n_per_m) / 2
-    right = environment_impedance(loop.angle, "paper", b, k)
-    scale = np.abs(printed.rendered)
-    assert np.all(np.abs(desired.real - b) <= 1e-12 * scale)
-    assert np.all(np.abs(desired.imag - right.imag * 4 / period**2) <= 1e-12 * scale)

@@ -55,10 +55,3 @@ def test_before_ctrl_c_is_handled_next_to_nothing_is_loaded():
 def test_every_typed_name_is_there(package, name):
     assert getattr(package, name) is not None
     assert name in dir(package)
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_no_name_is_there_that_is_not_typed(package):
-    assert set(package._LAZY) <= set(exported(package))
-    with pytest.raises(AttributeError, match="no attribute 'lode_problem'"):
-        package.lode_problem  # noqa: B018

@@ -12,7 +12,7 @@ from scipy.optimize import brentq, minimize_scalar
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.margins import OpenLoop, transients
+from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import Laws, frozen_rendering, observed_wall
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
@@ -178,21 +178,3 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
         assert radii(1.001 * found.gain)[some].max() > 1
         if found.gain_down:
             assert radii(found.gain_down)[some].max() == pytest.approx(1, abs=1e-8)
-
-
-def test_a_device_that_strikes_its_wall_rings_as_its_poles_say():
-    case = LOOPS["stylus"]
-    coupling = coupling_of(case)
-    speed, samples = 0.1, 4000
-    found = OpenLoop.of(coupling).struck(speed, samples)
-    for row, hand in zip(found, [*CORNERS[1:], CORNERS[0]], strict=True):
-        state, loop = np.zeros(5), closed(case, hand).real
-        state[1] = speed
-        expected = []
-        for _ in range(samples):
-            expected.append(state[0])
-            state = loop @ state
-        assert row == pytest.approx(np.array(expected), abs=1e-12)
-    released, _ = transients(coupling)
-    after = np.abs(found[-1, math.ceil(released.settling_s / case[2]) :]).max()
-    assert after < 0.05 * np.abs(found[-1]).max()

@@ -230,24 +230,6 @@ def test_an_impedance_of_one_s_own_on_ten_kilogrammes_tells_its_damping_ratio(ca
     assert document["released"]["damping_ratio"] == pytest.approx(0.21, abs=0.005)
 
 
-def test_the_page_is_short_and_what_it_prints_next_works(capsys):
-    assert main(["certify", "figure5", "--k", "30000", "--b", "4", "--b-p", "1"]) == 1
-    text = capsys.readouterr().out
-    rows, _, onwards = text.partition("next: ")
-    assert len([line for line in rows.splitlines() if line[4:5].strip()]) <= 16
-    assert main(onwards.split("    ")[0].split()[1:]) == 0
-    assert "yes: stable with every hand and released" in capsys.readouterr().out
-    assert main(["certify", "smartknob", "--k", "0.06", "--b", "0.001", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["law"]["stiffness_nm_per_rad"] == 0.06
-
-
-@pytest.mark.parametrize("law", [{}, {"k": -1.0}, {"b": math.nan}, {"k": 1.0, "cutoff_hz": 0.0}])
-def test_what_is_no_law_is_refused_by_its_key(law):
-    with pytest.raises(avc.InputError) as refused:
-        avc.certify_law("figure5", **law)
-    assert [fault.key for fault in refused.value.faults] == [list(law)[-1] if law else "k"]
-
-
 def test_a_robot_that_no_hand_holds_gets_a_coupling():
     nobody = (0.0, 0.0, 0.0)
     robot = tables((10.0, 0.0, 1e-3, 1), nobody, nobody) | {

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, HoldSettings, adaptation_step, hold_step
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
 from avc_casadi.simulation.runtime.guard import GUARDS, GuardSettings, guard_step
 from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
@@ -83,15 +83,6 @@ def test_estimators(method, tmp_path):
     assert np.mean(exact["valid"] != single["valid"]) < 1e-3
     error = np.abs(single["frequency_hz"][both] / exact["frequency_hz"][both] - 1)
     assert np.quantile(error, 0.999) < 1e-3
-
-
-def test_hold(tmp_path):
-    step = hold_step(T, HoldSettings(hold_s=0.1))
-    time = np.arange(5000) * T
-    valid = (time % 1 < 0.5).astype(float)
-    inputs = np.array([valid * 7.0, valid])
-    exact, single = step.run(inputs, [1.0]), _in_single(step, inputs, [1.0], tmp_path)
-    np.testing.assert_allclose(single["frequency_hz"], exact["frequency_hz"], rtol=2e-3)
 
 
 def test_adaptation(tmp_path):

@@ -12,11 +12,7 @@ from avc_casadi.simulation.effects.computation import Adaptation
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import energy_ledger
-from avc_casadi.simulation.runtime.adaptation import HoldSettings, hold_step
 from avc_casadi.simulation.scene import simulate_batch
-from avc_hardware.link.table import lookup
-
-T = 1e-3
 
 SOFT = """
 [device]
@@ -105,30 +101,6 @@ def test_anchor_is_forgotten_outside_the_wall_and_the_wall_does_not_melt(contact
     strokes = found["force_n"][stiff] / found["position_m"][stiff]
     assert len(strokes) > 300
     assert np.median(strokes[-200:]) > 0.95 * 2000
-
-
-def test_table_look_up_is_the_device_s():
-    problem = load_problem("figure5")
-    schedule = solve(problem, "exact")
-    table = GainTable.of(schedule)
-    assert len(table) == schedule.usable.sum()
-    at = np.geomspace(0.1, 2000, 500)
-    rows = table.single()
-    np.testing.assert_allclose(table(at), lookup(rows, at).T, rtol=2e-3, atol=1e-3)
-    np.testing.assert_array_equal(table(np.array([1e-6]))[:, 0], table.gains[:, 0])
-    np.testing.assert_array_equal(table(np.array([1e6]))[:, 0], table.gains[:, -1])
-
-
-def test_lost_estimate_is_held_then_falls_through_the_table_to_rest():
-    step = hold_step(T, HoldSettings(hold_s=0.2, decay_s=0.1))
-    valid = np.zeros(3000)
-    valid[100:1000] = 1
-    frequency = step.run(np.array([valid * 12.0, valid]), [1.0])["frequency_hz"]
-    assert np.all(frequency[:100] == 1.0)
-    assert np.all(frequency[100:1190] == 12.0)
-    assert np.all(np.diff(frequency[1210:]) < 0)
-    assert frequency[1210 + 100] == pytest.approx(1 + 11 * np.exp(-1), rel=0.1)
-    assert frequency[-1] == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.thorough

@@ -1,6 +1,5 @@
 """Figures of a run: on signals whose figures are known, and on the loops whose behaviour is known."""
 
-import json
 import math
 
 import numpy as np
@@ -15,7 +14,6 @@ from avc_casadi.model.hands import Hand
 from avc_casadi.simulation.judge import judge
 from avc_casadi.simulation.population.trial import Traces
 from avc_casadi.simulation.scene import simulate_batch
-from avc_casadi.simulation.screen import screen
 
 T = 1e-3
 TIME = np.arange(3000) * T
@@ -101,23 +99,3 @@ def test_damping_injection_brings_every_drawn_hand_to_rest_at_full_stiffness_wit
     assert found.stable.all()
     np.testing.assert_allclose(found.apparent_stiffness_n_per_m, 1e5, rtol=1e-3)
     assert not simulate_batch(scene_problem(PRESS), hands, NO_COUPLING).stable.any()
-
-
-@pytest.mark.thorough
-def test_screening_names_what_a_scene_does_not_need():
-    effects = (
-        *PRESS,
-        'kind = "coulomb-friction"',
-        'kind = "encoder"\nresolution_m = 1e-9',
-        'kind = "saturation"\nforce_n = 90.0',
-    )
-    found = screen(scene_problem(effects), Gains(10.0, 7e3))
-    assert set(found.unneeded) == {"encoder", "saturation"}
-    assert set(found.together.kinds) == {"encoder", "saturation"}
-    assert not found.together.needed
-    order = [one.kinds[0] for one, _ in found.effects]
-    assert set(order[:2]) == {"hand", "wall"}
-    assert all(one.needed for one, _ in found.effects[:3])
-    everything = screen(scene_problem(effects), Gains(10.0, 7e3), tolerance=0.0)
-    assert "encoder" not in everything.unneeded
-    json.dumps(found.document(), allow_nan=False)

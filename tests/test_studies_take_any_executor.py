@@ -87,13 +87,6 @@ def test_dask_gives_the_counts_of_one_process(coupling, tmp_path, capsys):
         assert answer("--scheduler", cluster.scheduler_address) == alone
 
 
-def test_a_scheduler_that_does_not_answer_is_told(coupling, tmp_path, capsys):
-    pytest.importorskip("distributed", reason="needs dask: pip install 'avc-casadi[cluster]'")
-    avc.write_coupling(coupling, tmp_path / "coupling.json")
-    assert main(["trial", str(tmp_path / "coupling.json"), "--scheduler", "nonsense://x"]) == 2
-    assert "--scheduler: no scheduler answers at 'nonsense://x'" in capsys.readouterr().err
-
-
 @pytest.mark.thorough
 def test_trials(problem, coupling, executor):
     people = draw_population("A", 20, 3)

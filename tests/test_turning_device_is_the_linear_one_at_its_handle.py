@@ -5,8 +5,6 @@ same roundings: design, certificate, limits and scene then agree to the last dig
 somebody forgot shows.
 """
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
@@ -14,10 +12,6 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.robust.goal import costs_of
-from avc_casadi.design.robust.lqg import Space
-from avc_casadi.design.robust.uncertainty_set import Loops
-from avc_casadi.loops.wall import Rendering
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners
@@ -145,30 +139,6 @@ def test_a_scene_is_that_of_the_handle(device, wall, power, kind):
     np.testing.assert_allclose(one.position_m / radius, other.position_m, rtol=1e-6, atol=1e-9 / radius)
     np.testing.assert_allclose(one.force_n * radius, other.force_n, rtol=1e-6, atol=1e-6 * radius)
     assert one.energy_generated_j == pytest.approx(other.energy_generated_j, rel=1e-6, abs=1e-12)
-
-
-def test_a_robust_law_costs_what_it_costs_at_the_handle():
-    """The search itself goes other ways from the last digit on; what it is after is the same."""
-    radius = 0.125
-    device = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "delay_samples": 1, "encoder_resolution_m": 2e-5}
-    linear, rotary = both(device, {"stiffness_n_per_m": 3000.0, "damping_ns_per_m": 0.0}, radius)
-    found = []
-    for problem in (linear, rotary):
-        space, loops = Space(problem.device, problem.hands), Loops.of(problem)
-        stiffness = problem.environment.stiffness_n_per_m
-        rendering = Rendering(np.array([[stiffness, 0.0, 0.0]]), np.array([[0.0, 0.0, 0.0]]))
-        (cost,) = costs_of(space.laws(space.starts[0][None], stiffness), rendering, loops)
-        found.append(cost)
-    one, other = found
-    assert one.total == pytest.approx(other.total, rel=1e-6)
-    assert one.radius == pytest.approx(other.radius, rel=1e-9)
-    assert one.facts == pytest.approx(other.facts, rel=1e-6)
-
-
-def test_counts_of_a_turn_are_an_angle():
-    text = '[device]\nmotion = "rotary"\nhandle_radius_m = 0.02\ninertia_kgm2 = 1e-5\ndamping_nms_per_rad = 1e-4\n'
-    text += "encoder_counts_per_turn = 16384\n[environment]\nstiffness_nm_per_rad = 1\ndamping_nms_per_rad = 0\n"
-    assert avc.parse_problem(text).device.encoder_resolution_m == pytest.approx(2 * math.pi / 16384)
 
 
 @pytest.mark.parametrize("radius", [0.5**6, 2.0])
