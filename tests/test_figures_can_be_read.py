@@ -3,7 +3,6 @@
 import itertools
 import re
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -11,33 +10,17 @@ from matplotlib.text import Text
 
 import avc_casadi as avc
 from avc_casadi.design.comparison.comparison import with_delivered
-from avc_casadi.model.problem import Frequency
 from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison
-from avc_casadi.present.figures.layout import save_figure
 from avc_casadi.present.figures.perceived import draw_perceived
 
 DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
-
-
-def single_frequency():
-    return avc.load_problem("soft").changed(frequency=Frequency(values_hz=(30.0,)))
-
-
-def uneven_frequencies():
-    return avc.load_problem("figure5").changed(frequency=Frequency(values_hz=(3.0, 3.5, 30.0, 31.0, 120.0, 300.0)))
 
 
 def hands():
     return avc.load_problem("figure5").changed(stability={"scope": "hands"}, frequency={"points": 12})
 
 
-PROBLEMS = {
-    **dict.fromkeys(("figure5", "damped", "hard/pinned-box", "hard/near-rigid")),
-    **dict.fromkeys(("hard/infeasible-box", "hard/free-space")),
-    "single-frequency": single_frequency,
-    "uneven": uneven_frequencies,
-    "hands": hands,
-}
+PROBLEMS = {"figure5": None, "hard/free-space": None, "hands": hands}
 
 
 @pytest.fixture(scope="module", params=PROBLEMS)
@@ -137,36 +120,3 @@ def test_lines_differ_without_colour(figure):
             if not line.get_label().startswith("_")
         ]
         assert len(looks) == len(set(looks))
-
-
-@pytest.mark.thorough
-def test_nothing_that_exists_is_left_undrawn(comparison):
-    """Every gain of the optimiser is a point of panels c and d."""
-    axes = {a.get_title(loc="left")[:3]: a for a in draw_perceived(comparison).axes}
-    gains = comparison.methods[comparison.delivered]
-    for panel, values in (("(c)", gains.damping_ns_per_m), ("(d)", gains.stiffness_n_per_m)):
-        (line,) = [line for line in axes[panel].lines if line.get_label() == comparison.delivered]
-        drawn = line.get_ydata()
-        order = np.argsort(comparison.frequency_hz, kind="stable")
-        np.testing.assert_array_equal(drawn, values[order])
-        low, high = axes[panel].get_ylim()
-        known = drawn[np.isfinite(drawn)]
-        assert np.all((known >= low) & (known <= high))
-
-
-@pytest.mark.thorough
-def test_files_repeat_byte_for_byte(tmp_path):
-    comparison = avc.compare(avc.load_problem("soft"))
-    for ending in ("png", "svg", "pdf"):
-        for name in ("first", "second"):
-            save_figure(draw_boundaries(comparison), tmp_path / f"{name}.{ending}")
-        first = (tmp_path / f"first.{ending}").read_bytes()
-        assert first == (tmp_path / f"second.{ending}").read_bytes()
-        assert len(first) > 5000
-
-
-@pytest.mark.thorough
-def test_settings_of_matplotlib_are_left_alone(tmp_path):
-    before = dict(mpl.rcParams)
-    save_figure(draw_comparison(avc.compare(avc.load_problem("soft"))), tmp_path / "f.svg")
-    assert dict(mpl.rcParams) == before
