@@ -119,6 +119,12 @@ class Coupling:
         beside = runtime or Runtime()
         return cls(problem, schedule_of(problem, table, method, beside.state_feedback), table, beside)
 
+    @property
+    def static_stiffness_n_per_m(self) -> float:
+        """Stiffness of coupling and wall in series at rest, N/m."""
+        k, wall = self.table.at_rest.stiffness_n_per_m, self.wall.stiffness_n_per_m
+        return k * wall / (k + wall) if k + wall else 0.0
+
     @classmethod
     def between(
         cls,

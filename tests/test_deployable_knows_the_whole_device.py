@@ -89,7 +89,7 @@ def test_the_simulated_loop_grows_where_the_radius_says_so():
             environment={"stiffness_n_per_m": share * limit.stiffness_n_per_m, "damping_ns_per_m": 0.0}
         )
         gains = Gains(0.0, 1e12, middle)
-        claims = avc.deployable(Coupling.constant(stiff, gains, "x")).claims
+        claims = avc.deployable(Coupling.constant(stiff.changed(robustness={"disk_margin": 0.01}), gains, "x")).claims
         assert all(claim.passed for claim in claims) == rests
         held = stiff.changed(
             scene={"duration_s": 4.0, "motion": {"kind": "hold", "end_m": 0.02}, "effects": ()},
@@ -134,9 +134,9 @@ def test_every_corner_of_the_device_is_judged():
     nominal = nominal.changed(device={"range": {"resonance": dict.fromkeys(RANGES["resonance"])}})
     top = stiffest_wall(nominal.device, people)
     gains = Gains(0.0, 0.9 * top.stiffness_n_per_m, (top.lowest_ns_per_m + top.highest_ns_per_m) / 2)
-    stiff = {"stiffness_n_per_m": 1e9}
-    assert avc.deployable(Coupling.constant(nominal.changed(environment=stiff), gains, "x")).passed
-    verdict = avc.deployable(Coupling.constant(case.changed(environment=stiff), gains, "x"))
+    stiff = {"environment": {"stiffness_n_per_m": 1e9}, "robustness": {"disk_margin": 0.01}}
+    assert avc.deployable(Coupling.constant(nominal.changed(**stiff), gains, "x")).passed
+    verdict = avc.deployable(Coupling.constant(case.changed(**stiff), gains, "x"))
     assert not verdict.passed
     for told in ("mass_kg", "delay_samples", "amplifier_bandwidth_hz", "resonance.frequency_hz"):
         assert told in verdict.sentence

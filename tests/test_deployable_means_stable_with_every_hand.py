@@ -14,6 +14,8 @@ from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling, schedule_of
 from avc_casadi.model.gains import Gains, GainTable
 
+THIN = {"disk_margin": 0.01}
+
 
 def growth(mass, damping, stiffness, gains, wall, time, delay):
     """Factor a sample by which the frozen loop grows: mechanics by scipy, force from the joint between two springs."""
@@ -97,7 +99,8 @@ def test_the_verdict_is_that_of_a_loop_marched_by_other_code():
         coupling = random_coupling(rng)
         worst = judged_here(coupling)
         verdict = avc.deployable(coupling)
-        for claim in verdict.claims:
+        claims = [claim for claim in verdict.claims if claim.name != "disk-margin"]
+        for claim in claims:
             own = worst[claim.name]
             if abs(own - 1) > 1e-6:
                 # More hands and more points between the rows are judged there: what fails here must fail there.
@@ -105,12 +108,12 @@ def test_the_verdict_is_that_of_a_loop_marched_by_other_code():
                 if coupling.table.constant:
                     assert claim.radius >= own - 1e-9
                     assert claim.radius == pytest.approx(own, abs=5e-3)
-        verdicts.append(verdict.passed)
+        verdicts.append(all(claim.passed for claim in claims))
     assert 20 < sum(verdicts) < 100
 
 
 def test_a_corner_of_the_device_decides():
-    problem = avc.load_problem("ve7")
+    problem = avc.load_problem("ve7").changed(robustness=THIN)
     gains = Gains(20.0, 1.7e5, 76.0)
     assert avc.deployable(Coupling.constant(problem, gains, "x")).passed
     light = problem.changed(device={"range": {"mass_kg": [0.05, 0.12]}})
@@ -129,7 +132,7 @@ def test_let_go_fails_where_every_hand_holds():
 
 def test_two_stable_rows_may_be_unstable_between():
     """Stiff with a large damper, and soft with none: on the straight line between them the damper goes first."""
-    problem = avc.load_problem("ve7").changed(frequency={"start_hz": 1.0, "stop_hz": 50.0})
+    problem = avc.load_problem("ve7").changed(frequency={"start_hz": 1.0, "stop_hz": 50.0}, robustness=THIN)
     stiff, soft = [0.0, 5e6, 60.0], [0.0, 2e3, 0.0]
     wall = problem.changed(environment={"stiffness_n_per_m": 6e4})
     rows = np.array([[1.0, *stiff], [50.0, *soft]])
@@ -162,18 +165,19 @@ def test_a_wall_without_a_spring_is_judged_alike_by_the_level_and_for_deployment
         assert (level.margin_ns_per_m >= 0) == rests
 
 
-def test_a_coupling_of_a_small_disk_margin_gets_no_tick(tmp_path, capsys):
+def test_a_coupling_of_a_small_disk_margin_is_asked_for_by_name(tmp_path, capsys):
     problem = avc.parse_problem(
         "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
         "[environment]\nstiffness_n_per_m = 3000.0\ndamping_ns_per_m = 0.0\n"
     )
-    marks = {}
-    for contact in (5.0, 12.0):
-        coupling = Coupling.constant(problem, Gains(0.0, 1e9, contact), "x")
+    marks = []
+    for contact, asked in ((5.0, {}), (5.0, THIN), (12.0, {})):
+        coupling = Coupling.constant(problem.changed(robustness=asked), Gains(0.0, 1e9, contact), "x")
         own = avc.certify_law(problem, k=3000.0, b=contact, remedies=False)
-        found = avc.deployable(coupling).disk_margin
-        assert found == pytest.approx(own.disk_margin, rel=1e-3)
+        found = avc.deployable(coupling)
+        assert found.disk_margin == pytest.approx(own.disk_margin, rel=1e-3)
+        assert found.passed == (found.disk_margin >= (0.01 if asked else 0.15))
         avc.write_coupling(coupling, tmp_path / "c.json")
-        assert main(["certify", str(tmp_path / "c.json")]) == 0
-        marks[found >= 0.2] = capsys.readouterr().out.split("Deployable")[0].split()[-1]
-    assert marks == {False: "!", True: "✓"}
+        main(["certify", str(tmp_path / "c.json")])
+        marks.append(capsys.readouterr().out.split("Deployable")[0].split()[-1])
+    assert marks == ["✗", "!", "✓"]

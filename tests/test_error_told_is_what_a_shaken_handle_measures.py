@@ -7,7 +7,7 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
-from avc_casadi.design.robust.lqg import Space
+from avc_casadi.design.observer_law import regulator
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.recommendation.shaken import shaken
@@ -67,8 +67,7 @@ def test_of_a_contact_damper_behind_a_coarse_encoder(hz):
 def test_of_a_law_with_a_dead_zone(hz):
     step = 15e-6
     stated = problem(encoder_resolution_m=step)
-    space = Space(stated.device, stated.hands)
-    law = space.law(space.starts[0], WALL)
+    law = regulator(stated.device, stated.hands, WALL, 0)
     coupling = Coupling.constant(stated, Gains(0.0, 1e12), "mine", Runtime(state_feedback=law))
     a, b, gain, weight = (np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback))
 

@@ -28,7 +28,6 @@ ROOMS = (
     "diagnose",
     "design.schedule",
     "design.constant",
-    "design.robust",
     "design",
     "design.comparison",
     "recommendation",

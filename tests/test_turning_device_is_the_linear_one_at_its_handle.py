@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.program import solve_program
 from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
 from avc_casadi.model.hands import hand_corners
@@ -139,6 +140,16 @@ def test_a_scene_is_that_of_the_handle(device, wall, power, kind):
     np.testing.assert_allclose(one.position_m / radius, other.position_m, rtol=1e-6, atol=1e-9 / radius)
     np.testing.assert_allclose(one.force_n * radius, other.force_n, rtol=1e-6, atol=1e-6 * radius)
     assert one.energy_generated_j == pytest.approx(other.energy_generated_j, rel=1e-6, abs=1e-12)
+
+
+def test_a_law_is_that_of_the_handle():
+    radius = 0.125
+    device = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "delay_samples": 1, "encoder_resolution_m": 2e-5}
+    linear, rotary = both(device, {"stiffness_n_per_m": 3000.0, "damping_ns_per_m": 0.0}, radius)
+    one, other = (solve_program(problem).judged for problem in (linear, rotary))
+    assert one.error == pytest.approx(other.error, rel=0.02)
+    assert one.disk_margin == pytest.approx(other.disk_margin, rel=0.02)
+    assert one.noise_n_per_m * radius**2 == pytest.approx(other.noise_n_per_m, rel=0.05)
 
 
 @pytest.mark.parametrize("radius", [0.5**6, 2.0])

@@ -3,7 +3,8 @@
 One definition, for every verb: linearly stable with every hand of [hands] and with the device released, over all of
 [device.range] (corners, then a search for the worst point inside), on the loop of the device as declared: its sample
 time and delay, amplifier and resonance; at the table's rows and between them. A nonlinear observer between encoder
-steps is excluded. State feedback is included, with any sector gain of its dead zone.
+steps is excluded. State feedback is included, with any sector gain of its dead zone. The disk margin of the nominal
+device, with every corner hand and released, is 0.15 or what [robustness] asks for.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from avc_casadi.claims.detent import detent_verdict
 from avc_casadi.claims.feedback import Worst, feedback_radius
 from avc_casadi.claims.hands_level import every_hand, looked_at, released_radius
 from avc_casadi.coupling import require_coupling
-from avc_casadi.loops.margins import OpenLoop
+from avc_casadi.loops.margins import LEAST_DISK, OpenLoop
 from avc_casadi.loops.wall import RADIUS_TOLERANCE, frozen_parts
 from avc_casadi.model.corners import linear_values
 from avc_casadi.model.hands import hand_text, no_hand
@@ -45,6 +46,8 @@ _DRAWS = 24
 # compared by value: equal gains with different runtimes need separate entries.
 _VERDICTS: WeakKeyDictionary[GainTable, list[tuple[Problem, Runtime, bytes, Deployable]]] = WeakKeyDictionary()
 _KEPT = 32
+# Share of a stated disk margin that is taken for it.
+_AS_ASKED = 0.97
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,8 @@ def deployable(coupling: Coupling, progress: Progress = SILENT) -> Deployable:
             return verdict
     verdict = _verdict(coupling, progress)
     if verdict.passed and coupling.problem.device.mass_kg > 0:  # released, a massless device has no loop
-        verdict = replace(verdict, disk_margin=min(one.disk for one in OpenLoop.of(coupling).margins()))
+        margin = min(one.disk for one in OpenLoop.of(coupling).margins())
+        verdict = Deployable(verdict.claims + _thin_claim(coupling.problem, margin), margin)
     known.append((coupling.problem, coupling.runtime, numbers, verdict))
     del known[:-_KEPT]
     return verdict
@@ -158,6 +162,19 @@ def _verdict(coupling: Coupling, progress: Progress) -> Deployable:
     if coupling.runtime.observer_mass_kg is not None:
         claims = tuple(replace(claim, sentence=claim.sentence + _OBSERVER) for claim in claims)
     return Deployable(claims)
+
+
+def _thin_claim(problem: Problem, disk_margin: float) -> tuple[DeployClaim, ...]:
+    """Return the claim that the disk margin is too small; none where it is large enough."""
+    asked = problem.robustness.disk_margin
+    least = LEAST_DISK if asked is None else _AS_ASKED * asked
+    if disk_margin >= least:
+        return ()
+    what = (
+        f"{disk_margin:.2g}, below {least:.2g}: some hand, or the released device, vibrates with the motor a little off"
+    )
+    advice = "take `avc recommend P`, soften the wall, or ask for less by [robustness] disk_margin"
+    return (DeployClaim("disk-margin", False, what, advice, np.nan),)
 
 
 def _nothing_claim(problem: Problem, gains: FloatArray) -> tuple[DeployClaim, ...]:
@@ -277,6 +294,7 @@ _CALLED = {
     "detent-hands": "detents in the wall, hands",
     "detent-let-go": "detents in the wall, released",
     "renders": "rendering",
+    "disk-margin": "disk margin",
 }
 _ADVICE = "take `avc recommend P`, which gives the stiffest coupling that is deployable, or soften the wall"
 

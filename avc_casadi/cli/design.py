@@ -137,29 +137,35 @@ def add_recommend(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="prove what is chosen, as avc certify --prove does: minutes where it is robust",
     )
+    parser.add_argument("--trade-off", action="store_true", help="tell what a disk margin costs in impedance error")
     parser.add_argument("--hands", type=positive_int, default=100, metavar="N", help="simulated hands (default 100)")
     add_verbose(parser)
 
 
 def run_recommend(args: argparse.Namespace, console: Console) -> Answer:
     """Recommend, write and show; 1 if nothing can be deployed."""
-    from avc_casadi._util.parallel import processors
     from avc_casadi.present.rows.recommend import recommendation, stiffest
     from avc_casadi.recommendation.stiffest import stiffest as search
 
     if args.stiffest:
-        refuse(args, ("out", "prove"), "goes with a recommendation, not with --stiffest; leave one of them out")
+        refuse(
+            args,
+            ("out", "prove", "trade_off"),
+            "goes with a recommendation, not with --stiffest; leave one of them out",
+        )
     out = None if args.out is None else output_file(args.out, "--out", (".json",))
     with console.step(args.problem):
         problem = avc.load_problem(args.problem)
     if problem.simulation is not None or problem.follower is not None:
-        refuse(args, ("stiffest", "lean_on_friction", "prove"))
-    lean, workers = args.lean_on_friction, min(2, processors())
+        refuse(args, ("stiffest", "lean_on_friction", "prove", "trade_off"))
+    lean = args.lean_on_friction
     if args.stiffest:
         _compiler(console)
-        data = search(problem, args.hands, lean_on_friction=lean, workers=workers, progress=console)
+        data = search(problem, args.hands, lean_on_friction=lean, progress=console)
         return stiffest(data, problem, args.problem)
     options = {"lean_on_friction": lean, "prove": args.prove}
+    if args.trade_off:
+        options["with_trade_off"] = True
     found = _recommended(problem, console, args.hands, **options)
     # What the trials refuse, other verbs would take: they judge linear stability alone.
     written = None

@@ -102,9 +102,9 @@ class Cones:
 
 
 def _mask(near: BoolArray | None, count: int, *, whole: bool) -> BoolArray:
-    """Return the cones of a block to begin with: those near the last time, and every twelfth."""
+    """Return the cones of a block to begin with: those near the last time, and every fortieth."""
     mask = np.full(count, whole) if near is None or len(near) != count else near | whole
-    mask[::12] = True
+    mask[::40] = True
     return mask
 
 

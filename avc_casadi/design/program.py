@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,27 +30,32 @@ from avc_casadi.claims.passivity.rendered_impedance import Handle
 from avc_casadi.claims.passivity.worst_port import impedance_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.cones import PER_LACK, Cones, multiplier
-from avc_casadi.design.robust.lqg import Space, dead_zone_m
+from avc_casadi.design.observer_law import GUESSES, Structure
 from avc_casadi.loops.spectrum import eigenvalues
+from avc_casadi.loops.wall import MAX_DELAY_SAMPLES
 from avc_casadi.model.corners import LINEAR_KEYS, device_corners
-from avc_casadi.model.gains import Gains, near_rigid_n_per_m
+from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.hands import Hand, hand_corners, no_hand
-from avc_casadi.model.runtime import MOST_STATES, Runtime, StateFeedback
+from avc_casadi.model.runtime import Runtime
 from avc_casadi.model.sampled_plant import sampled_plant
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
+    from avc_casadi.design.observer_law import Loops
     from avc_casadi.model.device import Device
     from avc_casadi.model.hands import StylusHand
     from avc_casadi.model.problem import Problem
     from avc_casadi.model.sampled_plant import SampledPlant
 
-    Loops = tuple[FloatArray, FloatArray, FloatArray]
+    ErrorRows = tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]
 
-DISK_MARGIN, RIPPLE_N, NOISE_OVER_STIFFNESS = 0.2, 1.5, 12.0
-"""Default goals: margin; force for a sine of one encoder step, N, or noise gain over stiffness if that is more."""
+DISK_MARGIN, RIPPLE_N, NOISE_OVER_STIFFNESS = 0.204, 1.5, 12.0
+"""Default goals: margin, so that 0.2 is met; force for a sine of one encoder step, N, or noise gain over stiffness if
+that is more."""
 BAND_HZ, NEAR = (1.0, 30.0), 0.1
 """Of the error; and that at which no other guess of model and feedback is tried."""
+# Step of an encoder that is taken for an ideal one.
+_IDEAL_M = 1e-9
 GAINS = np.array([1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015])
 """Sector gains of quantiser and dead zone at which the loop is required to decay."""
 # Rates of decay at each gain, 1/s, of oscillations and of what is slower than some hertz; share of |Phi| kept free.
@@ -71,117 +76,6 @@ def contour_per_s(device: Device, hz: FloatArray, row: int) -> FloatArray:
     """
     fast = min(_FASTEST_PER_S, 4.0 + 0.05 * device.damping_ns_per_m / device.mass_kg) * _FAST[row]
     return np.asarray(fast + (_SLOWEST_PER_S * _SLOW[row] - fast) / (1 + (hz / _SLOW_HZ) ** 4))
-
-
-@dataclass(frozen=True, eq=False)
-class Structure:
-    """Model and feedback of a law, and filters of its innovation; see `StateFeedback` for A, B, R.
-
-    Attributes:
-        state: A, shape (n, n), a diagonal part for the filters.
-        force: B, shape (n,).
-        feedback: R, shape (n,).
-        measures: index of the estimated measured position.
-        positions: indices of the positions.
-        modelled: number of states that the force moves.
-        innovation: L of the regulator that the model comes from, shape (n,).
-        stiffness_n_per_m: K.
-    """
-
-    state: FloatArray
-    force: FloatArray
-    feedback: FloatArray
-    measures: int
-    positions: tuple[int, ...]
-    modelled: int
-    innovation: FloatArray
-    stiffness_n_per_m: float
-
-    @classmethod
-    def of(cls, problem: Problem, guess: int, filters: int) -> Structure:
-        """Return the model and feedback of one of the guesses of `Space`, with filters from 3 Hz to T/4."""
-        space, t = Space(problem.device, problem.hands), problem.device.sample_time_s
-        stiffness = problem.environment.stiffness_n_per_m
-        law = space.law(space.starts[guess], stiffness)
-        n, poles = law.states, np.exp(-2 * np.pi * t * np.geomspace(3.0, 0.25 / t, filters))
-        state = np.diag(np.concatenate([np.zeros(n), poles]))
-        state[:n, :n] = law.state
-        force, none, one = np.array(law.force_m_per_n), np.zeros(filters), np.ones(filters)
-        parts = np.concatenate([force, none]), np.concatenate([law.feedback, one])
-        gain = np.concatenate([law.innovation, none])
-        return cls(state, *parts, law.measures, law.positions, n, gain, stiffness)
-
-    @cached_property
-    def closed(self) -> FloatArray:
-        """A + K B R: the law without innovation."""
-        return np.asarray(self.state + self.stiffness_n_per_m * np.outer(self.force, self.feedback))
-
-    def rows(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return X and Y at points z, shape (..., n) each."""
-        inner = np.linalg.inv(np.eye(len(self.force)) - self.closed / z[..., None, None])
-        x = self.stiffness_n_per_m * (self.feedback @ inner)
-        return np.asarray(x), np.asarray((self.closed[self.measures] @ inner) / z[..., None])
-
-    def observer_rows(self, z: ComplexArray) -> ComplexArray:
-        """Return O - 1 as rows of L at points z: the observer fed with the force as clipped, shape (..., n)."""
-        n = self.modelled
-        found = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
-        inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.state[:n, :n])
-        found[..., :n] = inner[..., self.measures, :] @ self.state[:n, :n]
-        return found
-
-    def observer_radius(self, gain: FloatArray) -> float:
-        """Return the spectral radius of the observer alone."""
-        n = self.modelled
-        matrix = self.state[:n, :n].copy()
-        matrix[:, self.measures] -= matrix @ gain[:n]
-        return float(np.abs(np.linalg.eigvals(matrix)).max())
-
-    def loops(self, plants: Loops, gain: FloatArray, passed: float = 1.0) -> FloatArray:
-        """Return the closed loops of plants at a sector gain of the innovation, shape (p, s + n, s + n)."""
-        matrix, push, _ = plants
-        s, n = matrix.shape[-1], len(self.force)
-        loop = np.zeros((len(matrix), s + n, s + n))
-        loop[:, :s, :s], loop[:, s:, s:] = matrix, self.closed
-        loop[:, :s, s:] = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
-        seen, moved = self._through(plants)
-        loop += passed * (moved @ gain)[..., None] * seen
-        return loop
-
-    def _through(self, plants: Loops) -> tuple[FloatArray, FloatArray]:
-        """Return the row of the innovation over the states, and what a corrected state moves."""
-        _, push, measured = plants
-        n = len(self.force)
-        seen = np.concatenate([measured, -np.eye(n)[self.measures]])
-        force = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
-        return seen, np.concatenate([force, np.broadcast_to(self.closed, (len(push), n, n))], axis=1)
-
-    def slopes(self, plants: Loops, gain: FloatArray, passed: float) -> tuple[ComplexArray, ComplexArray]:
-        """Return the poles of each loop and their derivatives by L, shapes (p, m) and (p, m, n)."""
-        poles, right = np.linalg.eig(self.loops(plants, gain, passed))
-        seen, moved = self._through(plants)
-        return poles, passed * (np.linalg.inv(right) @ moved) * (seen @ right)[..., None]
-
-    def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
-        """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""
-        a, b, r, found = self.state, self.force, self.feedback, gain
-        per_sample = problem.environment.damping_ns_per_m / problem.device.sample_time_s
-        if per_sample > 0:
-            total = self.stiffness_n_per_m + per_sample
-            r = np.append(self.stiffness_n_per_m * r, per_sample) / total
-            a = np.concatenate([np.pad(a, ((0, 0), (0, 1))), r[None]])
-            b, found = np.append(b, 0.0), np.append(found, 0.0)
-        half_m = dead_zone_m(problem.device)
-        return StateFeedback(
-            state=tuple(map(tuple, a.tolist())),
-            force_m_per_n=tuple(b.tolist()),
-            innovation=tuple(found.tolist()),
-            feedback=tuple(r.tolist()),
-            positions=self.positions,
-            measures=self.measures,
-            dead_zone_m=half_m,
-            face_m=half_m,
-        )
 
 
 @dataclass(frozen=True)
@@ -213,23 +107,6 @@ class Judged:
         return max(0.0, 0.97 - float(self.decay.min()), 0.95 - float((self.free[asked] / _FREE[asked]).min()))
 
 
-@dataclass(frozen=True)
-class ProgramAnswer:
-    """The coupling of the program.
-
-    Attributes:
-        coupling: with its law, not yet tried.
-        judged: what it reaches.
-        met: whether margin, noise, contact and decay are as asked for.
-        iterations: number of programs solved.
-    """
-
-    coupling: Coupling
-    judged: Judged
-    met: bool
-    iterations: int
-
-
 @dataclass(eq=False)
 class Program:
     """The program of one structure on a problem.
@@ -239,7 +116,7 @@ class Program:
         structure: of the law.
         hands: corners of [hands], without the released device, which is always there.
         disk_margin: goal.
-        noise_n_per_m: goal; infinite for none.
+        noise_n_per_m: goal.
         solved: number of cone programs solved.
     """
 
@@ -249,9 +126,9 @@ class Program:
     disk_margin: float
     noise_n_per_m: float
     solved: int = 0
-    _multipliers: dict[int, ComplexArray] = field(default_factory=dict)
-    _near: dict[object, BoolArray] = field(default_factory=dict)
-    _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict)
+    _multipliers: dict[int, ComplexArray] = field(default_factory=dict, init=False)
+    _near: dict[object, BoolArray] = field(default_factory=dict, init=False)
+    _contours: dict[tuple[int, float], ComplexArray] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         device = self.problem.device
@@ -269,7 +146,7 @@ class Program:
         x, y = self.structure.rows(z)
         # Of the denser grid on which margin and noise are judged: X, Y and Phi.
         self.dense = x, y, y + force_to_position(self.plants, z)[..., None] * x
-        self.error = self._error_rows(np.geomspace(*BAND_HZ, 12))
+        self.error = self.error_rows(np.geomspace(*BAND_HZ, 12))
 
     def _grid(self, density: int) -> FloatArray:
         """Return frequencies from 0.1 Hz to the Nyquist frequency itself, dense about resonances."""
@@ -287,7 +164,7 @@ class Program:
         hz = np.unique(np.concatenate(parts))
         return hz[hz <= 0.5 * rate * (1 + 1e-12)]
 
-    def _error_rows(self, hz: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+    def error_rows(self, hz: FloatArray) -> ErrorRows:
         """Return rows and constants of E_n and E_d: the handle's impedance is a ratio of terms linear in the law's."""
         device, wall, k = self.problem.device, self.problem.environment, self.structure.stiffness_n_per_m
         unit, s = Handle.of(self.problem, hz).unit, 2j * np.pi * hz
@@ -302,11 +179,16 @@ class Program:
         near = (p - wanted * q)[:, None] * x + (alone - wanted)[:, None] * y
         return near, alone - wanted, size[:, None] * (y + q[:, None] * x), size
 
+    @staticmethod
+    def errors(gain: FloatArray, rows: ErrorRows) -> FloatArray:
+        """Return |E_n|/|E_d|."""
+        near, near_0, far, far_0 = rows
+        return np.asarray(np.abs(near @ gain + near_0) / np.abs(far @ gain + far_0))
+
     def judged(self, gain: FloatArray, *, contact: bool = True) -> Judged:
         """Return what a gain L reaches; without the contact condition that counts as met."""
         structure = self.structure
         phi = 1 + self.phi @ gain
-        near, near_0, far, far_0 = self.error
         decay, radius = [], 0.0
         for row, passed in enumerate(GAINS):
             poles = eigenvalues(structure.loops(self.plants if row == 0 else self.held, gain, passed))
@@ -322,7 +204,7 @@ class Program:
                 least = min(least, cosine)
         margin, noise = _margin_and_noise(gain, *self.dense)
         return Judged(
-            error=float((np.abs(near @ gain + near_0) / np.abs(far @ gain + far_0)).max()),
+            error=float(self.errors(gain, self.error).max()),
             disk_margin=margin,
             noise_n_per_m=noise,
             contact=least,
@@ -428,8 +310,7 @@ class Program:
         real, real_0 = _flat((turned[..., None] * self.phi).real), turned.real.ravel()
         away = _flat(size[..., None] * (2 * self.y - self.phi))
         cones.second("margin", (2 / margin * real, 2 / margin * real_0), away, size.ravel())
-        if math.isfinite(noise):
-            cones.second("noise", (real, real_0), _flat(size[..., None] / noise * self.x), 0 * size.ravel())
+        cones.second("noise", (real, real_0), _flat(size[..., None] / noise * self.x), 0 * size.ravel())
         for row, passed in enumerate(GAINS):
             self._decaying(cones, gain, row, (float(decay[row]), left), slow=now.decay[row] < 0.999)
             if _FREE[row] > 0:
@@ -557,43 +438,106 @@ def started(program: Program) -> FloatArray | None:
     return best
 
 
+@dataclass(frozen=True, eq=False)
+class ProgramAnswer:
+    """The coupling of the program, not yet tried.
+
+    Attributes:
+        problem: device with its ranges, hands and wall.
+        program: of the structure with the smallest error, with the goals.
+        gain: L.
+        judged: what it reaches.
+        solved: number of cone programs solved.
+    """
+
+    problem: Problem
+    program: Program
+    gain: FloatArray
+    judged: Judged
+    solved: int
+
+    @property
+    def met(self) -> bool:
+        """Whether margin, noise, contact and decay are as asked for."""
+        return self.program.met(self.judged)
+
+    @property
+    def coupling(self) -> Coupling:
+        """The law behind the spring that gives the wall its stiffness."""
+        inner, problem = self.program.problem, self.problem
+        spring = spring_before(problem, inner.environment.stiffness_n_per_m)
+        runtime = Runtime(state_feedback=self.program.structure.law(self.gain, inner))
+        return Coupling.constant(problem, Gains(0.0, spring), "robust", runtime)
+
+    def errors(self, hz: FloatArray) -> FloatArray:
+        """Return the impedance error at frequencies."""
+        return self.program.errors(self.gain, self.program.error_rows(hz))
+
+    def moved(self, disk_margin: float, noise_n_per_m: float) -> ProgramAnswer:
+        """Return the coupling for other goals, from this one on."""
+        program = replace(self.program, disk_margin=disk_margin, noise_n_per_m=noise_n_per_m, solved=0)
+        gain, found = program.improved(self.gain)
+        return replace(self, program=program, gain=gain, judged=found, solved=self.solved + program.solved)
+
+
+def why_no_law(problem: Problem) -> str:
+    """Return why a device and wall have no law; empty where they may have one."""
+    device = problem.device
+    faults = []
+    if not problem.environment.stiffness_n_per_m > 0:
+        faults.append("the wall has no stiffness to be rendered (environment.stiffness_n_per_m)")
+    if not device.mass_kg > 0:
+        faults.append("the device has no mass (device.mass_kg), so that nothing is there when it is released")
+    if device.delay_samples > MAX_DELAY_SAMPLES / 4:
+        faults.append(f"the delay of {device.delay_samples:g} samples is above {MAX_DELAY_SAMPLES // 4}")
+    return "; ".join(faults)
+
+
 def solve_program(
-    problem: Problem, disk_margin: float = DISK_MARGIN, noise_n_per_m: float | None = None, *, filters: int = 4
+    problem: Problem,
+    disk_margin: float | None = None,
+    noise_n_per_m: float | None = None,
+    *,
+    stiffness_n_per_m: float | None = None,
+    filters: int = 4,
 ) -> ProgramAnswer | None:
     """Return the coupling of the smallest impedance error with a disk margin; None where none is found.
 
     Args:
         problem: device with its ranges, hands and wall.
-        disk_margin: of every hand and released.
-        noise_n_per_m: largest force over a sine of encoder noise; None is the default goal.
+        disk_margin: of every hand and released; None is that of [robustness].
+        noise_n_per_m: largest force over a sine of encoder noise; None is that of [robustness].
+        stiffness_n_per_m: of the wall as rendered; None is its own.
         filters: of the innovation, at most.
 
     Raises:
-        UnsupportedError: no mass, or no stiffness to render.
+        UnsupportedError: a device or wall without laws.
     """
-    device = problem.device
-    if not (device.mass_kg > 0 and problem.environment.stiffness_n_per_m > 0):
-        raise UnsupportedError(f"{problem.name}: program: the device has no mass or the wall no stiffness")
+    if why := why_no_law(problem):
+        raise UnsupportedError(f"{problem.name}: program: {why}")
+    device, k = problem.device, problem.environment.stiffness_n_per_m
+    inner = problem
+    if stiffness_n_per_m is not None and stiffness_n_per_m < k:
+        inner = problem.changed(environment={"stiffness_n_per_m": stiffness_n_per_m, "damping_ns_per_m": 0.0})
+    asked, step = problem.robustness, max(device.encoder_resolution_m, _IDEAL_M)
+    if disk_margin is None:
+        disk_margin = DISK_MARGIN if asked.disk_margin is None else asked.disk_margin
     if noise_n_per_m is None:
-        step, least = device.encoder_resolution_m, NOISE_OVER_STIFFNESS * problem.environment.stiffness_n_per_m
-        noise_n_per_m = max(RIPPLE_N * device.metres_per_unit / step, least) if step else math.inf
+        least = NOISE_OVER_STIFFNESS * inner.environment.stiffness_n_per_m if asked.ripple_n is None else 0.0
+        ripple_n = device.metres_per_unit * (RIPPLE_N if asked.ripple_n is None else asked.ripple_n)
+        noise_n_per_m = max(ripple_n / step, least)
     best: ProgramAnswer | None = None
     hands, solved = hand_corners(problem.hands.model_copy(update={"let_go": False})), 0
-    for guess in (1, 2, 0):
-        structure = Structure.of(problem, guess, filters)
-        spare = MOST_STATES - len(structure.force) - (problem.environment.damping_ns_per_m > 0)
-        if spare < 0:
-            structure = Structure.of(problem, guess, max(0, filters + spare))
-        program = Program(problem, structure, hands, disk_margin, noise_n_per_m)
-        gain = started(program)
-        if gain is None:
-            continue
-        gain, found = program.improved(gain)
-        solved += program.solved
-        if best is None or (program.met(found), -found.error) > (best.met, -best.judged.error):
-            rigid, runtime = near_rigid_n_per_m(device), Runtime(state_feedback=structure.law(gain, problem))
-            coupling = Coupling.constant(problem, Gains(0.0, rigid), "robust", runtime)
-            best = ProgramAnswer(coupling, found, program.met(found), 0)
+    for guess in GUESSES:
+        with suppress(np.linalg.LinAlgError):
+            program = Program(inner, Structure.of(inner, guess, filters), hands, disk_margin, noise_n_per_m)
+            if (gain := started(program)) is None:
+                continue
+            gain, found = program.improved(gain)
+            solved += program.solved
+            answer = ProgramAnswer(problem, program, gain, found, solved)
+            if best is None or (answer.met, -found.error) > (best.met, -best.judged.error):
+                best = answer
         if best is not None and best.met and best.judged.error <= NEAR:
             break
-    return None if best is None else replace(best, iterations=solved)
+    return None if best is None else replace(best, solved=solved)

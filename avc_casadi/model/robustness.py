@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from avc_casadi.model.corners import device_corners, device_with
 from avc_casadi.model.effects import JitterEffect
-from avc_casadi.model.quantity import MassShare, Share
+from avc_casadi.model.quantity import DiskMargin, Force, MassShare, Share
 from avc_casadi.model.table import Table
 
 if TYPE_CHECKING:
@@ -16,15 +16,21 @@ if TYPE_CHECKING:
 
 
 class Robustness(Table):
-    """Unmodelled effects beyond [device] and its ranges with each of which all hands must settle.
+    """Margins beyond [device] and its ranges, and unmodelled effects with each of which all hands must settle.
 
     Attributes:
         mass_share: the device is lighter by this share of its lowest mass; None: not required.
         dropped_share: the computer misses this share of the samples; None: not required.
+        disk_margin: the least of the loop at the actuator, with every hand and released; None: 0.15, and laws are
+            designed for 0.2.
+        ripple_n: force that a sine of one encoder step may give to the hand by a law; None: 1.5 N, or more where the
+            stiffness of the wall needs it.
     """
 
     mass_share: MassShare | None = None
     dropped_share: Share | None = None
+    disk_margin: DiskMargin | None = None
+    ripple_n: Force | None = None
 
 
 USUAL = Robustness(mass_share=0.2, dropped_share=1e-3)

@@ -12,7 +12,7 @@ from avc_casadi.recommendation.recommendation import Recommendation
 from avc_casadi.recommendation.virtual_tool import recommend_tool
 
 # Options that apply to a wall in the device's loop alone.
-_OF_WALLS = ("lean_on_friction", "prove", "workers", "executor")
+_OF_WALLS = ("lean_on_friction", "prove", "with_trade_off", "workers", "executor")
 
 
 @of_problem

@@ -10,7 +10,6 @@ import numpy as np
 from avc_casadi.loops.margins import OpenLoop, Transient
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.scene import Press
-from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.shaken import Shaken, shaken
 from avc_casadi.simulation.population.motions import at_handle
 from avc_casadi.simulation.population.trial import Conditions, traces
@@ -84,7 +83,7 @@ def deployed(coupling: Coupling) -> Deployed:
     )
     return Deployed(
         coupling=coupling,
-        shaken=shaken(coupling, static_stiffness_n_per_m(coupling), _SHAKEN_HZ),
+        shaken=shaken(coupling, coupling.static_stiffness_n_per_m, _SHAKEN_HZ),
         hands=hands,
         worst=int(np.argmin([one.damping_ratio for one in each[:-1]])),
         press_s=np.asarray(period * np.arange(pressed.shape[-1])),

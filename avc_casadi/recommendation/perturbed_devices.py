@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.claims.deployable import deployable
+from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.model.corners import device_with, linear_values
 from avc_casadi.model.declared import declared
-from avc_casadi.recommendation.evaluate import FIRST
+from avc_casadi.recommendation.evaluator import FIRST
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_on_devices
 from avc_casadi.simulation.population.operators import people_of
 
@@ -31,7 +31,8 @@ class PerturbedDevices:
     Attributes:
         keys: perturbed keys of the device.
         trial: of the corner hands, each on every device.
-        unstable: number of devices on which the coupling is not deployable, though hands may settle.
+        unstable: number of devices on which a corner hand, or the released device, is not linearly stable, though hands
+            may settle.
     """
 
     keys: tuple[str, ...]
@@ -62,7 +63,7 @@ def off_file(coupling: Coupling, seed: int = 0) -> PerturbedDevices | None:
     devices = perturbed(problem.device, keys, seed)
     each_on_all = people.pick(np.repeat(np.arange(len(people)), len(devices)))
     theirs = [replace(coupling, problem=problem.changed(device=device)) for device in devices]
-    unstable = sum(not deployable(one).passed for one in theirs)
+    unstable = sum(bool((np.abs(OpenLoop.of(one).poles) >= 1).any()) for one in theirs)
     return PerturbedDevices(keys, try_on_devices(coupling, each_on_all, devices, seed), unstable)
 
 

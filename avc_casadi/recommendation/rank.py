@@ -1,31 +1,35 @@
-"""Rank candidates: by safety, then by vibration threshold, then by impedance mismatch in motion."""
+"""Rank candidates: by safety, then by vibration threshold, then by impedance error in motion."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.design.robust.goal import BAND_HZ, distance, static_share
+from avc_casadi.claims.passivity.rendered_impedance import Handle, below_quarter_rate
+from avc_casadi.claims.passivity.worst_port import impedance_at_handle
 from avc_casadi.loops.margins import transients
-from avc_casadi.recommendation.generate import static_stiffness_n_per_m
+from avc_casadi.loops.wall import Laws, force_over_innovation, force_over_position, frozen_rendering
 from avc_casadi.recommendation.limit_cycle_freedom import likely_provable
-from avc_casadi.recommendation.shaken import Shaken, shaken
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial
 from avc_casadi.simulation.population.settled import exact_interval
 
 if TYPE_CHECKING:
     from avc_casadi._util.arrays import BoolArray
     from avc_casadi.coupling import Coupling
-    from avc_casadi.model.device import Device
-    from avc_casadi.model.hands import Hand
 
-AS_STIFF = 0.01
-"""Stiffnesses closer than this share are equal."""
-# Mismatches that differ by no more are equal.
-_AS_NEAR = 0.01
+BAND_HZ = np.geomspace(1.0, 30.0, 40)
+"""Band of hand motion and perception."""
+FELT_ERROR = 0.1
+"""Difference of stiffness or damping that is just noticed (Jones and Hunter, Perception and Psychophysics 1990)."""
+# Settling time after release below which no difference is noticed; twice as long counts as an error of 0.35, and
+# stiffness at rest as a fifth of the same share in motion.
+_AT_ONCE_S, _PER_SETTLING, _PER_SOFTER = 0.5, 0.5, 0.2
+# Stiffnesses closer than this share are equal.
+_AS_STIFF = 0.01
 # Share of the static stiffness at the end of a press, below which the latter counts.
 _SLOW = 0.95
 # Share of the hands below the vibration threshold that suffices: a stiff wall is kept despite a few light hands.
@@ -41,8 +45,6 @@ class Judged:
         trial: result with simulated hands.
         order: rank among the candidates, simpler ones first.
         others: trial with hands outside the selection; None before it.
-        asked: these hands.
-        devices: to which they are assigned in turn.
         beyond: which hands settle on each perturbed device that the problem requires.
     """
 
@@ -50,8 +52,6 @@ class Judged:
     trial: CouplingTrial
     order: int
     others: CouplingTrial | None = None
-    asked: Hand | None = None
-    devices: tuple[Device, ...] = ()
     beyond: tuple[BoolArray, ...] = ()
 
     @cached_property
@@ -88,32 +88,53 @@ class Judged:
     @property
     def felt_n_per_m(self) -> float:
         """Rendered stiffness: static, or at the end of a press where a slow observer is still far from it."""
-        at_rest, pressed = static_stiffness_n_per_m(self.coupling), self.trial.stiffness
+        at_rest, pressed = self.coupling.static_stiffness_n_per_m, self.trial.stiffness
         return pressed if pressed < _SLOW * at_rest else at_rest
 
     @cached_property
-    def shaken(self) -> Shaken:
-        """Rendered impedance over the band in which hands move."""
-        return shaken(self.coupling, static_stiffness_n_per_m(self.coupling), BAND_HZ)
-
-    @property
-    def mismatch(self) -> float:
-        """Root mean square mismatch over that band."""
-        return float(np.sqrt(np.mean(self.shaken.mismatch**2)))
+    def error(self) -> float:
+        """Largest impedance error from 1 to 30 Hz."""
+        return impedance_error(self.coupling)
 
     @cached_property
     def distance(self) -> float:
-        """Distance from the wall: mismatch in motion, with prices on settling time and softness at rest."""
-        share = static_share(static_stiffness_n_per_m(self.coupling), self.coupling.wall.stiffness_n_per_m)
-        return distance(self.mismatch, transients(self.coupling)[0].settling_s, share)
+        """Distance from the wall: impedance error, with prices on settling time and softness at rest."""
+        wall, settling_s = self.coupling.wall.stiffness_n_per_m, transients(self.coupling)[0].settling_s
+        share = self.coupling.static_stiffness_n_per_m / wall if wall > 0 else 1.0
+        slow, soft = math.log(max(settling_s, _AT_ONCE_S) / _AT_ONCE_S), max(0.0, -math.log(max(share, 1e-9)))
+        return max(self.error, FELT_ERROR) + _PER_SETTLING * slow + _PER_SOFTER * soft
 
     def complete(self, *, lean_on_friction: bool) -> bool:
         """Return whether it is acceptable: as safe as required, vibration below the threshold."""
         return self.safety <= int(lean_on_friction) and self.quiet
 
 
+def impedance_error(coupling: Coupling) -> float:
+    """Return the largest error of the impedance at the handle from 1 to 30 Hz, of small motions in contact.
+
+    Relative to the larger of the wall with the device and of the wall alone: without dampers the first vanishes where
+    the device's mass resonates with the wall.
+    """
+    problem, gains, law = coupling.problem, coupling.table.at_rest, coupling.runtime.state_feedback
+    device, wall, t = problem.device, problem.environment, problem.device.sample_time_s
+    hz = below_quarter_rate(device, BAND_HZ)
+    rendering = frozen_rendering(
+        problem, gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
+    )
+    s = 2j * np.pi * hz
+    if law is None:
+        force = force_over_position(rendering, np.exp(s * t))
+    else:
+        over, believed = force_over_innovation(Laws.of(law), rendering, hz, t)
+        force = over[0] / (1 + believed[0])
+    felt = impedance_at_handle(device, force * Handle.of(problem, hz).unit, hz)
+    own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    wanted = device.mass_kg * s + device.damping_ns_per_m + own
+    return float((np.abs(felt - wanted) / np.maximum(np.abs(wanted), np.abs(own))).max())
+
+
 def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: bool = False) -> Judged:
-    """Return the best: by safety, vibration threshold, mismatch, then least vibration, provability and stiffness.
+    """Return the best: by safety, vibration threshold, distance; of those as near to the senses the plainest.
 
     Args:
         judged: at least one.
@@ -132,12 +153,14 @@ def best_of(judged: list[Judged], *, lean_on_friction: bool = False, stiffest: b
     left = [one for one in left if one.quiet] or left
     if stiffest:
         most_n_per_m = max(one.felt_n_per_m for one in left)
-        left = [one for one in left if one.felt_n_per_m >= (1 - AS_STIFF) * most_n_per_m]
+        left = [one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m]
     nearest = min(one.distance for one in left)
-    as_near = [one for one in left if one.distance <= nearest + _AS_NEAR]
+    as_near = [one for one in left if one.distance <= nearest + FELT_ERROR]
     quiet = max(int(one.trial.quiet.sum()) for one in as_near)
     quietest = [one for one in as_near if int(one.trial.quiet.sum()) == quiet]
-    return max(likely_provable(quietest), key=lambda one: (one.felt_n_per_m, -one.order))
+    left = likely_provable(quietest)
+    most_n_per_m = max(one.felt_n_per_m for one in left)
+    return min((one for one in left if one.felt_n_per_m >= (1 - _AS_STIFF) * most_n_per_m), key=lambda one: one.order)
 
 
 def devices_of(best: Judged | None) -> int:

@@ -17,14 +17,15 @@ from avc_casadi.loops.walls import stiffest_wall
 from avc_casadi.model.hands import hand_corners, with_released
 from avc_casadi.model.problem import Problem
 from avc_casadi.recommendation.beyond_file import Withstood, margins, missed
-from avc_casadi.recommendation.generate import static_stiffness_n_per_m
+from avc_casadi.recommendation.candidates import judge_all
+from avc_casadi.recommendation.evaluator import Evaluator
 from avc_casadi.recommendation.limit_cycle_freedom import with_rest
 from avc_casadi.recommendation.perturbed_devices import off_file
 from avc_casadi.recommendation.preconditions import assumed, not_used, nothing_rendered, why_infeasible
-from avc_casadi.recommendation.rank import Judged, best_of, devices_of, reason_of
+from avc_casadi.recommendation.rank import best_of, devices_of, reason_of
 from avc_casadi.recommendation.recommendation import Recommendation
-from avc_casadi.recommendation.search_schedule import judged_candidates
 from avc_casadi.recommendation.sensitivity import what_would_help
+from avc_casadi.recommendation.trade_off import trade_off
 from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import people_of
 
@@ -55,8 +56,8 @@ def judged_as_recommended(
     verdict = deployable(found, progress)
     extreme = hand_corners(problem.hands)
     limit = stiffest_wall(problem.device, with_released(extreme))
-    beyond = margins(found, limit)
-    lacks = nothing_rendered(problem, static_stiffness_n_per_m(found), tried) or missed(beyond, by_friction=False)
+    beyond = margins(found)
+    lacks = nothing_rendered(problem, found.static_stiffness_n_per_m, tried) or missed(beyond, by_friction=False)
     return Recommendation(
         problem=problem,
         coupling=found.with_trial(tried.document()),
@@ -85,6 +86,7 @@ def recommend(
     *,
     lean_on_friction: bool = False,
     prove: bool = False,
+    with_trade_off: bool = False,
     versions: Mapping[str, str] | None = None,
     workers: int = 1,
     progress: Progress = SILENT,
@@ -92,11 +94,12 @@ def recommend(
 ) -> Recommendation:
     """Return the coupling to deploy.
 
-    Candidates are linearly stable with every hand of [hands] and released. They are ranked by safety: all hands
-    settle without dry friction, then with the declared one, then as many as possible; then by whether the residual
-    vibration is below the detection threshold of nine hands in ten; then by impedance mismatch from 1 to 30 Hz, with
-    a price on a long settling time when released; then by vibration, provability and stiffness. Twice as many hands
-    outside the selection confirm the choice, on devices throughout [device.range].
+    Candidates are springs and dampers and laws of a convex program, linearly stable with every hand of [hands] and
+    released, with a disk margin. They are ranked by safety: all hands settle without dry friction, then with the
+    declared one, then as many as possible; then by whether the residual vibration is below the detection threshold of
+    nine hands in ten; then by impedance mismatch from 1 to 30 Hz, with a price on a long settling time when released;
+    of those within a just noticeable error the plainest. Twice as many hands outside the selection confirm the choice,
+    on devices throughout [device.range].
 
     Args:
         problem: device with its ranges, wall and hands; or a problem file, or a name of the catalogue.
@@ -105,6 +108,7 @@ def recommend(
         lean_on_friction: whether settling by the declared dry friction alone suffices.
         prove: request proofs of the chosen coupling, as `certify` does; without it limit-cycle freedom is proved where
             that takes a second or two, and simulated otherwise.
+        with_trade_off: tell what a disk margin costs in impedance error and ripple too, at four of them.
         versions: of the software that made it, by package; written into the coupling.
         workers: processes, this one among them; more than one start this program anew, so that a script needs its
             guard. The result does not depend on it.
@@ -122,31 +126,29 @@ def recommend(
     """
     problem = with_wall(problem)
     people, extreme = people_of(problem.hands, hands, seed), hand_corners(problem.hands)
-    why_none, considered = why_infeasible(problem), 0
-    judged: list[Judged] = []
+    why_none = why_infeasible(problem)
+    evaluator = Evaluator(problem, people, seed, progress, lean_on_friction=lean_on_friction, executor=executor)
     with Crew(workers) as crew:
         helps = crew.begin(partial(what_would_help, problem, extreme))
         limit = stiffest_wall(problem.device, with_released(extreme))
         if not why_none:
-            found = judged_candidates(
-                problem, people, seed, limit, progress, lean_on_friction=lean_on_friction, executor=executor, crew=crew
-            )
-            judged, considered = found.judged, found.considered
-        best = best_of(judged, lean_on_friction=lean_on_friction) if judged else None
+            judge_all(problem, evaluator, limit, progress)
+        best = evaluator.best()
+        judged, considered = evaluator.judged, evaluator.considered
         declared_n = problem.device.coulomb_friction_n
         leaning = best_of(judged, lean_on_friction=True, stiffest=True) if judged and declared_n > 0 else None
         coupling, rest, off, lacks = None, None, None, ""
         beyond: tuple[Withstood, ...] = ()
         if best is not None:
             mismatched = crew.begin(partial(off_file, best.coupling, seed))
-            unmodelled = crew.begin(partial(margins, best.coupling, limit, seed))
+            unmodelled = crew.begin(partial(margins, best.coupling, seed))
             known = certified(best.coupling, progress, prove=prove)
             known, rest = with_rest(known, progress)
             coupling = replace(known.with_trial(best.trial.document()), versions=versions or {})
             off, beyond = mismatched(), unmodelled()
             lacks = missed(beyond, by_friction=lean_on_friction or best.safety == 1)
-        held = [static_stiffness_n_per_m(one.coupling) for one in judged]
-        nothing = "" if best is None else nothing_rendered(problem, static_stiffness_n_per_m(best.coupling), best.trial)
+        held = [one.coupling.static_stiffness_n_per_m for one in judged]
+        nothing = "" if best is None else nothing_rendered(problem, best.coupling.static_stiffness_n_per_m, best.trial)
         return Recommendation(
             problem=problem,
             coupling=coupling,
@@ -158,10 +160,11 @@ def recommend(
             rest=rest,
             stiffest_wall_n_per_m=max([limit.stiffness_n_per_m, *held]),
             plain_wall_n_per_m=limit.stiffness_n_per_m,
-            with_friction_n_per_m=None if leaning is None else static_stiffness_n_per_m(leaning.coupling),
+            with_friction_n_per_m=None if leaning is None else leaning.coupling.static_stiffness_n_per_m,
             helps=() if why_none else helps(),
             considered=considered,
             reason=why_none or nothing or lacks or reason_of(best, judged, considered),
             assumed=assumed(problem, None if best is None else best.coupling, devices=devices_of(best)),
             not_used=not_used(problem),
+            trade_off=trade_off(problem, progress) if with_trade_off and coupling is not None else (),
         )

@@ -15,7 +15,6 @@ from avc_casadi.files.coupling_file import coupling_document
 from avc_casadi.loops.margins import OpenLoop, transients
 from avc_casadi.model.virtual_tool import RIGID_N_PER_M
 from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
-from avc_casadi.recommendation.generate import static_stiffness_n_per_m
 from avc_casadi.recommendation.rebound import rebound
 from avc_casadi.recommendation.ripple import ripple
 from avc_casadi.recommendation.shaken import shaken
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from avc_casadi.recommendation.sensitivity import Help
     from avc_casadi.recommendation.tool_impedance import Felt
     from avc_casadi.recommendation.tool_sensitivity import ToolHelp
+    from avc_casadi.recommendation.trade_off import Trade
     from avc_casadi.simulation.population.bilateral_trial import BilateralTrial
     from avc_casadi.simulation.population.tool_trial import ToolTrial
 
@@ -102,6 +102,7 @@ class Recommendation(Printed):
         plain_wall_n_per_m: that of a plain spring and damper by linear stability alone.
         with_friction_n_per_m: rendered stiffness of the stiffest one tried if settling by the declared dry friction
             sufficed; None without any.
+        trade_off: what a disk margin costs, at four of them; empty where that was not asked for.
 
     Example:
         >>> found = avc.recommend("spring", hands=10)
@@ -126,6 +127,7 @@ class Recommendation(Printed):
     stiffest_wall_n_per_m: float = 0.0
     plain_wall_n_per_m: float = 0.0
     with_friction_n_per_m: float | None = None
+    trade_off: tuple[Trade, ...] = ()
 
     def __repr__(self) -> str:
         return f"Recommendation({self.problem.name!r}: {self.coupling!r}; {self.reason})"
@@ -175,6 +177,7 @@ class Recommendation(Printed):
             "simulated": self._simulated(),
             "off_file": None if self.off_file is None else self.off_file.document(),
             "beyond_file": [vars(one) for one in self.beyond_file],
+            "trade_off": [vars(one) for one in self.trade_off],
         }
 
     def _simulated(self) -> dict[str, int] | None:
@@ -212,7 +215,7 @@ class Recommendation(Printed):
         device, tried = self.problem.device, trial.document()
         springy = self.problem.environment.stiffness_n_per_m > 0
         sensed = tried["stiffness_n_per_m"]["median"] if springy else None
-        static, damping = static_stiffness_n_per_m(coupling), coupling.table.at_rest.contact_damping_ns_per_m
+        static, damping = coupling.static_stiffness_n_per_m, coupling.table.at_rest.contact_damping_ns_per_m
         motion = shaken(coupling, static)
         step, damping = device.encoder_resolution_m, damping + self.problem.environment.damping_ns_per_m
         return {

@@ -46,21 +46,6 @@ def linear_changes(problem: Problem) -> dict[str, Problem]:
     return {change: problem.changed(device=values) for change, values in keys.items()}
 
 
-def simulated_changes(problem: Problem) -> dict[str, Problem]:
-    """Return improvements that only a simulation captures, one at a time, with the changed problem."""
-    device = problem.device
-    keys: dict[str, dict[str, Any]] = {}
-    if device.encoder_resolution_m:
-        keys["half the step of the encoder"] = _times(0.5, device, "encoder_resolution_m")
-    if device.position_noise_rms_m:
-        keys["half the noise of the encoder"] = _times(0.5, device, "position_noise_rms_m")
-    if device.backlash_m or device.range.backlash_m:
-        keys["no play"] = {"backlash_m": 0.0, "range": {"backlash_m": None}}
-    if device.max_force_n is not None:
-        keys["twice the force"] = _times(2, device, "max_force_n")
-    return {change: problem.changed(device=values) for change, values in keys.items()}
-
-
 def what_would_help(problem: Problem, extreme: Hand | StylusHand) -> tuple[Help, ...]:
     """Return the limit of a plain spring and damper after each change, most effective first.
 

@@ -26,13 +26,12 @@ from hardware_bench import export_c
 from whole_device import WholeDevice, people, rests_as_tried
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.rendered_impedance import Handle
-from avc_casadi.claims.passivity.worst_port import impedance_at_handle
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.program import ProgramAnswer, solve_program
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import Laws, force_over_innovation, force_over_position, frozen_rendering
 from avc_casadi.model.problem import Problem
+from avc_casadi.recommendation.rank import impedance_error
 
 SEED, HANDS = 90417, 192
 NAMED = ("figure5", "reference-r1", "reference-r2", "reference-r3")
@@ -76,16 +75,12 @@ def law_n_per_m(coupling: Coupling, turn: np.ndarray) -> np.ndarray:
 
 def measured(coupling: Coupling) -> dict[str, Any]:
     """Error, disk margin and noise gain of a coupling."""
-    problem, loop = coupling.problem, OpenLoop.of(coupling)
-    turn, hz = loop.turns(), np.geomspace(1.0, 30.0, 40)
-    gain, device, wall = loop.gain(turn), problem.device, problem.environment
-    s, law = 2j * np.pi * hz, law_n_per_m(coupling, 2 * np.pi * hz * device.sample_time_s)
-    felt = impedance_at_handle(device, law * Handle.of(problem, hz).unit, hz)
-    own = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
-    wanted = device.mass_kg * s + device.damping_ns_per_m + own
+    loop = OpenLoop.of(coupling)
+    turn = loop.turns()
+    gain = loop.gain(turn)
     stable = bool((np.abs(loop.poles) < 1).all())
     return {
-        "error": float((np.abs(felt - wanted) / np.maximum(np.abs(wanted), np.abs(own))).max()),
+        "error": impedance_error(coupling),
         "disk_margin": float(2 / np.abs((1 - gain) / (1 + gain)).max()) if stable else 0.0,
         "noise_n_per_m": float(np.abs(law_n_per_m(coupling, turn) / (1 + gain)).max()),
     }

@@ -7,8 +7,8 @@ from avc_casadi.design.registry import METHODS, Method
 METHODS.add(
     "robust",
     Method(
-        "avc_casadi.design.robust.solve:solve_robust",
-        "the wall behind an observer with state feedback, for every hand and a device not quite as declared",
+        "avc_casadi.design.robust:solve_robust",
+        "the wall behind an observer with state feedback, by a convex program with a disk margin for every hand",
         keeps_ranges=True,
         reports=True,
     ),

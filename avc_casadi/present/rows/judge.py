@@ -38,6 +38,8 @@ _CLAIMS = {
     "let-go": ("Released", "when released"),
     "dead-zone": ("Dead zone", "in the dead zone"),
     "detent": ("Detents", "on detents"),
+    "disk-margin": ("Disk margin", "with the motor a little off"),
+    "renders": ("Rendering", "as no wall is rendered"),
 }
 _OUTCOMES = {"proved": Mark.PASS, "refuted": Mark.FAIL, "open": Mark.CAUTION}
 _SETTLES = {"asymptotic": Mark.PASS, "held-by-friction": Mark.CAUTION, "unstable": Mark.FAIL}

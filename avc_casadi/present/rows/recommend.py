@@ -96,7 +96,7 @@ def wall_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         return [*_slips(data), none, *_limit(data)]
     found = [*_slips(data), _coupling(data, problem), *_rendered(data, problem), *_stability(data)]
     if data["deployable"]:
-        found += _margins(data)
+        found += [*_margins(data), *_trade_off(data)]
     found += _simulated(data)
     if not data["deployable"]:
         return found
@@ -305,7 +305,6 @@ def _unmodelled(data: Mapping[str, Any]) -> list[Row]:
                 count(one[key]),
                 "with",
                 _effect(one),
-                None if one["plain"] is None else ("(plain coupling", count(one["plain"]), ")"),
             )
             for one, key in zip(found, counted, strict=True)
         )
@@ -376,6 +375,26 @@ def _friction(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         stiffer = Value(leaning, "stiffness")
         rows.append(row("With friction", "at least", stiffer, "if its help is enough: --lean-on-friction"))
     return rows
+
+
+def _trade_off(data: Mapping[str, Any]) -> list[Row]:
+    """Return what a disk margin costs in impedance error at 1, 10 and 30 Hz, and the ripple of an encoder step."""
+    points = data["trade_off"]
+    if not points:
+        return []
+    each = (
+        (
+            "disk margin",
+            Value(one["disk_margin"], "number", 2),
+            ": error",
+            *((Value(share, "share"), ",") for share in one["error"]),
+            "ripple",
+            Value(one["ripple_n"], "force"),
+            None if one["met"] else "(contact or decay not met)",
+        )
+        for one in points
+    )
+    return [row("At 1, 10, 30 Hz", listed(each, ";"))]
 
 
 def _limit(data: Mapping[str, Any]) -> list[Row]:
@@ -558,9 +577,15 @@ def _pair_limit(data: Mapping[str, Any]) -> list[Row]:
 
 
 def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answer:
-    """Return the answer of `recommend --stiffest`: a row for each change of the device."""
+    """Return the answer of `recommend --stiffest`."""
     shown, others, limited = shown or name_of(problem), data["confirmed"], data["at_force_limit"]
-    rows = [_stiffest("Stiffest wall", data, data["by"] or "")]
+    helps = data["what_would_help"]
+    wall = data["stiffest_wall_n_per_m"]
+    if wall is None:
+        rows = [row("Stiffest wall", "none was found", mark=Mark.FAIL)]
+    else:
+        reached = parts(Value(wall, "stiffness"), f"({data['by']})", ":", _resting(data))
+        rows = [row("Stiffest wall", reached, mark=settled(data))]
     if limited:
         limit = Value(problem.device.max_force_n, "force")
         at = (count(limited), "of", count(data["hands"]), "presses end at the limit of", limit)
@@ -568,22 +593,12 @@ def stiffest(data: Mapping[str, Any], problem: Problem, shown: str = "") -> Answ
     if others is not None:
         quiet = (";", count(others["quiet"]), "below the vibrotactile threshold")
         rows.append(row("Confirmed", _resting(others), quiet, mark=settled(others)))
-    rows += [_stiffest(_change(one).capitalize(), one) for one in data["what_would_help"]]
     if data["plain_wall_n_per_m"]:
         plain = ("plain coupling", Value(data["plain_wall_n_per_m"], "stiffness"))
         rows.append(row("Linear limit", plain, ", with damping of", span(data["damping_ns_per_m"], "damping")))
     else:
         rows.append(row("Linear limit", "a plain coupling is stable at no wall", mark=Mark.CAUTION))
+    rows += [row(_change(one).capitalize(), Value(one["stiffest_wall_n_per_m"], "stiffness")) for one in helps]
     rows += [*notes(data["assumed"], "Assumed", Mark.NONE, 1), *notes(data["not_used"], "Not used", rank=1)]
     onwards = (f"avc recommend {quote(shown)} --out coupling.json", f"avc recommend {quote(shown)} --stiffest -v")
     return Answer("stiffest", data, headline(problem, shown), tuple(rows), onwards, problem.units)
-
-
-def _stiffest(label: str, found: Mapping[str, Any], by: str | None = None) -> Row:
-    wall = found["stiffest_wall_n_per_m"]
-    if wall is None:
-        return row(label, "none was found", mark=Mark.NONE if by is None else Mark.FAIL)
-    told = parts(Value(wall, "stiffness"), f"({by})" if by else "")
-    if found["at_rest"] is None:
-        return row(label, told)
-    return row(label, told, ":", _resting(found), mark=settled(found) if by else Mark.NONE)

@@ -1,0 +1,296 @@
+"""Observer laws: a Kalman filter with an assumed hand and a linear regulator to begin with, and what stays fixed of it.
+
+The observer models both bodies, amplifier, delay and its own commanded force; the hand's force is a random-walk
+disturbance. The regulator drives the device to the equilibrium of wall and estimated disturbance, so that the static
+stiffness is exactly the wall's.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi.model.hands import Hand
+from avc_casadi.model.plant import DEVICE, transition
+from avc_casadi.model.runtime import MOST_STATES, StateFeedback
+from avc_casadi.model.sampled_plant import Mode, device_plant, sampled_plant
+
+if TYPE_CHECKING:
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.problem import Hands, Problem
+
+    Loops = tuple[FloatArray, FloatArray, FloatArray]
+
+DEAD_ZONE_STEPS = 0.75
+"""Half width of the dead zone in encoder steps: half a step of quantisation and a quarter for model error."""
+
+# Sample time of the guesses; at shorter ones the filter is as fast in seconds, at longer ones in samples.
+_USUAL_SAMPLE_TIME_S = 1e-3
+# Regularises states without weight or noise.
+_NOTHING = 1e-9
+_HAND = ("mass_kg", "damping_ns_per_m", "stiffness_n_per_m")
+_LEAST = (0.01, 1.0, 10.0)
+# Of each guess, for a rigid device and for one with a resonance: position and velocity weight relative to that of the
+# force, velocities in units of sqrt(K m).
+_WEIGHTS = {True: ((17.0, 1.9), (20.0, 2.0), (2.2, 0.4)), False: ((22.0, 0.96), (20.0, 2.0), (2.2, 0.4))}
+# Noises: walk of the push, force on motor and on handle, by the force that moves the lightest device and hand by one
+# unit of the encoder's noise in a sample.
+_NOISES = {
+    True: ((0.0065, 0.64, 0.0), (0.0022, 0.12, 0.0), (0.009, 0.6, 0.0)),
+    False: ((0.0025, 0.16, 0.13), (0.0022, 0.12, 0.11), (0.009, 0.6, 0.23)),
+}
+# Believed mass, damping and stiffness of the hand, relative to the middle of its ranges; frequency and damping ratio of
+# the resonance, the frequency relative to the declared one.
+_HANDS = {
+    True: ((0.15, 3.2, 1.7), (0.13, 1.4, 4.9), (0.43, 1.4, 3.8)),
+    False: ((0.25, 2.2, 4.7), (0.13, 1.4, 4.9), (0.43, 1.4, 3.8)),
+}
+_MODES = ((0.81, 0.09), (0.87, 0.16), (0.87, 0.16))
+GUESSES = range(3)
+"""A stiff regulator behind a slow filter twice, and a soft one: middles of what suits devices drawn at random."""
+
+
+def dead_zone_m(device: Device) -> float:
+    """Return the half width of the dead zone, m: that of the coarsest encoder of the declared range."""
+    known = device.range.encoder_resolution_m
+    return DEAD_ZONE_STEPS * (device.encoder_resolution_m if known is None else known[1])
+
+
+def regulator(device: Device, hands: Hands, stiffness_n_per_m: float, guess: int) -> StateFeedback:
+    """Return one of the `GUESSES`.
+
+    Args:
+        device: modelled as it is declared.
+        hands: ranges of the hands.
+        stiffness_n_per_m: K of the rendered wall.
+        guess: its number.
+
+    Raises:
+        numpy.linalg.LinAlgError: a Riccati equation has no solution.
+    """
+    rigid, t = device.resonance is None, device.sample_time_s
+    light_kg, faster = device.mass_kg + hands.mass_kg[0], min(1.0, t / _USUAL_SAMPLE_TIME_S)
+    turned = device.metres_per_unit**2
+    middles = (max(sum(getattr(hands, name)) / 2, least * turned) for name, least in zip(_HAND, _LEAST, strict=True))
+    hand = Hand(*(share * middle for share, middle in zip(_HANDS[rigid][guess], middles, strict=True)))
+    mode = None
+    if device.resonance is not None:
+        share, damping = _MODES[guess]
+        mode = Mode(device.resonance.frequency_hz * share, damping, device.resonance.mass_ratio)
+    model = _Model.of(device, hand, mode, stiffness_n_per_m)
+    position, velocity = _WEIGHTS[rigid][guess]
+    walk, motor, handle = _NOISES[rigid][guess]
+    unit = light_kg / t**2 / stiffness_n_per_m
+    half_m = dead_zone_m(device)
+    innovation = model.innovation(unit * faster**3 * walk, (unit * faster**2 * motor, unit * faster**2 * handle))
+    feedback = model.feedback(position, velocity * math.sqrt(light_kg / stiffness_n_per_m) / t)
+    return StateFeedback(
+        state=tuple(map(tuple, model.state.tolist())),
+        force_m_per_n=tuple((model.push / stiffness_n_per_m).tolist()),
+        innovation=tuple(innovation.tolist()),
+        feedback=tuple(feedback.tolist()),
+        positions=tuple(place for place, name in enumerate(model.names) if name.endswith("_position_m")),
+        measures=model.measured,
+        dead_zone_m=half_m,
+        face_m=half_m,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Model and feedback of a law, and filters of its innovation; see `StateFeedback` for A, B, R.
+
+    Attributes:
+        state: A, shape (n, n), a diagonal part for the filters.
+        force: B, shape (n,).
+        feedback: R, shape (n,).
+        measures: index of the estimated measured position.
+        positions: indices of the positions.
+        modelled: number of states that the force moves.
+        innovation: L of the regulator that the model comes from, shape (n,).
+        stiffness_n_per_m: K.
+    """
+
+    state: FloatArray
+    force: FloatArray
+    feedback: FloatArray
+    measures: int
+    positions: tuple[int, ...]
+    modelled: int
+    innovation: FloatArray
+    stiffness_n_per_m: float
+
+    @classmethod
+    def of(cls, problem: Problem, guess: int, filters: int) -> Structure:
+        """Return the model and feedback of one of the `GUESSES`, with filters from 3 Hz to T/4."""
+        t, stiffness = problem.device.sample_time_s, problem.environment.stiffness_n_per_m
+        law = regulator(problem.device, problem.hands, stiffness, guess)
+        n = law.states
+        most = MOST_STATES - n - (problem.environment.damping_ns_per_m > 0)
+        filters = min(filters, most)
+        poles = np.exp(-2 * np.pi * t * np.geomspace(3.0, 0.25 / t, filters))
+        state = np.diag(np.concatenate([np.zeros(n), poles]))
+        state[:n, :n] = law.state
+        force, none, one = np.array(law.force_m_per_n), np.zeros(filters), np.ones(filters)
+        parts = np.concatenate([force, none]), np.concatenate([law.feedback, one])
+        gain = np.concatenate([law.innovation, none])
+        return cls(state, *parts, law.measures, law.positions, n, gain, stiffness)
+
+    @cached_property
+    def closed(self) -> FloatArray:
+        """A + K B R: the law without innovation."""
+        return np.asarray(self.state + self.stiffness_n_per_m * np.outer(self.force, self.feedback))
+
+    def rows(self, z: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """Return X and Y at points z, shape (..., n) each."""
+        inner = np.linalg.inv(np.eye(len(self.force)) - self.closed / z[..., None, None])
+        x = self.stiffness_n_per_m * (self.feedback @ inner)
+        return np.asarray(x), np.asarray((self.closed[self.measures] @ inner) / z[..., None])
+
+    def observer_rows(self, z: ComplexArray) -> ComplexArray:
+        """Return O - 1 as rows of L at points z: the observer fed with the force as clipped, shape (..., n)."""
+        n = self.modelled
+        found = np.zeros((*z.shape, len(self.force)), dtype=np.complex128)
+        inner = np.linalg.inv(z[..., None, None] * np.eye(n) - self.state[:n, :n])
+        found[..., :n] = inner[..., self.measures, :] @ self.state[:n, :n]
+        return found
+
+    def observer_radius(self, gain: FloatArray) -> float:
+        """Return the spectral radius of the observer alone."""
+        n = self.modelled
+        matrix = self.state[:n, :n].copy()
+        matrix[:, self.measures] -= matrix @ gain[:n]
+        return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+    def loops(self, plants: Loops, gain: FloatArray, passed: float = 1.0) -> FloatArray:
+        """Return the closed loops of plants at a sector gain of the innovation, shape (p, s + n, s + n)."""
+        matrix, push, _ = plants
+        s, n = matrix.shape[-1], len(self.force)
+        loop = np.zeros((len(matrix), s + n, s + n))
+        loop[:, :s, :s], loop[:, s:, s:] = matrix, self.closed
+        loop[:, :s, s:] = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
+        seen, moved = self._through(plants)
+        loop += passed * (moved @ gain)[..., None] * seen
+        return loop
+
+    def _through(self, plants: Loops) -> tuple[FloatArray, FloatArray]:
+        """Return the row of the innovation over the states, and what a corrected state moves."""
+        _, push, measured = plants
+        n = len(self.force)
+        seen = np.concatenate([measured, -np.eye(n)[self.measures]])
+        force = push[:, :, None] * (self.stiffness_n_per_m * self.feedback)
+        return seen, np.concatenate([force, np.broadcast_to(self.closed, (len(push), n, n))], axis=1)
+
+    def slopes(self, plants: Loops, gain: FloatArray, passed: float) -> tuple[ComplexArray, ComplexArray]:
+        """Return the poles of each loop and their derivatives by L, shapes (p, m) and (p, m, n)."""
+        poles, right = np.linalg.eig(self.loops(plants, gain, passed))
+        seen, moved = self._through(plants)
+        return poles, passed * (np.linalg.inv(right) @ moved) * (seen @ right)[..., None]
+
+    def law(self, gain: FloatArray, problem: Problem) -> StateFeedback:
+        """Return the law that runs; a damper of the wall acts on its position and is taken out of it before."""
+        a, b, r, found = self.state, self.force, self.feedback, gain
+        per_sample = problem.environment.damping_ns_per_m / problem.device.sample_time_s
+        if per_sample > 0:
+            total = self.stiffness_n_per_m + per_sample
+            r = np.append(self.stiffness_n_per_m * r, per_sample) / total
+            a = np.concatenate([np.pad(a, ((0, 0), (0, 1))), r[None]])
+            b, found = np.append(b, 0.0), np.append(found, 0.0)
+        half_m = dead_zone_m(problem.device)
+        return StateFeedback(
+            state=tuple(map(tuple, a.tolist())),
+            force_m_per_n=tuple(b.tolist()),
+            innovation=tuple(found.tolist()),
+            feedback=tuple(r.tolist()),
+            positions=self.positions,
+            measures=self.measures,
+            dead_zone_m=half_m,
+            face_m=half_m,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Model:
+    """The observer's model: s+ = A s + B u in metres; rates times T, forces over K. The disturbance is the last state.
+
+    Attributes:
+        state: A, shape (n, n).
+        push: B of u = F/K, shape (n,).
+        names: of the states.
+        measured: index of the measured position.
+        kicks: response to a force of K times a metre on motor and handle for one sample, shape (2, n).
+    """
+
+    state: FloatArray
+    push: FloatArray
+    names: tuple[str, ...]
+    measured: int
+    kicks: FloatArray
+
+    @classmethod
+    def of(cls, device: Device, hand: Hand, mode: Mode | None, stiffness_n_per_m: float) -> _Model:
+        """Return the model for an assumed hand and mode."""
+        t, k = device.sample_time_s, stiffness_n_per_m
+        plant = device_plant(device, hand, mode=mode)
+        linear = plant.linear()
+        sampled = sampled_plant(device, hand, mode=mode)
+        matrix, push = (part[0, 0] for part in sampled.with_forces_under_way())
+        s, n = len(linear.names), len(push) + 1
+        names = (*linear.names, *(f"force_under_way_{place + 1}_n" for place in range(n - 1 - s)), "push_n")
+        state = np.zeros((n, n))
+        state[:-1, :-1], state[-1, -1] = matrix, 1.0
+        # A target displaced by 1/k_h exerts 1 N through the hand's spring.
+        state[:s, -1] = transition(linear, t).target.reshape(s, 2)[:, 0] / hand.stiffness_n_per_m
+        unit = np.array([_unit(name, t, k) for name in names])
+        half = transition(linear, t / 2).matrix.reshape(s, s)
+        kicks = np.zeros((2, n))
+        for row, body in enumerate((DEVICE, plant.grip)):
+            place = names.index(f"{body}_velocity_m_per_s")
+            kicks[row, :s] = half[:, place] * t / float(plant.mass_kg(body)) * k
+        asked = np.append(push, 0.0) * unit * k
+        scaled = np.asarray(state * unit[:, None] / unit)
+        return cls(scaled, asked, names, int(np.argmax(sampled.measured)), kicks * unit)
+
+    @cached_property
+    def _seen(self) -> FloatArray:
+        return np.asarray(np.eye(len(self.push))[self.measured])
+
+    def feedback(self, position: float, velocity: float) -> FloatArray:
+        """Return R: the regulator towards the equilibrium of the disturbance."""
+        a, b = self.state[:-1, :-1], self.push[:-1]
+        # Equilibrium where u = the measured position balances the disturbance: the wall's own stiffness.
+        rest = np.linalg.solve(np.eye(len(b)) - a - np.outer(b, self._seen[:-1]), self.state[:-1, -1])
+        weight = np.full(len(b), _NOTHING)
+        weight[:2] += position**2, velocity**2
+        cost = _riccati(a, b, np.diag(weight))
+        gain = -(b @ cost @ a) / (1 + b @ cost @ b)
+        return np.append(gain, rest[self.measured] - gain @ rest)
+
+    def innovation(self, walk: float, forces: tuple[float, float]) -> FloatArray:
+        """Return L: the stationary Kalman gain, with the encoder's noise as the unit of length."""
+        noise = np.full(len(self.push), _NOTHING)
+        noise[-1] += walk**2
+        spread = np.diag(noise) + (self.kicks.T * np.square(forces)) @ self.kicks
+        found = _riccati(self.state.T, self._seen, spread)[:, self.measured]
+        return np.asarray(found / (1 + found[self.measured]))
+
+
+def _riccati(a: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
+    """Solve P = A'PA - A'Pb b'PA / (1 + b'Pb) + Q."""
+    from scipy.linalg import solve_discrete_are  # noqa: PLC0415
+
+    try:
+        return np.asarray(solve_discrete_are(a, b[:, None], weight, np.ones((1, 1))))
+    except ValueError as none:
+        raise np.linalg.LinAlgError(str(none)) from none
+
+
+def _unit(name: str, sample_time_s: float, stiffness_n_per_m: float) -> float:
+    """Return the factor that turns a state into a length."""
+    unit = sample_time_s if name.endswith("_per_s") else 1.0
+    return unit / stiffness_n_per_m if "_n" in name else unit

@@ -1,0 +1,182 @@
+"""Evaluate candidates: deployable, then simulated hands, then the robustness asked for, then hands never seen."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from avc_casadi._util.progress import SILENT, Progress
+from avc_casadi.claims.deployable import deployable
+from avc_casadi.model.corners import device_corners, device_set
+from avc_casadi.model.robustness import Robustness, unmodelled
+from avc_casadi.recommendation.rank import Judged, best_of
+from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
+from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, people_of
+from avc_casadi.simulation.population.settled import residual_speeds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from concurrent.futures import Executor
+
+    from avc_casadi._util.arrays import BoolArray
+    from avc_casadi.coupling import Coupling
+    from avc_casadi.model.device import Device
+    from avc_casadi.model.effects import Effect
+    from avc_casadi.model.hands import Hand, StylusHand
+    from avc_casadi.model.problem import Problem
+
+FIRST = 16
+"""Hands of the first trial, corners included: a coupling that they do not settle with goes no further."""
+BEYOND_HANDS = 60
+"""Number of hands on each device with an unmodelled effect."""
+# Number of devices of the declared ranges among which the confirming hands are divided.
+_DEVICES = 16
+
+
+@dataclass(frozen=True)
+class Group:
+    """Hands that press, tap, hold, strike and touch lightly on a device with an unmodelled effect.
+
+    Attributes:
+        people: the hands.
+        device: theirs; None is that of the problem.
+        effects: simulated beside those that the device declares.
+    """
+
+    people: Hand | StylusHand
+    device: Device | None = None
+    effects: tuple[Effect, ...] = ()
+
+    def settles(self, coupling: Coupling, *, friction: bool) -> BoolArray:
+        """Return which hands settle in every motion."""
+        how: dict[str, Any] = {"friction": friction, "beyond": True, "device": self.device, "effects": self.effects}
+        return np.asarray(residual_speeds([coupling], self.people, **how)[0] < 1)
+
+
+def beyond_file(problem: Problem, asked: Robustness, people: Hand) -> tuple[Group, ...]:
+    """Return hands on each device with an unmodelled effect."""
+    return tuple(Group(people, one.device, one.effects) for one in unmodelled(problem.device, asked))
+
+
+def held_otherwise(problem: Problem, count: int, seed: int) -> tuple[Group, ...]:
+    """Return hands with the grip that the device is made for, where that is not the grip of [hands]."""
+    device = problem.device
+    if device.held == "grip":
+        return ()
+    return (Group(draw_population(GRIPS[device.held], count, seed).at_handle(device.metres_per_unit)),)
+
+
+class Evaluator:
+    """Judges couplings of one problem, the only place that does.
+
+    Attributes:
+        judged: deployable couplings with their trials.
+        considered: number of couplings proposed.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        people: Hand,
+        seed: int,
+        progress: Progress = SILENT,
+        *,
+        lean_on_friction: bool = False,
+        stiffest: bool = False,
+        executor: Executor | None = None,
+    ) -> None:
+        self.judged: list[Judged] = []
+        self.considered = 0
+        self._people, self._seed, self._progress, self._executor = people, seed, progress, executor
+        self._lean, self._stiffest = lean_on_friction, stiffest
+        count = 2 * len(people)
+        self._others = (
+            draw_hands(problem.hands, count, seed, "training", first=first) for first in itertools.count(0, count)
+        )
+        some = people_of(problem.hands, BEYOND_HANDS, seed)
+        self._beyond = (
+            *beyond_file(problem, problem.robustness, some),
+            *held_otherwise(problem, BEYOND_HANDS, seed),
+        )
+        self._devices = _devices(problem.device, seed)
+
+    def __call__(self, coupling: Coupling) -> Judged | None:
+        """Return the coupling with its trials; None where it is not deployable."""
+        self.considered += 1
+        self._progress.advance(self.considered, self.considered + 1, f"couplings, {coupling.method}")
+        if not deployable(coupling).passed:
+            return None
+        one = Judged(coupling, self._trial(coupling, self._people.pick(slice(FIRST))), self.considered)
+        if one.safety <= int(self._lean) and len(self._people) > FIRST:
+            one = replace(one, trial=self._trial(coupling, self._people))
+        if self._complete(one):
+            settled = (group.settles(coupling, friction=self._lean) for group in self._beyond)
+            one = replace(one, beyond=tuple(settled))
+        self.judged.append(one)
+        return one
+
+    def first_complete(self, couplings: Iterable[Coupling]) -> bool:
+        """Judge couplings until one is complete and confirmed; return whether there is one."""
+        for coupling in couplings:
+            one = self(coupling)
+            if one is not None and self._complete(one) and self._complete(self._confirmed(one)):
+                return True
+        return False
+
+    def best(self) -> Judged | None:
+        """Return the best coupling that stays the best with hands never seen; None without any deployable one."""
+        while self.judged:
+            one = best_of(self.judged, lean_on_friction=self._lean, stiffest=self._stiffest)
+            if one.others is not None:
+                return one
+            self._confirmed(one)
+        return None
+
+    def holds(self) -> bool:
+        """Return whether a coupling is complete."""
+        return any(self._complete(one) for one in self.judged)
+
+    def quiet(self) -> bool:
+        """Return whether all hands settle without a detectable vibration with a complete coupling."""
+        return any(self._complete(one) and bool(one.trial.quiet.all()) for one in self.judged)
+
+    def least_error(self) -> float:
+        """Return the smallest impedance error of the complete couplings; infinite without any."""
+        return min((one.error for one in self.judged if self._complete(one)), default=math.inf)
+
+    def stiffest_n_per_m(self) -> float:
+        """Return the largest stiffness of the complete couplings; 0 without any."""
+        return max((one.felt_n_per_m for one in self.judged if self._complete(one)), default=0.0)
+
+    def _complete(self, one: Judged) -> bool:
+        return one.complete(lean_on_friction=self._lean)
+
+    def _trial(self, coupling: Coupling, people: Hand | StylusHand) -> Any:
+        return try_coupling(coupling, people, self._seed, executor=self._executor)
+
+    def _confirmed(self, one: Judged) -> Judged:
+        """Try a coupling with all hands, then with others, spread over the declared ranges of the device.
+
+        Selection among many with the same hands is biased.
+        """
+        whole = (
+            one if one.trial.hands == len(self._people) else replace(one, trial=self._trial(one.coupling, self._people))
+        )
+        others = try_on_devices(one.coupling, next(self._others), self._devices, self._seed, self._executor)
+        found = replace(whole, others=others)
+        self.judged = [found if other is one else other for other in self.judged]
+        return found
+
+
+def _devices(device: Device, seed: int) -> list[Device]:
+    """Return devices of the declared ranges, nominal first, then corners and interior points."""
+    corners = device_corners(device)
+    if len(corners) == 1:
+        return [device]
+    some = np.random.default_rng(seed).permutation(len(corners))[: _DEVICES // 2]
+    within = device_set(device, draws=_DEVICES - 1 - len(some), seed=seed)[len(corners) :]
+    return [device, *(corners[place] for place in some), *within]
