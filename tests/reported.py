@@ -15,5 +15,5 @@ def report_of(problem, push, hands=10):
     question = [*design.paper(design.paper_data(comparison, gains)), design.device(push)]
     drawn = paper_pictures(comparison)
     more = paper_sections(comparison_document(comparison), certificate, problem, drawn, question)
-    pictures = [picture for _, picture in wall_pictures(found).values()]
+    pictures = list(wall_pictures(found).values())
     return report_html(recommendation(found), problem, pictures, {"avc-casadi": avc.__version__}, more)

@@ -10,10 +10,10 @@ from matplotlib.text import Text
 
 import avc_casadi as avc
 from avc_casadi.design.comparison.comparison import with_delivered
-from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison
+from avc_casadi.present.figures.comparison import draw_comparison
 from avc_casadi.present.figures.perceived import draw_perceived
 
-DRAWERS = (draw_boundaries, draw_perceived, draw_comparison)
+DRAWERS = (draw_perceived, draw_comparison)
 
 
 def hands():
@@ -101,7 +101,7 @@ def test_delivered_gains_are_drawn_in_every_panel_of_figure_5(comparison):
     curves = (np.abs(gains.impedance), gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.real_part)
     order = np.argsort(gains.frequency_hz)
     panels = {axes.get_title(loc="left")[:3]: axes for axes in draw_perceived(comparison).axes}
-    for panel, curve in zip(("(a)", "(c)", "(d)", "(e)"), curves, strict=True):
+    for panel, curve in zip(("(a)", "(c)", "(d)", "(b)"), curves, strict=True):
         (line,) = (line for line in panels[panel].lines if line.get_label() == label)
         np.testing.assert_array_equal(line.get_ydata(), curve[order])
 

@@ -68,18 +68,14 @@ def _diagnosed():
 
 CALLS = {
     "draw_accuracy": (1, lambda axes: draw_accuracy(_accuracy(), axes)),
-    "draw_boundaries": (2, lambda axes: figures.draw_boundaries(COMPARISON, axes)),
     "draw_comparison": (3, lambda axes: figures.draw_comparison(COMPARISON, axes)),
     "draw_diagnosis": (4, lambda axes: figures.draw_diagnosis(_diagnosed(), axes)),
     "draw_estimators": (4, lambda axes: draw_estimators(_estimates(), axes)),
     "draw_identification": (6, lambda axes: figures.draw_identification(_identified(), axes)),
     "draw_loop": (4, lambda axes: figures.draw_loop(COUPLING, axes)),
     "draw_rendered": (2, lambda axes: figures.draw_rendered(COUPLING, axes)),
-    "draw_perceived": (5, lambda axes: figures.draw_perceived(COMPARISON, axes)),
-    "draw_perceived, damped": (
-        6,
-        lambda axes: figures.draw_perceived(OF_DAMPED, axes),
-    ),
+    "draw_perceived": (4, lambda axes: figures.draw_perceived(COMPARISON, axes)),
+    "draw_perceived, damped": (5, lambda axes: figures.draw_perceived(OF_DAMPED, axes)),
     "draw_scene": (4, lambda axes: figures.draw_scene(RUNS, axes=axes)),
     "draw_zwidth": (2, lambda axes: figures.draw_zwidth(REGION, llewellyn_table(PROBLEM), axes=axes)),
     "draw_zwidth, one panel": (1, lambda axes: figures.draw_zwidth(REGION, axes=axes)),
@@ -152,9 +148,9 @@ def test_another_number_of_axes_is_refused_by_the_panels(name):
 
 def test_what_is_no_axes_is_refused():
     with pytest.raises(avc.InputError, match="axes: holds Figure; allowed: matplotlib Axes"):
-        figures.draw_boundaries(COMPARISON, Figure())
+        figures.draw_comparison(COMPARISON, Figure())
     with pytest.raises(avc.InputError, match="axes: holds int, str"):
-        figures.draw_boundaries(COMPARISON, [1, "a"])
+        figures.draw_comparison(COMPARISON, [1, "a"])
 
 
 def test_axes_are_taken_row_by_row_from_an_array():

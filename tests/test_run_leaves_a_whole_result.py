@@ -17,11 +17,7 @@ FILES = {
     "gains.csv",
     "compare.json",
     "report.html",
-    *(
-        f"{name}{ending}"
-        for name in ("boundaries", "perceived", "comparison", "rendered", "loop")
-        for ending in (".png", ".svg")
-    ),
+    *(f"{name}{ending}" for name in ("perceived", "comparison", "rendered", "loop") for ending in (".png", ".svg")),
 }
 
 # A wall that a contact damper holds, so that the coupling to deploy is found at once.

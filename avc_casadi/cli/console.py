@@ -279,7 +279,7 @@ def write_text(path: Path, text: str, key: str) -> None:
 
 def write_figure(path: Path, figure: Figure, key: str = "--plot") -> None:
     """Write a picture atomically."""
-    from avc_casadi.present.figures.layout import save_figure
+    from avc_casadi.present.figures.style import save_figure
 
     with writing(path, key):
         save_figure(figure, path)

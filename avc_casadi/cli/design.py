@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.files.new_problem import NewProblem
     from avc_casadi.model.schedule import GainSchedule
+    from avc_casadi.present.report import Picture
     from avc_casadi.present.row import Answer
     from avc_casadi.recommendation.recommendation import Recommendation
 
@@ -345,7 +345,7 @@ def _run_pair(problem: avc.Problem, args: argparse.Namespace, console: Console, 
         files += _draw(drawn, folder)
     written = str(shown / "coupling.json") if found.coupling is not None else None
     answer = recommendation(found, args.problem, written)
-    report = report_html(answer, problem, [picture for _, picture in drawn.values()], package_versions())
+    report = report_html(answer, problem, list(drawn.values()), package_versions())
     write_file(folder / "report.html", report)
     where = f"{shown / 'report.html'} and {len(files) - 1} files beside it"
     return _gathered(answer, shown, files, where, {})
@@ -365,7 +365,6 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     """Do all of it, writing to one folder and reporting another."""
     from avc_casadi._util.files import write_file
     from avc_casadi._util.json_values import json_text
-    from avc_casadi._util.parallel import Crew
     from avc_casadi.design.comparison.comparison import with_delivered
     from avc_casadi.design.comparison.document import comparison_document
     from avc_casadi.files.gain_file import gain_csv, gain_document
@@ -373,21 +372,18 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     from avc_casadi.present.rows import design
     from avc_casadi.present.rows.recommend import recommendation
 
-    with Crew(2) as crew:
-        found = _to_deploy(problem, args.method, console)
-        answer, coupling = recommendation(found, args.problem), found.coupling
-        drawing = crew.begin(partial(wall_pictures, found))
-        comparison = _compared(problem, None, console)
-        if comparison.scope != "pointwise":
-            with console.step(f"schedule, scope {comparison.scope}"):
-                comparison = with_delivered(comparison, problem, avc.solve(problem, "schedule", progress=console))
-        gains = comparison.methods[comparison.delivered]
-        with console.step("certificate"):
-            certificate = avc.certify(problem, gains, progress=console).document()
-        with console.step("device"):
-            push = _pushed(found, unsafe=args.unsafe)
-        with console.step("figures"):
-            wall, paper = drawing(), paper_pictures(comparison)
+    found = _to_deploy(problem, args.method, console)
+    answer, coupling = recommendation(found, args.problem), found.coupling
+    comparison = _compared(problem, None, console)
+    if comparison.scope != "pointwise":
+        with console.step(f"schedule, scope {comparison.scope}"):
+            comparison = with_delivered(comparison, problem, avc.solve(problem, "schedule", progress=console))
+    gains = comparison.methods[comparison.delivered]
+    certificate = comparison.judged[comparison.delivered].certificate.document()
+    with console.step("device"):
+        push = _pushed(found, unsafe=args.unsafe)
+    with console.step("figures"):
+        wall, paper = wall_pictures(found), paper_pictures(comparison)
     compare = comparison_document(comparison)
     beside = design.paper_data(comparison, gains) | {"push": push}
     files = {
@@ -398,9 +394,8 @@ def _run_wall(problem: avc.Problem, args: argparse.Namespace, console: Console, 
     if coupling is not None and push.get("deployable") is not False:
         files["coupling.json"] = _coupling_text(found)
     question = [*design.paper(beside), design.device(push)]
-    pictures = [picture for _, picture in wall.values()]
     more = paper_sections(compare, certificate, problem, paper, question)
-    files["report.html"] = report_html(answer, problem, pictures, package_versions(), more)
+    files["report.html"] = report_html(answer, problem, list(wall.values()), package_versions(), more)
     for name, text in files.items():
         write_file(folder / name, text)
     written = sorted([*files, *_draw(wall | paper, folder)])
@@ -444,13 +439,13 @@ def _refused(name: str, found: Recommendation, push: dict[str, Any]) -> str:
     return f"avc: {name}: push refused" if "refused" in push else ""
 
 
-def _draw(drawn: dict[str, tuple[bytes, Any]], folder: Path) -> list[str]:
+def _draw(drawn: dict[str, Picture], folder: Path) -> list[str]:
     """Write each figure as PNG and SVG; return the names of the files."""
     from avc_casadi._util.files import write_file
 
-    names = []
-    for name, (png, picture) in drawn.items():
-        write_file(folder / f"{name}.png", png)
-        write_file(folder / f"{name}.svg", picture.wide)
-        names += [f"{name}.png", f"{name}.svg"]
-    return names
+    files = {
+        f"{name}{end}": one for name, each in drawn.items() for end, one in ((".png", each.png), (".svg", each.svg))
+    }
+    for name, content in files.items():
+        write_file(folder / name, content)
+    return list(files)

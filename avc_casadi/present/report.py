@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.text import number
 from avc_casadi.paper.errata import ASSUMPTIONS, PAPER_ERRORS
-from avc_casadi.present.figures.layout import figure_png_svg, figure_svg, stacked
+from avc_casadi.present.figures.style import files_of
 from avc_casadi.present.row import Row, row
 from avc_casadi.present.rows.design import comparison, gain_rows
 from avc_casadi.present.rows.judge import levels, passivity, stability
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from avc_casadi.identification.model import Identification
     from avc_casadi.model.problem import Problem
     from avc_casadi.present.row import Answer
+    from avc_casadi.recommendation.deployed import Deployed
     from avc_casadi.recommendation.recommendation import Recommendation
 
 # Rows of the first screen.
@@ -37,41 +38,31 @@ _OF_WALL = {
     "loop": "The loop opened at the actuator, with its margins, and the impact on the wall in the linear loop.",
 }
 _OF_PAPER = {
-    "boundaries": "The range of impedance that feels real, the desired impedance, and the wall without coupling.",
-    "perceived": "Perceived impedance with an enlarged part, the gains, and the real part that (12) constrains.",
+    "perceived": "Perceived impedance between the bounds that feel real, Re Z that (12) constrains, and the gains.",
     "comparison": "Errors of the methods and the verdict at each frequency.",
 }
-Drawn = dict[str, tuple[bytes, "Picture"]]
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure for a page.
-
-    Attributes:
-        caption: of the figure, also its alternative text.
-        wide: SVG text.
-        narrow: the same with its panels in one column, for a phone.
-    """
+    """A figure for a page, with its caption, which is also its alternative text."""
 
     caption: str
-    wide: str
-    narrow: str
+    png: bytes
+    svg: bytes
 
     @classmethod
-    def of(cls, draw: Callable[..., Figure], result: Any, caption: str) -> tuple[bytes, Picture]:
-        """Draw a result wide and narrow, and return the wide one as the content of a PNG file too."""
-        png, wide = figure_png_svg(draw(result))
-        return png, cls(caption, wide, figure_svg(stacked(draw, result)))
+    def of(cls, figure: Figure, caption: str) -> Picture:
+        """Return a figure as the contents of its files."""
+        return cls(caption, *files_of(figure, "png", "svg"))
 
     def html(self) -> str:
-        """Return the figure with its pictures inside."""
-        wide, narrow = (
-            f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}" for svg in (self.wide, self.narrow)
-        )
+        """Return the figure with its picture inside."""
+        source = f"data:image/svg+xml;base64,{base64.b64encode(self.svg).decode()}"
+        caption = escape(self.caption)
         return (
-            f'<figure><picture><source media="(max-width: 700px)" srcset="{narrow}"><img src="{wide}" '
-            f'alt="{escape(self.caption)}"></picture><figcaption>{escape(self.caption)}</figcaption></figure>'
+            f'<figure><div class="wide" tabindex="0" role="region" aria-label="{caption}">'
+            f'<img src="{source}" alt="{caption}"></div><figcaption>{caption}</figcaption></figure>'
         )
 
 
@@ -161,7 +152,11 @@ def report_html(
 
 
 def paper_sections(
-    data: Mapping[str, Any], certificate: Mapping[str, Any], problem: Problem, drawn: Drawn, question: Sequence[Row]
+    data: Mapping[str, Any],
+    certificate: Mapping[str, Any],
+    problem: Problem,
+    drawn: Mapping[str, Picture],
+    question: Sequence[Row],
 ) -> list[Section]:
     """Return the paper's question: closed form, CasADi and the exact optimum, and what the comparison is made of."""
     text = "Which gains keep each frequency passive and feel real? They are for comparison, not for a hand."
@@ -172,7 +167,7 @@ def paper_sections(
         for one in PAPER_ERRORS
     ]
     return [
-        Section("The paper's question", question, [picture for _, picture in drawn.values()], text),
+        Section("The paper's question", question, list(drawn.values()), text),
         Section("Comparison of the methods", comparison(data, problem).rows, folded=True),
         Section(f"Certificate of the gains of {data['delivered']}", levels(certificate["levels"]), folded=True),
         Section(f"Gains: all rows of {data['delivered']}", every, folded=True),
@@ -181,7 +176,7 @@ def paper_sections(
     ]
 
 
-def wall_pictures(found: Recommendation) -> Drawn:
+def wall_pictures(found: Recommendation) -> dict[str, Picture]:
     """Return the figures of a coupling to a wall; none without one."""
     from avc_casadi.present.figures.deployed import draw_loop, draw_rendered  # noqa: PLC0415 - likewise
     from avc_casadi.recommendation.deployed import deployed  # noqa: PLC0415 - likewise
@@ -189,20 +184,20 @@ def wall_pictures(found: Recommendation) -> Drawn:
     if found.coupling is None or found.coupling.end != "wall":
         return {}
     responses = deployed(found.coupling)
-    draws: dict[str, Callable[..., Figure]] = {"rendered": draw_rendered, "loop": draw_loop}
-    return {name: Picture.of(draw, responses, _OF_WALL[name]) for name, draw in draws.items()}
+    draws: dict[str, Callable[[Deployed], Figure]] = {"rendered": draw_rendered, "loop": draw_loop}
+    return {name: Picture.of(draw(responses), _OF_WALL[name]) for name, draw in draws.items()}
 
 
-def paper_pictures(found: Comparison) -> Drawn:
+def paper_pictures(found: Comparison) -> dict[str, Picture]:
     """Return the figures of the paper's question."""
-    from avc_casadi.present.figures.comparison import draw_boundaries, draw_comparison  # noqa: PLC0415 - as above
+    from avc_casadi.present.figures.comparison import draw_comparison  # noqa: PLC0415 - as above
     from avc_casadi.present.figures.perceived import draw_perceived  # noqa: PLC0415 - as above
 
-    draws = {"boundaries": draw_boundaries, "perceived": draw_perceived, "comparison": draw_comparison}
-    return {name: Picture.of(draw, found, _OF_PAPER[name]) for name, draw in draws.items()}
+    draws: dict[str, Callable[[Comparison], Figure]] = {"perceived": draw_perceived, "comparison": draw_comparison}
+    return {name: Picture.of(draw(found), _OF_PAPER[name]) for name, draw in draws.items()}
 
 
-def pair_pictures(found: Recommendation, progress: Progress) -> Drawn:
+def pair_pictures(found: Recommendation, progress: Progress) -> dict[str, Picture]:
     """Return the figures of a coupling to another end: the rendering, and of a simulation the stable couplings."""
     from dataclasses import replace  # noqa: PLC0415 - as above
 
@@ -216,11 +211,11 @@ def pair_pictures(found: Recommendation, progress: Progress) -> Drawn:
     if gains is not None:
         band = rendered_band(found.problem, gains)
         caption = "Rendered against wanted: device and other end as one body, and the coupling's spring."
-        drawn["rendered"] = Picture.of(draw_rendered_impedance, band, caption)
+        drawn["rendered"] = Picture.of(draw_rendered_impedance(band), caption)
     if found.problem.simulation is not None:
         region = replace(tool_region(found.problem, progress), chosen=gains)
         caption = "Springs and dampers that are stable with every corner hand, tool and contact, by engine rate."
-        drawn["region"] = Picture.of(draw_tool_region, region, caption)
+        drawn["region"] = Picture.of(draw_tool_region(region), caption)
     return drawn
 
 
@@ -252,7 +247,7 @@ def identification_html(answer: Answer, found: Identification, versions: Mapping
         "The model on the commanded input, held near by a slow observer (a, b); frequency response "
         "where input and motion are coherent (c, d); intervals (e); prediction error, white inside the grey band (f)"
     )
-    pictures = [Picture.of(draw_identification, found, caption)[1]]
+    pictures = [Picture.of(draw_identification(found), caption)]
     text = "no device file: see the rows" if found.device is None else device_text(found.device)
     shown_rows = [one for one in answer.rows if one.rank == 0]
     sections = [
@@ -277,7 +272,7 @@ def diagnosis_html(answer: Answer, found: Sequence[Diagnosis], versions: Mapping
     for one in found:
         caption = f"{one.log.name}: the grey stretch is the oscillation, the force against position is of its middle"
         rows = diagnosis(answer.data, [one], "", ()).rows
-        sections.append(Section(one.log.name, rows, [Picture.of(draw_diagnosis, one, caption)[1]]))
+        sections.append(Section(one.log.name, rows, [Picture.of(draw_diagnosis(one), caption)]))
     title = "Diagnosis of a log" if len(found) == 1 else f"Diagnosis of {len(found)} logs"
     said = ("; ".join(one.conclusion for one in found), all(one.verdict == "nothing wrong" for one in found))
     return page_html(title, ", ".join(one.log.name for one in found), said, sections, answer.units, versions)

@@ -12,7 +12,7 @@ from script_arguments import script_arguments
 from studies.estimators.figure import draw_estimators
 from studies.estimators.study import EstimatorRow, study_estimators, trace_estimators
 
-from avc_casadi.present.figures.layout import save_figure
+from avc_casadi.present.figures.style import save_figure
 
 HERE = Path(__file__).parent
 

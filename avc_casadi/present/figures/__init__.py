@@ -3,20 +3,16 @@
 Each function makes a figure of its own, or draws into given axes, one a panel, row by row; of those it changes lines,
 scales, limits and labels only:
 
-    figure, axes = plt.subplots(1, 2)
-    avc.figures.draw_boundaries(avc.compare("figure5"), axes=axes)
+    figure, axes = plt.subplots(2, 2)
+    avc.figures.draw_perceived(avc.compare("figure5"), axes=axes)
 """
 
-from avc_casadi.present.figures.comparison import draw_boundaries as draw_boundaries
 from avc_casadi.present.figures.comparison import draw_comparison as draw_comparison
 from avc_casadi.present.figures.deployed import draw_loop as draw_loop
 from avc_casadi.present.figures.deployed import draw_rendered as draw_rendered
 from avc_casadi.present.figures.diagnosis import draw_diagnosis as draw_diagnosis
 from avc_casadi.present.figures.identification import draw_identification as draw_identification
-from avc_casadi.present.figures.layout import figure_png_svg as figure_png_svg
-from avc_casadi.present.figures.layout import figure_svg as figure_svg
-from avc_casadi.present.figures.layout import save_figure as save_figure
-from avc_casadi.present.figures.layout import stacked as stacked
 from avc_casadi.present.figures.perceived import draw_perceived as draw_perceived
 from avc_casadi.present.figures.scene import draw_scene as draw_scene
+from avc_casadi.present.figures.style import save_figure as save_figure
 from avc_casadi.present.figures.zwidth import draw_zwidth as draw_zwidth

@@ -10,8 +10,7 @@ from matplotlib import colormaps
 from matplotlib.lines import Line2D
 
 from avc_casadi.design.comparison.accuracy import fastest
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import METHODS, PERCEIVED, styled
+from avc_casadi.present.figures.style import METHODS, PERCEIVED, GivenAxes, Panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,19 +8,16 @@ import numpy as np
 from matplotlib.patches import Patch
 
 from avc_casadi._util.arrays import FloatArray
-from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import (
-    DESIRED,
-    LOWER,
     MINE,
-    NO_COUPLING,
     PERCEIVED,
-    UPPER,
+    GivenAxes,
+    Panels,
+    entries_of,
     frequency_axis,
-    impedance_unit,
+    log_ticks,
     method_lines,
     styled,
-    value_axis,
 )
 
 if TYPE_CHECKING:
@@ -28,48 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from avc_casadi.design.comparison.comparison import Comparison
-
-
-@styled
-def draw_boundaries(comparison: Comparison, axes: GivenAxes = None) -> Figure:
-    """Draw |Z_h| of the bounds U and L, the desired impedance and no coupling, in N.s/m and relative to the desired."""
-    frequency = comparison.frequency_hz
-    titles = ("(a) perceived impedance", "(b) relative to the desired impedance")
-    panels = Panels.of(axes, titles, 3.4, lambda figure: figure.subplots(1, 2))
-    size, share = panels.axes
-    curves = (
-        (DESIRED, comparison.target),
-        (NO_COUPLING, comparison.without_coupling),
-        (UPPER, comparison.upper),
-        (LOWER, comparison.lower),
-    )
-    desired = np.abs(comparison.target)
-    shares: list[FloatArray] = []
-    sizes: list[FloatArray] = []
-    for line, impedance in curves:
-        sizes.append(np.abs(impedance))
-        line.draw(size, frequency, sizes[-1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            shares.append(100 * np.abs(impedance) / desired)
-        line.draw(share, frequency, shares[-1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share.fill_between(
-            frequency,
-            100 * np.abs(comparison.lower) / desired,
-            100 * np.abs(comparison.upper) / desired,
-            color="0.93",
-            zorder=1,
-            label="feels real",
-        )
-    value_axis(share, *shares)
-    value_axis(size, *sizes)
-    size.set_ylabel(f"{PERCEIVED} ({impedance_unit(comparison)})")
-    share.set_ylabel(f"{PERCEIVED} / desired (%)")
-    for panel in (size, share):
-        frequency_axis(panel, frequency)
-    handles, labels = share.get_legend_handles_labels()
-    panels.legend(handles, labels, len(labels))
-    return panels.figure
 
 
 # Smaller errors, in per cent, are drawn on this line: they are rounding, imperceptible to a hand.
@@ -117,15 +72,11 @@ def draw_comparison(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     ):
         panel.set_yscale("log")
         panel.set_ylim(floor / 3, max(panel.get_ylim()[1], 1.0))
+        log_ticks(panel.yaxis, *panel.get_ylim())
         frequency_axis(panel, comparison.frequency_hz, label=False)
         panel.set_ylabel(label)
     patches = _verdicts(strip, comparison, magnitude.get_xlim())
-    handles, labels = magnitude.get_legend_handles_labels()
-    panels.legend(
-        [*handles, *patches],
-        [*labels, *(str(patch.get_label()) for patch in patches)],
-        3,
-    )
+    panels.legend(entries_of(magnitude) | {str(patch.get_label()): patch for patch in patches}, 3)
     return panels.figure
 
 

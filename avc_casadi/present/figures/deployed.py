@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avc_casadi._util.text import quantity
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import frequency_axis, styled
+from avc_casadi.present.figures.style import GivenAxes, Panels, entries_of, frequency_axis, log_ticks, styled
 from avc_casadi.recommendation.deployed import STRUCK_M_PER_S, Deployed, deployed
 
 if TYPE_CHECKING:
@@ -51,12 +50,7 @@ def draw_rendered(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
         left.set_ylim(0, 1.1 * float(every.max(initial=1.0)))
     left.set_ylabel(f"stiffness ({found.coupling.problem.units.unit('N/m')})")
     _pressed(right, found)
-    handles, labels = left.get_legend_handles_labels()
-    for handle, label in zip(*right.get_legend_handles_labels(), strict=True):
-        if label not in labels:
-            handles.append(handle)
-            labels.append(label)
-    panels.legend(handles, labels, 4)
+    panels.legend(entries_of(left, right), 4)
     return panels.figure
 
 
@@ -99,6 +93,7 @@ def draw_loop(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
         circle.plot(curve.real, curve.imag, label=label, **style)
     size.set_yscale("log")
     size.set_ylim(10**-_DECADES, 10**_DECADES)
+    log_ticks(size.yaxis, *size.get_ylim())
     size.axhline(1, color="0.5", linewidth=0.8, zorder=1)
     phase.axhline(-180, color="0.5", linewidth=0.8, zorder=1)
     if np.isfinite(gain[0]) and gain[0] > 1:
@@ -114,14 +109,8 @@ def draw_loop(found: Deployed | Coupling, axes: GivenAxes = None) -> Figure:
     _bode(size, phase, found)
     _nyquist(circle)
     _struck(struck, found)
-    handles, labels = size.get_legend_handles_labels()
-    for handle, label in zip(*phase.get_legend_handles_labels(), strict=True):
-        if label not in labels:
-            handles.append(handle)
-            labels.append(label)
-    handles.append(struck.plot([], [], **_OTHERS)[0])
-    labels.append("other hands of the box")
-    panels.legend(handles, labels, 3)
+    struck.plot([], [], label="other hands of the box", **_OTHERS)
+    panels.legend(entries_of(size, phase, struck), 3)
     return panels.figure
 
 

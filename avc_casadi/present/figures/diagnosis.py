@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import styled
+from avc_casadi.present.figures.style import GivenAxes, Panels, entries_of, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +55,7 @@ def draw_diagnosis(found: Diagnosis, axes: GivenAxes = None) -> Figure:
     cycles.set_xlabel(f"position ({unit})")
     cycles.set_ylabel(f"commanded {units.key('force')} ({units.unit('N')})")
     _spectrum(spectrum, found, size, unit)
-    panels.legend(*swing.get_legend_handles_labels(), 2)
+    panels.legend(entries_of(swing), 2)
     return panels.figure
 
 

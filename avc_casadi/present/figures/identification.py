@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from avc_casadi._util.units import units_for
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import frequency_axis, styled
+from avc_casadi.present.figures.style import GivenAxes, Panels, entries_of, frequency_axis, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +38,7 @@ def draw_identification(found: Identification, axes: GivenAxes = None) -> Figure
     _response(size, phase, found)
     _intervals(intervals, found)
     _past(past, found)
-    panels.legend(*position.get_legend_handles_labels(), 2)
+    panels.legend(entries_of(position), 2)
     return panels.figure
 
 

@@ -1,4 +1,4 @@
-"""The paper's figure 5, a to e: perceived impedance with an enlarged part, damping, stiffness and Re Z_h."""
+"""The paper's figure 5: perceived impedance, damping, stiffness and Re Z_h."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avc_casadi._util.arrays import BoolArray, ComplexArray, FloatArray
-from avc_casadi.present.figures.layout import GivenAxes, Panels
 from avc_casadi.present.figures.style import (
     DESIRED,
     NO_COUPLING,
     PERCEIVED,
+    GivenAxes,
+    Panels,
+    entries_of,
     frequency_axis,
     impedance_unit,
     method_lines,
@@ -28,36 +30,30 @@ if TYPE_CHECKING:
     from avc_casadi.model.schedule import GainSchedule
     from avc_casadi.present.figures.style import Line
 
-# The enlarged part spans this factor in frequency.
-_ENLARGED = 3.0
-
 
 @styled
 def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
     """Draw the perceived impedance without coupling, by the closed form and by the delivered gains, and these gains."""
     damped = comparison.structure == "damped"
-    other = "sampled-data" if comparison.model == "paper" else "paper"
     titles = [
         "(a) perceived impedance",
-        "(b) enlarged part",
+        f"(b) real part, {comparison.model} model",
         "(c) damping b",
         "(d) stiffness k",
-        f"(e) real part, {comparison.model} model; thin: {other}",
-        *(["(f) contact damping"] if damped else []),
+        *(["(e) contact damping"] if damped else []),
     ]
-    layout = "ab;cd;ef" if damped else "ab;cd;ee"
-    drawn = Panels.of(axes, titles, 8.0, lambda figure: figure.subplot_mosaic(layout).values())
-    panels = dict(zip("abcdef", drawn.axes, strict=False))
+    layout, height = ("ab;cd;ee", 7.4) if damped else ("ab;cd", 5.4)
+    drawn = Panels.of(axes, titles, height, lambda figure: figure.subplot_mosaic(layout).values())
+    panels = dict(zip("abcde", drawn.axes, strict=False))
     shown = ("closed-form", comparison.delivered)
     _magnitude(panels["a"], comparison, shown)
-    _enlarged(panels["b"], panels["a"], comparison, shown)
     damping = impedance_unit(comparison)
     gains = [
         (panels["c"], "damping_ns_per_m", f"b ({damping})"),
         (panels["d"], "stiffness_n_per_m", f"k ({comparison.units.unit('N/m')})"),
     ]
     if damped:
-        gains.append((panels["f"], "contact_damping_ns_per_m", rf"$b_\mathrm{{p}}$ ({damping})"))
+        gains.append((panels["e"], "contact_damping_ns_per_m", f"b_p ({damping})"))
     for panel, key, label in gains:
         _gain(panel, comparison, shown, key)
         panel.set_ylabel(label)
@@ -66,14 +62,8 @@ def draw_perceived(comparison: Comparison, axes: GivenAxes = None) -> Figure:
         panels["d"].axhline(
             limit, color="0.45", linestyle=(0, (2, 2)), linewidth=1.0, label="passive limit of DC stiffness"
         )
-    _real_part(panels["e"], comparison, shown)
-    handles, labels = panels["a"].get_legend_handles_labels()
-    for letter in ("c", "d", "e"):
-        for handle, label in zip(*panels[letter].get_legend_handles_labels(), strict=True):
-            if label not in labels:
-                handles.append(handle)
-                labels.append(label)
-    drawn.legend(handles, labels, 3)
+    _real_part(panels["b"], comparison, shown)
+    drawn.legend(entries_of(*drawn.axes), 3)
     return drawn.figure
 
 
@@ -89,41 +79,15 @@ def _curves(comparison: Comparison, shown: tuple[str, ...]) -> list[tuple[Line, 
 
 
 def _magnitude(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
-    sizes = []
+    lower, upper = np.abs(comparison.lower), np.abs(comparison.upper)
+    axes.fill_between(comparison.frequency_hz, lower, upper, color="0.92", zorder=1, label="feels real")
+    sizes = [lower, upper]
     for line, impedance, usable in _curves(comparison, shown):
         sizes.append(np.abs(impedance))
         line.draw_where(usable, axes, comparison.frequency_hz, sizes[-1])
     value_axis(axes, *sizes)
     frequency_axis(axes, comparison.frequency_hz)
     axes.set_ylabel(f"{PERCEIVED} ({impedance_unit(comparison)})")
-
-
-def enlarged_range(comparison: Comparison) -> tuple[float, float]:
-    """Return the enlarged range, Hz: about the largest relative difference between the curves."""
-    frequency, desired = comparison.frequency_hz, np.abs(comparison.target)
-    curves = [comparison.methods["closed-form"].impedance, comparison.without_coupling]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.max([np.abs(np.abs(curve) - desired) / desired for curve in curves], axis=0)
-    spread = np.where(np.isfinite(spread), spread, 0.0)
-    low, high = float(frequency.min()), float(frequency.max())
-    centre = float(np.clip(frequency[int(np.argmax(spread))], low * _ENLARGED**0.5, high / _ENLARGED**0.5))
-    return max(low, centre / _ENLARGED**0.5), min(high, centre * _ENLARGED**0.5)
-
-
-def _enlarged(axes: Axes, whole: Axes, comparison: Comparison, shown: tuple[str, ...]) -> None:
-    low, high = enlarged_range(comparison)
-    frequency = comparison.frequency_hz
-    inside = (frequency >= low) & (frequency <= high)
-    if inside.sum() < 2:
-        inside[:] = True
-    sizes = []
-    for line, impedance, usable in _curves(comparison, shown):
-        line.draw_where(usable[inside], axes, frequency[inside], np.abs(impedance[inside]), markers=8)
-        sizes.append(np.abs(impedance[inside]))
-    frequency_axis(axes, frequency[inside])
-    value_axis(axes, *sizes)
-    axes.set_ylabel(f"{PERCEIVED} ({impedance_unit(comparison)})")
-    whole.axvspan(frequency[inside].min(), frequency[inside].max(), color="0.93", zorder=0, label="enlarged in (b)")
 
 
 def _gain(axes: Axes, comparison: Comparison, shown: tuple[str, ...], key: str) -> None:
@@ -162,4 +126,4 @@ def _real_part(axes: Axes, comparison: Comparison, shown: tuple[str, ...]) -> No
         axes.axhspan(lowest, margin, facecolor="0.96", edgecolor="0.8", hatch="////", linewidth=0, zorder=0)
         axes.set_ylim(lowest, highest)
     axes.axhline(margin, color="0.5", linewidth=0.8, zorder=1)
-    axes.set_ylabel(rf"Re $Z_\mathrm{{h}}$ ({impedance_unit(comparison)})")
+    axes.set_ylabel(f"Re Zₕ ({impedance_unit(comparison)})")

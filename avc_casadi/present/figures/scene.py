@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import styled
+from avc_casadi.present.figures.style import GivenAxes, Panels, entries_of, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,8 +73,7 @@ def draw_scene(runs: Sequence[Run], names: Sequence[str] | None = None, axes: Gi
         panel.axhline(0, color="0.4", linewidth=0.7, zorder=0)
     loop.axvline(0, color="0.4", linewidth=0.7, zorder=0)
     loop.locator_params(axis="x", nbins=5)
-    handles, texts = position.get_legend_handles_labels()
-    panels.legend(handles, texts, 2)
+    panels.legend(entries_of(position), 2)
     return panels.figure
 
 

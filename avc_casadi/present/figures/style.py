@@ -1,68 +1,67 @@
-"""The style of all figures: lines differ in dash and marker, so that they are distinguishable in grey."""
+"""Style and panels of all figures: lines differ in dash and marker, so that they are distinguishable in grey."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
 from itertools import cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.ticker import FixedLocator, FuncFormatter
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullFormatter, NullLocator
+from numpy.typing import NDArray
 
+from avc_casadi._errors import InputError
+from avc_casadi._util.files import write_file
 from avc_casadi.design import registry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axis import Axis
     from numpy.typing import ArrayLike
 
     from avc_casadi._util.arrays import BoolArray
     from avc_casadi.design.comparison.comparison import Comparison
 
 P = ParamSpec("P")
-
-WIDTH_INCHES = 7.2
 FREQUENCY = "Interaction frequency (Hz)"
-PERCEIVED = r"$|Z_\mathrm{h}|$"
-GRID = "0.88"
-
+PERCEIVED = "|Zₕ|"
+_WIDTH_INCHES = 7.2
 # Values below this share of the largest count as 0 when an axis chooses its scale.
 _NEGLIGIBLE = 1e-10
-_DECADE = 10.0
-# Up to so many points are read one by one: the first and the last stand clear of the ends of the axis.
-_FEW_POINTS = 25
-_ROOM = 0.03
-_DASH_POINTS = 22.0
-_MOST_ASKED = 60
-
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
     "axes.titlesize": 9,
     "axes.titlelocation": "left",
-    "axes.labelsize": 8.5,
     "axes.grid": True,
     "axes.formatter.useoffset": False,
     "axes.axisbelow": True,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "grid.color": GRID,
+    "grid.color": "0.88",
     "grid.linewidth": 0.6,
     "legend.fontsize": 8,
     "legend.frameon": False,
     "legend.handlelength": 3.2,
-    "lines.linewidth": 1.4,
     "lines.markersize": 4.2,
     "hatch.linewidth": 0.5,
     "figure.constrained_layout.w_pad": 0.08,
     "figure.constrained_layout.h_pad": 0.06,
-    "savefig.dpi": 200,
-    "svg.fonttype": "path",
+    "savefig.dpi": 120,
     "svg.hashsalt": "avc-casadi",
+}
+# Without dates and version numbers equal figures are equal files.
+_METADATA: dict[str, dict[str, str | None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
 
 
@@ -82,51 +81,33 @@ class Line:
         """Draw the quantity against x in ascending order; gaps where y is not a number."""
         order = np.argsort(x, kind="stable")
         every = max(1, order.size // markers)
-        values = np.asarray(y)[order]
-        dash = order.size == 1 and not self.marker
-        axes.plot(
-            np.asarray(x)[order],
-            values,
-            **{
-                "label": self.label,
-                "color": self.colour,
-                "linestyle": self.style,
-                "marker": "_" if dash else self.marker,
-                "markerfacecolor": "white",
-                "markeredgecolor": self.colour,
-                "linewidth": self.width,
-                **({"markersize": _DASH_POINTS, "markeredgewidth": self.width} if dash else {}),
-                "zorder": self.layer,
-                "markevery": (int(self.shift * every), every),
-            }
-            | changes,
-        )
+        looks = {
+            "label": self.label,
+            "color": self.colour,
+            "linestyle": self.style,
+            "marker": self.marker or ("_" if order.size == 1 else ""),
+            "markerfacecolor": "white",
+            "linewidth": self.width,
+            "zorder": self.layer,
+            "markevery": (int(self.shift * every), every),
+        }
+        axes.plot(np.asarray(x)[order], np.asarray(y)[order], **(looks | changes))
 
     def draw_where(self, usable: BoolArray, axes: Axes, x: ArrayLike, y: ArrayLike, **changes: Any) -> None:
         """Draw a line where gains exist; wanted values elsewhere are points, never a line."""
         values = np.asarray(y, dtype=float)
-        asked = np.where(usable, np.nan, values)
-        points = bool(np.isfinite(asked).any())
+        wanted = np.where(usable, np.nan, values)
+        points = bool(np.isfinite(wanted).any())
         if points and not usable.any():
             changes = {"label": "_"} | changes
         self.draw(axes, x, np.where(usable, values, np.nan), **changes)
         if points:
-            self.draw(
-                axes,
-                x,
-                asked,
-                label=f"{self.label} asks for, not realisable",
-                linestyle="none",
-                marker="x",
-                markersize=3.2,
-                markevery=max(1, values.size // _MOST_ASKED),
-            )
+            label = f"{self.label} asks for, not realisable"
+            self.draw(axes, x, wanted, markers=60, label=label, linestyle="none", marker="x", markersize=3.2)
 
 
 DESIRED = Line("desired", "0.78", "-", "", 4.5, 2, 0.0)
 NO_COUPLING = Line("no coupling", "0.35", (0, (1, 1.4)), "", 1.4, 3, 0.0)
-UPPER = Line("upper bound U", "#7a3b00", (0, (6, 2)), "^", 1.2, 4, 0.0)
-LOWER = Line("lower bound L", "#00517a", (0, (6, 2)), "v", 1.2, 4, 0.5)
 _LINES = (
     Line("", "#d1600a", (0, (5, 1.6)), "^", 1.3, 5, 0.0),
     Line("", "#08306b", "-", "o", 1.1, 6, 0.5),
@@ -134,14 +115,11 @@ _LINES = (
     Line("", "#2f7d32", (0, (2, 1.2)), "P", 1.1, 5, 0.75),
     Line("", "#6a51a3", (0, (6, 1.5, 1, 1.5)), "v", 1.1, 5, 0.4),
 )
+_POINTWISE = (name for name, one in registry.METHODS.items() if one.pointwise)
 METHODS: dict[str, Line] = {
-    name: replace(line, label=name.replace("-", " "))
-    for name, line in zip(
-        (name for name, one in registry.METHODS.items() if one.pointwise), cycle(_LINES), strict=False
-    )
+    name: replace(line, label=name.replace("-", " ")) for name, line in zip(_POINTWISE, cycle(_LINES), strict=False)
 }
 """The lines of the compared methods."""
-POINTWISE = Line("direct, pointwise, for reference", "#6f94c4", (0, (2, 1.2)), "x", 1.1, 5, 0.5)
 MINE = Line("mine", "#8a0f5c", (0, (3, 1, 1, 1)), "D", 1.2, 5, 0.75)
 
 
@@ -149,13 +127,13 @@ def method_lines(comparison: Comparison) -> dict[str, Line]:
     """Return the line of each method; gains of the problem's own scope are drawn as the chosen ones."""
     if comparison.delivered == comparison.optimum:
         return dict(METHODS)
-    delivered = replace(METHODS["direct"], label=comparison.delivered)
     beside = {
         name: replace(METHODS[name], label=f"{name}, pointwise, for reference")
         for name, one in registry.METHODS.items()
         if one.optimises
     }
-    return METHODS | beside | {"direct": POINTWISE, comparison.delivered: delivered}
+    beside["direct"] = replace(beside["direct"], colour="#6f94c4", style=(0, (2, 1.2)), marker="x", layer=5)
+    return METHODS | beside | {comparison.delivered: replace(METHODS["direct"], label=comparison.delivered)}
 
 
 def impedance_unit(result: Any) -> str:
@@ -175,9 +153,21 @@ def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return with_style
 
 
-def in_style() -> Any:
-    """Return the style as a context, for saving."""
-    return mpl.rc_context(_RC)
+def _power(value: float, _: object) -> str:
+    """Return a tick of a logarithmic axis; plain text, as matplotlib parses a formula for seconds a page."""
+    if value == 0 or 1e-3 <= abs(value) < 1e5:
+        return f"{value:g}"
+    mantissa, _, power = f"{value:e}".partition("e")
+    head = "" if float(mantissa) == 1 else f"{float(mantissa):g}·"
+    return f"{head}10{str(int(power)).translate(_SUPERSCRIPTS)}"
+
+
+def log_ticks(axis: Axis, low: float, high: float) -> None:
+    """Give a logarithmic axis ticks with plain numbers, some of them in any range."""
+    axis.set_major_locator(LogLocator(subs=(1.0,) if high > 100 * low else (1.0, 2.0, 5.0)))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(_power))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -> None:
@@ -185,20 +175,16 @@ def frequency_axis(axes: Axes, frequency_hz: ArrayLike, *, label: bool = True) -
     low, high = float(np.min(frequency_hz)), float(np.max(frequency_hz))
     if high > 5 * low:
         axes.set_xscale("log")
+        log_ticks(axes.xaxis, low, high)
     if high > low:
-        scale = axes.xaxis.get_transform()
-        ends = np.asarray(scale.transform([low, high]))
-        room = _ROOM * np.ptp(ends) if np.size(frequency_hz) <= _FEW_POINTS else 0.0
-        axes.set_xlim(*scale.inverted().transform(ends + room * np.array([-1.0, 1.0])))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(FuncFormatter(lambda _value, _position: ""))
+        axes.set_xlim(low, high)
     if label:
         axes.set_xlabel(FREQUENCY)
     else:
         axes.tick_params(labelbottom=False)
 
 
-def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0, most_ticks: int = 6) -> None:
+def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0) -> None:
     """Choose the scale of y: linear, logarithmic where all is positive, or logarithmic on both sides of 0."""
     values = np.concatenate([np.ravel(np.asarray(curve, dtype=float)) for curve in curves])
     values = values[np.isfinite(values)]
@@ -207,16 +193,98 @@ def value_axis(axes: Axes, *curves: ArrayLike, wide: float = 10.0, most_ticks: i
     if sizes.size == 0 or largest < wide * np.quantile(sizes, 0.25):
         return
     if values.min() > _NEGLIGIBLE * largest:
-        if largest > _DECADE * values.min():
+        if largest > 10 * values.min():
             axes.set_yscale("log")
+            log_ticks(axes.yaxis, float(values.min()), largest)
         return
     threshold = 10.0 ** np.floor(np.log10(np.quantile(sizes, 0.25)))
-    decades = np.log10(largest / threshold) * (2 if values.min() < -threshold else 1)
-    step = max(1, int(np.ceil(decades / most_ticks)))
+    decades = np.log10(largest / threshold)
+    step = max(1, int(np.ceil(decades * (2 if values.min() < -threshold else 1) / 6)))
     axes.set_yscale("symlog", linthresh=threshold, linscale=0.6 * step)
-    powers = threshold * 10.0 ** np.arange(0, np.ceil(np.log10(largest / threshold)) + 1, step)
+    powers = threshold * 10.0 ** np.arange(0, np.ceil(decades) + 1, step)
     axes.yaxis.set_major_locator(FixedLocator([*-powers[::-1], 0.0, *powers]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(FuncFormatter(_power))
     scale = axes.yaxis.get_transform()
     low, high = scale.transform([min(values.min(), 0.0), max(values.max(), 0.0)])
     room = 0.06 * (high - low)
     axes.set_ylim(*scale.inverted().transform([low - room, high + room]))
+
+
+def files_of(figure: Figure, *endings: str) -> list[bytes]:
+    """Return a figure as the contents of files, png, svg or pdf, laid out once for all of them."""
+    found = []
+    with mpl.rc_context(_RC):
+        engine = figure.get_layout_engine()
+        if engine is not None:
+            engine.execute(figure)
+            with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+                figure.set_layout_engine(None)
+        for ending in endings:
+            content = io.BytesIO()
+            figure.savefig(content, format=ending, metadata=_METADATA[ending])
+            found.append(content.getvalue())
+        figure.set_layout_engine(engine)
+    return found
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure; the ending of ``path`` chooses PNG, SVG or PDF."""
+    write_file(path, files_of(figure, path.suffix.lower()[1:])[0])
+
+
+def entries_of(*panels: Axes) -> dict[str, Any]:
+    """Return the handles of a legend by label."""
+    found: dict[str, Any] = {}
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, handle)
+    return found
+
+
+GivenAxes = Axes | Sequence[Axes] | NDArray[np.object_] | None
+"""One Axes, or one for each panel in the order of their letters (row by row); None makes a figure."""
+
+
+@dataclass(frozen=True)
+class Panels:
+    """The panels of one drawing; of given axes titles, figure and neighbours stay as they are."""
+
+    figure: Figure
+    axes: Sequence[Axes]
+    own: bool
+
+    @classmethod
+    def of(
+        cls, given: GivenAxes, titles: Sequence[str], height_inches: float, make: Callable[[Figure], Iterable[Axes]]
+    ) -> Panels:
+        """Use the given axes, or make a figure."""
+        if given is None:
+            figure = Figure(figsize=(_WIDTH_INCHES, height_inches), layout="constrained")
+            axes = list(make(figure))
+            for one, title in zip(axes, titles, strict=True):
+                one.set_title(title)
+            return cls(figure, axes, own=True)
+        found = [given] if isinstance(given, Axes) else list(np.ravel(np.asarray(given, dtype=object)))
+        wrong = [type(one).__name__ for one in found if not isinstance(one, Axes)]
+        if wrong:
+            message = f"holds {', '.join(dict.fromkeys(wrong))}; allowed: matplotlib Axes, as plt.subplots() gives"
+            raise InputError.of(message, key="axes")
+        if len(found) != len(titles):
+            panels = "; ".join(title.replace("\n", " ") for title in titles)
+            message = f"are {len(found)}; allowed: {len(titles)}, one a panel, row by row: {panels}"
+            raise InputError.of(message, key="axes")
+        holder: Any = found[0].get_figure()
+        while not isinstance(holder, Figure):  # a part of a figure
+            holder = holder.figure
+        return cls(holder, found, own=False)
+
+    def legend(self, entries: dict[str, Any], columns: int) -> None:
+        """Put a legend of handles by label below an own figure, or into the first of the given axes."""
+        if self.own:
+            longest = max(map(len, entries), default=1)
+            columns = max(1, min(columns, int(125 / (longest + 12))))
+            place: dict[str, Any] = {"loc": "outside lower center", "ncols": columns}
+            self.figure.legend(list(entries.values()), list(entries), **place)
+        else:
+            self.axes[0].legend(list(entries.values()), list(entries))

@@ -6,8 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import frequency_axis, impedance_unit, styled
+from avc_casadi.present.figures.style import (
+    GivenAxes,
+    Panels,
+    entries_of,
+    frequency_axis,
+    impedance_unit,
+    styled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,5 +54,5 @@ def draw_rendered_impedance(band: RenderedBand, axes: GivenAxes = None) -> Figur
     for panel in panels.axes:
         frequency_axis(panel, hz)
         panel.set_xlabel("frequency (Hz)")
-    panels.legend(*stiff.get_legend_handles_labels(), 2)
+    panels.legend(entries_of(stiff), 2)
     return panels.figure

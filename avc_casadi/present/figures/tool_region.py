@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 
 from avc_casadi._util.text import quantity
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import impedance_unit, styled
+from avc_casadi.present.figures.style import GivenAxes, Panels, entries_of, impedance_unit, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,5 +49,5 @@ def draw_tool_region(region: ToolRegion, axes: GivenAxes = None) -> Figure:
         panel.plot(max(b, float(damping[0])), k, "k*", markersize=11, label="recommended")
     panel.set_xlabel(f"damper B ({impedance_unit(region)})")
     panel.set_ylabel(f"spring K ({region.units.unit('N/m')})")
-    panels.legend(*panel.get_legend_handles_labels(), 5)
+    panels.legend(entries_of(panel), 5)
     return panels.figure

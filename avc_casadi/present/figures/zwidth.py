@@ -9,8 +9,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi._util.text import quantity
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import impedance_unit, styled
+from avc_casadi.present.figures.style import GivenAxes, Panels, entries_of, impedance_unit, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -47,7 +46,7 @@ def draw_zwidth(
     _region(panels.axes[0], region, rendered or {})
     if llewellyn is not None:
         _llewellyn(panels.axes[1], llewellyn)
-    panels.legend(*panels.axes[0].get_legend_handles_labels(), 2)
+    panels.legend(entries_of(panels.axes[0]), 2)
     return panels.figure
 
 
@@ -153,5 +152,5 @@ def _llewellyn(axes: Axes, table: LlewellynTable) -> None:
     widest = float(table.damping_ratio[some[0] | some[1]].max(initial=0.0))
     axes.set_xlim(0, min(1.3 * widest, table.damping_ratio[-1]) or table.damping_ratio[-1])
     axes.legend(loc="upper right")
-    axes.set_xlabel(r"$b_\mathrm{c}/b_\mathrm{d}$")
-    axes.set_ylabel(r"largest $k_\mathrm{c}T/b_\mathrm{d}$")
+    axes.set_xlabel("b_c/b_d")
+    axes.set_ylabel("largest k_c T/b_d")

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from avc_casadi.present.figures.layout import GivenAxes, Panels
-from avc_casadi.present.figures.style import Line, styled
+from avc_casadi.present.figures.style import GivenAxes, Line, Panels, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,5 +61,5 @@ def draw_estimators(traces: EstimatorTraces, axes: GivenAxes = None) -> Figure:
         for at in (0.5, 2.0, 3.0, 5.5):
             panel.axvline(at, color="0.6", linewidth=0.7, zorder=1)
     panels.axes[-1].set_xlabel("time (s)")
-    panels.legend(handles, ["true frequency", "estimate; a gap where it is undefined"], 2)
+    panels.legend(dict(zip(("true frequency", "estimate; a gap where it is undefined"), handles, strict=True)), 2)
     return panels.figure
