@@ -303,15 +303,16 @@ def _unmodelled(data: Mapping[str, Any]) -> list[Row]:
         each = listed(
             (
                 count(one[key]),
+                None if place else ("of", count(one["hands"]), "hands settle"),
                 "with",
                 _effect(one),
             )
-            for one, key in zip(found, counted, strict=True)
+            for place, (one, key) in enumerate(zip(found, counted, strict=True))
         )
         whole = all(one[key] == one["hands"] for one, key in zip(found, counted, strict=True))
         free = all(one["at_rest_without_friction"] == one["hands"] for one in found)
         mark = Mark.PASS if whole and free else Mark.CAUTION
-        rows.append(row(label, "of", count(found[0]["hands"]), "hands settle", each, mark=mark))
+        rows.append(row(label, each, mark=mark))
     return rows
 
 
@@ -326,17 +327,17 @@ def _tap(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     trial, limit, felt = data["trial"], data["coupling"]["max_force_n"], data["felt"]
     ripple, steps = felt["ripple"], felt["encoder_step_n"]
     tap = Value(trial["tap_force_n"], "force")
-    rows = [row("Tap", "reaches", tap, ",", Value(trial["tap_depth_m"], "length"), "deep")]
+    rows = [row("Peak force", tap, "in a tap,", Value(trial["tap_depth_m"], "length"), "deep")]
     if limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit:
         presses = ("; so do", count(trial["at_force_limit"]), "presses") if trial["at_force_limit"] else None
-        rows = [row("Tap", "reaches the limit of", Value(limit, "force"), presses, mark=Mark.CAUTION)]
+        rows = [row("Peak force", "a tap saturates at", Value(limit, "force"), presses, mark=Mark.CAUTION)]
     loud = ripple["hands"] - ripple["quiet"] > _FEW_FEEL * ripple["hands"]
     if loud or sum(steps.values()) > _NOTICED_STEP_N * problem.device.metres_per_unit:
-        step = (Value(steps["spring"], "force"), "of the spring,", Value(steps["damping"], "force"), "of the damping")
+        step = (Value(steps["spring"], "force"), "by the spring and", Value(steps["damping"], "force"), "by the damper")
         slow = Value(next(iter(ripple["force_n"].values())), "force")
         quiet = (count(ripple["quiet"]), "of", count(ripple["hands"]), "hands below the vibrotactile threshold")
         mark = Mark.CAUTION if loud else Mark.NONE
-        rows.append(row("Encoder step", step, "; ripple in slow motion", slow, ",", quiet, mark=mark))
+        rows.append(row("Quantisation", step, "an encoder step; ripple", slow, "in slow motion,", quiet, mark=mark))
     return rows
 
 
@@ -466,10 +467,12 @@ def pair_rows(data: Mapping[str, Any], problem: Problem) -> list[Row]:
     if "tap_force_n" in trial:
         limit = problem.device.max_force_n
         full = limit is not None and trial["tap_force_n"] >= _AT_LIMIT * limit
-        tap = Value(limit if full else trial["tap_force_n"], "force")
-        rows.append(
-            row("Tap", "reaches", "the limit of" if full else "", tap, mark=Mark.CAUTION if full else Mark.NONE)
+        tap = (
+            ("a tap saturates at", Value(limit, "force"))
+            if full
+            else (Value(trial["tap_force_n"], "force"), "in a tap")
         )
+        rows.append(row("Peak force", tap, mark=Mark.CAUTION if full else Mark.NONE))
     if found["set_by"]:
         rows.append(row("K is set by", f"hands: {found['set_by']}"))
     return [*rows, *_same_k(found, problem), *_pair_limit(data), *unused]
