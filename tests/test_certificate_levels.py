@@ -169,6 +169,7 @@ def test_a_loop_that_grows_slowly_is_not_stable():
         assert level.passed == (sign < 0)
 
 
+@pytest.mark.thorough
 def test_the_worst_hand_and_device_of_l5_have_the_radius_stated():
     case = problem(b_d=3.0, rows=2).changed(
         device={"range": {"damping_ns_per_m": (1.0, 5.0), "mass_kg": (0.05, 0.2)}},

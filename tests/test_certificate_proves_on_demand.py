@@ -127,8 +127,7 @@ def test_what_is_said_of_a_device_that_is_not_rigid_agrees_with_brute_force(devi
     assert word == "refuted" or Rest.from_document(found.detail["proofs"][0]).verified()
 
 
-@pytest.mark.one_of(2)
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(3))
 def test_nothing_speaks_against_a_random_loop(seed):
     """Proved loops rest from random states; unstable hands run away: all in the simulator of its own."""
     assert contradiction(drawn_loop(seed, plain=True), seed) == ""

@@ -46,7 +46,7 @@ def series_problems():
     return [problem for problem in problems if problem.coupling.structure == "series"]
 
 
-@pytest.mark.one_of(2)
+@pytest.mark.one_of(4)
 @pytest.mark.parametrize("problem", series_problems(), ids=lambda problem: problem.name)
 def test_catalogue_optimum_is_that_of_50_digits(problem):
     rows = np.unique(np.linspace(0, len(problem.frequencies_hz()) - 1, 12).astype(int))

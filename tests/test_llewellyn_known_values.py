@@ -17,7 +17,7 @@ def loop(model, delay=0, b_d=1.0):
 
 @pytest.mark.parametrize(
     ("ratio", "expected"),
-    [(0, 8.0), (0.5, 8.899), (1, 9.330), (1.175, 9.3505), (1.5, 9.286), (2, 9.009), (4, 6.804), (5, 5.333), (7, 1.922)],
+    [(0, 8.0), (1, 9.330), (1.175, 9.3505), (4, 6.804), (7, 1.922)],
 )
 def test_largest_stiffness_with_the_printed_hold(ratio, expected):
     assert largest_llewellyn_stiffness(loop("paper"), float(ratio))[0] * T == pytest.approx(expected, abs=6e-4)
@@ -53,7 +53,7 @@ def test_sampled_data_hold_allows_twice_the_difference_over_the_sample_time(b_d,
 
 
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
-@pytest.mark.parametrize("delay", [0, 1, 2, 7, 20])
+@pytest.mark.parametrize("delay", [0, 2, 20])
 def test_margin_is_the_lowest_of_a_dense_grid(model, delay):
     rng = np.random.default_rng(delay)
     b, k, contact = 10 ** rng.uniform(-3, 2, 60), 10 ** rng.uniform(0, 5, 60), rng.choice([0.0, 3.0], 60)
