@@ -1,9 +1,8 @@
-"""What release 0.2.0 answered still holds: gains, recommendations, exported C, JSON documents and errors.
+"""What release 0.2.0 answered still holds: gains, recommendations, exported C and errors.
 
 `tests/goldens/make.py` says what is compared, `tests/goldens/compared.py` with which tolerances and why.
 """
 
-import copy
 import shutil
 
 import pytest
@@ -19,7 +18,6 @@ QUICK = {
     },
     "recommendations": set(),
     "exported_c": {"wall", "knob"},
-    "documents": {"solve direct", "check rotary"},
     "errors": {"unknown verb", "unknown key", "gain file with a hole"},
 }
 CASES = [
@@ -49,21 +47,6 @@ def first_number(value, path=()):
     if isinstance(value, int | float) and not isinstance(value, bool) and value:
         return path
     return next((found for key, one in steps if (found := first_number(one, (*path, key)))), None)
-
-
-@pytest.mark.parametrize("part", ["gains", "exported_c", "documents", "errors"])
-def test_a_golden_that_is_changed_is_told(part):
-    for case, golden in committed(part).items():
-        assert differences(part, case, golden, golden) == []
-        other = copy.deepcopy(golden)
-        place = first_number(other)
-        if place is None:
-            continue
-        table = other
-        for key in place[:-1]:
-            table = table[key]
-        table[place[-1]] *= 1.1
-        assert any(one.counts for one in differences(part, case, golden, other))
 
 
 @pytest.mark.parametrize(

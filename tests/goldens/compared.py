@@ -80,7 +80,6 @@ _RULES = {
         (r"\.impedance_error\.\d+$", lambda old, new: new <= old + max(ERROR_RTOL * old, ERROR_ATOL)),
     ],
     "exported_c": [],
-    "documents": [],
     "errors": [],
 }
 

@@ -28,7 +28,6 @@ sys.path.insert(0, str(ROOT / "hardware"))
 sys.path.insert(0, str(HERE.parent))
 
 from goldens.compared import Difference, differences
-from goldens.documents import DOCUMENTS, document
 from goldens.errors import ERRORS, error
 from goldens.exported_c import COUPLINGS, exported_c
 from goldens.gains import gain_cases, gains
@@ -54,7 +53,6 @@ PARTS: dict[str, Part] = {
     "gains": Part(gain_cases(), gains),
     "recommendations": Part(tuple(RECOMMENDATIONS), recommendation),
     "exported_c": Part(tuple(COUPLINGS), exported_c),
-    "documents": Part(tuple(DOCUMENTS), document),
     "errors": Part(tuple(ERRORS), error),
 }
 
