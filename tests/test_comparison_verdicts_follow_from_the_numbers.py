@@ -11,7 +11,7 @@ import avc_casadi as avc
 from avc_casadi.design.comparison.document import comparison_document
 from avc_casadi.model.problem import Frequency
 
-PROBLEMS = [entry.name for entry in avc.catalogue() if has_wall(entry.name)]
+PROBLEMS = [entry.name for entry in avc.catalogue() if has_wall(entry.name)][::3]
 
 
 def impedance(document, name):

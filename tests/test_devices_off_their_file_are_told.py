@@ -78,6 +78,7 @@ def test_each_number_is_a_tenth_off_up_or_down():
         assert {round(linear_values(one)[key] / values[key], 9) for one in drawn} == {0.9, 1.1}
 
 
+@pytest.mark.thorough
 def test_numbers_with_a_range_stay_and_none_is_left_where_all_have_one():
     some = off_file(rigid(before(WALL_N_PER_M, range={"mass_kg": (0.09, 0.12)})))
     assert "mass_kg" not in some.keys

@@ -95,7 +95,7 @@ def test_at_a_margin_the_spectral_radius_is_one(case):
 
 @pytest.mark.parametrize("case", LOOPS.values(), ids=LOOPS)
 def test_some_factor_on_the_edge_of_the_disk_and_none_inside_brings_the_radius_to_one(case):
-    turned = np.exp(1j * np.linspace(0, 2 * math.pi, 361))
+    turned = np.exp(1j * np.linspace(0, 2 * math.pi, 91))
 
     def worst(alpha, hands):
         def grows(angle):
@@ -103,7 +103,7 @@ def test_some_factor_on_the_edge_of_the_disk_and_none_inside_brings_the_radius_t
             return max(radius(case, hand, factor=(1 + inside) / (1 - inside)) for hand in hands)
 
         at = max(np.angle(turned), key=grows)
-        step = 2 * math.pi / 360
+        step = 2 * math.pi / 90
         found = minimize_scalar(lambda angle: -grows(angle), bounds=(at - step, at + step), options={"xatol": 1e-12})
         return -found.fun
 

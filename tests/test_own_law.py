@@ -150,6 +150,7 @@ def test_of_a_range_of_hands_none_is_worse_than_what_is_told():
     assert found.held.damping_ratio <= min(least_damped(law, plant, hand)[0] for hand in hands) + 1e-12
 
 
+@pytest.mark.thorough
 def test_what_would_help_does():
     plant, low, high = (0.12, 0.8, 1e-3, 1), (0.05, 3.0, 200.0), (0.3, 20.0, 800.0)
     problem = avc.Problem(**tables(plant, low, high))
@@ -230,6 +231,7 @@ def test_an_impedance_of_one_s_own_on_ten_kilogrammes_tells_its_damping_ratio(ca
     assert document["released"]["damping_ratio"] == pytest.approx(0.21, abs=0.005)
 
 
+@pytest.mark.thorough
 def test_a_robot_that_no_hand_holds_gets_a_coupling():
     nobody = (0.0, 0.0, 0.0)
     robot = tables((10.0, 0.0, 1e-3, 1), nobody, nobody) | {

@@ -25,7 +25,7 @@ def test_one_frequency_equals_direct(model, frequency):
 
 
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
-@pytest.mark.parametrize("name", ["figure5", "soft", "damper", "ve5", "damped"])
+@pytest.mark.parametrize("name", ["figure5", "damper", "damped"])
 def test_without_smoothness_every_frequency_equals_direct(name, model):
     problem = changed(load_problem(name), stability={"model": model, "scope": "pointwise"}, frequency={"points": 60})
     problem = changed(problem, schedule={"slope_penalty": 0.0, "contact_damping_penalty": 0.0})

@@ -59,6 +59,7 @@ def test_tuned_gains_hold_for_hands_never_seen(name, request):
     assert found.error == pytest.approx(error(case, found.gains), rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_damping_injection_reaches_more_than_series(series, damped):
     assert damped[1].gains.contact_damping_ns_per_m > 10
     assert error(damped[0], damped[1].gains) < error(damped[0], series[1].gains)
@@ -89,6 +90,7 @@ def test_where_somebody_does_not_rest_the_reserve_is_raised():
     assert f"{least.rested} of 16" in least.sentence()
 
 
+@pytest.mark.thorough
 def test_the_margin_is_kept_in_reserve():
     case = problem()
     careful = tune_static(case.changed(stability={"margin_ns_per_m": 4.0}), SMALL)

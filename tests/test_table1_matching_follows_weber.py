@@ -56,7 +56,7 @@ def continuous_press(problem, hand):
     return solve_ivp(rates, (0, 1), [motion.start_m, 0.0], t_eval=time, max_step=1e-4, rtol=1e-8, atol=1e-10).y[0]
 
 
-@pytest.mark.parametrize("wall", ["ve4", "ve7"])
+@pytest.mark.parametrize("wall", ["ve4"])
 def test_the_reference_is_the_continuous_wall(wall):
     problem = avc.load_problem(wall)
     people = draw_population("A", 1, 4)

@@ -177,6 +177,7 @@ def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
         assert loop.force_per_metre(ToolGains(k, b), hz) == pytest.approx(seen, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_scaled_follower_is_the_same_coupling():
     plain = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001"
     scaled = "mass_kg = 3.0\ndamping_ns_per_m = 10.0\ndelay_s = 0.001\nposition_scale = 0.2\nforce_scale = 0.5"
