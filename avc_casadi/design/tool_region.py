@@ -15,11 +15,10 @@ from avc_casadi._util.printed import short
 from avc_casadi._util.progress import SILENT, Progress
 from avc_casadi._util.units import LINEAR, Units
 from avc_casadi.design.virtual_tool import Scale, ToolSearch, edge
-from avc_casadi.loops.engine import required_tool
+from avc_casadi.loops.engine import ToolLoops, required_tool
 from avc_casadi.model.virtual_tool import LONGEST_STEP_S, ToolGains
 
 if TYPE_CHECKING:
-    from avc_casadi.loops.engine import ToolLoops
     from avc_casadi.model.problem import Problem
 
 # Lightest of the searched dampers that is in the region, as a share of the heaviest.
@@ -148,14 +147,15 @@ def tool_region(
     for place, step_s in enumerate(sorted(steps)):
         progress.advance(place, len(steps), f"{1 / step_s:.4g} Hz")
         of_engine = problem if steps[step_s] else problem.changed(simulation={"step_s": step_s})
-        search, softest = ToolSearch(of_engine), _SOFTEST * mass / step_s**2
-        stiffest = search.limit[0] if summits else None
+        softest = _SOFTEST * mass / step_s**2
+        stiffest = ToolSearch(of_engine).limit[0] if summits else None
 
         def gains(k: float, b: float) -> ToolGains:
             critical = max(0.0, 2 * ratio * math.sqrt(k * mass) - least)
             return ToolGains(k, b, critical if local_damping_ns_per_m is None else local_damping_ns_per_m)
 
-        limits = _curve(search.loops, gains, damping.tolist(), softest, _STIFFEST * mass / t**2)
+        # Of its own: what the search of the stiffest has refuted is no part of it, so that a curve is the same without.
+        limits = _curve(ToolLoops(of_engine), gains, damping.tolist(), softest, _STIFFEST * mass / t**2)
         curves.append(ToolCurve(step_s, steps[step_s], limits, stiffest))
     return ToolRegion(problem.name, damping, ratio, tuple(curves), units=problem.units)
 
