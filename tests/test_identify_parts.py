@@ -9,10 +9,9 @@ from measured_device import Truth, measured, multisine
 
 from avc_casadi.identification import run as _run
 from avc_casadi.identification.closed_loop import only_feedback
-from avc_casadi.identification.encoder import lattice_step
 from avc_casadi.identification.fit import Block, Fit, Window, fit
 from avc_casadi.identification.intervals import bootstrap, compared, held_out
-from avc_casadi.identification.log import Record
+from avc_casadi.identification.log import Record, lattice_step
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.regression import Motion
 from avc_casadi.identification.terms import RUNGS, Structure

@@ -11,8 +11,7 @@ import numpy as np
 from scipy import ndimage, signal
 
 from avc_casadi._util.arrays import BoolArray, FloatArray, IndexArray
-from avc_casadi.identification.encoder import lattice_step
-from avc_casadi.identification.log import Columns
+from avc_casadi.identification.log import Columns, lattice_step
 
 Kind = Literal["none", "decaying", "growing", "limit cycle", "irregular"]
 

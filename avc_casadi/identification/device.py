@@ -1,33 +1,108 @@
-"""The device file of an identification, and what a device file and logs say against each other."""
+"""Result of an identification, its device file, and what a device file and logs say against each other.
+
+Values of a rotary device stand unchanged under the linear names: kg.m2 in ``mass_kg``, N.m in forces.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from avc_casadi._errors import Fault, InputError
+from avc_casadi._util.arrays import ComplexArray, FloatArray
+from avc_casadi._util.json_values import plain
 from avc_casadi._util.text import number
+from avc_casadi._util.units import MotionKind, units_for
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.files.problem_file import toml_lines
+from avc_casadi.identification.frequency import Response
+from avc_casadi.identification.intervals import Trial
 from avc_casadi.identification.log import Record
-from avc_casadi.identification.model import Estimate, Identification
-from avc_casadi.identification.terms import FRICTION, LOOP_RATIO
+from avc_casadi.identification.terms import FRICTION, LOOP_RATIO, Measured
 
-_DIGITS = 5
 _SEARCHED = ("mass_kg", "damping_ns_per_m", FRICTION, "delay_samples")
 _PLAIN = (*_SEARCHED, "encoder_resolution_m", "amplifier_bandwidth_hz", LOOP_RATIO)
 _GAPS = (*_SEARCHED, "encoder_resolution_m", "position_noise_rms_m", "amplifier_bandwidth_hz", "backlash_m")
 _MODE = ("frequency_hz", "damping_ratio", "mass_ratio")
-# A guess that a log does not tell is taken as known within this factor.
-_GUESSED = 3.0
-# Cautious values for gaps that the loop cannot do without.
-_CAUTIOUS = {"delay_samples": (1.0, (0.0, 2.0), "one sample stands for the link to the computer")}
+# Digits of a value; a guess that a log does not tell is taken as known within this factor.
+_DIGITS, _GUESSED = 5, 3.0
 # A share of the samples in which the force may exceed the device's; a relative difference of sample times.
 _FEW, _SAME = 1e-3, 0.01
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate with its 95 % interval."""
+
+    key: str
+    quantity: Measured
+    value: float
+    low: float
+    high: float
+    source: str
+    identified: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """An identified device; `stretch` is time, and position measured and of the model running nearly free, (3, n)."""
+
+    sources: tuple[str, ...]
+    seconds: float
+    records: int
+    sample_time_s: float
+    motion: MotionKind
+    rungs: tuple[str, ...]
+    encoder_at: str
+    estimates: Mapping[str, Estimate]
+    unknown: tuple[str, ...]
+    trials: tuple[Trial, ...]
+    error_m: FloatArray
+    lags: FloatArray
+    notes: tuple[str, ...]
+    response: Response
+    modelled: ComplexArray
+    stretch: FloatArray
+    device: DeviceFile | None = None
+
+    @property
+    def amplifier_order(self) -> int:
+        """1, a lag; 2, a current loop."""
+        return 2 if "loop" in self.rungs else 1
+
+    def data(self) -> dict[str, Any]:
+        """Return its JSON values."""
+        key_of, response = units_for(self.motion).key, self.response
+        plainly = ("seconds", "records", "sample_time_s", "rungs", "encoder_at", "amplifier_order", "notes")
+        device = None if self.device is None else self.device.device.model_dump(mode="json", exclude_unset=True)
+        result: dict[str, Any] = plain(
+            {
+                "logs": self.sources,
+                **{key: getattr(self, key) for key in plainly},
+                "estimates": {
+                    key: {name: value for name, value in vars(one).items() if name != "key"}
+                    for key, one in self.estimates.items()
+                },
+                "unknown": [*map(key_of, self.unknown)],
+                "evidence": [vars(one) for one in self.trials],
+                "error_autocorrelation": self.lags,
+                "device": device,
+                "gaps": None if self.device is None else [*map(key_of, self.device.gaps)],
+                "response": {
+                    "frequency_hz": response.frequency_hz,
+                    "measured_re": response.velocity_per_force.real,
+                    "measured_im": response.velocity_per_force.imag,
+                    "model_re": self.modelled.real,
+                    "model_im": self.modelled.imag,
+                    "coherence": response.coherence,
+                },
+            }
+        )
+        return result
 
 
 @dataclass
@@ -112,9 +187,9 @@ def _fill(file: _File, base: DeviceFile | None, gaps: list[str]) -> None:
                 file.take(base, key)
                 if key not in base.gaps:
                     gaps.remove(key)
-        elif key in _CAUTIOUS:
-            value, ends, why = _CAUTIOUS[key]
-            file.put(key, value, ends, "assumed", f"not identified; {why}")
+        elif key == "delay_samples":
+            source = "not identified; one sample stands for the link to the computer"
+            file.put(key, 1.0, (0.0, 2.0), "assumed", source)
 
 
 def _identified(found: Identification, key: str) -> bool:

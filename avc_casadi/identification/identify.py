@@ -16,14 +16,12 @@ from avc_casadi._util.text import number
 from avc_casadi._util.units import MotionKind
 from avc_casadi.files.device_file import DeviceFile
 from avc_casadi.identification.closed_loop import autocorrelation, coloured, only_feedback
-from avc_casadi.identification.device import check_against, device_file
-from avc_casadi.identification.encoder import lattice_step
+from avc_casadi.identification.device import Estimate, Identification, check_against, device_file
 from avc_casadi.identification.fit import Window
 from avc_casadi.identification.frequency import measured_response, model_response
 from avc_casadi.identification.intervals import bootstrap
 from avc_casadi.identification.ladder import WIDEST, Ladder
-from avc_casadi.identification.log import Record, shortened
-from avc_casadi.identification.model import Estimate, Identification
+from avc_casadi.identification.log import Record, lattice_step, shortened
 from avc_casadi.identification.predictor import Observer, Predictor
 from avc_casadi.identification.read import Layout, read_logs
 from avc_casadi.identification.regression import Motion, Start, in_ticks
@@ -38,8 +36,6 @@ _FOLLOWS = 0.3
 _PLAUSIBLE = {"linear": (1e-3, 2e3), "rotary": (1e-8, 1e4)}
 # A log moves one way if so little of its travel goes the other.
 _OTHER_WAY = 0.01
-# Encoder resolution is known to this share of it.
-_STEP_SHARE = 1e-3
 
 
 def identify(
@@ -121,7 +117,8 @@ def _check(records: Sequence[Record], base: DeviceFile | None, handle_radius_m: 
         message = "are of devices that turn and that do not; allowed: logs and a base of one motion"
         faults.append(Fault("", None, "logs", message))
     if seconds < _LEAST_S:
-        faults.append(Fault("", None, "logs", f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s"))
+        message = f"hold {number(seconds)} s in all; allowed: at least {_LEAST_S:g} s"
+        faults.append(Fault("", None, "logs", message))
     if motions == {"linear"} and handle_radius_m is not None:
         faults.append(Fault("", None, "handle_radius_m", "says nothing of logs in metres; allowed: beside logs in rad"))
     if faults:
@@ -238,7 +235,7 @@ def _estimates(found: Ladder, step_m: float | None, *, one_way: bool) -> dict[st
         source = "assumed; the other intervals hold for this range"
         estimates[MASS_RATIO] = Estimate(MASS_RATIO, "number", share, *found.shares, source, identified=False)
     if step_m is not None:
-        low, high = step_m * (1 - _STEP_SHARE), step_m * (1 + _STEP_SHARE)
+        low, high = 0.999 * step_m, 1.001 * step_m
         estimates["encoder_resolution_m"] = Estimate(
             "encoder_resolution_m", "length", step_m, low, high, "lattice of the readings"
         )

@@ -28,6 +28,9 @@ _SHORTEST, _SHORTEST_SWING, _FEW = 200, 60, 0.01
 _SHORT, _PIECES_S, _ENOUGH_S, _ENOUGH = 0.1, (1.0, 0.5, 0.4, 0.3), 2.0, 0.2
 # Ticks by which a force may act late beside a clock that scatters; squares of larger numbers than the last overflow.
 _MOST_TICKS, _LARGEST = 4, 1e100
+# Most values of a lattice that are compared, and fewest; readings off it by this share of a step, root mean square, are
+# still on it: files and time stamps are rounded. A fast hand crosses some steps between two readings.
+_MOST_VALUES, _FEWEST_VALUES, _OFF, _APART = 4000, 6, 0.08, 6
 # Range of haptic devices and machine drives; a mistaken unit is a factor of 1000. A motor may turn for ever.
 _LIKELY: Mapping[MotionKind, Mapping[str, tuple[float, float]]] = {
     "linear": {"position": (2e-6, 5.0), "force": (1e-3, 1e5)},
@@ -286,3 +289,37 @@ def shortened(records: Sequence[Record], most_samples: int) -> list[Record]:
             name = f"{record.name}@{index}"
             kept.append(replace(record, name=name, log=record.whole, position_m=position, force_n=force))
     return kept
+
+
+def lattice_step(readings_m: FloatArray) -> float | None:
+    """Return the resolution of the encoder, or None where the readings lie on no lattice."""
+    values = np.unique(readings_m)
+    if values.size < _FEWEST_VALUES:
+        return None
+    gaps = np.diff(values)
+    # Values that differ by rounding only are one.
+    gaps = gaps[gaps > 1e-9 * (values[-1] - values[0])]
+    usual = float(np.median(gaps[gaps < 1.5 * np.quantile(gaps, 0.1)]))
+    guesses = {guess / apart for guess in (usual, float(gaps.min())) for apart in range(1, _APART + 1)}
+    for guess in sorted(guesses, reverse=True):
+        step = _refined(guess, gaps, values)
+        steps = (values[:: max(1, values.size // _MOST_VALUES)] - values[0]) / step
+        off = steps - np.round(steps)
+        if steps.max() >= _FEWEST_VALUES - 0.5 and float(np.sqrt(np.mean(off**2))) < _OFF:
+            return step
+    return None
+
+
+def _refined(step: float, gaps: FloatArray, values: FloatArray) -> float:
+    """Refine a step by counting steps over ever longer spans."""
+    reach = 20 * step
+    some = gaps[gaps <= reach]
+    while True:
+        counts = np.round(some / step)
+        if counts.any():
+            step = float(some @ counts / (counts @ counts))
+        if reach > 4 * (values[-1] - values[0]):
+            return step
+        reach *= 3
+        some = values[: np.searchsorted(values, values[0] + reach, side="right")] - values[0]
+        some = some[:: max(1, some.size // _MOST_VALUES)]

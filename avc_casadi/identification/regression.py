@@ -21,8 +21,6 @@ _SPRING_LEAVES = 0.5
 _LITTLE = 0.05
 # Motion that a rigid device explains so little of tells nothing of the ticks.
 _UNLIKE = 0.5
-# Column of the position among the regressors.
-_POSITION = 3
 
 
 @dataclass(frozen=True)
@@ -69,8 +67,9 @@ class Motion:
 
     def explains(self, delay: float, *, spring: bool = False) -> tuple[float, float, FloatArray]:
         """Return squared residual, squared force, and parameters, with a delay."""
+        # The position is the column 3.
         regressors, instruments = (
-            one if spring else np.delete(one, _POSITION, axis=1) for one in (self.regressors, self.instruments)
+            one if spring else np.delete(one, 3, axis=1) for one in (self.regressors, self.instruments)
         )
         # The force of a hold acts half a sample after its command on average.
         times = [np.arange(record.force_n.size) for record in self.records]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.design.comparison.comparison import Comparison
     from avc_casadi.diagnose.causes import Diagnosis
-    from avc_casadi.identification.model import Identification
+    from avc_casadi.identification.device import Identification
     from avc_casadi.model.problem import Problem
     from avc_casadi.present.row import Answer
     from avc_casadi.recommendation.deployed import Deployed

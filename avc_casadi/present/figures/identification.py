@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from avc_casadi.identification.model import Identification
+    from avc_casadi.identification.device import Identification
 
 _MEASURED: dict[str, Any] = {"color": "0.55", "linewidth": 2.6, "label": "measured"}
 _MODEL: dict[str, Any] = {"color": "#08306b", "linewidth": 1.2, "linestyle": (0, (5, 1.6)), "label": "model"}

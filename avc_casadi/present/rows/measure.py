@@ -14,7 +14,7 @@ from avc_casadi.present.rows.subject import HAND, notes, plural
 if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.diagnose.causes import Diagnosis
-    from avc_casadi.identification.model import Estimate, Identification
+    from avc_casadi.identification.device import Estimate, Identification
 
 _MOVED: tuple[tuple[str, str, Quantity], ...] = (
     ("Force", "force_n", "force"),
