@@ -4,34 +4,25 @@ import json
 
 import pytest
 
+import avc_casadi as avc
 from avc_casadi.cli import main
+from avc_casadi.coupling import Coupling
 
 VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]
 
 
-def call(capsys, *arguments):
-    code = main(list(arguments))
-    return code, capsys.readouterr()
-
-
-@pytest.fixture
-def gains(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
+def test_another_sample_time_is_refused(arguments, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["solve", "soft", "--method", "exact", "--out", "gains.json"]) == 0
-    capsys.readouterr()
-    return json.loads((tmp_path / "gains.json").read_text())
-
-
-def rewrite(document):
-    with open("gains.json", "w", encoding="utf-8") as file:  # noqa: PTH123
-        json.dump(document, file)
+    fast = avc.load_problem("soft").changed(device={"sample_time_s": 5e-4}, frequency={"points": 5})
+    avc.write_coupling(Coupling.of(fast, avc.solve(fast, "exact")), "gains.json")
+    assert main(list(arguments)) == 2
+    told = capsys.readouterr().err
+    assert "sample_time_s: is 0.0005" in told
+    assert "0.001" in told
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("arguments", VERBS, ids=lambda arguments: arguments[0])
-def test_another_sample_time_is_refused(arguments, gains, capsys):
-    rewrite(gains | {"sample_time_s": 5e-4})
-    code, out = call(capsys, *arguments)
-    assert code == 2
-    assert "sample_time_s: is 0.0005" in out.err
-    assert "0.001" in out.err
+def test_gains_that_are_infeasible_end_in_a_no(capsys):
+    assert main(["simulate", "hard/infeasible-box", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["errors"][0]["key"] == "scene.coupling"

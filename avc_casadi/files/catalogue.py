@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,9 +51,13 @@ def device_path(source: str | Path, folder: Path | None = None) -> Path | str:
     names, name = device_names(), source.removeprefix(DEVICES)
     if name in names:
         return names[name]
+    allowed = "allowed: a name of `avc list`, or a path to .toml"
+    return f"is {shown(source)}, no device of the catalogue{_near(name, names)}; {allowed}"
+
+
+def _near(name: str, names: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    hint = f"; near: {', '.join(near)}" if near else ""
-    return f"is {shown(source)}, no device of the catalogue{hint}; allowed: a name of `avc list`, or a path to .toml"
+    return f"; near: {', '.join(near)}" if near else ""
 
 
 def catalogue() -> tuple[CatalogueEntry, ...]:
@@ -87,8 +92,5 @@ def catalogue_path(name: str) -> Path:
     if device in device_names():
         message = f'is a device, not a problem; write device = "{device}" in a problem file, or see it by `avc check`'
         raise InputError.of(message, file=name)
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
-    hint = f"; near: {', '.join(near)}" if near else ""
-    raise InputError.of(
-        f"is neither a file nor a problem of the catalogue{hint}; `avc list` shows all problems", file=name
-    )
+    message = f"is neither a file nor a problem of the catalogue{_near(name, names)}; `avc list` shows all problems"
+    raise InputError.of(message, file=name)

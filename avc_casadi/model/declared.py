@@ -14,27 +14,20 @@ if TYPE_CHECKING:
 
 def declared(problem: Problem) -> tuple[str, ...]:
     """Return the keys by which the device is more than a mass with a damper, exactly known and without delay."""
-    device, range_ = problem.device, problem.device.range
+    device = problem.device
     stated = {"motion", "handle_radius_m", "mass_kg", "damping_ns_per_m", "sample_time_s", "held", "range"}
-    whole = set(type(device).model_fields) - stated
     # These have no effect alone.
-    if device.amplifier_bandwidth_hz is None:
-        whole -= {"amplifier_order", "amplifier_damping_ratio"}
-    idle = {"amplifier_damping_ratio"} if device.amplifier_order == 1 else set()
-    whole -= idle
-    if device.resonance is None:
-        whole.discard("encoder_at")
-    values = {key: (getattr(device, key), field.default) for key, field in type(device).model_fields.items()}
-    found = [f"device.{key}" for key, (value, ideal) in values.items() if key in whole and value != ideal]
-    found += [
-        f"device.range.{key}"
-        for key in type(range_).model_fields
-        if key not in {"resonance", *idle} and getattr(range_, key) is not None
+    lag = {"amplifier_damping_ratio"} if device.amplifier_order == 1 else set()
+    idle = {"amplifier_order", "amplifier_damping_ratio"} if device.amplifier_bandwidth_hz is None else lag
+    idle |= {"encoder_at"} if device.resonance is None else set()
+    found = [
+        f"device.{key}"
+        for key, field in type(device).model_fields.items()
+        if key not in stated | idle and getattr(device, key) != field.default
     ]
-    mode = range_.resonance
-    found += [f"device.range.resonance.{key}" for key in type(mode).model_fields if getattr(mode, key) is not None]
-    found += ["detent"] if problem.detent is not None else []
-    return tuple(found)
+    found += [f"device.range.{key}" for key, ends in device.range if key not in {"resonance", *lag} and ends]
+    found += [f"device.range.resonance.{key}" for key, ends in device.range.resonance if ends]
+    return (*found, "detent") if problem.detent is not None else tuple(found)
 
 
 def declared_effects(problem: Problem) -> tuple[e.Effect, ...]:

@@ -56,30 +56,28 @@ class StylusHandEffect(EffectTable):
     arm_stiffness_n_per_m: q.Stiffness = 170.0
 
 
-class WallEffect(EffectTable):
-    """The environment on one side only: no force at x < 0.
+class _Surroundings(EffectTable):
+    """An environment.
 
     Attributes:
         damping_ns_per_m: None: that of [environment].
         stiffness_n_per_m: None: that of [environment].
     """
+
+    damping_ns_per_m: q.Damping | None = None
+    stiffness_n_per_m: q.Stiffness | None = None
+
+
+class WallEffect(_Surroundings):
+    """The environment on one side only: no force at x < 0."""
 
     kind: Literal["wall"] = "wall"
-    damping_ns_per_m: q.Damping | None = None
-    stiffness_n_per_m: q.Stiffness | None = None
 
 
-class EnvironmentEffect(EffectTable):
-    """The environment on both sides.
-
-    Attributes:
-        damping_ns_per_m: None: that of [environment].
-        stiffness_n_per_m: None: that of [environment].
-    """
+class EnvironmentEffect(_Surroundings):
+    """The environment on both sides."""
 
     kind: Literal["environment"] = "environment"
-    damping_ns_per_m: q.Damping | None = None
-    stiffness_n_per_m: q.Stiffness | None = None
 
 
 class SimulationEffect(EffectTable):

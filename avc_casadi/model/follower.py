@@ -7,16 +7,13 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator
 
 from avc_casadi.model.device import Device
-from avc_casadi.model.quantity import LARGEST_DAMPING_NS_PER_M, Quantity, Share, Stiffness
-from avc_casadi.model.virtual_tool import RIGID_N_PER_M, Ends, Interval
+from avc_casadi.model.quantity import Quantity, Share, Stiffness
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M, Contacts, Dampings, Ends, Interval, Scale
 
 Architecture = Literal["position-position", "position-force"]
 ForceSent = Literal["commanded", "measured"]
 
 _Delays = Annotated[Interval, BeforeValidator(Ends(Quantity("s", 1e-6, 10)))]
-_Dampings = Annotated[Interval, BeforeValidator(Ends(Quantity("N.s/m", 1e-9, LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(Ends(Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
-_Scale = Annotated[float, BeforeValidator(Quantity("", 1e-6, 1e6, zero=False))]
 
 
 class Follower(Device):
@@ -48,10 +45,10 @@ class Follower(Device):
     lost_share: Share = 0.0
     architecture: Architecture = "position-position"
     force: ForceSent = "commanded"
-    contact_stiffness_n_per_m: _Contacts = (0.0, RIGID_N_PER_M)
-    contact_damping_ns_per_m: _Dampings | None = None
-    position_scale: _Scale = 1.0
-    force_scale: _Scale = 1.0
+    contact_stiffness_n_per_m: Contacts = (0.0, RIGID_N_PER_M)
+    contact_damping_ns_per_m: Dampings | None = None
+    position_scale: Scale = 1.0
+    force_scale: Scale = 1.0
     stiffness_n_per_m: Stiffness | None = None
 
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -43,32 +44,25 @@ class StateFeedback:
     face_m: float = 0.0
 
     def __post_init__(self) -> None:
-        faults = list(self._faults())
-        if faults:
-            raise InputError([Fault("", None, key, message) for key, message in faults])
+        if faults := [Fault("", None, key, message) for key, message in self._faults()]:
+            raise InputError(faults)
 
-    def _faults(self) -> list[tuple[str, str]]:
+    def _faults(self) -> Iterator[tuple[str, str]]:
         n = len(self.force_m_per_n)
         if not 1 <= n <= MOST_STATES:
-            return [("force_m_per_n", f"has {n} numbers; allowed: 1 to {MOST_STATES}, one for each state")]
+            yield "force_m_per_n", f"has {n} numbers; allowed: 1 to {MOST_STATES}, one for each state"
+            return
+        if len(self.state) != n:
+            yield "state", f"has {len(self.state)} rows; allowed: {n}, as force_m_per_n"
         rows = {"force_m_per_n": self.force_m_per_n, "innovation": self.innovation, "feedback": self.feedback}
-        rows |= {f"state[{row}]": values for row, values in enumerate(self.state)}
-        found = (
-            [("state", f"has {len(self.state)} rows; allowed: {n}, as force_m_per_n")] if len(self.state) != n else []
-        )
-        for name, values in rows.items():
-            if len(values) != n:
-                found.append((name, f"has {len(values)} numbers; allowed: {n}, as force_m_per_n"))
-            if not all(map(math.isfinite, values)):
-                found.append((name, "has a number that is not finite"))
+        for name, values in (rows | {f"state[{row}]": values for row, values in enumerate(self.state)}).items():
+            if len(values) != n or not all(map(math.isfinite, values)):
+                yield name, f"has {len(values)} numbers; allowed: {n}, as force_m_per_n, all finite"
         if any(not 0 <= place < n for place in self.positions) or self.measures not in self.positions:
-            found.append(("positions", f"is {list(self.positions)}; allowed: places from 0 to {n - 1}, measures among"))
-        lengths = {"dead_zone_m": self.dead_zone_m, "face_m": self.face_m}
-        wrong = {name: value for name, value in lengths.items() if not 0 <= value < math.inf}
-        return [
-            *found,
-            *((name, f"is {value!r}; allowed: a finite length, 0 or more") for name, value in wrong.items()),
-        ]
+            yield "positions", f"is {list(self.positions)}; allowed: places from 0 to {n - 1}, measures among"
+        for name in ("dead_zone_m", "face_m"):
+            if not 0 <= getattr(self, name) < math.inf:
+                yield name, f"is {getattr(self, name)!r}; allowed: a finite length, 0 or more"
 
     @property
     def states(self) -> int:
@@ -101,13 +95,12 @@ class Runtime:
     state_feedback: StateFeedback | None = None
 
     def __post_init__(self) -> None:
-        if self.estimator not in ESTIMATOR_METHODS:
-            raise InputError.of(f"is {self.estimator!r}; allowed: {', '.join(ESTIMATOR_METHODS)}", key="estimator")
-        if self.guard is not None and self.guard not in GUARD_METHODS:
-            raise InputError.of(f"is {self.guard!r}; allowed: {', '.join(GUARD_METHODS)}, or none", key="guard")
+        for name, known in (("estimator", ESTIMATOR_METHODS), ("guard", (None, *GUARD_METHODS))):
+            if (value := getattr(self, name)) not in known:
+                raise InputError.of(f"is {value!r}; allowed: {', '.join(map(str, known))}", key=name)
         for name in ("hold_s", "slew_per_s", "observer_mass_kg"):
             value = getattr(self, name)
-            if value is not None and not 0 <= value < float("inf"):
+            if value is not None and not 0 <= value < math.inf:
                 raise InputError.of(f"is {value!r}; allowed: a finite number, 0 or more", key=name)
         if self.observer_mass_kg is not None and self.state_feedback is not None:
             raise InputError.of("stands beside observer_mass_kg; allowed: one of them", key="state_feedback")

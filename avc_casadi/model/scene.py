@@ -50,34 +50,31 @@ class Hold(_Motion):
     kind: Literal["hold"] = "hold"
 
 
-class Stroke(_Motion):
-    """From start to end at constant speed, then oscillate about the end.
+class _Oscillation(_Motion):
+    """Oscillation of the target.
 
     Attributes:
         frequency_hz: of the oscillation.
         amplitude_m: of the oscillation.
         rest_s: least dwell time of the target at the end.
     """
+
+    kind: Any  # first, as in what is written
+    frequency_hz: q.Hertz = 1.0
+    amplitude_m: q.Amplitude = 0.005
+    rest_s: q.Span = 1.0
+
+
+class Stroke(_Oscillation):
+    """From start to end at constant speed, then oscillate about the end."""
 
     kind: Literal["stroke"] = "stroke"
-    frequency_hz: q.Hertz = 1.0
-    amplitude_m: q.Amplitude = 0.005
-    rest_s: q.Span = 1.0
 
 
-class Free(_Motion):
-    """Oscillate about the start.
-
-    Attributes:
-        frequency_hz: of the oscillation.
-        amplitude_m: of the oscillation.
-        rest_s: least dwell time of the target at the end.
-    """
+class Free(_Oscillation):
+    """Oscillate about the start."""
 
     kind: Literal["free"] = "free"
-    frequency_hz: q.Hertz = 1.0
-    amplitude_m: q.Amplitude = 0.005
-    rest_s: q.Span = 1.0
 
 
 MOTIONS: dict[str, type[_Motion]] = {"press": Press, "tap": Tap, "hold": Hold, "stroke": Stroke, "free": Free}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -87,8 +87,8 @@ def _noise_m(problem: Problem) -> float:
     device, listed = problem.device, {effect.kind: effect for effect in problem.scene.effects}
 
     def told(kind: str, key: str, default: float) -> float:
-        value: Any = getattr(listed[kind], key) if kind in listed else 0.0
-        return default if value is None else float(value)
+        value: float | None = getattr(listed[kind], key) if kind in listed else 0.0
+        return default if value is None else value
 
     step = told("encoder", "resolution_m", device.encoder_resolution_m)
     return math.hypot(step / math.sqrt(12), told("noise", "rms_m", device.position_noise_rms_m))

@@ -49,10 +49,10 @@ class Ends:
 
 
 _Masses = Annotated[Interval, BeforeValidator(Ends(q.Quantity("kg", LIGHTEST_TOOL_KG, HEAVIEST_TOOL_KG, zero=False)))]
-_Dampings = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M)))]
-_Contacts = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
+Dampings = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N.s/m", 1e-9, q.LARGEST_DAMPING_NS_PER_M)))]
+Contacts = Annotated[Interval, BeforeValidator(Ends(q.Quantity("N/m", 1e-9, RIGID_N_PER_M), unbounded=True))]
 _Steps = Annotated[Interval, BeforeValidator(Ends(q.Quantity("s", 1e-7, LONGEST_STEP_S, zero=False)))]
-_Scale = Annotated[float, BeforeValidator(q.Quantity("", 1e-6, 1e6, zero=False))]
+Scale = Annotated[float, BeforeValidator(q.Quantity("", 1e-6, 1e6, zero=False))]
 _Late = Annotated[int, BeforeValidator(q.Whole(0, 8))]
 
 
@@ -84,14 +84,14 @@ class VirtualTool(t.Table):
 
     tool_mass_kg: _Masses | None = None
     step_s: _Steps
-    tool_damping_ns_per_m: _Dampings = (0.0, 0.0)
+    tool_damping_ns_per_m: Dampings = (0.0, 0.0)
     integrator: ToolIntegrator = "semi-implicit"
     exchange: Exchange = "on-time"
     steps_late: _Late = 0
-    contact_stiffness_n_per_m: _Contacts = (0.0, RIGID_N_PER_M)
-    contact_damping_ns_per_m: _Dampings | None = None
-    position_scale: _Scale = 1.0
-    force_scale: _Scale = 1.0
+    contact_stiffness_n_per_m: Contacts = (0.0, RIGID_N_PER_M)
+    contact_damping_ns_per_m: Dampings | None = None
+    position_scale: Scale = 1.0
+    force_scale: Scale = 1.0
     stiffness_n_per_m: q.Stiffness | None = None
 
     @property

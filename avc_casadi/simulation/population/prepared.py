@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -52,8 +53,15 @@ def prepared(
     """Return the scene, the parameters of each hand and the common inputs; arguments as for `simulations`."""
     if isinstance(gains, Gains):
         law = conditions.state_feedback
-        stage = _Stage(problem, subjects)
-        compiled, inputs = _alike(stage, motion, _Structure.of(conditions, gains), duration_s)
+        structure = None if law is None else (law.states, law.positions, law.measures)
+        coupling = (not gains.rigid, gains.stiffness_n_per_m > 0, gains.contact_damping_ns_per_m > 0)
+        key = (problem, people_key(subjects), motion, duration_s, replace(conditions, state_feedback=None))
+
+        def build() -> CompiledScene:
+            effects, run = _staged(problem, subjects, motion, conditions, (), duration_s)
+            return compile_for(run, effects, gains)
+
+        compiled, inputs = shared(Shared((*key, structure, coupling), build))
         compiled = replace(compiled, effects=with_law(compiled.effects, law))
         return compiled, compiled.parameter_values(gains), inputs
     effects, run = _staged(problem, subjects, motion, conditions, conditions.runtime, duration_s)
@@ -68,69 +76,24 @@ def with_law(effects: tuple[SceneEffect, ...], law: StateFeedback | None) -> tup
     return tuple(replace(one, **settings) if one.kind == "state-feedback" else one for one in effects)
 
 
-@dataclass(frozen=True, eq=False)
-class _Stage:
-    """Problem and hands, compared by value: a device in ranges makes equal ones as new objects."""
-
-    problem: Problem
-    subjects: Hand | StylusHand
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Stage) and self._people() == other._people() and self.problem == other.problem
-
-    def __hash__(self) -> int:
-        return hash(self._people())
-
-    def _people(self) -> tuple[bytes, ...]:
-        return type(self.subjects).__name__.encode(), *(
-            np.asarray(one).tobytes() for one in vars(self.subjects).values()
-        )
-
-
 @dataclass(frozen=True)
-class _Structure:
-    """Structure of a scene with constant gains: all but its numbers."""
+class Shared:
+    """A scene that all of its structure share; the first builds it."""
 
-    conditions: Conditions
-    law: tuple[Any, ...] | None
-    coupled: bool
-    sprung: bool
-    damped: bool
-    example: _Example
-
-    @classmethod
-    def of(cls, conditions: Conditions, gains: Gains) -> _Structure:
-        """Return the structure of a scene."""
-        law = conditions.state_feedback
-        return cls(
-            replace(conditions, state_feedback=None),
-            None if law is None else (law.states, law.positions, law.measures),
-            not gains.rigid,
-            gains.stiffness_n_per_m > 0,
-            gains.contact_damping_ns_per_m > 0,
-            _Example(conditions, gains),
-        )
-
-
-class _Example:
-    """Conditions and gains; any two compare equal, which excludes them from comparison."""
-
-    def __init__(self, conditions: Conditions, gains: Gains) -> None:
-        self.conditions, self.gains = conditions, gains
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Example)
-
-    def __hash__(self) -> int:
-        return 0
+    key: tuple[Any, ...]
+    build: Callable[[], CompiledScene] = field(compare=False)
 
 
 @lru_cache(_KEPT)
-def _alike(stage: _Stage, motion: Motion, structure: _Structure, duration_s: float) -> tuple[CompiledScene, FloatArray]:
-    example = structure.example
-    effects, run = _staged(stage.problem, stage.subjects, motion, example.conditions, (), duration_s)
-    compiled = compile_for(run, effects, example.gains)
+def shared(scene: Shared) -> tuple[CompiledScene, FloatArray]:
+    """Return a scene with its inputs, compiled once."""
+    compiled = scene.build()
     return compiled, compiled.input_values()
+
+
+def people_key(subjects: Hand | StylusHand) -> tuple[Any, ...]:
+    """Return hands as a key."""
+    return type(subjects), *(np.asarray(one).tobytes() for one in vars(subjects).values())
 
 
 def _staged(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import AT_REST_M_PER_S, judge, judged_samples
 from avc_casadi.simulation.population.motions import TRIAL_S, at_handle, course_of
 from avc_casadi.simulation.population.other_end_trial import OtherEndTrial
+from avc_casadi.simulation.population.prepared import Shared, people_key, shared
 from avc_casadi.simulation.population.trial import engine_for
 from avc_casadi.simulation.scene import compile_for, held_by, without
 
@@ -94,10 +95,11 @@ def try_tool(
     stiffness, tap = np.full(len(hands), np.nan), np.zeros(len(hands))
     for friction, dropped in kinds:
         for name in motions:
-            stage = _Stage(problem, hands, name, friction=friction, dropped_share=dropped)
+            key = (problem, people_key(hands), name, friction, dropped)
+            build = partial(_scene, problem, hands, name, friction=friction, dropped_share=dropped)
             rests = []
             for contact in contacts:
-                run = _run(stage, gains, contact)
+                run = _run(problem, hands, shared(Shared(key, build)), gains, contact)
                 rests.append(run.settled)
                 if friction and dropped == 0 and contact == contacts[-1]:
                     stiffness = run.stiffness_n_per_m if name == "press" else stiffness
@@ -122,42 +124,20 @@ class _Run:
     force_n: FloatArray
 
 
-class _Stage:
-    """A motion of many hands, compiled once for all gains and contacts; compared by identity of its members."""
-
-    def __init__(self, problem: Problem, hands: Hand, motion: str, *, friction: bool, dropped_share: float) -> None:
-        self.problem, self.hands, self.motion = problem, hands, motion
-        self.friction, self.dropped_share = friction, dropped_share
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Stage) and self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
-
-    def _key(self) -> tuple[Any, ...]:
-        hands = tuple(np.asarray(value).tobytes() for value in vars(self.hands).values())
-        return (self.problem.model_dump_json(), hands, self.motion, self.friction, self.dropped_share)
-
-
-@lru_cache(64)
-def _prepared(stage: _Stage) -> tuple[CompiledScene, FloatArray]:
-    problem = stage.problem
+def _scene(problem: Problem, hands: Hand, name: str, *, friction: bool, dropped_share: float) -> CompiledScene:
+    """Return a motion of many hands, for all gains and contacts."""
     longer_s = course_of(_heavier(problem)).longest_s - TRIAL_S
-    friction = stage.friction and problem.device.coulomb_friction_n > 0
+    friction = friction and problem.device.coulomb_friction_n > 0
     how: dict[str, Any] = {"integrator": "projected", "substeps": _FRICTION_SUBSTEPS} if friction else {}
     kept = tuple(effect for effect in declared_effects(problem) if effect.kind != SimulationEffect().kind)
-    engine = SimulationEffect(stiffness_n_per_m=1.0, dropped_share=stage.dropped_share)
-    motion = at_handle(TOOL_MOTIONS[stage.motion], problem.device)
+    engine = SimulationEffect(stiffness_n_per_m=1.0, dropped_share=dropped_share)
+    motion = at_handle(TOOL_MOTIONS[name], problem.device)
     if isinstance(motion, Free | Stroke):
         motion = motion.model_copy(update={"rest_s": motion.rest_s + longer_s})
     scene = Scene(duration_s=TRIAL_S + longer_s, motion=motion, effects=(*kept, engine), coupling="none", **how)
     run = problem.changed(scene=scene)
-    effects = held_by(run, build_effects(run), stage.hands)
-    if not friction:
-        effects = without(effects, "coulomb-friction")
-    compiled = compile_for(run, effects, NO_COUPLING)
-    return compiled, compiled.input_values()
+    effects = held_by(run, build_effects(run), hands)
+    return compile_for(run, effects if friction else without(effects, "coulomb-friction"), NO_COUPLING)
 
 
 def _heavier(problem: Problem) -> Problem:
@@ -167,15 +147,21 @@ def _heavier(problem: Problem) -> Problem:
     return problem.changed(device={"mass_kg": min(mass, HEAVIEST_TOOL_KG), "range": {"mass_kg": None}})
 
 
-def _run(stage: _Stage, gains: ToolGains, contact_stiffness_n_per_m: float) -> _Run:
-    compiled, inputs = _prepared(stage)
+def _run(
+    problem: Problem,
+    hands: Hand,
+    scene: tuple[CompiledScene, FloatArray],
+    gains: ToolGains,
+    contact_stiffness_n_per_m: float,
+) -> _Run:
+    compiled, inputs = scene
     effects = tuple(
         replace(one.touching(contact_stiffness_n_per_m), gains=gains) if isinstance(one, Engine) else one
         for one in compiled.effects
     )
     run = replace(compiled, effects=effects)
-    device = stage.problem.device
-    found = execute(run, run.parameter_values(NO_COUPLING), inputs, engine=engine_for(len(stage.hands)))
+    device = problem.device
+    found = execute(run, run.parameter_values(NO_COUPLING), inputs, engine=engine_for(len(hands)))
     judged = judge(
         found["position_m"],
         found["velocity_m_per_s"],

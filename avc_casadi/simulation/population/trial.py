@@ -124,24 +124,17 @@ def on_device(
     coupling: Coupling, device: Device | None, effects: tuple[Effect, ...] = ()
 ) -> tuple[Coupling, Conditions]:
     """Return a coupling designed for one device on another, and the simulated conditions."""
-    met, conditions = _on_device(coupling, device)
-    return met, replace(conditions, others=(*conditions.others, *effects))
-
-
-def _on_device(coupling: Coupling, device: Device | None) -> tuple[Coupling, Conditions]:
-    conditions = Conditions.of(coupling)
-    if device is None:
-        return coupling, conditions
-    met = replace(coupling, problem=coupling.problem.changed(device=device))
-    observer, made_for = conditions.observer, coupling.problem.device
-    if observer is not None:
+    met = coupling if device is None else replace(coupling, problem=coupling.problem.changed(device=device))
+    conditions, made_for = Conditions.of(met), coupling.problem.device
+    observer = conditions.observer
+    if device is not None and observer is not None:
         # The controller keeps the declared model, whatever the device.
         observer = ObserverEffect(
             mass_kg=observer.mass_kg,
             resolution_m=made_for.encoder_resolution_m or None,
             ahead_samples=made_for.delay_samples,
         )
-    return met, replace(Conditions.of(met), observer=observer)
+    return met, replace(conditions, observer=observer, others=(*conditions.others, *effects))
 
 
 def _others(problem: Problem) -> tuple[Effect, ...]:
