@@ -30,8 +30,8 @@ from avc_casadi.model.virtual_tool import ToolGains
 
 COUPLING_SCHEMA = "avc-coupling/1"
 GAINS_ALONE = (
-    "is a table of gains alone; it lacks the problem (wall, hands, device, force limit), what runs beside the gains "
-    "and the certificate. Give the problem that it was made for beside it"
+    "is a table of gains alone; it lacks the problem (wall, hands, device, force limit) and what runs beside. "
+    "Give the problem that it was made for beside it"
 )
 """What a gain file without a problem lacks."""
 _LACKS = (
@@ -213,10 +213,10 @@ def read_coupling(path: str | Path, problem: AnyProblem | None = None) -> Coupli
     stated = as_problem(problem)
     if isinstance(found, GainTable):
         return coupling_beside(stated, found, file)
-    if not same_problem(stated, found.problem):
-        message = f"carries its own problem, {found.problem.name}, and {stated.name} is another; leave it out"
-        raise InputError.of(message, file=file, key="problem")
-    return found
+    if same_problem(stated, found.problem):
+        return found
+    message = f"carries its own problem, {found.problem.name}, and {stated.name} is another; leave it out"
+    raise InputError.of(message, file=file, key="problem")
 
 
 def coupling_beside(problem: Problem, table: GainTable, file: str) -> Coupling:

@@ -100,11 +100,8 @@ def load_device(source: str | Path) -> DeviceFile:
     path = device_path(source)
     if isinstance(path, str):
         raise InputError.of(path, file=str(source))
-    return parse_device(
-        text_of(path, "give the path of a device file or the name of a device from `avc list`"),
-        file=str(source),
-        name=path.stem,
-    )
+    text = text_of(path, "give the path of a device file or the name of a device from `avc list`")
+    return parse_device(text, file=str(source), name=path.stem)
 
 
 def parse_device(text: str, *, file: str = "device.toml", name: str = "") -> DeviceFile:

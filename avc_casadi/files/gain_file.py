@@ -35,7 +35,6 @@ class _Gain(q.Quantity):
         return math.copysign(super().__call__(value), value)
 
 
-_Frequencies = Annotated[tuple[q.Hertz, ...], BeforeValidator(q.sequence)]
 _Damping = Annotated[float, BeforeValidator(_Gain("N.s/m", 1e-300, q.LARGEST_DAMPING_NS_PER_M))]
 _Dampings = Annotated[tuple[_Damping, ...], BeforeValidator(q.sequence)]
 _Stiffness = Annotated[float, BeforeValidator(_Gain("N/m", 1e-300, q.LARGEST_STIFFNESS_N_PER_M))]
@@ -45,7 +44,7 @@ _Stiffnesses = Annotated[tuple[_Stiffness, ...], BeforeValidator(q.sequence)]
 class GainColumns(t.Table):
     """Rows of gains as columns."""
 
-    frequency_hz: _Frequencies
+    frequency_hz: q.Frequencies
     damping_ns_per_m: _Dampings
     stiffness_n_per_m: _Stiffnesses
     contact_damping_ns_per_m: _Dampings | None = None
@@ -105,8 +104,7 @@ def gain_csv(gains: GainSchedule) -> str:
 
 def read_csv(path: Path) -> GainTable:
     """Read a table of gains."""
-    file = str(path)
-    reader = csv.reader(io.StringIO(read_text(path, MOST_BYTES, NEXT_STEP)))
+    file, reader = str(path), csv.reader(io.StringIO(read_text(path, MOST_BYTES, NEXT_STEP)))
     try:
         rows = [(reader.line_num, cells) for cells in reader if cells]
     except csv.Error as error:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from avc_casadi._errors import Fault
 from avc_casadi.model.device import CURRENT_LOOP_DAMPING_RATIO
 from avc_casadi.model.quantity import plain, power_at_handle
+from avc_casadi.model.table import shown
 
 if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
@@ -51,7 +52,7 @@ def plausibility(problem: Problem) -> tuple[Fault, ...]:
             value = _at(problem, key)
             if any(number != 0 and not lowest <= number <= highest for number in _numbers(value)):
                 usual = f"{plain(lowest)} to {plain(highest)}"
-                found[key, f"is {_written(value)}: usual {usual}; is the unit right?"] = None
+                found[key, f"is {shown(value)}: usual {usual}; is the unit right?"] = None
     every = (*found, *((key, message) for there, key, message in _doubts(problem) if there))
     return tuple(Fault(problem.name, None, units.key(key), units.words(message)) for key, message in every)
 
@@ -67,10 +68,6 @@ def _numbers(value: Any) -> tuple[float, ...]:
     return () if value is None else value if isinstance(value, tuple) else (value,)
 
 
-def _written(value: float | tuple[float, ...]) -> str:
-    return f"[{', '.join(map(plain, value))}]" if isinstance(value, tuple) else plain(value)
-
-
 def _doubts(problem: Problem) -> Iterator[tuple[bool, str, str]]:
     """Yield whether values contradict or have no effect, the key of one, and why."""
     device, detent, hands = problem.device, problem.detent, problem.hands
@@ -78,7 +75,7 @@ def _doubts(problem: Problem) -> Iterator[tuple[bool, str, str]]:
     for key in ("device.delay_samples", "device.range.delay_samples"):
         value = _at(problem, key)
         short = 0 < max(_numbers(value), default=0.0) < _LEAST_DELAY
-        yield short, key, f"is {short and _written(value)}, a part of a sample; are seconds meant?"
+        yield short, key, f"is {shown(value)}, a part of a sample; are seconds meant?"
     alone = device.resonance is None
     yield handle and alone, "device.encoder_at", 'is "handle", which says nothing without device.resonance'
     unlimited = device.amplifier_order == 2 and device.amplifier_bandwidth_hz is None

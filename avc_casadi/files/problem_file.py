@@ -67,8 +67,8 @@ def as_problem(problem: AnyProblem) -> Problem:
     if isinstance(problem, str | Path):
         return load_problem(problem)
     if not isinstance(problem, Mapping):
-        allowed = "a problem, its path or name, or the tables of a problem file as a dict"
-        raise InputError.of(f"is {shown(problem)}; allowed: {allowed}", key="problem")
+        allowed = "allowed: a problem, its path or name, or its tables as a dict"
+        raise InputError.of(f"is {shown(problem)}; {allowed}", key="problem")
     found = _of_tables(plain(dict(problem)), "problem", "", None)
     if isinstance(found, Problem):
         return found
@@ -107,11 +107,8 @@ def with_wall(problem: AnyProblem) -> Problem:
     found, wall = as_problem(problem), as_problem(problem).environment
     far = "simulation" if found.simulation is not None else "follower" if found.follower is not None else ""
     if far and not (wall.stiffness_n_per_m or wall.damping_ns_per_m):
-        raise UnsupportedError(
-            f"{found.name or 'the problem'} couples to a [{far}] and has no wall in [environment], which is asked "
-            "for here; avc recommend answers it",
-            key="environment",
-        )
+        message = f"{found.name or 'the problem'} couples to a [{far}] and has no wall; avc recommend answers it"
+        raise UnsupportedError(message, key="environment")
     return found
 
 
