@@ -34,7 +34,7 @@ _MOST_RISES = 6
 # Impedance error above which a softer spring may be nearer.
 _POOR = 0.5
 # Each further law of a wall: disk margin and noise gain as shares of those of the last.
-_WIDER, _QUIETER, _LAWS = 1.5, 0.5, 3
+_WIDER, _QUIETER, _LAWS = 1.25, 0.6, 6
 
 
 def judge_all(problem: Problem, evaluator: Evaluator, limit: DampingRange, progress: Progress = SILENT) -> None:

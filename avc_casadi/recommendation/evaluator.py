@@ -15,7 +15,7 @@ from avc_casadi.model.corners import device_corners, device_set
 from avc_casadi.model.robustness import Robustness, unmodelled
 from avc_casadi.recommendation.rank import Judged, best_of
 from avc_casadi.simulation.population.coupling_trial import try_coupling, try_on_devices
-from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, people_of
+from avc_casadi.simulation.population.operators import GRIPS, draw_hands, draw_population, loose_grips, people_of
 from avc_casadi.simulation.population.settled import residual_speeds
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ FIRST = 16
 """Hands of the first trial, corners included: a coupling that they do not settle with goes no further."""
 BEYOND_HANDS = 60
 """Number of hands on each device with an unmodelled effect."""
+LOOSE_HANDS = 100
+"""Number of loose grips that must settle too, after strikes and light touches."""
 # Number of devices of the declared ranges among which the confirming hands are divided.
 _DEVICES = 16
 
@@ -99,6 +101,8 @@ class Evaluator:
         )
         some = people_of(problem.hands, BEYOND_HANDS, seed)
         self._beyond = (
+            # Light touches by loose grips are the last that come to rest behind a law.
+            Group(loose_grips(problem.hands, LOOSE_HANDS, seed)),
             *beyond_file(problem, problem.robustness, some),
             *held_otherwise(problem, BEYOND_HANDS, seed),
         )
