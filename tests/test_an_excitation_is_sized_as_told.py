@@ -11,7 +11,7 @@ from avc_casadi.model.device import Device
 T = 1e-3
 
 
-@pytest.mark.parametrize("force_n", [0.5, 5.0, 500.0])
+@pytest.mark.parametrize("force_n", [0.5, 5.0])
 def test_the_centring_swings_slowly_beside_its_delay_and_leaves_half_the_force(force_n):
     ranges = {"mass_kg": (0.05, 0.2)}
     device = Device(mass_kg=0.2, damping_ns_per_m=1.0, delay_samples=20, max_force_n=2 * force_n, range=ranges)

@@ -164,14 +164,19 @@ def test_a_wrong_reference_is_told_where_it_stands(head, line, key, words):
 @pytest.mark.parametrize(
     ("old", "new", "key", "words"),
     [
-        ('mass_kg = { grade = "measured", source = "scale" }\n', "", "sources.mass_kg", "a source and a grade"),
+        ('mass_kg = { grade = "measured", source = "scale" }\n', "", "sources.mass_kg", "is missing"),
         ('"measured", source = "scale"', '"weighed", source = "scale"', "sources.mass_kg.grade", '"measured"'),
         ('"backlash_m"]', "]", "device.backlash_m", "neither given nor a gap"),
-        ('"backlash_m"]', '"backlash_m", "range"]', "gaps", "allowed: a list of mass_kg"),
+        ('"backlash_m"]', '"backlash_m", "range"]', "gaps", "allowed: mass_kg"),
         ('"backlash_m"]', '"backlash_m", "mass_kg"]', "sources.mass_kg.grade", '"assumed"'),
         ("mass_kg = [0.1, 0.3]", "mass_kg = [0.3, 0.4]", "device.range.mass_kg", "mass_kg = 0.2"),
         ("mass_kg = 0.2\n", "", "device.mass_kg", "is missing"),
-        ("[sources]\n", '[sources]\nbacklash_m = { grade = "vendor", source = "x" }\n', "sources.backlash_m", "beside"),
+        (
+            "[sources]\n",
+            '[sources]\nbacklash_m = { grade = "vendor", source = "x" }\n',
+            "sources.backlash_m",
+            "not given",
+        ),
         ("max_force_n = 9.0", "max_force = 9.0", "device.max_force", "did you mean max_force_n?"),
     ],
 )

@@ -297,7 +297,7 @@ def test_verb_writes_device_document_and_page(tmp_path, capsys):
     assert document["estimates"]["mass_kg"]["low"] <= 0.1 <= document["estimates"]["mass_kg"]["high"]
     assert avc.load_device(out).device.mass_kg == pytest.approx(0.1, rel=0.01)
     text = page.read_text(encoding="utf-8")
-    assert text.count("data:image/svg+xml;base64,") == 2
+    assert text.count("data:image/svg+xml;base64,") == 1
     assert main(["identify", str(log), "-v"]) == 0
     told = capsys.readouterr().out
     assert "mass_kg" in told

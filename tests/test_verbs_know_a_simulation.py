@@ -50,6 +50,7 @@ def test_certificate_tells_stability_and_passivity_apart(tmp_path, capsys):
     assert found["passivity"]["engine_is_implicit"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_region_is_stable_below_each_curve_and_not_above(name):
     """Its own points against the loops of another object, at 0.98 and 1.05 of each curve."""
