@@ -19,7 +19,7 @@ from avc_casadi.present.explore.background import Background
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.server import ExploreServer
 
-SETTINGS = {"device": None, "values": {}, "method": "direct", "gains": {}, "motion": "press"}
+SETTINGS = {"device": None, "values": {}, "gains": {}, "method": "direct", "motion": "press"}
 QUESTION = json.dumps({"settings": SETTINGS}).encode()
 JSON = {"Content-Type": "application/json"}
 
@@ -80,39 +80,37 @@ def test_the_page_and_a_question_are_answered(server):
     assert (status, headers["Content-Type"]) == (200, "text/html; charset=utf-8")
     assert b"app.js" in page
     assert "default-src 'none'" in headers["Content-Security-Policy"]
-    status, answer, _ = ask(server, "POST", inside(server, "now"), QUESTION, JSON)
+    status, answer, _ = ask(server, "POST", inside(server, "evaluate"), QUESTION, JSON)
     assert status == 200
-    assert len(json.loads(answer)["frequency_hz"]) == 200
+    assert len(json.loads(answer)["charts"][0]["series"][0]["x"]) == 200
 
 
 @pytest.mark.parametrize(
     ("status", "method", "path", "body", "headers"),
     [
         (403, "GET", "/", b"", {}),
-        (403, "POST", "/wrong/now", QUESTION, JSON),
-        (403, "POST", "TOKEN/now", QUESTION, JSON | {"Origin": "http://example.org"}),
-        (403, "POST", "TOKEN/now", QUESTION, JSON | {"Origin": "null"}),
+        (403, "POST", "/wrong/evaluate", QUESTION, JSON),
+        (403, "POST", "TOKEN/evaluate", QUESTION, JSON | {"Origin": "http://example.org"}),
+        (403, "POST", "TOKEN/evaluate", QUESTION, JSON | {"Origin": "null"}),
         (403, "GET", "TOKEN/", b"", {"Sec-Fetch-Site": "cross-site"}),
         (404, "GET", "TOKEN/../_server.py", b"", {}),
         (404, "GET", "TOKEN/%2e%2e/_server.py", b"", {}),
         (404, "POST", "TOKEN/nothing", QUESTION, JSON),
-        (405, "GET", "TOKEN/now", b"", {}),
+        (405, "GET", "TOKEN/evaluate", b"", {}),
         (405, "POST", "TOKEN/", QUESTION, JSON),
-        (405, "PUT", "TOKEN/now", QUESTION, JSON),
-        (405, "DELETE", "TOKEN/now", b"", {}),
-        (411, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "-1"}),
-        (413, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "99999999"}),
-        (413, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "9" * 5000}),
-        (400, "POST", "TOKEN/now", b"", JSON | {"Content-Length": "0" * 5000}),
-        (415, "POST", "TOKEN/now", QUESTION, {"Content-Type": "text/plain"}),
-        (400, "POST", "TOKEN/now", b"{", JSON),
-        (400, "POST", "TOKEN/now", b"[]", JSON),
-        (400, "POST", "TOKEN/now", b'{"settings": NaN}', JSON),
-        (400, "POST", "TOKEN/now", b"[" * 100_000, JSON),
-        (400, "POST", "TOKEN/now", b'{"settings": {"values": {"device.mass_kg": 1%s}}}' % (b"0" * 400), JSON),
-        (400, "POST", "TOKEN/now", b'{"settings": {"values": {"device.mass_kg": -1%s}}}' % (b"0" * 400), JSON),
-        (400, "POST", "TOKEN/now", b'{"settings": {"values": {"device.__class__": 1}}}', JSON),
-        (400, "POST", "TOKEN/work", b'{"settings": {"method": "rm"}}', JSON),
+        (405, "PUT", "TOKEN/evaluate", QUESTION, JSON),
+        (405, "DELETE", "TOKEN/evaluate", b"", {}),
+        (411, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "-1"}),
+        (413, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "99999999"}),
+        (413, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "9" * 5000}),
+        (413, "POST", "TOKEN/evaluate", b"", JSON | {"Content-Length": "0" * 5000}),
+        (415, "POST", "TOKEN/evaluate", QUESTION, {"Content-Type": "text/plain"}),
+        (400, "POST", "TOKEN/evaluate", b"{", JSON),
+        (400, "POST", "TOKEN/evaluate", b"[]", JSON),
+        (400, "POST", "TOKEN/evaluate", b'{"settings": NaN}', JSON),
+        (400, "POST", "TOKEN/evaluate", b"[" * 100_000, JSON),
+        (400, "POST", "TOKEN/evaluate", b'{"settings": {"values": {"device.__class__": 1}}}', JSON),
+        (400, "POST", "TOKEN/run", b'{"settings": {"method": "rm"}}', JSON),
         (400, "POST", "TOKEN/device", b'{"name": 7}', JSON),
     ],
 )
@@ -166,13 +164,13 @@ def waited(work, seconds=600.0):
 def test_work_in_the_background_is_told_of_and_ends_when_it_is_cancelled():
     counting, half, refused = (Background(work, task) for work, task in ((endless, 0), (halved, 3.0), (halved, -1.0)))
     assert waited(half)
-    assert (half.result, half.error, half.said) == (1.5, "", (1, 2, "half"))
+    assert (half.result, half.error, half.state) == (1.5, "", (1, 2, "half"))
     assert waited(refused)
     assert refused.error == "task: is negative"
     end = time.monotonic() + 600
-    while not counting.said[2] and time.monotonic() < end:
+    while not counting.state[2] and time.monotonic() < end:
         time.sleep(0.02)
-    assert counting.said[2] == "counting"
+    assert counting.state[2] == "counting"
     counting.cancel()
     assert waited(counting)
     assert counting.error == "cancelled"

@@ -1,151 +1,89 @@
-"""What the page of `avc explore` sets is a problem like any other: same rules, same files, same answers."""
+"""The settings of `avc explore` are a problem like any other: same rules, same files, same answers."""
 
 import json
 import re
 
 import numpy as np
 import pytest
+from engine_simulator import EngineSimulator
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.model.gains import Gains
+from avc_casadi.model.hands import hand_corners
+from avc_casadi.model.virtual_tool import RIGID_N_PER_M
 from avc_casadi.present.explore.answers import PARTS, answer
 from avc_casadi.present.explore.explorer import Explorer
-from avc_casadi.present.explore.fields import FIELDS
-from avc_casadi.present.explore.forms import WALL as FORM
-from avc_casadi.present.explore.settings import problem_of_settings, settings_of, values_of
+from avc_casadi.present.explore.settings import problem_of_settings, settings_of
+from avc_casadi.present.row import Mark
+from avc_casadi.present.rows.own_law import own_law
 
 BASE = avc.load_problem("figure5").changed(frequency={"points": 30})
-FRESH = {"device": None, "values": {}, "method": "direct", "gains": {}, "motion": "press"}
+KNOB = avc.load_problem("knob").changed(frequency={"points": 30})
+TOOL = avc.load_problem("tool/mujoco-500hz")
+FRESH = {"device": None, "values": {}, "gains": {}, "method": "direct", "motion": "press"}
+PAIR = {"stiffness_n_per_m": 5000.0, "damping_ns_per_m": 20.0}
 
 
-def asked(**changes):
-    return {"settings": FRESH | changes}
+def fresh(base, changes):
+    method = "direct" if base.simulation is None else "recommend"
+    return FRESH | {"method": method} | changes
 
 
-def told(part, base=BASE, **changes):
-    return answer(Explorer(base, "figure5"), PARTS[part], asked(**changes))
+def problem_with(values, base=BASE, **changes):
+    form = Explorer(base, base.name).form
+    return problem_of_settings(base, settings_of(fresh(base, {"values": values} | changes), form), form)
 
 
-def test_nothing_changed_is_the_problem_itself():
-    problem = problem_of_settings(BASE, settings_of(FRESH))
-    assert problem.changed(scene={}) == BASE.changed(scene=problem.scene)
+def ask(part, base=BASE, question=None, explorer=None, **changes):
+    beside = {} if question is None else question
+    asked = {"settings": fresh(base, changes)} | beside
+    return answer(explorer or Explorer(base, base.name), PARTS[part], asked)
+
+
+def faults(base=BASE, **changes):
+    return {one["key"]: one["message"] for one in ask("evaluate", base, **changes)["errors"]}
+
+
+def rows_of(found, part="own"):
+    return {row["label"]: row["text"] for row in found["rows"][part]}
+
+
+@pytest.mark.parametrize("base", [BASE, KNOB, TOOL], ids=["wall", "knob", "simulation"])
+def test_without_changes_the_problem_is_the_base(base):
+    problem = problem_with({}, base)
+    assert problem.changed(scene={}) == base.changed(scene=problem.scene)
 
 
 @pytest.mark.thorough
-@given(
-    st.dictionaries(
-        st.sampled_from([field.key for field in FIELDS]),
-        st.one_of(st.none(), st.floats(-1e9, 1e9), st.integers(-9, 2000), st.text(max_size=4), st.booleans()),
-        max_size=4,
-    ),
-    st.sampled_from([None, "novint-falcon", "reference-r1", "no-such-device"]),
-)
-@settings(max_examples=60)
-def test_any_settings_are_a_problem_or_faults_with_their_fields(values, device):
+@given(st.data())
+@settings(max_examples=100)
+def test_any_settings_are_a_problem_or_faults_with_their_fields(data):
+    base = data.draw(st.sampled_from([BASE, KNOB, TOOL]))
+    fields = Explorer(base, base.name).form.fields
+    value = st.one_of(st.none(), st.floats(-1e9, 1e9), st.integers(-9, 2000), st.text(max_size=4), st.booleans())
+    keys = st.sampled_from([field.key for field in fields])
+    values = data.draw(st.dictionaries(keys, value, max_size=4))
     try:
-        problem = problem_of_settings(BASE, settings_of(FRESH | {"values": values, "device": device}))
+        problem = problem_with(values, base)
     except avc.InputError as error:
         event(f"{len(error.faults)} faults")
         return
     assert avc.parse_problem(avc.dump_problem(problem), name=problem.name) == problem
-    kept = values_of(problem)
-    for key, value in values.items():
-        if isinstance(value, float) and kept[key] is not None:
-            assert kept[key] == value
 
 
-def test_bounds_keep_their_ratio_to_the_wall():
-    found = problem_of_settings(BASE, settings_of(FRESH | {"values": {"environment.stiffness_n_per_m": 5e4}}))
-    assert found.boundaries.upper.stiffness_n_per_m == pytest.approx(5.5e4)
-    assert found.boundaries.lower.damping_ns_per_m == BASE.boundaries.lower.damping_ns_per_m
+@pytest.mark.parametrize("base", [BASE, KNOB, TOOL], ids=["wall", "knob", "simulation"])
+def test_each_slider_reaches_the_value_that_the_problem_has(base):
+    begun = ask("start", base)
+    values = ask("evaluate", base, gains=PAIR)["values"]
+    assert len(begun["fields"]) > 40
+    for field in begun["fields"]:
+        value = values[field["key"]]
+        if isinstance(value, float) and value > 0:
+            assert field["low"] <= value / field["factor"] <= field["high"], field["key"]
 
 
-def test_a_device_of_the_catalogue_brings_its_ranges_and_a_value_given_anew_has_none():
-    falcon = problem_of_settings(BASE, settings_of(FRESH | {"device": "novint-falcon"}))
-    assert falcon.device == avc.load_device("novint-falcon").device
-    lighter = FRESH | {"device": "novint-falcon", "values": {"device.mass_kg": 0.3}}
-    assert problem_of_settings(BASE, settings_of(lighter)).device.range.mass_kg is None
-
-
-def test_a_value_typed_as_it_is_shown_keeps_its_range_and_another_says_what_it_drops():
-    device = avc.load_device("novint-falcon").device
-    low, high = device.range.mass_kg
-    same = told("now", device="novint-falcon", values={"device.mass_kg": float(f"{device.mass_kg:.6g}")})
-    assert same["dropped"] == []
-    assert same["values"]["device.range.mass_kg.0"] == low
-    other = told("now", device="novint-falcon", values={"device.mass_kg": 1.5 * device.mass_kg})
-    assert other["dropped"] == [{"key": "device.mass_kg", "low": low, "high": high}]
-    assert other["values"]["device.range.mass_kg.0"] is None
-
-
-def test_the_touch_that_is_shown_is_no_part_of_a_run():
-    press, tap = (settings_of(FRESH | {"method": "recommend", "motion": motion}) for motion in ("press", "tap"))
-    assert press.run == tap.run
-    assert press.run != settings_of(FRESH | {"method": "robust"}).run
-
-
-@pytest.mark.parametrize("method", [method for method in FORM.live if method != "constant"])
-def test_the_picture_shows_what_solve_gives(method):
-    found = told("now", method=method)["gains"]
-    gains = avc.solve(BASE, method)
-    shown = np.array([np.nan if value is None else value for value in found["stiffness_n_per_m"]])
-    np.testing.assert_allclose(shown, gains.stiffness_n_per_m, rtol=1e-5)
-    assert found["counts"] == gains.counts()
-
-
-def test_the_verdict_is_that_of_certify_and_deployable():
-    found = told("judge", method="constant", gains={"stiffness_n_per_m": 900.0})
-    problem = problem_of_settings(BASE, settings_of(FRESH))
-    coupling = avc.Coupling.constant(problem, Gains(0.0, 900.0), "constant")
-    assert found["deployable"]["pass"] == avc.deployable(coupling).passed
-
-
-def test_a_saved_coupling_is_one():
-    question = asked(method="constant", gains={"stiffness_n_per_m": 900.0}) | {"kind": "coupling"}
-    found = answer(Explorer(BASE, "figure5"), PARTS["file"], question)
-    document = json.loads(found["text"])
-    assert document["schema"] == "avc-coupling/1"
-    assert document["certificate"]["deployable"]["pass"] is True
-
-
-def test_the_copied_command_asks_for_the_very_numbers_of_the_page():
-    values = {"device.mass_kg": 0.123456789012, "environment.stiffness_n_per_m": 12345.6789}
-    gains = {"stiffness_n_per_m": 1234567.875, "damping_ns_per_m": 3.14159265}
-    explorer = Explorer(BASE, "figure5")
-    question = asked(method="constant", values=values, gains=gains) | {"kind": "command"}
-    text = answer(explorer, PARTS["file"], question)["text"]
-    problem = avc.parse_problem(text.partition("'AVC_PROBLEM'\n")[2].partition("AVC_PROBLEM\n")[0])
-    assert problem.device.mass_kg == values["device.mass_kg"]
-    assert problem.environment.stiffness_n_per_m == values["environment.stiffness_n_per_m"]
-    k, b = (float(number) for number in text.split("--mine ")[1].split(","))
-    assert (k, b) == (gains["stiffness_n_per_m"], gains["damping_ns_per_m"])
-
-
-def test_a_contact_damper_that_was_typed_is_not_lost_in_the_command():
-    gains = {"stiffness_n_per_m": 900.0, "contact_damping_ns_per_m": 5.0}
-    question = asked(method="constant", gains=gains)
-    explorer = Explorer(BASE, "figure5")
-    text = answer(explorer, PARTS["file"], question | {"kind": "command"})["text"]
-    saved = answer(explorer, PARTS["file"], question | {"kind": "coupling"})["name"]
-    assert text.startswith(f"avc certify {saved} ")
-
-
-def test_gains_that_are_none_are_told_with_their_fields():
-    found = told("now", method="constant", gains={"stiffness_n_per_m": -1, "damping_ns_per_m": "much"})
-    assert {fault["key"] for fault in found["errors"]} == {"gains.stiffness_n_per_m", "gains.damping_ns_per_m"}
-
-
-def test_what_would_take_minutes_is_refused_beside_its_field():
-    slow = {"device.sample_time_s": 1e-5, "device.delay_samples": 1000, "frequency.points": 20_000}
-    for part in ("now", "touch", "judge"):
-        faults = told(part, values=slow)["errors"]
-        assert {fault["key"] for fault in faults} == set(slow)
-        assert all("allowed on this page" in fault["message"] for fault in faults)
-
-
-def test_ranges_and_bounds_are_what_was_typed_and_the_rest_follows():
+def test_bounds_keep_their_ratio_to_the_wall_and_what_was_typed_stays():
     typed = {
         "environment.stiffness_n_per_m": 5e4,
         "boundaries.upper.stiffness_n_per_m": 9e4,
@@ -155,153 +93,184 @@ def test_ranges_and_bounds_are_what_was_typed_and_the_rest_follows():
         "device.mass_kg": 0.12,
         "device.sample_time_s": 0.002,
     }
-    found = problem_of_settings(BASE, settings_of(FRESH | {"values": typed}))
+    found = problem_with(typed)
     assert found.device.range.mass_kg == (0.12, 0.2)
     assert found.device.range.delay_samples == (0, 2)
     assert found.boundaries.upper.stiffness_n_per_m == 9e4
     assert found.boundaries.lower.stiffness_n_per_m == pytest.approx(4e4)
+    assert found.boundaries.lower.damping_ns_per_m == BASE.boundaries.lower.damping_ns_per_m
     assert found.frequency.stop_hz == 225.0
-    again = problem_of_settings(found, settings_of(FRESH | {"values": {"device.range.mass_kg.1": None}}))
-    assert again.device.range.mass_kg is None
 
 
-def test_what_the_page_has_no_field_for_is_saved_as_it_was():
-    base = BASE.changed(
-        device={"position_noise_rms_m": 1e-6, "amplifier_order": 2, "range": {"backlash_m": [0.0, 1e-4]}},
-        scene={"duration_s": 3.0, "motion": {"kind": "hold"}},
-        stability={"scope": "hands"},
-    )
-    kept = told("now", base)["kept"]
-    assert {"device.position_noise_rms_m = 1e-06", "device.range.backlash_m = [0.0, 0.0001]"} <= set(kept)
-    question = asked(values={"environment.damping_ns_per_m": 5.0}) | {"kind": "problem"}
-    found = answer(Explorer(base, "b"), PARTS["file"], question)
-    saved = avc.parse_problem(found["text"], name=base.name)
-    bounds = {"upper": {"damping_ns_per_m": 5.5}, "lower": {"damping_ns_per_m": 3.5}}
-    expected = base.changed(environment={"damping_ns_per_m": 5.0}, boundaries=bounds)
-    assert saved.model_dump(exclude={"title", "source"}) == expected.model_dump(exclude={"title", "source"})
+def test_a_device_of_the_catalogue_brings_its_ranges_and_a_value_typed_anew_has_none():
+    device = avc.load_device("novint-falcon").device
+    assert problem_with({}, device="novint-falcon").device == device
+    same = {"device.mass_kg": float(f"{device.mass_kg:.6g}")}
+    assert ask("evaluate", device="novint-falcon", values=same)["dropped"] == []
+    lighter = {"device.mass_kg": 0.5 * device.mass_kg}
+    assert problem_with(lighter, device="novint-falcon").device.range.mass_kg is None
+    assert ask("evaluate", device="novint-falcon", values=lighter)["dropped"] == ["device.mass_kg"]
 
 
-def test_a_device_file_is_taken_whole():
-    text = "[device]\nmass_kg = 0.2\ndamping_ns_per_m = 1\nbacklash_m = 1e-5\n[device.range]\nbacklash_m = [0, 2e-5]\n"
-    found = answer(Explorer(BASE, "figure5"), PARTS["device"], {"text": text, "file": "mine.toml"})
-    device = problem_of_settings(BASE, settings_of(FRESH | {"device": found["device"]})).device
-    assert (device.mass_kg, device.backlash_m, device.range.backlash_m) == (0.2, 1e-5, (0.0, 2e-5))
-    assert told("now", device={"mass_kg": -1.0})["errors"][0]["key"] == "device.mass_kg"
+def test_a_number_is_moved_whole_and_a_range_by_its_ends():
+    def tool(values, base=TOOL):
+        return problem_with({f"simulation.{key}": value for key, value in values.items()}, base)
+
+    assert tool({"tool_mass_kg.0": 0.1}).simulation.tool_mass_kg == (0.1, 0.1)
+    spread = tool({"tool_mass_kg.1": 0.3, "tool_mass_kg.0": 0.1})
+    assert spread.simulation.tool_mass_kg == (0.1, 0.3)
+    assert tool({"tool_mass_kg.0": 0.2}, spread).simulation.tool_mass_kg == (0.2, 0.3)
+    assert tool({"tool_mass_kg.0": None}).simulation.tool_mass_kg is None
+    soft = tool({"contact_stiffness_n_per_m.1": 3000.0})
+    assert soft.simulation.contact_stiffness_n_per_m == (0.0, 3000.0)
+    assert ask("evaluate", TOOL, gains=PAIR)["values"]["simulation.contact_stiffness_n_per_m.1"] is None
+    rigid = tool({"contact_stiffness_n_per_m.1": None}, soft).simulation
+    assert rigid.contact_stiffness_n_per_m == (0.0, RIGID_N_PER_M)
+
+
+def test_detents_and_a_resonance_are_put_in_and_taken_out():
+    assert problem_with({"detent.force_n": None}, KNOB).detent is None
+    assert problem_with({"detent.force_n": 0.5, "detent.pitch_m": 5e-3}).detent.force_n == 0.5
+    assert "detent.pitch_m" in faults(values={"detent.force_n": 0.5})
+    mode = {"frequency_hz": 100.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
+    typed = {f"device.resonance.{key}": value for key, value in mode.items()}
+    assert problem_with(typed).device.resonance.frequency_hz == 100.0
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "message"),
+    ("base", "key", "value", "message"),
     [
-        ("device.sample_time_s", -0.002, "is -2; allowed: 0.0001 to 10000 ms"),
-        ("device.sample_time_s", 0.5, "takes too long to follow here; allowed on this page: 0.02 to 100 ms"),
-        ("device.encoder_resolution_m", "fine", 'is "fine", not a number; allowed: 0 or 1e-6 to 1e6 µm'),
-        ("device.encoder_resolution_m", "38 um", 'is "38 um", not a number; allowed: 0 or 1e-6 to 1e6 µm'),
-        ("environment.damping_ns_per_m", -1.0, "is -1.0; allowed: 0 or 1e-9 to 1e9 N·s/m"),
-        ("hands.mass_kg.1", None, "is missing; allowed: 0 or 1e-9 to 1e6 kg"),
-        ("frequency.stop_hz", 600.0, "below 500 Hz, half the rate of sample time = 1 ms"),
+        (BASE, "device.sample_time_s", -0.002, "allowed: 0.0001 to 10000 ms"),
+        (BASE, "device.sample_time_s", 0.5, "takes too long to follow here; allowed on this page: 0.02 to 100 ms"),
+        (BASE, "device.encoder_resolution_m", "38 um", "allowed: 0 or 1e-9 to 1000 mm"),
+        (BASE, "environment.damping_ns_per_m", -1.0, "is -1.0; allowed: 0 or 1e-9 to 1e9"),
+        (BASE, "hands.mass_kg.1", 0.01, "reversed"),
+        (BASE, "frequency.stop_hz", 600.0, "below 500 Hz, half the rate"),
+        (BASE, "device.range.mass_kg.0", 0.5, "holds mass_kg = 0.1"),
+        (KNOB, "environment.stiffness_n_per_m", -1.0, "is -1.0; allowed: 0 or 1e-9 to 1e12"),
+        (KNOB, "device.encoder_resolution_m", -1.0, "allowed: 0 or 1e-9 to 1000 mrad"),
+        (TOOL, "simulation.step_s.0", 0.5, "takes too long to follow here"),
+        (TOOL, "simulation.tool_mass_kg.0", "heavy", 'is "heavy", not a number'),
+        (TOOL, "simulation.steps_late", 1.5, "not an integer; allowed: an integer 0 to 8"),
     ],
 )
-def test_faults_speak_the_unit_of_their_field(key, value, message):
-    (fault,) = told("now", values={key: value})["errors"]
-    assert fault["key"] == key
-    assert message in fault["message"]
+def test_faults_stand_beside_their_fields_in_their_units(base, key, value, message):
+    found = faults(base, values={key: value} | ({"device.range.mass_kg.1": 0.6} if "range" in key else {}))
+    assert message in found[key]
 
 
-def test_a_range_without_its_value_names_the_field():
-    (fault,) = told("now", values={"device.range.mass_kg.0": 0.5, "device.range.mass_kg.1": 0.6})["errors"]
-    assert fault["key"] == "device.range.mass_kg.0"
-    assert "holds mass = 0.1 kg" in fault["message"]
+def test_gains_that_are_none_are_faults_of_their_fields():
+    assert set(faults(gains={"damping_ns_per_m": "much"})) == {"damping_ns_per_m"}
+    assert set(faults(gains={"stiffness_n_per_m": -1})) == {"stiffness_n_per_m"}
+    assert set(faults(TOOL, gains={"stiffness_n_per_m": -1})) == {"stiffness_n_per_m"}
+
+
+def test_the_rows_of_a_law_are_those_of_certify():
+    gains = {"stiffness_n_per_m": 900.0, "damping_ns_per_m": 4.0}
+    found = ask("evaluate", gains=gains)
+    expected = own_law(avc.certify_law(BASE, k=900.0, b=4.0)).rows
+    shown = {one.label: one.text(BASE.units) for one in expected if one.label != "Would help" and one.rank == 0}
+    assert rows_of(found) == shown
+    marks = {row["label"]: row["mark"] for row in found["rows"]["own"]}
+    assert marks["Deployable"] == Mark.PASS.name.lower()
+
+
+@pytest.mark.parametrize("method", ["direct", "closed-form", "exact"])
+def test_the_charts_show_what_solve_gives(method):
+    found = ask("evaluate", method=method)
+    (line,) = next(one for one in found["charts"] if one["id"] == "stiffness")["series"]
+    shown = np.array([np.nan if value is None else value for value in line["y"]])
+    np.testing.assert_allclose(shown, avc.solve(BASE, method).stiffness_n_per_m, rtol=1e-5)
+
+
+def test_all_charts_are_there_at_last_and_finite():
+    found = ask("evaluate", question={"whole": True})
+    names = [one["id"] for one in found["charts"]]
+    assert names == ["magnitude", "real", "damping", "stiffness", "position", "force", "region"]
+    json.dumps(found, allow_nan=False)
+
+
+def test_files_are_those_of_the_settings(tmp_path):
+    explorer = Explorer(BASE, "figure5")
+    values = {"device.mass_kg": 0.123456789012, "environment.stiffness_n_per_m": 12345.6789}
+    gains = {"stiffness_n_per_m": 1234.875, "damping_ns_per_m": 3.14159265}
+
+    def file(kind):
+        return ask("file", question={"kind": kind}, explorer=explorer, values=values, gains=gains)
+
+    saved = avc.parse_problem(file("problem")["text"], name="p")
+    assert (saved.device.mass_kg, saved.environment.stiffness_n_per_m) == tuple(values.values())
+    text = file("command")["text"]
+    problem = avc.parse_problem(text.partition("'AVC_PROBLEM'\n")[2].partition("AVC_PROBLEM\n")[0])
+    assert problem.device == saved.device
+    assert "avc certify figure5-explored.toml --k 1234.875 --b 3.14159265" in text
+    found = file("coupling")
+    (tmp_path / "c.json").write_text(found["text"])
+    assert avc.read_coupling(tmp_path / "c.json").problem.device.mass_kg == values["device.mass_kg"]
+
+
+def test_a_device_file_is_taken_whole_or_says_where_it_is_wrong():
+    text = "[device]\nmass_kg = 0.2\ndamping_ns_per_m = 1\nbacklash_m = 1e-5\n[device.range]\nbacklash_m = [0, 2e-5]\n"
+    explorer = Explorer(BASE, "figure5")
+    found = answer(explorer, PARTS["device"], {"text": text, "file": "mine.toml"})
+    device = problem_with({}, device=found["device"]).device
+    assert (device.mass_kg, device.backlash_m, device.range.backlash_m) == (0.2, 1e-5, (0.0, 2e-5))
+    wrong = answer(explorer, PARTS["device"], {"text": "[device]\nmass_kg = -1\n", "file": "mine.toml"})
+    assert ("mine.toml", 2, "device.mass_kg") in [(one["file"], one["line"], one["key"]) for one in wrong["errors"]]
 
 
 def test_a_file_of_ones_own_opens_on_the_recommended_coupling():
-    opens = {source: answer(Explorer(BASE, source), PARTS["start"], {})["opens"] for source in ("figure5", "wall.toml")}
-    assert opens == {"figure5": "direct", "wall.toml": "recommend"}
+    opens = {source: answer(Explorer(BASE, source), PARTS["start"], {})["method"] for source in ("figure5", "w.toml")}
+    assert opens == {"figure5": "direct", "w.toml": "recommend"}
 
 
-def test_a_device_file_that_is_wrong_says_where():
-    found = answer(
-        Explorer(BASE, "figure5"), PARTS["device"], {"text": "[device]\nmass_kg = -1\n", "file": "mine.toml"}
-    )
-    faults = [(fault["file"], fault["line"], fault["key"]) for fault in found["errors"]]
-    assert ("mine.toml", 2, "device.mass_kg") in faults
-
-
-KNOB = avc.load_problem("knob").changed(frequency={"points": 30})
-
-
-@pytest.mark.thorough
-def test_a_device_that_turns_has_its_units_everywhere():
-    begun, found = told("start", KNOB), told("now", KNOB, values={"environment.stiffness_n_per_m": 0.5})
-    units = {field["key"]: field["unit"] for field in begun["fields"]}
-    assert units["device.mass_kg"] == "kg·m²"
-    assert units["environment.damping_ns_per_m"] == begun["words"]["impedance"] == "N·m·s/rad"
-    assert units["detent.force_n"] == begun["words"]["force"] == "N·m"
-    assert units["device.handle_radius_m"] == "mm"
-    assert {one["name"] for one in begun["devices"]} == {"smartknob", "direct-drive-wheel"}
-    assert all(KNOB.device.motion == avc.load_device(one["name"]).device.motion for one in begun["devices"])
-    assert begun["values"]["device.mass_kg"] == 3e-5
-    assert found["title"] == "Wall of 0.5 N.m/rad for the device of knob"
-    spoken = json.dumps([begun, found, told("judge", KNOB), told("region", KNOB)], ensure_ascii=False)
-    texts = re.sub(r'"[a-z_.0-9]+"', "", spoken)  # keys stay inside
-    assert not re.search(r"N[.·]s/m|N/m|\d kg(?!·)", texts)
-
-
-def test_the_slider_of_every_value_of_a_knob_reaches_it():
-    begun = told("start", KNOB)
-    for field in begun["fields"]:
-        value = begun["values"][field["key"]]
-        if isinstance(value, float) and value > 0 and not field["choices"]:
-            assert field["low"] <= value / field["factor"] <= field["high"], field["key"]
-
-
-def test_faults_of_a_knob_are_told_in_its_units():
-    typed = {"environment.stiffness_n_per_m": -1.0, "device.encoder_resolution_m": -1.0, "detent.pitch_m": None}
-    faults = {one["key"]: one["message"] for one in told("now", KNOB, values=typed)["errors"]}
-    assert faults == {
-        "environment.stiffness_n_per_m": "is -1.0; allowed: 0 or 1e-9 to 1e12 N·m/rad",
-        "device.encoder_resolution_m": "is -1e6; allowed: 0 or 1e-6 to 1e6 µrad",
-    }
-
-
-def test_a_knob_saved_and_its_coupling_are_files_of_a_device_that_turns():
-    values = {"environment.stiffness_n_per_m": 0.5, "detent.force_n": 0.02}
-    ask = {
-        "values": values,
-        "method": "constant",
-        "gains": {"contact_damping_ns_per_m": 1e-3, "stiffness_n_per_m": 9.0},
-    }
-    files = {
-        kind: answer(Explorer(KNOB, "knob"), PARTS["file"], asked(**ask) | {"kind": kind})
-        for kind in ("problem", "coupling", "csv")
-    }
-    problem = avc.parse_problem(files["problem"]["text"], name=KNOB.name)
-    assert problem.environment.stiffness_n_per_m == 0.5
-    assert problem.detent == KNOB.changed(detent={"force_n": 0.02}).detent
-    assert problem.device == KNOB.device
-    document = json.loads(files["coupling"]["text"])
-    assert document["units"]["stiffness"] == "N.m/rad"
-    assert document["table"]["stiffness_nm_per_rad"] == [9.0]
-    assert files["csv"]["text"].splitlines()[0].endswith("stiffness_nm_per_rad,contact_damping_nms_per_rad")
+@pytest.mark.parametrize(("base", "gains"), [(KNOB, {}), (avc.load_problem("tool/wheel-game-62hz"), PAIR)])
+def test_a_device_that_turns_has_its_units_everywhere(base, gains):
+    begun, found = ask("start", base), ask("evaluate", base, question={"whole": True}, gains=gains)
+    units = {field["key"]: field["unit"] for field in (*begun["fields"], *begun["gains"])}
+    assert (units["device.mass_kg"], units["stiffness_n_per_m"]) == ("kg.m2", "N.m/rad")
+    assert all(avc.load_device(one["name"]).device.motion == "rotary" for one in begun["devices"])
+    texts = re.sub(r'"[a-z_.0-9]+"', "", json.dumps([begun, found]))  # keys stay inside
+    assert not re.search(r"N\.s/m|N/m|\d k?g(?![.\w])", texts)
 
 
 def test_hands_go_with_the_handle_of_another_device_and_motions_do_not_mix():
-    wheel = problem_of_settings(KNOB, settings_of(FRESH | {"device": "direct-drive-wheel"}))
-    wall = {"device": "direct-drive-wheel", "environment": {"stiffness_nm_per_rad": 1.0, "damping_nms_per_rad": 0.0}}
-    alone = avc.parse_problem(
-        "\n".join(
-            (f'device = "{wall["device"]}"', "[environment]", "stiffness_nm_per_rad = 1", "damping_nms_per_rad = 0")
-        )
-    )
-    for key, ends in alone.hands.model_dump().items():
+    wheel = problem_with({}, KNOB, device="direct-drive-wheel")
+    text = 'device = "direct-drive-wheel"\n[environment]\nstiffness_nm_per_rad = 1\ndamping_nms_per_rad = 0\n'
+    for key, ends in avc.parse_problem(text).hands.model_dump().items():
         assert getattr(wheel.hands, key) == pytest.approx(ends)
-    (fault,) = told("now", KNOB, device="novint-falcon")["errors"]
-    assert (fault["key"], "avc explore figure5" in fault["message"]) == ("device", True)
-    (fault,) = told("now", device="smartknob")["errors"]
-    assert (fault["key"], "avc explore knob" in fault["message"]) == ("device", True)
+    assert "avc explore figure5" in faults(KNOB, device="novint-falcon")["device"]
+    assert "avc explore knob" in faults(device="smartknob")["device"]
 
 
-def test_detents_are_put_in_and_taken_out():
-    without = problem_of_settings(KNOB, settings_of(FRESH | {"values": {"detent.force_n": None}}))
-    assert without.detent is None
-    within = problem_of_settings(BASE, settings_of(FRESH | {"values": {"detent.force_n": 0.5}}))
-    assert within.detent.force_n == 0.5
+def grows(pair, hand, tool_mass_kg):
+    """Whether device and tool swing against each other ever more, by a plain simulation."""
+    k, b = pair["stiffness_n_per_m"], pair["damping_ns_per_m"]
+    engine = EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (tool_mass_kg, 0.0), 0.002)
+    device, tool = engine.run(k, b, 6000, kick=1e-3, force=1e300)
+    apart = np.abs(device - tool)
+    return bool(apart[-1000:].max() > apart[1000:2000].max())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("pair", [(5000.0, 20.0), (17000.0, 37.0), (5000.0, 70.0), (600.0, 0.2), (18500.0, 55.0)])
+def test_who_is_stable_with_what_is_so_in_a_plain_simulation(pair):
+    gains = dict(zip(PAIR, pair, strict=True))
+    rows = rows_of(ask("evaluate", TOOL, gains=gains))
+    hands = hand_corners(TOOL.hands)
+    every = list(zip(hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m, strict=True))
+    for label, mass_kg in (("Tool free", 0.2), ("Tool held", np.inf)):
+        held, released = any(grows(gains, hand, mass_kg) for hand in every), grows(gains, (0.0, 0.0, 0.0), mass_kg)
+        words = f"{'unstable with a' if held else 'stable with every corner'} hand, {'un' * released}stable released"
+        expected = words if held or released else "stable with every corner hand and released"
+        assert rows[label] == expected
+
+
+@pytest.mark.thorough
+def test_ones_own_pair_of_a_follower_is_judged_too():
+    text = avc.dump_problem(avc.load_problem("soft"))
+    problem = avc.parse_problem(f"{text}\n[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.002\n")
+    found = ask("evaluate", problem, method="recommend", gains={"stiffness_n_per_m": 200.0, "damping_ns_per_m": 5.0})
+    marks = {row["label"]: row["mark"] for row in found["rows"]["own"]}
+    assert marks["Stability"] in {"pass", "fail"}
+    assert [one["id"] for one in found["charts"]] == ["free", "rigid"]

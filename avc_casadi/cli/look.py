@@ -141,9 +141,6 @@ def run_explore(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi.present.row import Answer as Result
 
     problem = avc.load_problem(args.problem)
-    if problem.follower is not None:
-        message = "has a [follower], and the page has a wall or a [simulation]; avc recommend, run and export know it"
-        raise avc.InputError.of(message, file=args.problem)
     explorer = Explorer(problem, args.problem, package_versions())
     try:
         server = ExploreServer(explorer, args.port)

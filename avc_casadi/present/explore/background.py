@@ -21,15 +21,15 @@ class Background:
     """A function of a module that runs in a process of its own."""
 
     def __init__(self, work: Callable[[Any, Progress], Any], task: Any) -> None:
-        self.said: tuple[int, int, str] = (0, 0, "")
+        self.state: tuple[int, int, str] = (0, 0, "")
         self.result: Any = None
         self.error = ""
-        self._started_s, self._seconds = time.monotonic(), 0.0
+        self._began_s, self._seconds = time.monotonic(), 0.0
         self._over = threading.Event()
         context = get_context("spawn")  # CasADi's threads do not survive a fork
         here, there = context.Pipe(duplex=False)
         with without_interrupts():
-            self._process = context.Process(target=_worked, args=(work, task, there), daemon=True)
+            self._process = context.Process(target=_work, args=(work, task, there), daemon=True)
             self._process.start()
         there.close()
         threading.Thread(target=self._listen, args=(here,), daemon=True).start()
@@ -42,7 +42,7 @@ class Background:
     @property
     def seconds(self) -> float:
         """Elapsed time, or total, s."""
-        return self._seconds if self.over else time.monotonic() - self._started_s
+        return self._seconds if self.over else time.monotonic() - self._began_s
 
     def cancel(self) -> None:
         """Terminate it, without a result."""
@@ -51,12 +51,12 @@ class Background:
             self._process.terminate()
 
     def _listen(self, connection: Connection) -> None:
-        kind, content = "said", None
+        kind, content = "state", None
         try:
-            while kind == "said":
+            while kind == "state":
                 kind, content = connection.recv()
-                if kind == "said":
-                    self.said = content
+                if kind == "state":
+                    self.state = content
         except (EOFError, OSError):
             kind, content = "error", "it ended without a result; there may be too little memory"
         if not self.error:
@@ -74,17 +74,17 @@ class _Piped(Progress):
 
     @contextmanager
     def step(self, what: str) -> Iterator[None]:
-        self._connection.send(("said", (0, 0, what)))
+        self._connection.send(("state", (0, 0, what)))
         yield
 
     def advance(self, done: int, total: int, what: str = "") -> None:
         now = time.monotonic()
         if now - self._last_s >= _BETWEEN_S:
             self._last_s = now
-            self._connection.send(("said", (done, total, what)))
+            self._connection.send(("state", (done, total, what)))
 
 
-def _worked(work: Callable[[Any, Progress], Any], task: Any, connection: Connection) -> None:
+def _work(work: Callable[[Any, Progress], Any], task: Any, connection: Connection) -> None:
     begin_process()
     try:
         connection.send(("result", work(task, _Piped(connection))))

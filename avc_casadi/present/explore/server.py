@@ -13,16 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 from avc_casadi._util.json_values import json_text
 from avc_casadi.present.explore.answers import PARTS, answer
-from avc_casadi.present.explore.requests import RequestError
-from avc_casadi.present.explore.tool_answers import TOOL_PARTS
+from avc_casadi.present.explore.settings import RequestError
 
 if TYPE_CHECKING:
     from avc_casadi.present.explore.explorer import Explorer
 
 HOST = "127.0.0.1"
 MOST_BYTES = 2**18
-# A browser writes larger whole numbers with an exponent, and one without end is none as a float.
-_DIGITS = 22
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 # Nothing but what this server sends; a page elsewhere can neither frame this one nor read it.
 _HEADERS = {
@@ -47,7 +44,6 @@ class ExploreServer(ThreadingHTTPServer):
 
     def __init__(self, explorer: Explorer, port: int = 0) -> None:
         self.explorer = explorer
-        self.parts = PARTS if explorer.base.simulation is None else TOOL_PARTS
         self.token = secrets.token_urlsafe(18)
         self.page = _page_files()
         super().__init__((HOST, port), _Handler)
@@ -76,10 +72,10 @@ class _Handler(BaseHTTPRequestHandler):
     disable_nagle_algorithm = True
 
     def do_GET(self) -> None:
-        self._answered(self._file)
+        self._reply(self._file)
 
     def do_POST(self) -> None:
-        self._answered(self._part)
+        self._reply(self._part)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """Refuse what http.server itself does not understand; a method that is not there is the client's fault."""
@@ -89,7 +85,7 @@ class _Handler(BaseHTTPRequestHandler):
     def log_message(self, *_: object) -> None:
         """Say nothing: the token would stand in every line."""
 
-    def _answered(self, make: Any) -> None:
+    def _reply(self, make: Any) -> None:
         try:
             kind, content = make(self._path())
             self._send(200, kind, content)
@@ -119,30 +115,29 @@ class _Handler(BaseHTTPRequestHandler):
     def _file(self, path: str) -> tuple[str, bytes]:
         name = path.partition("?")[0] or "index.html"
         if name not in self.server.page:
-            raise RequestError(405 if name in self.server.parts else 404, "there is no such page")
+            raise RequestError(405 if name in PARTS else 404, "there is no such page")
         kind = _TYPES[name[name.rindex(".") :]]
         return f"{kind}; charset=utf-8", self.server.page[name]
 
     def _part(self, path: str) -> tuple[str, bytes]:
-        part = self.server.parts.get(path)
+        part = PARTS.get(path)
         if part is None:
             raise RequestError(405 if path in (*self.server.page, "") else 404, "there is nothing to ask there")
         if self.headers.get_content_type() != "application/json":
             raise RequestError(415, "a question is JSON: Content-Type application/json")
-        document = json.dumps(answer(self.server.explorer, part, self._asked()), allow_nan=False)
+        document = json.dumps(answer(self.server.explorer, part, self._question()), allow_nan=False)
         return "application/json", document.encode()
 
-    def _asked(self) -> dict[str, Any]:
-        told = self.headers.get("Content-Length", "")
-        if not (told.isascii() and told.isdigit()):
+    def _question(self) -> dict[str, Any]:
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdigit()):
             raise RequestError(411, "a question needs its Content-Length")
-        digits = told.lstrip("0") or "0"
-        if len(digits) > len(str(MOST_BYTES)) or int(digits) > MOST_BYTES:
+        if len(length) > len(str(MOST_BYTES)) or int(length) > MOST_BYTES:
             raise RequestError(413, f"a question has at most {MOST_BYTES} bytes")
         try:
-            found = json.loads(self.rfile.read(int(digits)), parse_constant=_refuse, parse_int=_whole)
+            found = json.loads(self.rfile.read(int(length)), parse_constant=_refuse)
         except (ValueError, RecursionError) as error:
-            raise RequestError(400, "the question is no JSON, or has a whole number beyond 1e21") from error
+            raise RequestError(400, "the question is no JSON") from error
         if not isinstance(found, dict):
             raise RequestError(400, "a question is an object of JSON")
         return found
@@ -167,10 +162,3 @@ def _error(message: str) -> bytes:
 
 def _refuse(name: str) -> None:
     raise ValueError(name)
-
-
-def _whole(digits: str) -> int:
-    """Return a whole number that is one as a float too."""
-    if len(digits) > _DIGITS:
-        raise ValueError(digits)
-    return int(digits)

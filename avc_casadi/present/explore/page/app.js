@@ -1,59 +1,68 @@
 // The page: its settings stand in the address, every change is asked of the server, the last answer wins.
 
-import { known, parsed } from "./address.js";
-import { Client, Follow } from "./client.js";
+import { chart } from "./charts.js";
 import { Fields, made } from "./fields.js";
-import { wall } from "./pictures.js";
-import { tool } from "./tool.js";
-import { speak } from "./units.js";
 
-const UNDO_JOIN_MS = 900;
-const ADDRESS_MS = 300;
-const POLL_MS = 500;
-const KEEP_MS = 4000;
-const MOST_BYTES = 200000;
-const FRESH = { device: null, values: {}, method: "direct", gains: {}, motion: "press", own: {} };
-
+const UNDO_JOIN_MS = 900, ADDRESS_MS = 300, POLL_MS = 700, PAUSE_MS = 150, MOST_BYTES = 200000;
 const get = (id) => document.getElementById(id);
 const copy = (value) => JSON.parse(JSON.stringify(value));
-const client = new Client((text) => (get("status").textContent = text));
 
-let about;
-let end;
-let fields;
-let gainFields;
-let ownFields;
-let state = { a: copy(FRESH), b: null, on: "a" };
+let about, fields, gains;
+let fresh = { device: null, values: {}, gains: {}, method: "", motion: "press" };
+let state = { a: copy(fresh), b: null, on: "a" };
 const shown = { a: {}, b: {} };
-const asking = { a: "", b: "" };
-const past = [];
-const future = [];
+const past = [], future = [];
 let joined = { kind: "", time: 0 };
-let polling = null;
-// Runs under way: the server ends one that no page asks for any more.
-const runs = new Map();
-// What is not known of the devices that were chosen, by what the settings hold of them.
-const gaps = new Map();
-let changedAt = 0;
+let waiting = 0, trouble = "";
 
 const current = () => state[state.on];
 const columns = () => (state.b ? ["a", "b"] : ["a"]);
 
-// ---- state, undo, address
+/** Ask the server; null where there is no answer. */
+async function ask(part, question) {
+  waiting += 1;
+  setTimeout(() => waiting && (get("status").textContent = "computing"), 200);
+  try {
+    const answer = await fetch(part, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(question) });
+    const found = await answer.json();
+    if (!answer.ok) throw new Error(found.error);
+    trouble = "";
+    return found;
+  } catch (error) {
+    trouble = error instanceof TypeError ? "The server does not answer: has avc explore ended?" : error.message;
+    return null;
+  } finally {
+    waiting -= 1;
+    if (!waiting) get("status").textContent = trouble || "ready";
+  }
+}
 
-function readAddress(hash) {
-  const left = new Set();
-  const found = parsed(hash, left);
-  const motions = [...get("motion").options].map((one) => one.value);
-  const [a, b] = [found.a, found.b].map((one) => known(one, left, FRESH, about, motions));
-  get("address-says").textContent = left.size ? `The address holds what this page does not know, and left out: ${[...left].join(", ")}.` : "";
-  return { a, b: found.b ? b : null, on: found.b && found.on === "b" ? "b" : "a" };
+// ---- settings, undo, address
+
+/** The settings of an address, as far as the page knows them. */
+function fromAddress(hash) {
+  let found = null;
+  try {
+    found = JSON.parse(decodeURIComponent(hash.slice(1)));
+  } catch { /* none of this page */ }
+  const names = { values: about.fields.map((one) => one.key), gains: about.gains.map((one) => one.key) };
+  const column = (given) => {
+    const kept = copy(fresh);
+    if (given === null || typeof given !== "object") return kept;
+    for (const part of ["values", "gains"]) {
+      for (const [key, value] of Object.entries(given[part] ?? {})) if (names[part].includes(key)) kept[part][key] = value;
+    }
+    if ([...about.live, ...about.slow].includes(given.method)) kept.method = given.method;
+    if (["press", "tap", "hold"].includes(given.motion)) kept.motion = given.motion;
+    if (["string", "object"].includes(typeof given.device)) kept.device = given.device;
+    return kept;
+  };
+  return { a: column(found?.a), b: found?.b ? column(found.b) : null, on: found?.b && found.on === "b" ? "b" : "a" };
 }
 
 let writing = null;
 function writeAddress() {
-  if (writing !== null) return;
-  writing = setTimeout(() => {
+  writing ??= setTimeout(() => {
     writing = null;
     history.replaceState(null, "", `#${encodeURIComponent(JSON.stringify(state))}`);
   }, ADDRESS_MS);
@@ -62,7 +71,6 @@ function writeAddress() {
 function change(edit, kind = "") {
   const time = performance.now();
   if (!kind || kind !== joined.kind || time - joined.time > UNDO_JOIN_MS) past.push(copy(state));
-  if (past.length > 200) past.shift();
   joined = { kind, time };
   future.length = 0;
   edit();
@@ -78,124 +86,211 @@ function travel(from, to) {
 }
 
 function restate() {
-  get("file-says").textContent = "";
+  get("file-note").textContent = "";
   get("command").hidden = true;
   writeAddress();
   showControls();
-  for (const column of columns()) {
-    const wanted = JSON.stringify(state[column]);
-    if (wanted !== asking[column]) follow[column].changed(changedAt || performance.now());
-    asking[column] = wanted;
-  }
-  changedAt = 0;
+  for (const column of columns()) follow(column);
+  draw();
 }
 
-// ---- controls
+// ---- answers
+
+/** Ask for what follows a slider, then for the rest; an answer to settings that have changed meanwhile asks again. */
+async function follow(column) {
+  const mine = shown[column];
+  const wanted = JSON.stringify(state[column]);
+  if (mine.busy || mine.of === wanted) return;
+  mine.busy = true;
+  const settings = copy(state[column]);
+  for (const whole of [false, true]) {
+    const found = await ask("evaluate", { settings, whole });
+    if (!found || !state[column]) break;
+    mine.errors = found.errors ?? [];
+    if (found.rows) mine.answer = found;
+    if (column === state.on) showControls();
+    draw();
+    if (found.errors) mine.of = wanted;
+    if (found.errors || JSON.stringify(state[column]) !== wanted) break;
+    if (whole) mine.of = wanted;
+    else await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+    if (JSON.stringify(state[column]) !== wanted) break;
+  }
+  mine.busy = false;
+  if (state[column] && !trouble && JSON.stringify(state[column]) !== wanted) follow(column);
+}
+
+/** Follow the runs: the server ends one that no page asks for any more. */
+async function poll() {
+  for (const column of columns()) {
+    const settings = copy(state[column]), { answer } = shown[column];
+    if (!about.slow.includes(settings.method) || !answer?.running) continue;
+    const found = await ask("run", { settings });
+    if (!found || JSON.stringify(settings) !== JSON.stringify(state[column])) continue;
+    answer.rows.method = found.rows;
+    answer.running = found.running;
+    if (!found.running) {
+      shown[column].of = "";
+      follow(column);
+    }
+    showControls();
+    draw();
+  }
+  setTimeout(poll, POLL_MS);
+}
+
+async function run(question) {
+  const settings = copy(current()), column = state.on;
+  const found = await ask("run", { settings, ...question });
+  if (!found || !shown[column].answer) return;
+  Object.assign(shown[column].answer, { running: found.running });
+  shown[column].answer.rows.method = found.rows;
+  showControls();
+  draw();
+}
+
+// ---- what is shown
 
 function showControls() {
-  const settings = current();
+  const settings = current(), { answer, errors } = shown[state.on];
   get("undo").disabled = !past.length;
   get("redo").disabled = !future.length;
-  get("tab-b").hidden = get("drop").hidden = !state.b;
+  get("tab-a").hidden = get("tab-b").hidden = get("drop").hidden = !state.b;
   get("compare").hidden = Boolean(state.b);
-  get("tab-a").setAttribute("aria-pressed", String(state.on === "a"));
-  get("tab-b").setAttribute("aria-pressed", String(state.on === "b"));
+  for (const one of ["a", "b"]) get(`tab-${one}`).setAttribute("aria-pressed", String(state.on === one));
   get("method").value = settings.method;
+  const slow = about.slow.includes(settings.method), running = Boolean(answer?.running);
+  get("run").hidden = !slow || running || Boolean(answer?.done);
+  get("cancel").hidden = !slow || !running;
   const ofFile = settings.device !== null && typeof settings.device === "object";
   get("device-of-file").hidden = !ofFile;
-  get("device").value = ofFile ? "(file)" : settings.device || "";
-  const unknown = gaps.get(JSON.stringify(settings.device)) || [];
-  get("device-note").textContent = unknown.length ? `Not known of it, and taken cautiously: ${unknown.join(", ")}.` : "";
+  get("device").value = ofFile ? "(file)" : settings.device ?? "";
   get("motion").value = settings.motion;
-  const typing = settings.method === "constant";
-  get("own-gains").hidden = end === wall && !typing;
-  const gains = typing ? settings.gains : end.typed(shown[state.on].now);
-  gainFields.show(Object.fromEntries(Object.entries(gains).map(([key, value]) => [`gains.${key}`, value])));
-  ownFields.show(Object.fromEntries(Object.entries({ ...(shown[state.on].law || {}).own, ...settings.own }).map(([key, value]) => [`own.${key}`, value])));
-  get("work").hidden = !about.slow.includes(settings.method);
-  const known = shown[state.on].values || about.values;
-  fields.show({ ...known, ...settings.values });
-  const now = shown[state.on].now;
-  get("kept").textContent = now && now.kept.length ? `Kept as in the file, without a field here: ${now.kept.join("; ")}.` : "";
-  fields.dropped((now && now.dropped) || []);
-  showFaults();
-  if (get("work").hidden) get("told").replaceChildren();
-  else watchWork();
+  gains.show({ ...answer?.gains, ...settings.gains });
+  fields.show({ ...answer?.values, ...settings.values });
+  fields.note(answer?.dropped ?? [], "Its range is left out.");
+  const rest = gains.faults(fields.faults(errors ?? []));
+  for (const key of ["method", "device"]) get(`error-${key}`).textContent = rest.filter((one) => one.key === key).map((one) => one.message).join("; ");
+  get("general-error").textContent = rest.filter((one) => !["method", "device"].includes(one.key)).map((one) => `${one.key} ${one.message}`.trim()).join("; ");
+  if (answer) {
+    get("title").textContent = document.title = `avc explore: ${answer.title}`;
+    get("headline").textContent = answer.headline;
+    get("h-method").textContent = settings.method === "recommend" ? "Recommended coupling" : `Coupling by ${settings.method}`;
+  }
 }
 
-function showFaults() {
-  const errors = [...(shown[state.on].errors || []), ...((shown[state.on].law || {}).errors || [])];
-  const rest = ownFields.faults(gainFields.faults(fields.faults(errors)));
-  get("error-method").textContent = rest.filter((one) => one.key === "method").map((one) => one.message).join("; ");
-  get("error-device").textContent = rest.filter((one) => one.key === "device").map((one) => one.message).join("; ");
-  get("general-error").textContent = rest
-    .filter((one) => !/^(method|device)$/.test(one.key))
-    .map((one) => [one.key, one.message].filter(Boolean).join(" ")).join("; ");
+const MARKS = { pass: "✓ ", fail: "✗ ", caution: "! ", none: "" };
+
+function table(id, part, there) {
+  const rows = there.map((column) => shown[column].answer.rows[part]);
+  const labels = [...new Set(rows.flat().map((row) => row.label))];
+  const cell = (mine, label) => made("td", {}, ...mine.filter((row) => row.label === label).map((row) => made("div", {}, made("span", { class: row.mark }, MARKS[row.mark]), row.text)));
+  const head = there.length > 1 ? [made("thead", {}, made("tr", {}, made("td", {}), ...there.map((one) => made("th", { scope: "col" }, one.toUpperCase()))))] : [];
+  get(id).replaceChildren(...head, made("tbody", {}, ...labels.map((label) => made("tr", {}, made("th", { scope: "row" }, label), ...rows.map((mine) => cell(mine, label))))));
 }
 
-function buildControls() {
-  const named = { direct: "direct (the paper's NLP)", constant: "constant, typed", recommend: "recommend (a run)" };
-  const option = (value, text) => made("option", { value }, text);
-  get("method").append(
-    made("optgroup", { label: "at once" }, ...about.live.map((one) => option(one, named[one] || one))),
-    made("optgroup", { label: "a run, seconds to minutes" }, ...about.slow.map((one) => option(one, named[one] || one))));
-  for (const one of about.devices) gaps.set(JSON.stringify(one.name), one.gaps);
-  get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)),
-    made("option", { value: "(file)", id: "device-of-file", hidden: true }, "from the file"));
-  gainFields = new Fields(get("own-gains"), about.gains, (key, value, kind, event) => {
-    changedAt = event ? event.timeStamp : 0;
-    change(() => {
-      type();
-      if (value === null) delete current().gains[key.replace("gains.", "")];
-      else current().gains[key.replace("gains.", "")] = value;
-    }, kind);
-  });
-  ownFields = new Fields(get("own-law"), about.own, (key, value, kind, event) => {
-    changedAt = event ? event.timeStamp : 0;
-    change(() => (current().own[key.replace("own.", "")] = value), kind);
-  });
-  fields = new Fields(get("fields"), about.fields, (key, value, kind, event) => {
-    changedAt = event ? event.timeStamp : 0;
-    change(() => (current().values[key] = value), kind);
-  });
-  get("method").addEventListener("change", (event) => change(() => {
-    if (event.target.value === "constant") type();
-    else current().method = event.target.value;
-  }));
-  get("motion").addEventListener("change", (event) => change(() => (current().motion = event.target.value)));
-  get("device").addEventListener("change", (event) => {
-    if (event.target.value !== "(file)") chooseDevice({ name: event.target.value });
-  });
-  get("device-file").addEventListener("change", async (event) => {
+/** Draw tables and charts; charts of two columns lie in one. */
+function draw() {
+  const there = columns().filter((column) => shown[column].answer);
+  if (!there.length) return;
+  table("own", "own", there);
+  table("coupling", "method", there);
+  const named = (one, column) => (there.length > 1 ? { ...one, name: `${column.toUpperCase()}: ${one.name}`, cls: `${one.cls} ${column}` } : one);
+  const charts = new Map();
+  for (const column of there) {
+    for (const one of shown[column].answer.charts) {
+      const whole = charts.get(one.id) ?? { ...one, series: [], bands: [], points: [] };
+      for (const part of ["series", "bands", "points"]) whole[part].push(...(one[part] ?? []).map((line) => named(line, column)));
+      charts.set(one.id, whole);
+    }
+  }
+  const host = get("charts");
+  for (const one of charts.values()) {
+    let figure = get(`c-${one.id}`);
+    if (!figure) {
+      figure = made("figure", { id: `c-${one.id}`, class: one.wide ? "wide" : null });
+      host.append(figure);
+    }
+    chart(figure, one);
+  }
+  const late = there.some((column) => shown[column].of !== JSON.stringify(state[column]) || shown[column].errors.length);
+  // Of the first answer of new settings some charts are still those before.
+  for (const figure of host.children) figure.hidden = !charts.has(figure.id.slice(2)) && !late;
+  document.querySelector("main").classList.toggle("stale", late);
+}
+
+// ---- devices and files
+
+/** A device takes the place of all that the page says of one. */
+async function chooseDevice(which) {
+  const values = Object.fromEntries(Object.entries(current().values).filter(([key]) => !key.startsWith("device.")));
+  const found = which.name === "" ? { note: "" } : await ask("device", which);
+  if (!found) return;
+  if (found.errors) {
+    get("error-device").textContent = found.errors.map((one) => `${one.key} ${one.message}`).join("; ");
+    return;
+  }
+  get("device-note").textContent = found.note;
+  if (which.file) get("device-of-file").textContent = `from ${which.file}`;
+  change(() => Object.assign(current(), { device: which.name === "" ? null : which.name ?? found.device, values }));
+}
+
+async function save(kind) {
+  const found = await ask("file", { settings: current(), kind, column: state.on });
+  if (!found) return;
+  if (found.errors) {
+    get("file-note").textContent = `Not saved: ${found.errors.map((one) => one.message).join("; ")}.`;
+    return;
+  }
+  if (kind === "command") {
+    get("command").textContent = found.text;
+    get("command").hidden = false;
+    const copied = await navigator.clipboard.writeText(found.text).then(() => true, () => false);
+    get("file-note").textContent = copied ? "Copied." : "Copy it from below.";
+    return;
+  }
+  const link = made("a", { href: URL.createObjectURL(new Blob([found.text])), download: found.name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  get("file-note").textContent = `Saved ${found.name}${found.note ? `: ${found.note}` : ""}.`;
+}
+
+// ---- begin
+
+function build() {
+  const option = (value, text = value) => made("option", { value }, text);
+  get("method").append(...[["at once", about.live], ["a run of seconds to minutes", about.slow]]
+    .filter(([, names]) => names.length).map(([label, names]) => made("optgroup", { label }, ...names.map((one) => option(one)))));
+  get("device").append(option("", "as in the problem"), ...about.devices.map((one) => option(one.name, one.title)), made("option", { value: "(file)", id: "device-of-file", hidden: true }, "from the file"));
+  gains = new Fields(get("gains"), about.gains, (key, value, kind) => change(() => (current().gains[key] = value), kind));
+  fields = new Fields(get("fields"), about.fields, (key, value, kind) => change(() => (current().values[key] = value), kind));
+  const on = (id, event, act) => get(id).addEventListener(event, act);
+  on("method", "change", (event) => change(() => (current().method = event.target.value)));
+  on("motion", "change", (event) => change(() => (current().motion = event.target.value)));
+  on("device", "change", (event) => chooseDevice({ name: event.target.value }));
+  on("device-file", "change", async (event) => {
     const [file] = event.target.files;
-    if (!file) return;
-    if (file.size > MOST_BYTES) get("error-device").textContent = `${file.name} has ${file.size} bytes; allowed: a device file of at most ${MOST_BYTES}`;
-    else await chooseDevice({ text: await file.text(), file: file.name });
+    if (file && file.size <= MOST_BYTES) await chooseDevice({ text: await file.text(), file: file.name });
+    else if (file) get("error-device").textContent = `${file.name} has ${file.size} bytes; allowed: a device file of at most ${MOST_BYTES}`;
     event.target.value = "";
   });
-  get("undo").addEventListener("click", () => travel(past, future));
-  get("redo").addEventListener("click", () => travel(future, past));
-  get("compare").addEventListener("click", () => change(() => (state = { a: state.a, b: copy(state.a), on: "b" })));
-  get("drop").addEventListener("click", () => change(() => {
-    state = { a: state.a, b: null, on: "a" };
-    shown.b = {};
-    asking.b = "";
-    drawAll();
+  on("undo", "click", () => travel(past, future));
+  on("redo", "click", () => travel(future, past));
+  on("compare", "click", () => change(() => {
+    shown.b = { ...shown.a, busy: false };
+    state = { a: state.a, b: copy(state.a), on: "b" };
   }));
-  for (const column of ["a", "b"]) get(`tab-${column}`).addEventListener("click", () => {
+  on("drop", "click", () => change(() => (state = { a: state.a, b: null, on: "a" })));
+  for (const column of ["a", "b"]) on(`tab-${column}`, "click", () => {
     state.on = column;
-    get("file-says").textContent = "";
-    writeAddress();
-    showControls();
+    restate();
   });
-  get("work-begin").addEventListener("click", () => watchWork(true));
-  get("work-cancel").addEventListener("click", async () => {
-    await client.ask("cancel", { settings: current() });
-    watchWork();
-  });
-  get("save-problem").addEventListener("click", () => save("problem"));
-  get("save-coupling").addEventListener("click", () => save("coupling"));
-  get("copy-command").addEventListener("click", copyCommand);
+  on("run", "click", () => run({ begin: true }));
+  on("cancel", "click", () => run({ cancel: true }));
+  on("save-problem", "click", () => save("problem"));
+  on("save-coupling", "click", () => save("coupling"));
+  on("copy-command", "click", () => save("command"));
+  on("controls", "submit", (event) => event.preventDefault());
   document.addEventListener("keydown", (event) => {
     const key = event.key.toLowerCase();
     if (!(event.ctrlKey || event.metaKey) || !["y", "z"].includes(key) || event.target.matches("input[type=text]")) return;
@@ -203,181 +298,31 @@ function buildControls() {
     if (event.shiftKey || key === "y") travel(future, past);
     else travel(past, future);
   });
-  get("controls").addEventListener("submit", (event) => event.preventDefault());
-}
-
-/** Gains are typed from here on; they begin with those that are shown, where these are a few numbers. */
-function type() {
-  if (current().method !== "constant") current().gains = { ...current().gains, ...end.typed(shown[state.on].now) };
-  current().method = "constant";
-}
-
-/** A device takes the place of all that the page says of one. */
-async function chooseDevice(which) {
-  const kept = (values) => Object.fromEntries(Object.entries(values).filter(([key]) => !key.startsWith("device.")));
-  if (which.name === "") {
-    change(() => Object.assign(current(), { device: null, values: kept(current().values) }));
-    return;
-  }
-  const found = await client.ask("device", which);
-  if (!found || found.errors) {
-    get("error-device").textContent = found ? found.errors.map((one) => [one.key, one.message].filter(Boolean).join(" ")).join("; ") : "";
-    return;
-  }
-  const device = which.name || found.device;
-  gaps.set(JSON.stringify(device), found.gaps);
-  if (which.file) get("device-of-file").textContent = `from ${which.file}`;
-  change(() => Object.assign(current(), { device, values: kept(current().values) }));
-}
-
-// ---- slow methods
-
-async function watchWork(begin = false) {
-  clearTimeout(polling);
-  if (!about.slow.includes(current().method)) return;
-  const settings = copy(current());
-  const found = await askWork(settings, begin);
-  if (!found || JSON.stringify(settings) !== JSON.stringify(current())) return;
-  const running = found.state === "running";
-  const says = {
-    "not-begun": "Not run for these settings yet.",
-    running: `${found.what || "starting"}: ${found.done} of ${found.total || "?"} in this step, ${found.seconds} s`,
-    done: `Done in ${found.seconds} s.`,
-    error: `Ended: ${found.error}`,
-    refused: found.error,
-  };
-  get("work-says").textContent = found.errors ? "" : says[found.state];
-  const bar = get("work-progress");
-  bar.hidden = !running;
-  bar.value = found.total ? found.done / found.total : 0;
-  get("work-begin").hidden = running || found.state === "done";
-  get("work-cancel").hidden = !running;
-  get("told").replaceChildren(...(found.lines || []).map((line) => made("li", {}, line)));
-  if (running) polling = setTimeout(watchWork, POLL_MS);
-  else if (found.state === "done" && !(shown[state.on].now && shown[state.on].now.gains && !shown[state.on].now.awaited)) follow[state.on].changed(performance.now());
-}
-
-/** Ask how far a run is; one that is under way is asked for again, whatever the page shows meanwhile. */
-async function askWork(settings, begin) {
-  const found = await client.ask("work", { settings, begin, column: state.on });
-  const key = JSON.stringify(settings);
-  if (found && found.state === "running") runs.set(key, settings);
-  else runs.delete(key);
-  return found;
-}
-
-setInterval(() => {
-  for (const [key, settings] of runs) if (key !== JSON.stringify(current())) askBeside(key, settings);
-}, KEEP_MS);
-
-async function askBeside(key, settings) {
-  const found = await askWork(settings, false);
-  if (!found || found.state !== "done") return;
-  for (const column of columns()) if (JSON.stringify(state[column]) === key) follow[column].changed(performance.now());
-}
-
-// ---- answers
-
-const follow = {};
-const followed = (column) => new Follow(client, () => state[column], {
-  first: "now",
-  after: end.after,
-  then: end.then,
-  answered(part, found, since) {
-    const mine = shown[column];
-    if (part === "now") {
-      mine.errors = found.errors || (found.refused ? [{ key: "", message: found.refused }] : []);
-      if (found.values) mine.values = found.values;
-      if (found.title && column === state.on) get("title").textContent = document.title = `avc explore: ${found.title}`;
-      if (column === state.on) showControls();
-      if (mine.errors.length) {
-        markStale();
-        return;
-      }
-      Object.assign(mine, { now: found, judge: null, touch: null });
-    } else {
-      mine[part] = found;
-      if (part === "law" && column === state.on) showControls();
-    }
-    end.draw(part, shown, columns(), state, about);
-    markStale();
-    painted(part === "now" ? "picture" : part, since);
-  },
-});
-
-/** Note how long it took from a change to what it made visible, for whoever measures. */
-function painted(what, since) {
-  requestAnimationFrame(() => setTimeout(() => performance.measure(what, { start: since, end: performance.now() })));
-}
-
-/** Faded is what does not belong to the settings as they stand. */
-function markStale() {
-  const late = columns().some((one) => !shown[one].judge || shown[one].errors.length);
-  document.querySelector("main").classList.toggle("stale", late);
-}
-
-function drawAll() {
-  const there = columns().filter((column) => shown[column].now);
-  if (!there.includes("a")) return;
-  end.draw("", shown, columns(), state, about);
-}
-
-// ---- files
-
-async function save(kind) {
-  const found = await client.ask("file", { settings: current(), kind, column: state.on });
-  if (!found) return;
-  if (found.errors || found.refused) {
-    get("file-says").textContent = `Not saved: ${found.refused || found.errors.map((one) => one.message).join("; ")}`;
-    return;
-  }
-  const link = made("a", { href: URL.createObjectURL(new Blob([found.text])), download: found.name });
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
-  get("file-says").textContent = `Saved ${found.name}${found.told ? `; ${found.told}` : ""}.`;
-}
-
-async function copyCommand() {
-  const found = await client.ask("file", { settings: current(), kind: "command", column: state.on });
-  if (!found || !found.text) return;
-  get("command").textContent = found.text;
-  get("command").hidden = false;
-  try {
-    await navigator.clipboard.writeText(found.text);
-    get("file-says").textContent = "Copied.";
-  } catch {
-    get("file-says").textContent = "Copy it from below.";
-  }
-}
-
-// ---- begin
-
-async function begin() {
-  about = await client.ask("start", {});
-  if (!about) return;
-  FRESH.method = about.opens;
-  end = about.end === "wall" ? wall : tool;
-  for (const section of document.querySelectorAll("[data-end]")) section.hidden = section.dataset.end !== about.end;
-  for (const column of ["a", "b"]) follow[column] = followed(column);
-  speak(about.words);
-  state = readAddress(location.hash);
-  buildControls();
-  window.addEventListener("hashchange", (event) => {
-    document.activeElement.blur();
-    past.push(copy(state));
-    future.length = 0;
-    joined = { kind: "", time: 0 };
-    // Not location.hash: a write of this page that was due may have taken its place.
-    state = readAddress(new URL(event.newURL).hash);
-    restate();
-  });
   let width = window.innerWidth;
   window.addEventListener("resize", () => {
-    if (window.innerWidth !== width) drawAll();
+    if (window.innerWidth !== width) draw();
     width = window.innerWidth;
   });
+  window.addEventListener("hashchange", (event) => {
+    past.push(copy(state));
+    state = fromAddress(new URL(event.newURL).hash);
+    restate();
+  });
+}
+
+async function begin() {
+  about = await ask("start", {});
+  if (!about) return;
+  fresh.method = about.method;
+  build();
+  state = fromAddress(location.hash);
   restate();
-  if (current().method === about.opens) watchWork(true);
+  poll();
+  // A page opens with the run that it asks about.
+  if (about.slow.includes(current().method)) {
+    while (!shown[state.on].answer && !shown[state.on].errors?.length) await new Promise((resolve) => setTimeout(resolve, 50));
+    run({ begin: true });
+  }
 }
 
 begin();

@@ -11,6 +11,10 @@ function element(name, attributes, parent) {
   return made;
 }
 
+const span = (values) => {
+  const known = finite(values);
+  return known.length ? `${number(known.reduce((a, b) => Math.min(a, b)))} to ${number(known.reduce((a, b) => Math.max(a, b)))}` : "nothing";
+};
 const finite = (values) => values.filter((value) => value !== null && Number.isFinite(value));
 
 export function number(value, digits = 3) {
@@ -71,29 +75,29 @@ function scale(kind, values, marked = false) {
 /**
  * Draw a chart into a figure.
  * @param host the element to fill: a figure.
- * @param spec title, x and y ({label, kind, tight}), series ({name, cls, x, y}), bands ({name, cls, x, low, high}),
- *   points ({name, cls, x, y}) and lines ({name, cls, y}); summary says in words what it shows.
+ * @param spec title, x and y ({label, kind, span}), series ({name, cls, x, y}), bands ({name, cls, x, low, high}) and
+ *   points ({name, cls, x, y}).
  */
 export function chart(host, spec) {
   const width = Math.max(260, host.clientWidth);
   const inner = { w: width - EDGE.left - EDGE.right, h: HEIGHT - EDGE.top - EDGE.bottom };
-  const { series = [], bands = [], points = [], lines = [] } = spec;
+  const { series, bands, points } = spec;
   const caption = document.createElement("figcaption");
   caption.textContent = spec.title;
   if (!points.length && ![...series, ...bands].some((one) => finite(one.y || one.low).length)) {
     const nothing = document.createElement("p");
     nothing.className = "note";
-    nothing.textContent = `Nothing to draw: ${spec.summary}.`;
+    nothing.textContent = "Nothing to draw yet.";
     host.replaceChildren(caption, nothing);
     return;
   }
   const x = scale(spec.x.kind, spec.x.span || [...series, ...bands].flatMap((one) => one.x).concat(points.map((p) => p.x)), points.length > 0);
   const y = scale(spec.y.kind, spec.y.span || [
     ...series.flatMap((one) => one.y), ...bands.flatMap((one) => [...one.low, ...one.high]),
-    ...points.map((p) => p.y), ...lines.map((l) => l.y)], points.length > 0);
+    ...points.map((p) => p.y)], points.length > 0);
   const across = (value) => EDGE.left + inner.w * x.place(value);
   const up = (value) => EDGE.top + inner.h * (1 - y.place(value));
-  const svg = element("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": `${spec.title}. ${spec.summary}` });
+  const svg = element("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, role: "img", "aria-label": `${spec.title}. ${series.map((one) => `${one.name}: ${span(one.y)} ${spec.y.label}`).join("; ")}` });
   const clip = `clip-${host.id}`;
   const frame = element("clipPath", { id: clip }, element("defs", {}, svg));
   element("rect", { x: EDGE.left - 1, y: EDGE.top - 1, width: inner.w + 2, height: inner.h + 2 }, frame);
@@ -117,16 +121,13 @@ export function chart(host, spec) {
       ...there.reverse().map(([at, low]) => `${across(at).toFixed(1)} ${up(low).toFixed(1)}`)];
     if (path.length) element("path", { class: `band ${band.cls}`, d: `M${path.join("L")}Z` }, drawn);
   }
-  for (const line of lines) {
-    element("line", { class: `line ${line.cls}`, x1: EDGE.left, x2: EDGE.left + inner.w, y1: up(line.y), y2: up(line.y) }, drawn);
-  }
   for (const one of series) {
     const { line, alone } = path(one, across, up);
     if (line) element("path", { class: `line ${one.cls}`, d: line }, drawn);
     for (const [cx, cy] of alone) element("circle", { class: `alone ${one.cls}`, cx, cy, r: 2.6 }, drawn);
   }
   for (const point of points) mark(point, across, up, drawn);
-  host.replaceChildren(caption, svg, legend([...bands, ...series.filter((one) => drawable(one, y).length), ...lines, ...points]));
+  host.replaceChildren(caption, svg, legend([...bands, ...series.filter((one) => drawable(one, y).length), ...points]));
 }
 
 /** The values of a series that stand on the axes. */

@@ -32,27 +32,24 @@ function fromPage(field, text) {
   return typeof value === "number" ? Number((value * field.factor).toPrecision(12)) : value;
 }
 
-const place = (field, value) => field.scale === "log"
+const place = (field, value) => field.log
   ? Math.log(value / field.low) / Math.log(field.high / field.low)
   : (value - field.low) / (field.high - field.low);
 
-function placed(field, share, values) {
-  const value = field.scale === "log" ? field.low * (field.high / field.low) ** share : field.low + (field.high - field.low) * share;
-  if (field.whole) return Math.round(value);
-  const one = values[field.whole_of] / field.factor;
-  return value > one ? Number((one * Math.round(value / one)).toPrecision(6)) : Number(value.toPrecision(3));
+function placed(field, share) {
+  const value = field.log ? field.low * (field.high / field.low) ** share : field.low + (field.high - field.low) * share;
+  return field.whole ? Math.round(value) : Number(value.toPrecision(2));
 }
 
 /** Build the controls of all fields. `changed(key, value, kind)` is told of every change; kind joins undo steps. */
 export class Fields {
   constructor(host, fields, changed) {
     this.entries = new Map();
-    this.values = {};
     const groups = new Map();
     const narrow = window.matchMedia("(max-width: 800px)").matches;
     for (const field of fields) {
       if (!groups.has(field.group)) {
-        const open = groups.size === 0 || !(narrow || field.folded);
+        const open = !(field.folded || (narrow && groups.size > 0));
         const box = made("details", { open }, made("summary", {}, field.group));
         groups.set(field.group, box);
         host.append(box);
@@ -70,16 +67,16 @@ export class Fields {
     const row = made("div", { class: "field" }, name);
     if (field.choices.length) {
       entry.input = made("select", { id, "aria-describedby": error.id }, ...field.choices.map((one) => made("option", { value: one }, one)));
-      entry.input.addEventListener("change", () => changed(field.key, entry.input.value, field.key));
+      entry.input.addEventListener("change", () => changed(field.key, field.choices[entry.input.selectedIndex], field.key));
       row.append(entry.input, error);
     } else {
       entry.input = made("input", { id, type: "text", inputmode: "decimal", placeholder: field.blank, "aria-describedby": error.id });
       entry.slider = made("input", { type: "range", min: 0, max: STEPS, step: 1, "aria-label": `${field.group}: ${field.label}` });
-      entry.input.addEventListener("input", (event) => changed(field.key, fromPage(field, entry.input.value), field.key, event));
-      entry.slider.addEventListener("input", (event) => {
-        const value = placed(field, entry.slider.value / STEPS, this.values);
+      entry.input.addEventListener("input", () => changed(field.key, fromPage(field, entry.input.value), field.key));
+      entry.slider.addEventListener("input", () => {
+        const value = placed(field, entry.slider.value / STEPS);
         entry.input.value = plain(value);
-        changed(field.key, fromPage(field, entry.input.value), field.key, event);
+        changed(field.key, fromPage(field, entry.input.value), field.key);
       });
       row.append(entry.input, made("span", { class: "unit" }, field.unit), entry.slider, error, note);
     }
@@ -89,7 +86,6 @@ export class Fields {
 
   /** Show values; the field that is being typed in is left alone. */
   show(values) {
-    this.values = values;
     for (const [key, { field, input, slider }] of this.entries) {
       const value = values[key];
       if (input !== document.activeElement) input.value = toPage(field, value);
@@ -102,12 +98,9 @@ export class Fields {
     }
   }
 
-  /** Say next to a field what its new value has taken the place of: the range that the device's file gives. */
-  dropped(ranges) {
-    for (const { field, note } of this.entries.values()) {
-      const one = ranges.find(({ key }) => key === field.key);
-      note.textContent = one ? `Its range, ${toPage(field, one.low)} to ${toPage(field, one.high)} ${field.unit}, is left out.` : "";
-    }
+  /** Say something next to some fields, and nothing next to the others. */
+  note(keys, text) {
+    for (const [key, { note }] of this.entries) note.textContent = keys.includes(key) ? text : "";
   }
 
   /** Show faults next to their fields; returns those that belong to none. */
