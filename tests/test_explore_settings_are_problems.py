@@ -18,8 +18,8 @@ from avc_casadi.present.explore.settings import problem_of_settings, settings_of
 from avc_casadi.present.row import Mark
 from avc_casadi.present.rows.own_law import own_law
 
-BASE = avc.load_problem("figure5").changed(frequency={"points": 30})
-KNOB = avc.load_problem("knob").changed(frequency={"points": 30})
+BASE = avc.load_problem("figure5").changed(frequency={"points": 12})
+KNOB = avc.load_problem("knob").changed(frequency={"points": 12}, detent=None)
 TOOL = avc.load_problem("tool/mujoco-500hz")
 FRESH = {"device": None, "values": {}, "gains": {}, "method": "direct", "motion": "press"}
 PAIR = {"stiffness_n_per_m": 5000.0, "damping_ns_per_m": 20.0}
@@ -35,10 +35,13 @@ def problem_with(values, base=BASE, **changes):
     return problem_of_settings(base, settings_of(fresh(base, {"values": values} | changes), form), form)
 
 
+EXPLORERS = {id(base): Explorer(base, base.name) for base in (BASE, KNOB, TOOL)}
+
+
 def ask(part, base=BASE, question=None, explorer=None, **changes):
     beside = {} if question is None else question
     asked = {"settings": fresh(base, changes)} | beside
-    return answer(explorer or Explorer(base, base.name), PARTS[part], asked)
+    return answer(explorer or EXPLORERS.get(id(base)) or Explorer(base, base.name), PARTS[part], asked)
 
 
 def faults(base=BASE, **changes):
@@ -129,7 +132,7 @@ def test_a_number_is_moved_whole_and_a_range_by_its_ends():
 
 
 def test_detents_and_a_resonance_are_put_in_and_taken_out():
-    assert problem_with({"detent.force_n": None}, KNOB).detent is None
+    assert problem_with({"detent.force_n": None}, avc.load_problem("knob")).detent is None
     assert problem_with({"detent.force_n": 0.5, "detent.pitch_m": 5e-3}).detent.force_n == 0.5
     assert "detent.pitch_m" in faults(values={"detent.force_n": 0.5})
     mode = {"frequency_hz": 100.0, "damping_ratio": 0.05, "mass_ratio": 0.5}

@@ -141,7 +141,8 @@ def _of_value(problem: Problem, key: str, group: str, hint: Any, value: Any) -> 
         mine = pairs[end] if isinstance(end, int) else value
         word = f", {_ENDS[end]}" if isinstance(end, int) else ""
         blank = "rigid" if ends and ends.unbounded and end == 1 else "" if value is not None else "none"
-        given = None if blank == "rigid" and mine >= ends.one.highest else mine  # type: ignore[union-attr]
+        rigid = ends is not None and mine is not None and mine >= ends.one.highest
+        given = None if blank == "rigid" and rigid else mine
         yield _number(problem, f"{key}.{end}".strip("."), group, label + word, of, given, blank, folded=folded)
 
 
@@ -160,7 +161,7 @@ def _number(
     turns = "handle_radius" not in key
     factor = 1e-3 if unit in _MILLI else 1.0
     size = 1.0 if problem.units.linear or not turns else problem.device.metres_per_unit ** -power_at_handle(_bare(key))
-    log = of is not None and bool(value) and value > 0
+    log = of is not None and value is not None and value > 0
     low, high = (value / 30, value * 30) if log and value else (0.0, size * _USUAL.get(unit, 1.0))
     if of is not None:
         low, high = max(low, of.lowest) if log else low, min(high, of.highest)

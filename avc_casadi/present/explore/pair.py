@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from avc_casadi.model.problem import Problem
     from avc_casadi.present.explore.explorer import Explorer
     from avc_casadi.present.explore.settings import Settings
-    from avc_casadi.simulation.run import Run
 
 _NAMES = {"own": "your K and B", "method": "recommended"}
 
@@ -42,7 +42,7 @@ def pair_answer(
     stated, tool = settings.key(), problem.simulation
     search = explorer.cached(f"search {stated}", lambda: ToolSearch(problem) if tool is not None else None)
     loops: Any = search.loops if search else explorer.cached(f"loops {stated}", lambda: FollowerLoops(problem))
-    first = explorer.cached(f"first {stated}", lambda: _first(problem, loops))
+    first = explorer.cached("first", lambda: _first(explorer.base, loops))
     own = ToolGains(**(vars(first) | _typed(settings)))
     run = explorer.run(settings)
     found: Coupling | None = None if run is None or run.result is None else run.result[0]
@@ -54,10 +54,10 @@ def pair_answer(
         region = explorer.cached(f"region {whole} {stated}", lambda: tool_region(problem, summits=False, **rates))
         charts.insert(0, _region(problem, region, pairs))
         if whole:
-            runs = {
-                cls: explorer.cached(f"touch {stated} {settings.motion} {one}", lambda one=one: _touch(problem, one))
-                for cls, one in pairs.items()
-            }
+            runs = {}
+            for cls, one in pairs.items():
+                key = f"touch {stated} {settings.motion} {one}"
+                runs[cls] = explorer.cached(key, partial(simulate, with_gains(problem, one)))
             charts += touches(runs, problem, "the contact begins at 0")
     return vars(own), rows, [], charts
 
@@ -104,10 +104,6 @@ def _rows(problem: Problem, search: ToolSearch | None, loops: Any, gains: ToolGa
     rows += [*stability(certificate), *contacts(search.loops, gains, problem), *felt]
     moves = problem.simulation is not None and problem.simulation.tool_mass_kg is not None
     return [*rows, *(passivity(certificate["passivity"], problem) if moves else [])]
-
-
-def _touch(problem: Problem, gains: ToolGains) -> Run:
-    return simulate(with_gains(problem, gains))
 
 
 def _felt(problem: Problem, pairs: dict[str, ToolGains]) -> list[dict[str, Any]]:

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 from avc_casadi._errors import AvcError, Fault, InputError
 from avc_casadi.files.device_file import load_device
@@ -171,8 +171,12 @@ def dropped_ranges(base: Problem, settings: Settings, problem: Problem) -> list[
     return [key for key, name in names.items() if before.get(name) and name not in left]
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= 1e100
+
+
+def _same(value: Any, before: Any) -> bool:
+    return _is_number(value) and _is_number(before) and math.isclose(value, before, rel_tol=_SAME)
 
 
 def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
@@ -189,7 +193,7 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
         nominal = tables["device"].get(last, 0.0) if path[-1] == "range" else None
         low, high = before or (nominal, nominal)
         pair = [low, high]
-        if _is_number(value) and _is_number(pair[end]) and math.isclose(value, pair[end], rel_tol=_SAME):
+        if _same(value, pair[end]):
             return
         other = f"{'.'.join((*path, last))}.{1 - end}"
         alone = nominal is None and (low == high or pair[1 - end] is None) and other not in values
@@ -200,7 +204,7 @@ def _put(tables: dict[str, Any], key: str, values: Mapping[str, Any]) -> None:
             if last.startswith("contact_stiffness"):  # empty is rigid
                 table[last] = [low if end else 0.0, 1e12]
         return
-    if _is_number(value) and _is_number(before) and math.isclose(value, before, rel_tol=_SAME):
+    if _same(value, before):
         return
     if value is None:
         table.pop(last, None)

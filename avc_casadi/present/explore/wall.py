@@ -54,7 +54,7 @@ def wall_answer(
 ) -> tuple[dict[str, Any], list[Row], list[Row], list[dict[str, Any]]]:
     """Return the law of one's own, rows of it and of the method, and charts of both."""
     stated = settings.key()
-    law = vars(explorer.cached(f"first {stated}", lambda: first_law(problem))) | dict(settings.gains)
+    law = vars(explorer.cached("first", lambda: first_law(explorer.base))) | dict(settings.gains)
     wrong = [Fault("", None, key, f"is {one!r}, not a number") for key, one in law.items() if isinstance(one, str)]
     if wrong:
         raise InputError(wrong)
@@ -68,6 +68,7 @@ def wall_answer(
     direct = problem.changed(environment=wall, boundaries={"upper": wall, "lower": wall})
     coupling = coupling_of(explorer, settings, problem)
     method: list[Row] = []
+    schedule: GainSchedule | None
     if settings.method in explorer.form.live:
         schedule = explorer.cached(f"solve {settings.key('method')}", lambda: solve(problem, settings.method))
         method.append(row("Gains", f"{settings.method}: {counts(schedule.counts())}"))

@@ -337,7 +337,7 @@ def _tap(data: Mapping[str, Any], problem: Problem) -> list[Row]:
         slow = Value(next(iter(ripple["force_n"].values())), "force")
         quiet = (count(ripple["quiet"]), "of", count(ripple["hands"]), "hands below the vibrotactile threshold")
         mark = Mark.CAUTION if loud else Mark.NONE
-        rows.append(row("Quantisation", step, "an encoder step; ripple", slow, "in slow motion,", quiet, mark=mark))
+        rows.append(row("Quantisation", step, "per encoder step; ripple", slow, "in slow motion,", quiet, mark=mark))
     return rows
 
 
