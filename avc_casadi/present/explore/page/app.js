@@ -223,7 +223,6 @@ function draw() {
 
 /** A device takes the place of all that the page says of one. */
 async function chooseDevice(which) {
-  const values = Object.fromEntries(Object.entries(current().values).filter(([key]) => !key.startsWith("device.")));
   const found = which.name === "" ? { note: "" } : await ask("device", which);
   if (!found) return;
   if (found.errors) {
@@ -231,6 +230,7 @@ async function chooseDevice(which) {
     return;
   }
   get("device-note").textContent = found.note;
+  const values = Object.fromEntries(Object.entries(current().values).filter(([key]) => !key.startsWith("device.")));
   if (which.file) get("device-of-file").textContent = `from ${which.file}`;
   change(() => Object.assign(current(), { device: which.name === "" ? null : which.name ?? found.device, values }));
 }
