@@ -85,7 +85,8 @@ def run(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:
         raise RequestError(400, f"{settings.method} follows at once and is no run")
     found = explorer.run(settings, begin=bool(question.get("begin")), cancel=bool(question.get("cancel")))
     rows = _rows(run_rows(found, settings.method), explorer.base)
-    return {"rows": rows, "running": found is not None and not found.over}
+    done = found is not None and found.result is not None
+    return {"rows": rows, "running": found is not None and not found.over, "done": done}
 
 
 def device(explorer: Explorer, question: Mapping[str, Any]) -> dict[str, Any]:

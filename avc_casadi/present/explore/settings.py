@@ -224,7 +224,8 @@ def _end_below_nyquist(tables: dict[str, Any], values: Mapping[str, Any]) -> Non
         return
     if frequency["stop_hz"] * period >= 0.5:
         frequency["stop_hz"] = float(f"{0.45 / period:.3g}")
-        frequency["start_hz"] = min(frequency["start_hz"], frequency["stop_hz"] / 10)
+        if "frequency.start_hz" not in values:
+            frequency["start_hz"] = min(frequency["start_hz"], frequency["stop_hz"] / 10)
 
 
 def _hold_elsewhere(tables: dict[str, Any], before: Device) -> None:

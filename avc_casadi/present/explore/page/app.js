@@ -124,12 +124,14 @@ async function follow(column) {
 async function poll() {
   for (const column of columns()) {
     const settings = copy(state[column]), { answer } = shown[column];
-    if (!about.slow.includes(settings.method) || !answer?.running) continue;
+    if (!about.slow.includes(settings.method) || !answer || answer.done) continue;
     const found = await ask("run", { settings });
-    if (!found || JSON.stringify(settings) !== JSON.stringify(state[column])) continue;
+    if (!found || JSON.stringify(settings) !== JSON.stringify(state[column]) || shown[column].answer !== answer) continue;
+    const same = JSON.stringify(answer.rows.method) === JSON.stringify(found.rows) && answer.running === found.running;
     answer.rows.method = found.rows;
     answer.running = found.running;
-    if (!found.running) {
+    if (same && !found.done) continue;
+    if (found.done) {
       shown[column].of = "";
       follow(column);
     }
