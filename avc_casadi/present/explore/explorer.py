@@ -104,7 +104,7 @@ def run_rows(run: Background | None, method: str) -> list[Row]:
     """Return the rows of a run: how far it is, or what it has found."""
     label = "Recommendation" if method == "recommend" else method.capitalize()
     if run is None:
-        return [row(label, "not computed for these settings yet: Run, under Method")]
+        return [row(label, "not computed for these settings yet: Run begins it")]
     if not run.over:
         done, total, what = run.state
         step = f": {what}, {done} of {total or '?'}" if what else ""
