@@ -108,12 +108,11 @@ async function follow(column) {
     if (!found || !state[column]) break;
     mine.errors = found.errors ?? [];
     if (found.rows) mine.answer = found;
+    if (whole || found.errors) mine.of = wanted;
     if (column === state.on) showControls();
     draw();
-    if (found.errors) mine.of = wanted;
     if (found.errors || JSON.stringify(state[column]) !== wanted) break;
-    if (whole) mine.of = wanted;
-    else await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+    if (!whole) await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
     if (JSON.stringify(state[column]) !== wanted) break;
   }
   mine.busy = false;
