@@ -68,8 +68,11 @@ def test_certify(tmp_path):
     assert set(document["levels"]["L3"]) >= {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim"}
     assert document["passive_limit_n_per_m"] == pytest.approx(4000.0)
     solved = strict_json((tmp_path / "gains.json").read_bytes())["certificate"]
-    assert solved["levels"] == document["levels"]
-    assert solved["deployable"] == document["deployable"]
+    # The file holds the thinned table alone: rows, and with them the worst of them, may differ.
+    assert {name: one["pass"] for name, one in solved["levels"].items()} == {
+        name: one["pass"] for name, one in document["levels"].items()
+    }
+    assert solved["deployable"]["pass"] == document["deployable"]["pass"]
 
 
 @pytest.mark.thorough
