@@ -5,7 +5,7 @@
     force    F' = a (u - F): the amplifier; u is the command of a sample, held, a delay late
 
 Without a structure motor, handle and hand are one body. The encoder sees the motor, rounds, and counts from anywhere
-within a step. Nothing of the package is used but the numbers of a device; `tests/whole_device.c` is another one.
+within a step. Nothing of the package is used but the numbers of a device; `tests/oracle/whole_device.c` is another one.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ import numpy as np
 from script_arguments import script_arguments
 from studied import about, computed
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 
 from baseline_laws import BASELINES, Exported, ForceAugmentation, Loop, PassivityController, Wall
 from baseline_plant import TAIL_S, Deeds, Floats, Law, shaken, simulated

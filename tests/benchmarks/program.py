@@ -20,7 +20,7 @@ import numpy as np
 from random_devices import drawn
 from studied import about, computed, cpu_seconds, made_by, percent, rounded, table
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "oracle"))
 
 from hardware_bench import export_c
 from whole_device import WholeDevice, people, rests_as_tried

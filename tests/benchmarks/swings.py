@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parent)]
+sys.path[:0] = [str(HERE.parent / "oracle")]
 
 from avc_casadi._util.arrays import FloatArray  # noqa: E402 - the package of this tree
 from avc_casadi.diagnose.causes import Diagnosis, diagnose  # noqa: E402

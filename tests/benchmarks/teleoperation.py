@@ -5,7 +5,7 @@ python tests/benchmarks/teleoperation.py [CASES] [OUT]
 Four tables: damping that published conditions ask for beside the project's; K at which the loops' spectral radius
 passes 1 against K at which a plain simulation begins to grow, on CASES random cases; recommended couplings with 200
 hands; and position-position, wave variables and time-domain passivity on the same hands. The simulation
-(tests/teleoperator_lanes.py) shares no code with the project. Overwrites OUT (default
+(tests/oracle/teleoperator_lanes.py) shares no code with the project. Overwrites OUT (default
 tests/benchmarks/results/teleoperation.json), which the page shows.
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from script_arguments import script_arguments
 from studied import about, write_rows
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "oracle"))
 from teleoperator_lanes import Lanes, SpringAndDampers
 
 import avc_casadi as avc

@@ -13,7 +13,7 @@ import numpy as np
 from goldens.command import avc
 from goldens.exported_c import compiled, exported
 
-PLANT = Path(__file__).resolve().parent.parent / "whole_device.c"
+PLANT = Path(__file__).resolve().parents[1] / "oracle" / "whole_device.c"
 HANDS, SEED = 400, 4711
 # A hand has settled where motor and handle stay below this over the last half second of each motion, at the handle.
 SETTLED_M_PER_S, SECONDS, TAIL_S = 5e-3, 3.25, 0.5

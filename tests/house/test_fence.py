@@ -2,10 +2,6 @@
 
 import ast
 import re
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from mutate import ROOT, drawn, faults
 

@@ -1,12 +1,8 @@
 """Generated blocks of the pages are what the model of a problem file gives."""
 
 import re
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from write_documents import PAGES, ROOT, key_tables, written
 
 

@@ -57,8 +57,8 @@ GAINS = {
     "damping_ns_per_m": 1.5 + np.arange(20),
     "stiffness_n_per_m": 100.0 * np.arange(20),
 }
-DEVICE_FILE = Path(__file__).parents[1] / "problems" / "devices" / "phantom-omni.toml"
-GOLDEN = Path(__file__).parent / "goldens" / "couplings" / "wall.json"
+DEVICE_FILE = Path(__file__).parents[2] / "problems" / "devices" / "phantom-omni.toml"
+GOLDEN = Path(__file__).parents[1] / "goldens" / "couplings" / "wall.json"
 # Ending, valid content, and what reads it.
 KINDS = {
     "problem": (".toml", lambda: avc.catalogue_path("figure5").read_bytes(), avc.load_problem),

@@ -17,7 +17,7 @@ from avc_hardware import build_firmware
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.stream import faults_on_the_way
 
-M0 = Path(__file__).parent / "boards" / "cortex-m0"
+M0 = Path(__file__).parents[1] / "boards" / "cortex-m0"
 
 
 def board(folder: Path, **changes: tuple[str, str]) -> Path:

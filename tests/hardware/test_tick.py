@@ -10,14 +10,12 @@ import ctypes
 import dataclasses
 import functools
 import math
-from collections.abc import Generator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hardware_bench import believer, coupling, dense_believer, require, scratch, unwatched
-from host_device import HostCore, State
+from host_device import HostCore, State, queue
 from numpy.typing import NDArray
 from reference_device import ReferenceDevice
 
@@ -31,10 +29,7 @@ from avc_hardware.codegen.build import build_host
 from avc_hardware.codegen.figures import Config
 from avc_hardware.codegen.tick_program import SAMPLE_TIMES_S, runtime_programs, tick_numbers
 from avc_hardware.emulator.machine import CLOCK_HZ
-from avc_hardware.link.frames import Decoder, Frame
-from avc_hardware.link.messages import parse
 from avc_hardware.link.monitor import pause
-from avc_hardware.link.session import Answer, Exchange, Session
 
 Counts = NDArray[np.int32]
 
@@ -133,32 +128,6 @@ def on_host(
         parts.append(core.tick(counts[start:end]))
     force, frequency = (np.concatenate([part[index] for part in parts]) for index in (0, 1))
     return force, frequency
-
-
-def queue(core: HostCore, table: TableImage) -> None:
-    """Bring a device to the point where only the next tick is missing for the swap; no time passes."""
-    core.read()
-    session = Session(1, timeout_s=1.0)
-    decoder = Decoder()
-    waiting: list[Frame] = []
-
-    def answered(dialogue: Generator[Exchange, Answer, Any]) -> Any:
-        exchange = next(dialogue)
-        while True:
-            core.write(exchange.data)
-            waiting.extend(decoder.feed(core.read()))
-            if not waiting:
-                return None  # only the commit waits for a tick
-            frame = waiting.pop(0)
-            message = parse(frame)
-            assert message is not None
-            try:
-                exchange = dialogue.send((frame.sequence, message))
-            except StopIteration as stop:
-                return stop.value
-
-    device = answered(session.hello())
-    answered(session.push(table, device))
 
 
 def library(estimator: str = "fused", cc: str = "gcc") -> Path:

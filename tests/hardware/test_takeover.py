@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
 from hardware_bench import believer, coupling, dense_believer, host_core, push, require, stream, with_gains
-from host_device import HostCore, HostLink
+from host_device import HostCore, HostLink, queue
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_firmware_tick_equals_reference import queue
 
 import avc_hardware
 from avc_casadi import load_problem

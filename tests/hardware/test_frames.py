@@ -15,7 +15,7 @@ from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.frames import MAX_ENCODED, MAX_PAYLOAD, Decoder, Frame, cobs_decode, cobs_encode, decode, encode
 from avc_hardware.link.messages import Kind, parse
 
-VECTORS = json.loads((Path(__file__).parent / "hardware_frames.json").read_text(encoding="utf-8"))
+VECTORS = json.loads((Path(__file__).parents[1] / "oracle" / "hardware_frames.json").read_text(encoding="utf-8"))
 
 payloads = st.binary(max_size=MAX_PAYLOAD)
 frames = st.builds(Frame, st.integers(0, 255), st.integers(0, 65535), payloads)

@@ -6,6 +6,7 @@ import threading
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -15,7 +16,6 @@ from avc_casadi.paper.cross_check import EXCESS_TOLERANCE, excess_error
 from avc_casadi.paper.exact import exact_gains
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.nlp_gains import nlp_gains
-from tests.drawn_problems import drawn_problem
 
 
 def some_frequencies(name, *values):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem
 from reference_optimum import series_error
 from walled import has_wall
 
@@ -9,7 +10,6 @@ import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.cross_check import EXCESS_TOLERANCE
 from avc_casadi.paper.loop import loop_at
-from tests.drawn_problems import drawn_problem
 
 
 def pointwise(problem):

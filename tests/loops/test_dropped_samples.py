@@ -13,7 +13,7 @@ from avc_casadi.simulation.population.coupling_trial import try_coupling
 from avc_casadi.simulation.population.operators import draw_population, people_of
 from avc_casadi.simulation.population.settled import residual_speeds
 
-COUPLINGS = Path(__file__).parent / "goldens" / "couplings"
+COUPLINGS = Path(__file__).parents[1] / "goldens" / "couplings"
 HANDS = 24
 
 

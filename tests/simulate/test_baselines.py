@@ -1,18 +1,13 @@
 """Laws of others and the plant on which they are compared: against another simulator, and against what they promise."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from baseline_laws import BASELINES, Exported, Loop
+from baseline_plant import Deeds, shaken, simulated
 from hardware_bench import export_c, with_gains
 from whole_device import WholeDevice, held, thrown
 
 import avc_casadi as avc
-
-sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
-from baseline_laws import BASELINES, Exported, Loop
-from baseline_plant import Deeds, shaken, simulated
 
 STEP = 2e-5
 DRY_N, SECONDS = 0.1, 1.5

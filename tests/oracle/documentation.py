@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 _ROOMS = ("avc_casadi", "hardware", "joss", "problems", "tests/benchmarks")
 PAGES = sorted(
     {*ROOT.glob("*.md")}

@@ -8,8 +8,8 @@ import pytest
 from buzzing_cases import declared_of
 from buzzing_device import Buzzing, logged
 from hardware_bench import require
+from linear_keys import linear_keys
 from measured_device import Truth, measured, multisine
-from test_files_of_turning_devices import linear_keys
 
 import avc_casadi as avc
 from avc_casadi._util import units

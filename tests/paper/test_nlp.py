@@ -3,6 +3,7 @@
 import casadi as ca
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem
 
 import avc_casadi as avc
 from avc_casadi.design.methods import solve
@@ -10,7 +11,6 @@ from avc_casadi.paper.backends import DEFAULT_SOLVER
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.nlp import coupling_nlp, nlp_parameters, optimality
 from avc_casadi.paper.nlp_solver import nlp_solvers
-from tests.drawn_problems import drawn_problem
 
 
 def evaluated(problem, gains, expressions):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hardware_bench import require
 
-EXAMPLE = Path(__file__).parents[1] / "problems" / "examples" / "teleoperation_loopback.py"
+EXAMPLE = Path(__file__).parents[2] / "problems" / "examples" / "teleoperation_loopback.py"
 
 
 @pytest.mark.thorough

@@ -4,7 +4,7 @@ import ast
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 # From the ground up; a room may import those before it and itself. The order is that of the data: plain numbers,
 # the paper's equations, files, claims, simulation, and what stands on all of them.
 ROOMS = (

@@ -1,11 +1,11 @@
 """Files of a device that turns: keys in rad, N.m and kg.m2, read back as written; those of the other motion refused."""
 
 import math
-import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from linear_keys import linear_keys
 
 import avc_casadi as avc
 from avc_casadi._util import units
@@ -34,12 +34,6 @@ values_hz = [1.0, 10.0, 60.0]
 [scene]
 duration_s = 1.0
 """
-LINEAR_KEY = re.compile(r"\b\w+_(?:kg|n|ns_per_m|n_per_m|m_per_s|m|m_per_n)\b")
-LENGTHS = {"handle_radius_m", "capstan_radius_m"}
-
-
-def linear_keys(text):
-    return [key for key in LINEAR_KEY.findall(text) if key not in LENGTHS]
 
 
 def test_keys_of_the_other_motion_are_refused_at_once():

@@ -22,7 +22,7 @@ from avc_casadi.model.gains import Gains
 from avc_casadi.present import figures
 from avc_casadi.present.figures.accuracy import draw_accuracy
 
-RESULTS = Path(__file__).parent / "benchmarks" / "results"
+RESULTS = Path(__file__).parents[1] / "benchmarks" / "results"
 PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 12})
 DAMPED = avc.load_problem("damped").changed(stability={"scope": "pointwise"}, frequency={"points": 8})
 COMPARISON = avc.compare(PROBLEM, ("closed-form", "exact"), mine=(7000.0, 10.0))

@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem
 
 from avc_casadi.design.methods import solve
-from tests.drawn_problems import drawn_problem
 
 
 def relaxed(problem, *, device=0.0, margin=0.0):

@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hardware_bench import coupling, require, scratch, unwatched
-from host_device import HostCore
+from host_device import HostCore, queue
 from lock_step_board import LockStepBoard, Machine
-from test_firmware_tick_equals_reference import queue
 
 import avc_casadi
 import avc_hardware
@@ -26,7 +25,7 @@ from avc_hardware.link.messages import Kind
 from avc_hardware.link.monitor import pause
 from avc_hardware.link.push import push_over
 
-OWN = Path(__file__).parent / "boards" / "cortex-m0"
+OWN = Path(__file__).parents[1] / "boards" / "cortex-m0"
 CONFIG = Config(unwatched(), RuntimeFigures(estimator="zero-crossing"))
 GUARD = "passivity-controller"
 MICROBIT = Machine("microbit", 4, 16e6)

@@ -1,6 +1,6 @@
 """No input harms the firmware: the kept corpus under sanitizers, and a short search for more.
 
-`AVC_FUZZ_SECONDS=60 pytest tests/test_firmware_survives_fuzzing.py` searches for longer.
+`AVC_FUZZ_SECONDS=60 pytest tests/hardware/test_fuzzing.py` searches for longer.
 """
 
 import os
@@ -14,7 +14,7 @@ from avc_casadi import UnsupportedError
 from avc_hardware.codegen.build import HOST_INSTALL, compile_with, compiler, generate, options_of
 from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
 
-CORPUS = (Path(__file__).parent / "hardware_corpus.txt").read_text(encoding="utf-8").split()
+CORPUS = (Path(__file__).parents[1] / "oracle" / "hardware_corpus.txt").read_text(encoding="utf-8").split()
 SECONDS = int(os.environ.get("AVC_FUZZ_SECONDS", "4"))
 INSTALL = "apt-get install -y --no-install-recommends clang libclang-rt-dev"
 
@@ -26,7 +26,7 @@ def build_fuzzer(*, cc: str = "clang", replay: bool = False) -> Path:
     """Build the fuzzer with sanitizers, or a program that runs the files it is given."""
     program, made = scratch() / ("replay" if replay else "fuzz"), scratch() / "fuzz-generated"
     sources = generate(made, Config(LIMITS, RuntimeFigures(estimator="zero-crossing")), bound=True)
-    sources.append(Path(__file__).with_name("hardware_fuzz.c"))
+    sources.append(Path(__file__).parents[1] / "oracle" / "hardware_fuzz.c")
     sanitize = (
         ["-fsanitize=address,undefined", "-DAVC_FUZZ_REPLAY"] if replay else ["-fsanitize=fuzzer,address,undefined"]
     )

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from avc_casadi._util.arrays import Float32Array
+from avc_hardware import TableImage
 from avc_hardware.codegen.figures import BoardLimits, Config, RuntimeFigures
+from avc_hardware.link.frames import Decoder, Frame
+from avc_hardware.link.messages import parse
+from avc_hardware.link.session import Answer, Exchange, Session
 
 _ROOM = 8192
 # Counts: where a device stands that nobody has put anywhere, out of contact.
@@ -174,3 +179,29 @@ class HostLink:
 
     def close(self) -> None:
         """Nothing to give back."""
+
+
+def queue(core: HostCore, table: TableImage) -> None:
+    """Bring a device to the point where only the next tick is missing for the swap; no time passes."""
+    core.read()
+    session = Session(1, timeout_s=1.0)
+    decoder = Decoder()
+    waiting: list[Frame] = []
+
+    def answered(dialogue: Generator[Exchange, Answer, Any]) -> Any:
+        exchange = next(dialogue)
+        while True:
+            core.write(exchange.data)
+            waiting.extend(decoder.feed(core.read()))
+            if not waiting:
+                return None  # only the commit waits for a tick
+            frame = waiting.pop(0)
+            message = parse(frame)
+            assert message is not None
+            try:
+                exchange = dialogue.send((frame.sequence, message))
+            except StopIteration as stop:
+                return stop.value
+
+    device = answered(session.hello())
+    answered(session.push(table, device))

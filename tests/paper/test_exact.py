@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from drawn_problems import drawn_problem
 from reference_optimum import MP, NUMBERS, damped_error, series_error
 from walled import has_wall
 
@@ -9,7 +10,6 @@ import avc_casadi as avc
 from avc_casadi.design.methods import solve
 from avc_casadi.paper.equations import coupling_impedance
 from avc_casadi.paper.loop import loop_at
-from tests.drawn_problems import drawn_problem
 
 WITHIN = 1e-10
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).parents[1] / "problems" / "examples"
+EXAMPLES = Path(__file__).parents[2] / "problems" / "examples"
 ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet"}
 
 
