@@ -33,13 +33,3 @@ def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, 
     counts = re.findall(rf"{ENGINES[module]}, .*: (\d) of 8 hands settle", done.stdout)
     assert counts == ["8", "0"]
     assert picture.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("module", ENGINES)
-def test_missing_engine_is_told_with_what_installs_it(module, tmp_path):
-    (tmp_path / f"{module}.py").write_text(f"raise ImportError('no {module}')\n")
-    picture, done = run(module, tmp_path, PYTHONPATH=str(tmp_path))
-    assert done.returncode == 1
-    assert done.stderr.strip() == f'{module}_box.py needs {ENGINES[module]}: pip install "avc-casadi[engines]"'
-    assert not picture.exists()

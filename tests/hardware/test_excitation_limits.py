@@ -13,7 +13,7 @@ import avc_casadi as avc
 from avc_casadi.identification.excitation.design import check_plan, plan_excitation
 from avc_casadi.identification.excitation.plan import corners_of, forecast
 from avc_casadi.model.device import Device
-from avc_hardware import Connection, RefusedError, excite
+from avc_hardware import Connection, RefusedError
 from avc_hardware.link import messages as m
 from avc_hardware.link.excite import plan_bytes
 from avc_hardware.link.faults import Reason
@@ -104,21 +104,6 @@ def test_stop_takes_the_force_away_at_the_next_tick():
     assert not np.any(bench.force_n[stopped:])
 
 
-def test_interrupt_of_the_host_stops_the_device_first():
-    class Impatient:
-        def advance(self, done, *_):
-            if done > 500:
-                raise KeyboardInterrupt
-
-    bench = Bench(device())
-    with pytest.raises(KeyboardInterrupt):
-        excite(planned(), bench.link, progress=Impatient())
-    stopped = len(bench.force_n)
-    bench.pass_by(300)
-    assert not np.any(bench.force_n[stopped:])
-    assert stopped < 1500
-
-
 def test_no_coupling_runs_beside_or_after_it_until_one_is_pushed():
     bench = Bench(device(encoder_resolution_m=2e-6))
     plan = dataclasses.replace(planned(), metres_per_count=2e-6)
@@ -161,18 +146,6 @@ def test_device_refuses_a_plan_without_limits(wrong):
         connection.run(connection.session.ask(Kind.EXCITE, plan_bytes(plan, 1), m.Excited))
     bench.pass_by(50)
     assert not np.any(bench.force_n)
-
-
-def test_same_excitation_is_not_played_twice():
-    """An answer that was lost is asked for again; a late copy of the question moves nothing."""
-    bench = Bench(device())
-    connection = Connection(bench.link)
-    bench.play_unheard(connection, planned(), 1100)
-    began = len(bench.force_n)
-    bench.play_unheard(connection, planned(), 300)
-    assert not np.any(bench.force_n[began:])
-    with pytest.raises(RefusedError, match="another excitation"):
-        connection.run(connection.session.ask(Kind.RECORDS, m.records(8, 0), m.Records))
 
 
 def test_plan_that_would_break_a_limit_on_a_corner_is_refused():

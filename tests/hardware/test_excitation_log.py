@@ -1,7 +1,6 @@
 """Every record of an excitation is that of its own tick: over a bad line, when read too late, and in the file."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ from hardware_bench import require
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avc_casadi import InputError
 from avc_casadi.identification.excitation.signal import FULL, Signal
 from avc_casadi.identification.read import read_logs
 from avc_hardware import Connection, excite
@@ -67,31 +65,6 @@ def test_sines_of_the_device_are_sines():
 
 
 @pytest.mark.thorough
-def test_what_was_recorded_until_an_interrupt_is_kept(tmp_path):
-    """Ctrl-C while records come in: those that did are the first of the whole log, and the device is stopped."""
-
-    def impatient(done, *_):
-        if done > 700:
-            raise KeyboardInterrupt
-
-    whole, bench, kept = Bench(device()).excite(planned()), Bench(device()), []
-    with pytest.raises(KeyboardInterrupt):
-        excite(planned(), bench.link, progress=SimpleNamespace(advance=impatient), cut=kept.append)
-    (log,) = kept
-    size = log.index.size
-    assert 700 < size < whole.index.size
-    assert not log.whole
-    assert np.array_equal(log.position_m, whole.position_m[:size])
-    assert np.array_equal(log.force_n, whole.force_n[:size])
-    bench.pass_by(5)
-    assert bench.force_n[-1] == 0
-    log.save(tmp_path / "cut.csv")
-    assert "cut by Ctrl-C" in (tmp_path / "cut.csv").read_text()
-    (record,), _ = read_logs([tmp_path / "cut.csv"])
-    assert record.position_m.size == size
-
-
-@pytest.mark.thorough
 @settings(max_examples=15, deadline=None)
 @given(
     st.lists(st.tuples(st.booleans(), st.integers(700, 9000), st.sampled_from(KINDS), st.integers(1, 40)), max_size=6)
@@ -129,17 +102,6 @@ def test_host_that_comes_too_late_sees_a_gap_and_no_shift():
     assert np.array_equal(early.counts, bench.counts[start : start + len(early.counts)])
 
 
-def test_step_that_does_not_fit_begins_the_next_answer():
-    """An encoder that is set anew by 100 000 counts stops the device; the record of it is whole."""
-    bench = Bench(device(), max_acceleration_m_per_s2=0.0, max_speed_m_per_s=0.0)
-    before = bench.device.count
-    bench.device.count = lambda: before() + (100_000 if len(bench.counts) > 900 else 0)
-    log = bench.excite(planned())
-    assert "limit" in log.end
-    assert np.array_equal(np.round(log.position_m / 2e-5), np.array(bench.counts)[log.start_tick + log.index])
-    assert np.ptp(log.position_m) > 1.9
-
-
 def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):
     log = Bench(device()).excite(planned())
     path = tmp_path / "log.csv"
@@ -155,12 +117,3 @@ def test_file_keeps_ticks_and_a_gap_cuts_the_record(tmp_path):
     records, told = read_logs([path])
     assert [record.position_m.size for record in records] == [1000, log.index.size - 1040]
     assert "1 gap in time" in told[0]
-
-
-def test_link_too_slow_for_the_plan_is_refused_before_anything_moves():
-    bench = Bench(device(sample_time_s=2.5e-4))
-    plan = dataclasses.replace(planned(), sample_time_s=2.5e-4, ticks=40_000)
-    with pytest.raises(InputError, match="a faster --baud"):
-        bench.excite(plan)
-    assert not np.any(bench.force_n)
-    excite(dataclasses.replace(plan, ticks=4000), bench.link)

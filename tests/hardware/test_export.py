@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from exported import C99, CLANG, CLANG_CPP17, CPP11, WARNINGS, Exported
 from exported_cases import drawn, motions
-from hardware_bench import believer, bench_problem, coupling, export_c, require, with_gains
+from hardware_bench import believer, bench_problem, export_c, require, with_gains
 from reference_coupling import ReferenceCoupling
 
 import avc_casadi as avc
-from avc_casadi import InputError
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.model.effects import DelayEffect, EncoderEffect, HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.runtime import Runtime
@@ -135,33 +134,6 @@ def test_export_feels_like_the_scene_in_double_precision(name: str, *, varies: b
         difference = np.abs(force[: len(asked)] - asked)
         assert difference.max() < worst * asked.max()
         assert np.sqrt(np.mean(difference**2)) < mean * asked.max()
-
-
-def test_header_says_what_it_is() -> None:
-    made = drawn(7)
-    header = export_c(dataclasses.replace(made, problem=made.problem.changed(title="a */ b \\ ??/ \u00fc")))[
-        "avc_coupling.h"
-    ]
-    assert f'#define AVC_COUPLING_ID "{made.id}"' in header
-    assert re.search(r"#define AVC_COUPLING_SAMPLE_TIME_S \S+f\n", header)
-    assert "AVC_COUPLING_MAX_FORCE_N" not in header
-    assert header.isascii()
-    assert ": a _/ b _ __/ _\n" in header
-    assert max(map(len, header.splitlines())) <= 120
-    assert f"contact law {made.contact}" in header
-    limited = export_c(coupling(1, max_force_n=7.5))["avc_coupling.h"]
-    assert "#define AVC_COUPLING_MAX_FORCE_N 7.5f\n" in limited
-
-
-def test_what_cannot_be_exported_is_refused_by_name() -> None:
-    with pytest.raises(InputError, match="environment: gives no force"):
-        export_c(coupling(1, wall=(0.0, 0.0)))
-    with pytest.raises(InputError, match="single precision"):
-        export_c(with_gains(bench_problem(), 1.0, 1e39))
-    with pytest.raises(InputError, match="precision: is 'half'; allowed: single, double"):
-        export_c(coupling(1), precision="half")
-    with pytest.raises(InputError, match="encoder"):
-        export_c(coupling(1, runtime=Runtime(observer_mass_kg=0.2), encoder_resolution_m=0.0))
 
 
 def test_fast_math_is_refused() -> None:

@@ -8,14 +8,10 @@ import pytest
 from exported import C99, CLANG_CPP17, CPP11, Exported
 from exported_bench import ran
 from exported_cases import motions, notched
-from hardware_bench import bench_problem, coupling, export_c, with_gains
+from hardware_bench import coupling
 from reference_coupling import ReferenceCoupling
 
-import avc_casadi as avc
-from avc_casadi import UnsupportedError
-from avc_casadi.model.effects import DelayEffect, DetentEffect, EncoderEffect, HandEffect, WallEffect
 from avc_casadi.simulation.emit import PRECISIONS
-from avc_hardware import TableImage
 
 # Nothing beside the gains; a table; observer and tank; a controller; state feedback.
 SEEDS = (0, 1, 2, 7, 16)
@@ -62,25 +58,3 @@ def test_the_force_in_front_of_the_wall_is_that_of_the_definition(precision: str
     forces = Exported(made, precision=precision).forces(places)
     # A valley is as far away as single precision tells a place some thousand times its distance.
     assert np.abs(forces - expected)[~near_an_edge].max() < off * 50 / width
-
-
-def test_the_scene_and_its_export_feel_alike() -> None:
-    effects = (HandEffect(), WallEffect(), DetentEffect(), EncoderEffect(), DelayEffect())
-    problem = bench_problem((0.0, 2e3), delay_samples=1, encoder_resolution_m=2e-5).changed(
-        detent={"force_n": 0.8, "pitch_m": 2e-3, "centre_m": -1e-3, "damping_ns_per_m": 0.5},
-        scene={"effects": effects, "motion": {"kind": "press", "end_m": 0.003}, "duration_s": 0.8},
-    )
-    made = with_gains(problem, 0.0, 1e8, 3.0)
-    scene = avc.simulate(problem, made)
-    measured = 2e-5 * np.floor(scene.position_m / 2e-5 + 0.5)
-    asked = scene.force_n[1:]
-    assert asked.min() < -0.5
-    assert asked.max() > 1
-    force = Exported(made, precision="double").forces(measured)[:-1]
-    assert np.abs(force - asked).max() < 1e-9 * asked.max()
-
-
-def test_a_table_has_no_place_for_them_and_says_where_they_go() -> None:
-    with pytest.raises(UnsupportedError, match=r"detent has no place in the table.*avc export FILE --c DIR"):
-        TableImage.of(notched(0))
-    assert "detents everywhere: " in export_c(notched(0))["avc_coupling.h"]

@@ -1,6 +1,5 @@
 """The exported coupling of a teleoperator is the loop that was judged, on any compiler; faults end in less force."""
 
-import json
 import math
 
 import numpy as np
@@ -10,8 +9,6 @@ from exported_teleoperator import ExportedPair, teleoperator_coupling
 from teleoperator_simulator import run
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.files.coupling_file import read_coupling, write_coupling
 from avc_hardware import export_c
 
 # In which a force fades, and after how many a link is silent, in samples.
@@ -113,16 +110,6 @@ def test_old_and_duplicate_messages_are_ignored():
     assert pair.leader.step(0.0, old) == pytest.approx(1000 * 0.002 + 5.0 * 1.0)
 
 
-def test_numbers_may_run_over():
-    pair = pulled()
-    last = pair.follower.message().number
-    pair.leader.init()
-    assert pair.leader.receive(pair.Message(2**32 - 1, 0.0, 0.0, 0.0))
-    assert pair.leader.receive(pair.Message(1, 0.001, 0.0, 0.0))
-    assert not pair.leader.receive(pair.Message(2**32 - 1, 0.0, 0.0, 0.0))
-    assert last < 2**31
-
-
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e9, 0.5])
 @pytest.mark.parametrize("place", ["position", "velocity", "force"])
 def test_bad_numbers_of_a_message_are_refused(bad, place):
@@ -186,16 +173,6 @@ def test_message_that_is_repeated_for_ever_is_believed_once(silenced):
     assert abs(force) == pytest.approx(20.0)
 
 
-def test_message_made_before_a_good_sample_is_not_believed():
-    pair = ExportedPair(teleoperator_coupling(FOLLOWER, 1000.0, 5.0))
-    for _ in range(4 * (SILENT + FADE)):
-        pair.leader.step(math.nan, pair.follower.message())
-        assert pair.follower.step(0.1, pair.leader.message()) == 0.0
-    pair.leader.sample(0.1)
-    assert pair.leader.message().number == 1
-    assert pair.follower.receive(pair.leader.message())
-
-
 def test_lost_damper_uncovers_no_spring():
     """The follower is drawn off at 0.25 m/s, damper against spring; a bad sample anywhere lets no force grow."""
     path = 1e-3 - 0.25e-3 * np.concatenate([np.zeros(80), np.arange(1, 13)])
@@ -216,56 +193,3 @@ def test_unstable_coupling_is_written_by_request_only():
     with pytest.raises(avc.NotDeployableError, match="linearly unstable"):
         export_c(coupling)
     assert "UNSAFE, written by request" in export_c(coupling, unsafe=True)["avc_coupling.h"]
-
-
-def test_file_keeps_what_runs_and_tells_what_was_changed(tmp_path):
-    coupling = teleoperator_coupling(f"{FOLLOWER}position_scale = 0.5\nforce_scale = 4.0\n", 900.0, 6.0, 2.0)
-    path = tmp_path / "c.json"
-    write_coupling(coupling, path)
-    assert read_coupling(path) == coupling
-    document = json.loads(path.read_text())
-    assert document["at_follower"] == {
-        "stiffness_n_per_m": 450.0,
-        "damping_ns_per_m": 3.0,
-        "local_damping_ns_per_m": 1.0,
-    }
-    path.write_text(json.dumps({**document, "stiffness_n_per_m": 901.0}))
-    with pytest.raises(avc.InputError, match="changed since"):
-        read_coupling(path)
-    path.write_text(json.dumps({**document, "problem_file": {}, "damping_ns_per_m": -1.0}))
-    with pytest.raises(avc.InputError, match=r"problem_file\.device: is missing"):
-        read_coupling(path)
-
-
-def test_command_writes_what_is_unstable_by_request_and_refuses_what_is_of_others(tmp_path, capsys):
-    path = tmp_path / "c.json"
-    write_coupling(teleoperator_coupling(f"{FOLLOWER}delay_s = 0.02\n", 20000.0, 1.0), path)
-    command = ["export", str(path), "--c", str(tmp_path / "c")]
-    assert main(command) == 1
-    assert main([*command, "--unsafe", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["unsafe"].startswith("UNSAFE")
-
-
-@pytest.mark.parametrize("verb", ["certify", "simulate", "trial"])
-def test_verbs_that_know_walls_say_who_takes_the_file(verb, tmp_path, capsys):
-    path = tmp_path / "c.json"
-    write_coupling(teleoperator_coupling(FOLLOWER, 900.0, 6.0), path)
-    assert main([verb, str(path)]) == 2
-    said = capsys.readouterr().err
-    assert "to a [follower]" in said
-    assert "avc export" in said
-
-
-def test_command_writes_a_coupling_and_its_c(tmp_path, capsys):
-    file, out = tmp_path / "arm.toml", tmp_path / "c.json"
-    file.write_text(
-        "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\n"
-    )
-    assert main(["recommend", str(file), "--hands", "8", "--out", str(out)]) == 0
-    assert f"avc export {out}" in capsys.readouterr().out
-    assert main(["export", str(out), "--c", str(tmp_path / "c"), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["coupling"] == read_coupling(out).id
-    assert {path.name for path in (tmp_path / "c").iterdir()} == {"avc_coupling.h", "avc_coupling.c"}
-    assert main(["export", str(out), "--c", str(tmp_path / "d")]) == 0
-    assert "follower" in capsys.readouterr().out

@@ -10,10 +10,8 @@ from exported import Exported
 from faulty_sensor import KINDS, FaultySensor
 from hardware_bench import believer, bench_problem, export_c, with_gains
 
-import avc_casadi as avc
 from avc_casadi._util.arrays import FloatArray
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.device import Detent
 from avc_casadi.model.runtime import Runtime
 
 STEP = 2e-5
@@ -107,45 +105,6 @@ def test_who_is_in_the_wall_at_the_start_gets_no_force_until_it_goes_deeper(name
     assert device.forces(on_steps(np.linspace(4e-3, 5e-3, 100)))[-1] > 0.5
 
 
-def test_the_fastest_stroke_of_a_hand_is_none() -> None:
-    for made in LAWS.values():
-        way = np.array([-0.025, -0.015, -0.005, 0.005])  # 10 mm in each sample of 1 ms
-        assert Exported(made).forces(way)[-1] > 0
-
-
-def test_detents_wait_for_the_outside_after_a_fault_in_the_wall() -> None:
-    """They stand where they stand, so that the wall cannot begin deeper."""
-    problem = bench_problem((5.0, STIFFNESS), max_force_n=8.0).changed(detent=Detent(pitch_m=0.01, force_n=0.5))
-    device, fresh = Exported(with_gains(problem, 5.0, 4e3)), Exported(with_gains(problem, 5.0, 4e3))
-    press = np.linspace(-3e-3, 1e-3, 200)
-    assert device.forces(press)[-1] > 1
-    assert device.step(math.nan) == 0
-    assert np.abs(device.forces(np.full(20, 1e-3))).max() == 0
-    assert device.forces(press)[4:].tobytes() == fresh.forces(press)[4:].tobytes()
-
-
-@pytest.mark.parametrize("wrong_m", [math.nan, 0.1, 3e-3])
-@pytest.mark.parametrize("again_m", [9e-3, -9e-3])
-def test_detents_take_no_second_fault_for_a_movement(wrong_m: float, again_m: float) -> None:
-    """A jump after a fault and one good sample: their damper would give as much as the limit, far outside."""
-    detent = Detent(pitch_m=0.01, force_n=0.5, damping_ns_per_m=1.0)
-    problem = bench_problem((5.0, STIFFNESS), max_force_n=8.0, encoder_resolution_m=STEP).changed(detent=detent)
-    device = Exported(with_gains(problem, 5.0, 4e3))
-    way = np.full(60, -0.02)
-    rest = np.abs(device.forces(way)).max()
-    way[30] += wrong_m
-    way[32] += again_m
-    device.start()
-    assert np.abs(device.forces(way)).max() <= rest + 1e-6
-    # A hand that moves on as fast is believed as soon as it has been seen twice.
-    device.start()
-    fast = -0.2 + 4e-3 * np.arange(40)
-    clean = device.forces(fast)
-    device.start()
-    fast[20] = math.nan
-    np.testing.assert_allclose(device.forces(fast)[25:], clean[25:], atol=1e-3)
-
-
 @pytest.mark.parametrize("wrong_m", [math.nan, 0.1, -0.1])
 @pytest.mark.parametrize("name", LAWS)
 def test_a_fault_before_the_face_lets_no_spring_begin_stretched(name: str, wrong_m: float) -> None:
@@ -185,34 +144,6 @@ def test_a_light_device_that_is_thrown_out_is_no_fault(delay: int) -> None:
             x, v = x + time * v + time**2 / 2 * acceleration, v + time * acceleration
             fastest = max(fastest, -v if x < 0 else 0.0)
     assert fastest > 0.5
-
-
-@pytest.mark.parametrize("unit", [1.0, 0.05])
-@pytest.mark.parametrize("step", [5e-6, 2e-5, 5e-5])
-@pytest.mark.parametrize("time", [1e-4, 2.5e-4, 1e-3])
-def test_an_encoder_that_is_not_declared_is_no_fault_at_any_rate(time: float, step: float, unit: float) -> None:
-    """Its steps are: pressed slowly or fast, the wall pushes back as a spring does."""
-    problem = bench_problem((0.0, 1e3), sample_time_s=time, max_force_n=8.0, encoder_resolution_m=0.0)
-    if unit != 1:
-        text = (
-            f'[device]\nmotion = "rotary"\nhandle_radius_m = {unit}\ninertia_kgm2 = 3e-4\ndamping_nms_per_rad = 1e-3\n'
-            f"sample_time_s = {time}\nmax_torque_nm = {8 * unit}\n[environment]\n"
-            f"stiffness_nm_per_rad = {1e3 * unit**2}\ndamping_nms_per_rad = 0.0\n"
-        )
-        problem = avc.parse_problem(text)
-    device = Exported(with_gains(problem, 0.0, 1e8))
-    for speed in (0.02, 0.1, 0.3):
-        way = step * np.round(np.arange(-2e-3, 4e-3, speed * time) / step) / unit
-        device.start()
-        np.testing.assert_allclose(device.forces(way), 1e3 * unit**2 * np.maximum(way, 0), atol=0.06 * unit)
-
-
-def test_the_coarsest_encoder_of_a_range_is_no_fault() -> None:
-    problem = bench_problem((0.0, 1e3), sample_time_s=2.5e-4, encoder_resolution_m=1e-5)
-    problem = problem.changed(device={"range": {"encoder_resolution_m": (1e-5, 5e-5)}})
-    way = 5e-5 * np.round(np.arange(-2e-3, 4e-3, 5e-6) / 5e-5)
-    forces = Exported(with_gains(problem, 0.0, 1e8)).forces(way)
-    np.testing.assert_allclose(forces, 1e3 * np.maximum(way, 0), atol=0.06)
 
 
 @functools.cache

@@ -11,14 +11,11 @@ from pathlib import Path
 
 import pytest
 from exported import C99, WARNINGS
-from exported_teleoperator import teleoperator_coupling
-from exported_tool import tool_coupling
 from hardware_bench import bench_problem, export_c, require, run, scratch, with_gains
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-import avc_hardware
 from avc_casadi import InputError
 from avc_casadi.coupling import Coupling
 
@@ -64,32 +61,6 @@ def test_no_title_method_or_file_becomes_code(title: str, method: str, file: str
         assert code(text) == code(plain[place]), place
 
 
-@pytest.mark.thorough
-@given(title=TEXTS, file=TEXTS)
-@example(title="*\\ int planted; /*", file="*/")
-@example(title="*\\/ int planted; /\\*", file="??/\n*/")
-def test_no_title_or_file_of_a_simulation_becomes_code(title: str, file: str) -> None:
-    plain = tool_coupling("tool_mass_kg = 0.2\nstep_s = 0.002", 500.0, 5.0)
-    named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
-    found = avc_hardware.export_c(named)
-    for place, text in avc_hardware.export_c(plain).items():
-        assert found[place].isascii()
-        assert code(found[place]).replace(named.id, plain.id) == code(text)
-
-
-@pytest.mark.thorough
-@given(title=TEXTS, file=TEXTS)
-@example(title="*\\ int planted; /*", file="*/")
-@example(title="*\\/ int planted; /\\*", file="??/\n*/")
-def test_no_title_or_file_of_a_teleoperator_becomes_code(title: str, file: str) -> None:
-    plain = teleoperator_coupling("mass_kg = 0.3\ndamping_ns_per_m = 1.0", 500.0, 5.0)
-    named = dataclasses.replace(plain, problem=plain.problem.model_copy(update={"title": title, "name": file}))
-    found = avc_hardware.export_c(named, unsafe=True)
-    for place, text in avc_hardware.export_c(plain, unsafe=True).items():
-        assert found[place].isascii()
-        assert code(found[place]).replace(named.id, plain.id) == code(text)
-
-
 def test_a_planted_statement_is_seen_by_this_test() -> None:
     """A comment that ends early is code to `code`, in each way that C knows."""
     for text in ("/* a */ int planted; /* */", "/* a *??/\n/ int planted; /* */", "/* a *\\\n/ int planted; /* */"):
@@ -133,32 +104,6 @@ def test_two_couplings_of_two_names_link_into_one_program() -> None:
     assert 0 < float.fromhex(soft) < float.fromhex(stiff) <= 8
     assert told == gains["soft"].id
     assert not any("avc_coupling" in text for text in export_c(PLAIN, name="soft").values())
-
-
-C99_HEADERS = (
-    "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdarg stdbool stddef "
-    "stdint stdio stdlib string tgmath time wchar wctype"
-)
-HEADERS = f"{C99_HEADERS} stdalign stdatomic stdnoreturn threads uchar".split()
-
-
-@pytest.mark.parametrize("name", HEADERS)
-def test_a_name_that_hides_a_header_of_c_is_refused(name: str) -> None:
-    with pytest.raises(InputError, match=f"name: is '{name}'"):
-        export_c(PLAIN, name=name)
-
-
-@pytest.mark.parametrize("name", ["int", "struct", "printf", "double_t"])
-def test_a_word_of_c_may_begin_names(name: str) -> None:
-    """No generated name is the word itself."""
-    folder = Path(tempfile.mkdtemp(dir=scratch()))
-    for file, text in export_c(PLAIN, name=name).items():
-        (folder / file).write_text(text, encoding="ascii")
-    every = "".join(f"#include <{header}.h>\n" for header in C99_HEADERS.split())
-    (folder / "all.c").write_text(f'{every}#include "{name}.h"\n', encoding="ascii")
-    tool, *options = C99
-    for source in ("all.c", f"{name}.c"):
-        run(tool, *options, *WARNINGS, "-I", str(folder), "-c", str(folder / source), "-o", str(folder / "out.o"))
 
 
 @pytest.mark.parametrize("name", ["", "Soft", "2nd", "a b", "a*/", "x" * 21, "soft_", "int main"])

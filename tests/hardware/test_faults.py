@@ -3,7 +3,6 @@
 Injected into the compiled core, the emulated board and QEMU.
 """
 
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +15,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import load_problem
-from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime, StateFeedback
 from avc_hardware import BoardLimits, Connection, DeviceFault, DeviceStatus, EmulatedBoard, clear_faults
@@ -207,19 +205,6 @@ def test_a_wall_that_feeds_a_vibration_is_stopped() -> None:
     assert max(speeds) > 0.1
 
 
-def test_lost_heartbeat_is_told_while_it_lasts() -> None:
-    core = board()
-    connection = Connection(HostLink(core))
-    connection.heartbeat(0.02)
-    still(core, 60)
-    assert core.faults() == DeviceFault.HEARTBEAT
-    still(core, 100)
-    assert core.faults() == DeviceFault.HEARTBEAT
-    connection.heartbeat(0.0)
-    still(core, 3)
-    assert (core.faults(), core.state().mode) == (0, 0)
-
-
 def test_an_excitation_ends_with_a_fault_and_none_begins() -> None:
     bench = Bench(device())
     connection = Connection(bench.link)
@@ -320,25 +305,3 @@ def test_on_the_emulated_board_a_supply_that_sank_is_told_from_switching_on(why:
     bench.machine.reset(why)
     bench.run(0.01)
     assert bench.status().faults == fault
-
-
-def test_monitor_and_clear_tell_the_fault(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    core = board()
-    go(core, PRESS)
-    jump(core)
-    core.disable(True)
-    still(core, 5)
-    for module in ("settings", "monitor"):
-        monkeypatch.setattr(
-            f"avc_hardware.link.{module}.open_link", lambda *_, **__: HostLink(core, position=lambda _: 1300)
-        )
-    assert main(["monitor", "--port", "x", "--seconds", "0.1"]) == 0
-    assert "fault (encoder jumped, enable line open)" in capsys.readouterr().out
-    assert main(["device", "--clear", "--port", "x", "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
-    assert (document["were"], document["left"]) == (["encoder jumped", "enable line open"], ["enable line open"])
-    core.disable(False)
-    assert main(["device", "--clear", "--port", "x"]) == 0
-    told = capsys.readouterr().out
-    assert "emergency stop" in told
-    assert "Cleared  the device is in mode safe" in told

@@ -2,7 +2,6 @@
 
 import json
 import struct
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -106,28 +105,3 @@ def test_any_message_is_answered_once_and_no_answer_is(kind: int, payload: bytes
     assert answer.sequence == 77
     if version != 1:
         assert parse(answer) == Refusal(Reason.VERSION, 1)
-
-
-def test_a_frame_of_any_length_is_answered_or_dropped() -> None:
-    core = host_core()
-    for size in (0, 1, 250, 254, 255, 508, MAX_PAYLOAD):
-        core.read()
-        core.write(encode(Frame(0x55, 3, bytes(size % 251 + 1 for _ in range(size)))))
-        (answer,) = Decoder().feed(core.read())
-        assert parse(answer) == Refusal(Reason.MESSAGE, 0x55)
-    core.write(b"\1" * 5000 + b"\0")
-    assert core.read() == b""
-    content = b"\1" * (1016 + 1)
-    core.write(cobs_encode(content + struct.pack("<I", zlib.crc32(content))) + b"\0")
-    assert core.read() == b""
-
-
-def test_the_longest_frame_is_received_whole() -> None:
-    frame = Frame(Kind.CHUNK, 5, b"\1" * MAX_PAYLOAD)
-    assert len(encode(frame)) > MAX_ENCODED // 2
-    assert Decoder().feed(encode(frame)) == [frame]
-
-
-@pytest.mark.parametrize("version", [0, 2])
-def test_a_frame_of_another_protocol_is_not_read(version: int) -> None:
-    assert parse(Frame(Kind.HEARTBEAT | 0x80, 5, struct.pack("<II", 7, 0), version)) == Refusal(Reason.VERSION, version)

@@ -9,25 +9,20 @@ import scipy.linalg
 from hardware_bench import require, with_gains
 
 import avc_casadi as avc
-from avc_casadi import InputError, Problem, UnsupportedError
+from avc_casadi import Problem
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import (
     AdaptationEffect,
-    CoulombFrictionEffect,
-    DelayEffect,
     EncoderEffect,
     EstimatorEffect,
     HandEffect,
-    SaturationEffect,
     WallEffect,
 )
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
-from avc_casadi.simulation.population.motions import LONGEST_S
 from avc_hardware import FirmwareInTheLoop, LoopResult, tried_in_the_loop
 from avc_hardware.link import messages as m
-from avc_hardware.link.faults import DeviceFault
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.session import InContactError
 from avc_hardware.link.table import lookup
@@ -147,16 +142,6 @@ def test_table_pushed_in_contact_does_not_come_into_force() -> None:
 
 
 @pytest.mark.thorough
-def test_loop_is_the_same_in_every_run() -> None:
-    traces = []
-    for _ in range(2):
-        loop = FirmwareInTheLoop(wall())
-        loop.push(scheduled())
-        traces.append(loop.run(0.5))
-    assert traces[0] == traces[1]
-
-
-@pytest.mark.thorough
 def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     loop = FirmwareInTheLoop(wall())
     loop.push(scheduled())
@@ -176,16 +161,6 @@ def test_lost_heartbeat_takes_the_force_away_and_comes_back_safe() -> None:
     loop.connection.heartbeat(0.0)
     loop.run(0.05)
     assert loop.status().mode == "safe"  # still inside the wall: no force comes back there
-
-
-@pytest.mark.thorough
-def test_bench_refuses_what_it_does_not_have() -> None:
-    with pytest.raises(UnsupportedError, match="coulomb-friction"):
-        FirmwareInTheLoop(wall().changed(scene={"effects": (HandEffect(), WallEffect(), CoulombFrictionEffect())}))
-    with pytest.raises(UnsupportedError, match="force_n = 5, the board 50"):
-        FirmwareInTheLoop(wall().changed(scene={"effects": (HandEffect(), SaturationEffect(force_n=5.0))}))
-    with pytest.raises(InputError, match="seconds"):
-        tried_in_the_loop(scheduled(), seconds=float("nan"))
 
 
 @functools.cache
@@ -220,13 +195,6 @@ def test_coupling_of_any_wall_and_rate_is_at_rest_with_its_own_wall(name: str, t
 
 
 @pytest.mark.thorough
-def test_the_wall_of_one_coupling_is_not_that_of_the_other() -> None:
-    stiff, soft = tried("ve3").apparent_stiffness_n_per_m, tried("soft").apparent_stiffness_n_per_m
-    assert stiff > 5 * soft
-    assert tried("ve3").push.coupling_id != tried("soft").push.coupling_id
-
-
-@pytest.mark.thorough
 def test_a_handle_that_swings_on_a_motor_that_stands_is_not_at_rest() -> None:
     mode = {"frequency_hz": 12.0, "damping_ratio": 0.001, "mass_ratio": 0.02}
     hand = {"mass_kg": (1e-3, 1e-3), "damping_ns_per_m": (0.02, 0.02), "stiffness_n_per_m": (200.0, 200.0)}
@@ -242,25 +210,6 @@ def test_a_handle_that_swings_on_a_motor_that_stands_is_not_at_rest() -> None:
     found = tried_in_the_loop(with_gains(problem, 20.0, 1e8), seconds=3.0)
     assert found.judgement.peak_velocity_m_per_s > REST_M_PER_S
     assert not found.at_rest
-
-
-@pytest.mark.thorough
-def test_a_lower_force_limit_is_the_board_s() -> None:
-    coupling = tuned("ve3")
-    weak = with_gains(coupling.problem.changed(device={"max_force_n": 1.5}), 0.0, 1e5)
-    found = tried_in_the_loop(weak)
-    assert found.peak_force_n == pytest.approx(1.5)
-    assert found.status.saturated > 1000
-
-
-@pytest.mark.thorough
-def test_a_heavy_device_is_watched_for_as_long_as_it_swings_in_a_hand_alone() -> None:
-    heavy = {"mass_kg": 5.0, "damping_ns_per_m": 0.0}
-    problem = wall().changed(device=heavy, hands={"mass_kg": (0.1, 0.1), "damping_ns_per_m": (5.0, 12.0)})
-    coupling = with_gains(problem, 0.0, 300.0)
-    short, whole = tried_in_the_loop(coupling, seconds=3.0), tried_in_the_loop(coupling)
-    assert (short.at_rest, whole.at_rest) == (False, True)
-    assert short.seconds == problem.scene.duration_s < whole.seconds < LONGEST_S
 
 
 @functools.cache
@@ -305,29 +254,6 @@ def test_state_feedback_in_the_firmware_feels_like_the_scene() -> None:
     assert np.abs(difference).max() < 1e-5
 
 
-@pytest.mark.thorough
-def test_a_scene_with_the_coupling_s_own_state_feedback_is_tried_with_it() -> None:
-    listed = (*believed().problem.scene.effects, *believed().runtime.effects(constant=True))
-    problem = believed().problem.changed(scene={"effects": listed})
-    found = tried_in_the_loop(dataclasses.replace(believed(), problem=problem), seconds=1.0)
-    assert (found.at_rest, found.left_out) == (True, ())
-    assert FirmwareInTheLoop(problem).status().has_table is False
-
-
-@pytest.mark.thorough
-def test_effects_that_the_bench_has_not_are_left_out_and_named() -> None:
-    effects = (CoulombFrictionEffect(force_n=0.1), EncoderEffect(), DelayEffect(samples=1), HandEffect(mass_kg=0.3))
-    problem = tuned("ve3").problem.changed(scene={"effects": effects})
-    found = tried_in_the_loop(with_gains(problem, 5.0, 2e3), seconds=1.0)
-    assert found.left_out == ("coulomb-friction",)
-    assert (found.at_rest, found.seconds) == (True, 1.0)
-
-
-def test_an_unstable_coupling_is_not_at_rest() -> None:
-    found = tried_in_the_loop(constant(1e4, 1e7, 0.0), seconds=1.5)
-    assert not found.at_rest
-
-
 @pytest.mark.parametrize("gains", [(100.0, 3e4, 60.0), (20.0, 2e4, 0.0)])
 def test_constant_gains_feel_like_the_scene_which_has_no_adaptation_for_them(gains: tuple[float, ...]) -> None:
     """A tap leaves the wall again and again: nothing of the coupling is forgotten there."""
@@ -342,21 +268,3 @@ def test_constant_gains_feel_like_the_scene_which_has_no_adaptation_for_them(gai
     assert np.sqrt(np.mean(difference**2)) < 5e-6
     crossings = np.count_nonzero(np.diff(np.array(trace.position_m) > 0))
     assert crossings > 8
-
-
-def test_motor_and_handle_begin_where_the_hand_is() -> None:
-    """A resonance that begins stretched is a jolt: the device would stop itself before it met the wall."""
-    problem = avc.load_problem("reference-r1").changed(environment={"stiffness_n_per_m": 500.0})
-    found = tried_in_the_loop(Coupling.constant(problem, Gains(0.0, 1e8, 1.0), "x"), seconds=0.5)
-    assert found.document()["faults"] == ""
-    assert found.status.mode == "table"
-    assert 0.3 < found.peak_force_n < 8.0
-
-
-def test_a_device_that_stopped_itself_is_not_at_rest() -> None:
-    problem = avc.load_problem("spring")
-    found = tried_in_the_loop(Coupling.constant(problem, Gains(0.0, 500.0), "x"), seconds=0.05)
-    stopped = dataclasses.replace(found, status=dataclasses.replace(found.status, faults=int(DeviceFault.JUMP)))
-    assert not stopped.at_rest
-    assert "encoder jumped" in stopped.sentence
-    assert stopped.document()["faults"] == "encoder jumped"

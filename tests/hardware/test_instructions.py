@@ -3,19 +3,15 @@
 import functools
 import math
 import statistics
-from dataclasses import replace
 
-import numpy as np
 import pytest
 from hardware_bench import coupling, dense_believer, require
 from tick_profile import TickCount, tick_instructions
 
-from avc_casadi.model.gains import GainTable
 from avc_casadi.model.runtime import Runtime
 
 MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 TICKS = 40
-STEADY = coupling(1, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
 # Constant gains with a guard, and an observer of three states before them; gains that follow the frequency, with
 # everything but the estimator: typical, and where the look-up jumps through the table; then everything. Some 70 of each
 # for the faults that are watched for (encoder, speed, energy, overruns, enable line).
@@ -43,33 +39,8 @@ def test_tick_keeps_its_budget() -> None:
     assert max(tick.total for tick in ticks) <= TICK_BUDGET
 
 
-@pytest.mark.thorough
-def test_rows_that_are_not_evenly_spaced_keep_the_same_budget() -> None:
-    """Evenly in Hz, all over the range; only where rows crowd does a jump take more, by halving."""
-    require("unicorn")
-    rows = np.linspace(1.0, 450.0, 200)
-    made = replace(MADE, table=GainTable(np.column_stack([rows, MADE.table.rows[:, 1:]])))
-    ticks = tick_instructions(made, counts=motion, ticks=TICKS)
-    rest = [tick.total - tick.functions["avc_estimate_step"] for tick in ticks]
-    assert max(rest) <= REST_BUDGET
-
-
-def test_constant_gains_run_without_what_only_others_need() -> None:
-    require("unicorn")
-    ticks = tick_instructions(STEADY, counts=motion, ticks=TICKS)
-    assert max(tick.total for tick in ticks) <= STEADY_BUDGET
-    assert {name for tick in ticks for name in tick.functions} == {"avc_device_tick", "avc_control_tick"}
-
-
 def test_an_observer_keeps_the_budget_of_what_adapts() -> None:
     require("unicorn")
     runtime = Runtime(guard="passivity-controller", state_feedback=dense_believer(3))
     made = coupling(1, largest=(0.0, 1e5, 0.0), runtime=runtime)
     assert max(tick.total for tick in tick_instructions(made, counts=motion, ticks=TICKS)) <= OBSERVED_BUDGET
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ["avc_estimate_step", "avc_control_tick"])
-def test_every_part_of_the_tick_is_counted(name: str) -> None:
-    require("unicorn")
-    assert all(tick.functions.get(name, 0) > 0 for tick in in_unicorn()[5:])

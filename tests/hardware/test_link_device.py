@@ -112,11 +112,6 @@ def test_a_table_that_asks_for_what_the_firmware_does_not_know_is_refused(bit: i
     refused_spoilt(asks, 3, zlib.crc32(asks), "header has a flag that the firmware does not know")
 
 
-def test_header_that_names_other_rows_is_refused() -> None:
-    spoilt = struct.pack("<H", 7) + image(8).image[2:]
-    refused_spoilt(spoilt, 8, zlib.crc32(spoilt), "wrong size")
-
-
 def test_spoilt_table_with_right_frames_is_refused_by_its_checksum() -> None:
     table = image(8)
     refused_spoilt(bytes(len(table.image)), 8, table.crc32, "wrong size")

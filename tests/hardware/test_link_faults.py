@@ -13,12 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avc_casadi import LinkError
-from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 from avc_hardware import TableImage
-from avc_hardware.link import settings as _clear
 
 GUARD = Runtime(guard="passivity-controller")
 OLD = coupling(12, seed=1, wall=(5.0, 2e4), runtime=GUARD)
@@ -74,22 +72,6 @@ def push_through(schedule_of_faults: list[LinkFault], pair: str = "rows") -> tup
     return core, link, done
 
 
-def test_another_device_on_the_same_wire_gets_no_table() -> None:
-    """Switched over in mid transfer, as behind a hub or a server of ports."""
-    core = host_core()
-    core.name_chip(12 * b"A")
-
-    def other() -> None:
-        core.reset()
-        core.name_chip(12 * b"B")
-
-    link = FaultyLink(HostLink(core), [LinkFault(to_device=True, at=700, kind=FaultKind.RESET)], reset=other)
-    with pytest.raises(LinkError, match="another device answers than before"):
-        push(NEW, link, deadline_s=DEADLINE_S)
-    assert link.happened
-    assert core.image() is None
-
-
 @pytest.mark.one_of(2)
 @pytest.mark.parametrize("kind", FaultKind)
 @pytest.mark.parametrize("to_device", [True, False], ids=["to device", "from device"])
@@ -125,32 +107,6 @@ def test_a_terrible_line_and_then_a_good_one(schedule_of_faults: list[LinkFault]
     result = push(new, HostLink(core), safe=SAFE)
     assert result.readback_equal
     assert core.image() == image(new)
-
-
-def test_a_dead_line_is_reported_in_time() -> None:
-    core = host_core()
-    link = FaultyLink(HostLink(core), [LinkFault(True, 0, FaultKind.STALL, 100_000)])
-    with pytest.raises(LinkError, match="no answer at 115200 baud"):
-        push(NEW, link)
-    assert link.now_s() < 15.0
-
-
-def test_a_silent_port_says_once_what_is_waited_for_and_how_long(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def silent(*_: object, **__: object) -> FaultyLink:
-        return FaultyLink(HostLink(host_core()), [LinkFault(True, 0, FaultKind.STALL, 100_000)])
-
-    monkeypatch.setattr(_clear, "open_link", silent)
-    assert main(["device", "--clear", "--port", "/dev/absent"]) == 1
-    told = capsys.readouterr().err.splitlines()
-    assert [line.split(": ", 1)[1].split(" for ")[0] for line in told[:1]] == ["no answer at 115200 baud"]
-    assert "asking again for at most 2.6 s" in told[0]
-    assert "no answer at 115200 baud in 3.7 s" in told[1]
-    assert len(told) == 2
-    heard: list[str] = []
-    push(OLD, HostLink(host_core()), on_silence=heard.append)
-    assert heard == []
 
 
 def test_an_unplugged_device_is_reported() -> None:

@@ -1,8 +1,6 @@
 """What does not fit the device is refused by the host before a byte of the table travels, and named."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -35,19 +33,6 @@ def test_wrong_sample_time_is_refused_on_both_sides() -> None:
         push(slow, HostLink(host_core()))
 
 
-def test_host_names_every_limit_that_is_passed() -> None:
-    core = HostCore(host_library(), unwatched(max_damping_ns_per_m=100.0, max_stiffness_n_per_m=1e4))
-    with pytest.raises(LinkError) as caught:
-        push(coupling(9, sample_time_s=1e-4, wall=(0.0, 2e4)), HostLink(core))
-    text = str(caught.value)
-    assert "damping b" in text
-    assert "stiffness k" in text
-    assert "sample time" in text
-    assert "wall's stiffness is 20000" in text
-    assert "contact damping" not in text
-    assert core.image() is None
-
-
 def test_safe_gains_are_judged_as_those_of_the_coupling_are() -> None:
     """Before a byte travels: with every hand of [hands] and released, on the loop of the coupling's problem."""
     made = Coupling.constant(load_problem("reference-r1"), Gains(0.0, 500.0, 4.0), "by hand")
@@ -59,31 +44,6 @@ def test_safe_gains_are_judged_as_those_of_the_coupling_are() -> None:
     assert core.image() is None
     avc_hardware.push(made, HostLink(core), safe=Gains(0.0, 100.0))
     assert core.image() is not None
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"safe": (2.0, 500.0)}, r"safe: is \(2\.0, 500\.0\); allowed: Gains\("),
-        ({"safe": Gains(1.0, np.inf)}, r"safe\.stiffness_n_per_m: is inf; allowed: 0 to 1e\+08"),
-        ({"safe": Gains(0.0, 1e38)}, r"safe\.stiffness_n_per_m: is 1e\+38"),
-        ({"safe": Gains(0.0, 1e39)}, r"safe\.stiffness_n_per_m: is 1e\+39"),
-        ({"safe": Gains(1e39, 1e39)}, r"safe\.damping_ns_per_m: is 1e\+39; allowed: 0 to 100000"),
-        ({"deadline_s": np.nan}, r"deadline_s: is nan; allowed: above 0 s"),
-        ({"deadline_s": 0.0}, r"deadline_s: is 0\.0; allowed: above 0 s"),
-        ({"port": None}, r"port: is None; allowed: "),
-        ({"port": Path("/dev/ttyACM0")}, r"port: is .*ttyACM0.*; allowed: "),
-        ({"port": "loop://", "baud": 2**31}, r"baud: is 2147483648; allowed: 1200 to 12000000"),
-        ({"port": "loop://", "baud": "9600"}, r"baud: is '9600'; allowed: 1200 to 12000000"),
-        ({"port": "loop://", "baud": 0}, r"baud: is 0; allowed: 1200 to 12000000"),
-    ],
-)
-def test_arguments_that_are_none_are_named_before_anything_is_sent(given: dict[str, Any], said: str) -> None:
-    made = Coupling.constant(load_problem("reference-r1"), Gains(0.0, 500.0, 4.0), "by hand")
-    core = HostCore(host_library(), unwatched(max_force_n=8.0))
-    with pytest.raises(InputError, match=said):
-        avc_hardware.push(made, **({"port": HostLink(core)} | given))
-    assert core.image() is None
 
 
 @pytest.mark.parametrize(
@@ -176,12 +136,3 @@ def test_a_device_without_a_configuration_of_its_own_takes_any_that_is_sound() -
     Connection(HostLink(core)).configure(Config(unwatched(), RuntimeFigures()))
     assert core.state().has_table == 0
     assert (core.tick(np.full(20, 500, dtype=np.int32))[0] == 0).all()
-
-
-def test_a_coupling_without_a_force_limit_is_told_where_its_trial_took_more() -> None:
-    free = coupling(1, max_force_n=None)
-    link = HostLink(HostCore(host_library(), replace(unwatched(), max_force_n=8.0)))
-    assert push(free.with_trial({"tap_force_n": 7.0}), link).notes == ()
-    (note,) = push(free.with_trial({"tap_force_n": 18.2}), link).notes
-    assert "limits the force at 8," in note
-    assert "a tap took 18.2;" in note

@@ -1,6 +1,5 @@
 """What was pushed is what runs and what the device tells of itself: wall, force limit, names, mode."""
 
-import zlib
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ from hardware_bench import coupling, host_core, host_library, push, unwatched
 from host_device import HostCore, HostLink
 
 from avc_casadi import LinkError
-from avc_hardware import Connection, RuntimeFigures, TableImage
+from avc_hardware import Connection, TableImage
 from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.messages import Kind
 from avc_hardware.link.push import push_over
@@ -32,21 +31,6 @@ def test_heartbeat_reports_the_mode() -> None:
     assert connection.heartbeat(0.0) == "safe"
     core.tick(np.zeros(2, dtype=np.int32))
     assert connection.heartbeat(0.0) == "table"
-
-
-def test_what_a_board_says_in_single_precision_is_taken_as_it_was_meant() -> None:
-    device = Connection(HostLink(host_core())).device
-    assert (device.sample_time_s, device.metres_per_count) == (0.001, 2e-6)
-
-
-def test_device_tells_what_it_was_generated_for() -> None:
-    assert Connection(HostLink(host_core())).device.figures == RuntimeFigures()
-
-
-def test_unusable_rows_are_left_out_and_counted() -> None:
-    core = host_core()
-    result = push(coupling(9, unusable=4), HostLink(core))
-    assert (result.rows, result.left_out) == (5, 4)
 
 
 def test_the_same_table_twice_changes_nothing() -> None:
@@ -101,10 +85,3 @@ def test_the_damper_of_the_wall_is_that_of_the_coupling(damping: float) -> None:
     (k,), depth = made.table.gains[1], 399 * speed * 1e-3
     share = k / (k + stiffness)
     assert force[-1] == pytest.approx(share * stiffness * depth + damping * speed * share**2, rel=1e-4)
-
-
-def test_table_id_comes_from_the_content() -> None:
-    a, b = image(9, seed=1), image(9, seed=2)
-    assert a.table_id == image(9, seed=1).table_id
-    assert a.table_id != b.table_id
-    assert a.crc32 == zlib.crc32(a.image)

@@ -1,6 +1,5 @@
 """State feedback on the wire: its bytes as documented, and what of it is refused, by the host and by the device."""
 
-import dataclasses
 import struct
 import zlib
 from collections.abc import Generator
@@ -11,7 +10,7 @@ import pytest
 from hardware_bench import believer, bench_problem, coupling, dense_believer, host_core, push
 from host_device import HostLink
 
-from avc_casadi import InputError, UnsupportedError
+from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime, StateFeedback
@@ -69,18 +68,6 @@ def test_bytes_of_a_table_are_those_of_the_document() -> None:
     assert plain.states == 0
 
 
-def test_device_tells_how_many_states_it_holds_and_runs() -> None:
-    core = host_core()
-    assert Connection(HostLink(core)).device.capacity_states == FEEDBACK_STATES
-    for feedback in (None, believer(2), dense_believer(8), None):
-        coupling = made(feedback)
-        result = push(coupling, HostLink(core))
-        assert result.readback_equal
-        assert core.image() == TableImage.of(coupling).image
-        states = 0 if feedback is None else feedback.states
-        assert Connection(HostLink(core)).device.table_states == states
-
-
 @pytest.mark.parametrize(
     ("refuse", "named"),
     [
@@ -97,19 +84,6 @@ def test_what_does_not_fit_is_refused_by_name_before_a_port_is_opened(refuse: Co
     for attempt in (check_runs_on, lambda found: push(found, "/dev/does-not-exist")):
         with pytest.raises(UnsupportedError, match=named):
             attempt(refuse)
-
-
-def test_a_device_that_holds_fewer_states_is_asked() -> None:
-    device = Connection(HostLink(host_core())).device
-    check_runs_on(made(believer(1)), device)
-    with pytest.raises(UnsupportedError, match="it holds 3 states of an observer, the coupling has 4"):
-        check_runs_on(made(believer(1)), dataclasses.replace(device, capacity_states=3))
-
-
-def test_a_number_beyond_single_precision_is_refused() -> None:
-    large = dataclasses.replace(believer(2), feedback=(1.0, 1e39, 0.0))
-    with pytest.raises(InputError, match=r"runtime\.state_feedback: .*single precision"):
-        push(made(large), HostLink(host_core()))
 
 
 @pytest.mark.parametrize(("rows", "states"), [(1, 9), (2, 1), (256, 8), (1, 65535)])
@@ -143,9 +117,3 @@ def test_device_refuses_what_its_tick_could_not_run(place: int, change: bytes, r
     refusal = refused(bytes(image), 1, 3)
     assert refusal == reason
     assert ("state feedback" in str(refusal)) == (refusal.detail == AT_FEEDBACK)
-
-
-def test_states_of_the_header_must_be_those_that_were_announced() -> None:
-    image = bytearray(TableImage.of(made(believer(2))).image)
-    image[FLAGS : FLAGS + 2] = struct.pack("<H", 2 << 8)
-    assert refused(bytes(image), 1, 3).reason is Reason.SIZE

@@ -7,12 +7,10 @@ import select
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import serial
 from excited import planned
 from hardware_bench import coupling, host_core, push, stream
 from host_device import HostCore
@@ -20,7 +18,7 @@ from host_device import HostCore
 from avc_casadi import LinkError, PortError
 from avc_casadi.cli import main
 from avc_casadi.identification.excitation.plan import Plan
-from avc_hardware import TableImage, excite, find_port, list_ports, monitor
+from avc_hardware import TableImage, excite, monitor
 from avc_hardware.link import connection as ports_module
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals need a Unix system")
@@ -119,14 +117,6 @@ def test_interrupt_of_an_excitation_stops_the_device_first(bench: Bench) -> None
     assert not force.any()
 
 
-def test_port_in_use_is_reported(bench: Bench) -> None:
-    samples = monitor(bench.port)
-    next(samples)
-    with pytest.raises(LinkError, match="another program has it open"):
-        push(coupling(5), bench.port)
-    samples.close()  # type: ignore[attr-defined]
-
-
 def test_port_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(PortError, match="avc doctor --ports"):
         push(coupling(5), "/dev/none")
@@ -157,51 +147,6 @@ def test_monitor_finds_a_device_again_by_its_serial_number(monkeypatch: pytest.M
     benches[1].unplug()
 
 
-def test_monitor_keeps_no_other_device_alive(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A port may lead to another device once the cable was out: its heartbeat is not ours to give."""
-    cores = [host_core(), host_core()]
-    for core, number in zip(cores, (b"A", b"B"), strict=True):
-        core.name_chip(12 * number)
-    benches = [Bench(core) for core in cores]
-    found = [(benches[0].port, "A1")]
-    monkeypatch.setattr(ports_module.tools, "comports", lambda: [usb(*port) for port in found])
-    samples = monitor("usb:A1", rate_hz=100, seconds=1.0, heartbeat_s=0.5, reconnect_s=0.5)
-    next(samples)
-    found[0] = (benches[1].port, "A1")
-    benches[0].unplug()
-    with pytest.raises(LinkError, match=f"another device answers than before, chip {(12 * b'B').hex()} in place of"):
-        for _ in samples:
-            pass
-    benches[1].unplug()
-    assert cores[1].state().heartbeats_missed == 0
-
-
-def test_monitor_gives_up_a_device_that_stays_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ports_module.tools, "comports", list)
-    with pytest.raises(LinkError, match="no serial port has the USB serial number A1"):
-        next(monitor("usb:A1", reconnect_s=0.3))
-
-
-def test_a_port_without_a_device_is_reported() -> None:
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    try:
-        with pytest.raises(LinkError, match="no answer at 921600 baud"):
-            push(coupling(5), os.ttyname(slave), baud=921600)
-    finally:
-        os.close(master)
-        os.close(slave)
-
-
-def test_a_port_of_another_user_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    def denied(*_: object, **__: object) -> object:
-        raise serial.SerialException(13, "could not open port /dev/ttyACM0: Permission denied")
-
-    monkeypatch.setattr(serial.Serial, "open", denied)
-    with pytest.raises(LinkError, match="dialout"):
-        push(coupling(5), "/dev/ttyACM0")
-
-
 def usb(device: str, number: str | None) -> SimpleNamespace:
     return SimpleNamespace(
         device=device,
@@ -211,19 +156,3 @@ def usb(device: str, number: str | None) -> SimpleNamespace:
         pid=0x5740 if number else None,
         serial_number=number,
     )
-
-
-def test_ports_are_found_by_usb_serial_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = [usb("/dev/ttyS0", None), usb("/dev/ttyACM1", "A1"), usb("/dev/ttyACM0", "B2")]
-    monkeypatch.setattr(ports_module.tools, "comports", lambda: found)
-    assert [port.device for port in list_ports()] == ["/dev/ttyACM0", "/dev/ttyACM1", "/dev/ttyS0"]
-    assert find_port("A1") == "/dev/ttyACM1"
-    found[1] = usb("/dev/ttyACM7", "A1")  # plugged in anew
-    assert find_port("A1") == "/dev/ttyACM7"
-    with pytest.raises(LinkError, match="present: B2, A1"):
-        find_port("C3")
-
-
-def test_list_ports_opens_nothing() -> None:
-    for port in list_ports():
-        assert Path(port.device).is_char_device()

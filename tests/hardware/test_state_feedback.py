@@ -125,16 +125,6 @@ def test_firmware_gives_the_bits_of_the_exported_coupling(
     assert np.isfinite(expected).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_firmware_feels_like_the_exported_coupling_for_any_gains(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    gains = Gains(*(float(value) for value in rng.uniform((0, 1e4, 0), (20, 1e5, 40))))
-    coupling = made(believer(seed), gains, (float(rng.uniform(0, 5)), float(rng.uniform(1e4, 1e5))))
-    ways = motions()
-    for way, force in zip(ways, exported(coupling, ways), strict=True):
-        assert np.abs(forces(coupling, way) - force).max() < 1e-4 * LIMIT_N
-
-
 @pytest.mark.thorough
 def test_observer_begins_anew_with_every_table() -> None:
     """Given in contact: the table before runs on; where it is left, the forces are those of a fresh start."""

@@ -1,31 +1,23 @@
 """No table takes over in contact; nothing of what ran before is left where it does; nothing stale revives."""
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from faulty_link import FaultKind, FaultyLink, LinkFault
-from hardware_bench import believer, coupling, dense_believer, host_core, push, require, stream, with_gains
+from hardware_bench import believer, coupling, dense_believer, host_core, push, stream, with_gains
 from host_device import HostCore, HostLink, queue
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import avc_hardware
 from avc_casadi import load_problem
-from avc_casadi.cli import main
-from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import Connection, EmulatedBoard, StreamResult, TableImage
-from avc_hardware.codegen.boards import IMAGE
-from avc_hardware.codegen.image import read_elf
+from avc_hardware import Connection, StreamResult, TableImage
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Reason
-from avc_hardware.link.frames import Frame, encode
 from avc_hardware.link.messages import Kind
-from avc_hardware.link.monitor import pause
 from avc_hardware.link.session import InContactError, RefusedError
 
 SAFE = Gains(0.0, 3e3)
@@ -141,14 +133,6 @@ def test_a_device_that_is_held_in_its_wall_keeps_what_it_runs() -> None:
     assert push(COUPLINGS[1], HostLink(core)).readback_equal
 
 
-def test_let_go_in_time_the_push_goes_on() -> None:
-    core = host_core()
-    push(COUPLINGS[0], HostLink(core))
-    result = push(COUPLINGS[1], HostLink(core, position=lambda tick: 300 if tick < 1500 else -300))
-    assert (result.readback_equal, result.attempts) == (True, 1)
-    assert result.seconds > 1.5
-
-
 def test_a_table_whose_host_has_gone_never_takes_over() -> None:
     core = host_core()
     core.tick(np.full(1, 300, dtype=np.int32))
@@ -234,55 +218,6 @@ def test_nothing_holds_for_longer_than_five_seconds(kind: Kind, payload: bytes, 
     assert caught.value.refusal.reason is Reason.HOLD
 
 
-@pytest.mark.thorough
-def test_a_tick_at_any_instruction_of_a_heartbeat_sees_it_whole() -> None:
-    """The timer strikes in the middle of the message that begins the supervision: no heartbeat is missed yet."""
-    require("unicorn")
-    start, size = read_elf(IMAGE).symbols["on_heartbeat"]
-    place = range(start, start + size)
-    boards: list[EmulatedBoard] = []
-    seen, strike = 0, 0
-
-    def on_instruction(address: int) -> None:
-        nonlocal seen
-        if address in place and boards:
-            seen += 1
-            if seen == strike:
-                machine: Any = boards[0].machine
-                machine._next_tick = machine.cycle
-                machine._core.emu_stop()
-
-    boards.append(EmulatedBoard(motion_m=lambda _: -1e-3, on_instruction=on_instruction))
-    with Connection(boards[0]) as connection:
-        connection.run(connection.session.push(TABLES[0], connection.device))
-        longest = 0
-        while strike <= longest:
-            strike, seen = strike + 1, 0
-            connection.heartbeat(0.5)
-            longest = max(longest, seen)
-            seen = 10**6
-            connection.run(pause(2e-3))
-            assert connection.heartbeat(0.0) == "table", strike
-    assert longest > 15
-
-
-def test_a_commit_told_twice_does_not_end_the_transfer_of_another_host() -> None:
-    core = host_core()
-    old, new = push(COUPLINGS[0], HostLink(core)), TableImage.of(COUPLINGS[1])
-    asked(core, Kind.BEGIN, m.begin(2, new.table_id, new.crc32, len(new.rows)), m.Acknowledged, session=2)
-    asked(core, Kind.COMMIT, m.commit(1, old.table_id, old.crc32), m.Committed)
-    chunk = m.chunk(2, new.table_id, 0, new.image)
-    assert asked(core, Kind.CHUNK, chunk, m.Acknowledged, session=2).received == len(new.image)
-
-
-def test_an_echoed_answer_is_not_answered() -> None:
-    core = host_core()
-    core.read()
-    for kind in (*(kind | m.REPLY for kind in Kind if kind < m.REPLY), Kind.REFUSED, Kind.LOG):
-        core.write(encode(Frame(kind, 3, bytes(8))))
-    assert core.read() == b""
-
-
 def streamed(*faults: LinkFault, act: Callable[[HostCore], None] = lambda _: None) -> StreamResult:
     core = host_core()
     link = FaultyLink(HostLink(core), list(faults), reset=core.reset)
@@ -306,14 +241,3 @@ def test_a_stream_ends_well_only_on_its_own_table() -> None:
     lost = " ".join(streamed(LinkFault(True, 1500, FaultKind.STALL, 40)).faults)
     assert "were lost" in lost
     assert "in mid-stream, 1 times" in lost
-
-
-def test_the_command_ends_with_1_where_a_stream_did_not_end_well(
-    tmp_path: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    failed = dataclasses.replace(streamed(), faults=("the device has started anew since the push",))
-    monkeypatch.setattr(avc_hardware, "stream", lambda *_, **__: failed)
-    file = tmp_path / "c.json"
-    write_coupling(COUPLINGS[0], file)
-    assert main(["stream", str(file), "--port", "x", "--unsafe"]) == 1
-    assert "avc: host: the device has started anew since the push" in capsys.readouterr().err

@@ -19,7 +19,6 @@ from host_device import HostCore, State, queue
 from numpy.typing import NDArray
 from reference_device import ReferenceDevice
 
-from avc_casadi import UnsupportedError
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.runtime.estimators import estimator_step
@@ -27,7 +26,7 @@ from avc_casadi.simulation.runtime.signal import EstimatorSettings
 from avc_hardware import BoardLimits, Connection, EmulatedBoard, RuntimeFigures, TableImage
 from avc_hardware.codegen.build import build_host
 from avc_hardware.codegen.figures import Config
-from avc_hardware.codegen.tick_program import SAMPLE_TIMES_S, runtime_programs, tick_numbers
+from avc_hardware.codegen.tick_program import runtime_programs
 from avc_hardware.emulator.machine import CLOCK_HZ
 from avc_hardware.link.monitor import pause
 
@@ -238,9 +237,3 @@ def test_numbers_are_those_of_the_scenes_own_estimator(estimator: str) -> None:
             states, outputs = part(states, inputs)
             found.append(float(outputs["estimate_hz"][0]))
         np.testing.assert_allclose(found, scene["frequency_hz"], rtol=2e-2, atol=0.05)
-
-
-def test_a_sample_time_without_a_program_is_refused() -> None:
-    for time_s in (0.99 * SAMPLE_TIMES_S[0], 1.01 * SAMPLE_TIMES_S[1]):
-        with pytest.raises(UnsupportedError, match=r"allowed: 5e-05 to 0\.00333333 s"):
-            tick_numbers(RuntimeFigures(time_s))
