@@ -2,22 +2,12 @@
 
 import json
 import os
-import pty
-import signal
 import subprocess
-import sys
-import time
 
 import pytest
 from avc_process import AVC, ENVIRONMENT, avc, strict_json
 
 from avc_casadi.cli import main
-
-
-def text_of(done):
-    text = done.stderr.decode()
-    assert "Traceback" not in text
-    return text
 
 
 @pytest.mark.parametrize(
@@ -102,61 +92,6 @@ def test_the_problem_that_diverges_is_not_deployable(tmp_path):
     assert done.returncode == 1
     failed = {claim["name"] for claim in strict_json(done.stdout)["deployable"]["claims"] if not claim["pass"]}
     assert "let-go" in failed
-
-
-SLOW = """\
-[device]
-mass_kg = 0.1
-damping_ns_per_m = 2.0
-[environment]
-damping_ns_per_m = 10.0
-stiffness_n_per_m = 1e5
-[frequency]
-points = 20000
-"""
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(("solver", "as_json"), [("sqpmethod-qrqp", False), ("ipopt", True)])
-def test_interrupted(solver, as_json, tmp_path):
-    """The progress line on a terminal tells when the solve has begun."""
-    (tmp_path / "slow.toml").write_text(SLOW)
-    terminal, slave = pty.openpty()
-    arguments = ["solve", "slow.toml", "--solver", solver, *(["--json"] if as_json else [])]
-    with subprocess.Popen(  # noqa: S603
-        [sys.executable, "-m", "avc_casadi", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=slave,
-        cwd=tmp_path,
-        env=ENVIRONMENT,
-    ) as process:
-        os.close(slave)
-        seen = b""
-        while b"..." not in seen:
-            seen += os.read(terminal, 1024)
-        time.sleep(1)  # past the imports, into the solver; an interrupt before it ends the same way
-        process.send_signal(signal.SIGINT)
-        try:
-            out = process.communicate(timeout=60)[0]
-        finally:
-            process.kill()
-    while chunk := _read(terminal):
-        seen += chunk
-    os.close(terminal)
-    assert process.returncode == 130
-    assert b"Traceback" not in seen
-    if as_json:
-        assert strict_json(out)["errors"][0]["message"] == "interrupted"
-    else:
-        assert out == b""
-        assert b"avc: interrupted" in seen
-
-
-def _read(terminal):
-    try:
-        return os.read(terminal, 1024)
-    except OSError:  # how Linux reports the end of a pseudo-terminal
-        return b""
 
 
 @pytest.mark.thorough

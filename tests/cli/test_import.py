@@ -40,17 +40,6 @@ def test_the_hardware_side_loads_its_own_package_alone():
     assert done.stdout.split() == ["avc_hardware"]
 
 
-def test_before_ctrl_c_is_handled_next_to_nothing_is_loaded():
-    """Ctrl-C while the entry of `avc` is loaded is a traceback: what takes long comes after."""
-    root = str(Path(avc.__file__).parent.parent)
-    program = f"import sys; before = set(sys.modules); sys.path.insert(0, {root!r}); import avc_casadi._entry; "
-    program += "print(*set(sys.modules) - before)"
-    done = subprocess.run([sys.executable, "-S", "-c", program], capture_output=True, text=True, check=True)  # noqa: S603
-    ours = {"avc_casadi", "avc_casadi._entry", "avc_casadi._util", "avc_casadi._util.interrupt"}
-    assert ours <= set(done.stdout.split())
-    assert not {"typing", "dataclasses", "inspect", "pathlib", "avc_casadi._errors"} & set(done.stdout.split())
-
-
 @pytest.mark.parametrize(("package", "name"), [(package, name) for package in PACKAGES for name in exported(package)])
 def test_every_typed_name_is_there(package, name):
     assert getattr(package, name) is not None

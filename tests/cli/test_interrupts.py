@@ -1,6 +1,5 @@
 """Ctrl-C ends every command, wherever it is: with 130, its word, no worker that goes on and no half of a file."""
 
-import json
 import os
 import signal
 import subprocess
@@ -9,11 +8,6 @@ import time
 
 import pytest
 from avc_process import ENVIRONMENT, strict_json, wait_until_begun
-from hardware_bench import host_core
-from host_device import HostLink
-
-import avc_hardware
-from avc_casadi.cli import main
 
 # A caller that has Ctrl-C ignored, as nohup has, hands that on: here it is not.
 PROGRAM = """
@@ -91,18 +85,3 @@ def test_workers_end_with_the_command(stop, said, tmp_path):
     wait_until_begun(process, "_casadi", workers=1)
     process.send_signal(stop)
     assert output(process) == (b"", said)
-
-
-@pytest.mark.thorough
-def test_monitor_keeps_what_it_saw(monkeypatch, capsys):
-    seen = list(avc_hardware.monitor(HostLink(host_core()), seconds=0.1, rate_hz=20))
-
-    def stopped(*_arguments, **_options):
-        yield from seen
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(avc_hardware, "monitor", stopped)
-    assert main(["monitor", "--port", "x", "--json"]) == 130
-    document = json.loads(capsys.readouterr().out)
-    assert document["errors"][0]["message"] == "interrupted"
-    assert [sample["ticks"] for sample in document["samples"]] == [status.ticks for status in seen]

@@ -75,27 +75,6 @@ def test_certify(tmp_path):
     assert solved["deployable"]["pass"] == document["deployable"]["pass"]
 
 
-@pytest.mark.thorough
-def test_recommend(tmp_path):
-    done = avc("recommend", "ve3", "--hands", "16", "--out", "c.json", "--json", cwd=tmp_path)
-    assert done.returncode == 0
-    document = strict_json(done.stdout)
-    assert (document["schema"], document["kind"]) == ("avc/1", "recommend")
-    assert document["deployable"] is True
-    assert document["coupling"] == strict_json((tmp_path / "c.json").read_bytes())
-    assert document["felt"]["share_of_wall"] == pytest.approx(1.0, abs=0.02)
-    assert document["trial"]["at_rest"] == document["trial"]["hands"] == 16
-    assert set(document) >= {"certificate", "what_would_help", "assumed", "not_used", "stiffest_wall_n_per_m"}
-    only = strict_json(avc("recommend", "ve3", "--stiffest", "--hands", "8", "--json").stdout)
-    assert only["plain_wall_n_per_m"] == document["plain_wall_n_per_m"]
-    assert only["stiffest_wall_n_per_m"] >= 0.99 * document["felt"]["stiffness_n_per_m"]
-    assert only["hands"] == only["at_rest_without_friction"] == 8
-    assert {one["change"] for one in only["what_would_help"]} >= {
-        "half the sample time",
-        "twice the mass of the device",
-    }
-
-
 NOISE = """
 import ctypes, os, sys
 from avc_casadi.cli.console import Console

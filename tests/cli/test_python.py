@@ -12,12 +12,6 @@ from avc_casadi.files.problem_file import as_problem
 SOFT = avc.load_problem("soft").changed(frequency={"points": 12})
 
 
-def test_the_names_are_sorted_and_complete():
-    public = [name for name in dir(avc) if not name.startswith("_")]
-    assert avc.__all__ == sorted(avc.__all__) == public
-    assert dir(avc) == sorted(dir(avc))
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name in avc.__all__ if name != "figures"])
 def test_every_name_shows_a_call_that_does_what_it_says(name, tmp_path, monkeypatch):
@@ -32,12 +26,6 @@ def test_every_name_shows_a_call_that_does_what_it_says(name, tmp_path, monkeypa
     assert doctest.DocTestRunner().run(found, out=told.append).failed == 0, "".join(told)
 
 
-@pytest.mark.parametrize("call", [avc.solve, avc.compare, avc.simulate, avc.screen, avc.zwidth])
-def test_an_unknown_keyword_is_pythons_own_error(call):
-    with pytest.raises(TypeError, match="unexpected keyword argument 'metod'"):
-        call("soft", metod="exact")
-
-
 @pytest.mark.thorough
 def test_a_problem_is_taken_as_it_is_by_name_and_by_path():
     assert as_problem(SOFT) is SOFT
@@ -48,11 +36,3 @@ def test_a_problem_is_taken_as_it_is_by_name_and_by_path():
     assert avc.zwidth("soft").document() == avc.zwidth(by_name).document()
     compared = [avc.compare(problem, ("closed-form", "exact")).to_dict() for problem in ("soft", by_name)]
     np.testing.assert_equal(*compared)
-
-
-def test_gains_of_another_sample_time_are_refused_by_every_call():
-    gains = avc.solve(SOFT, "exact")
-    faster = SOFT.changed(device={"sample_time_s": 5e-4})
-    for call in (avc.certify, avc.simulate, avc.screen):
-        with pytest.raises(avc.InputError, match=r"sample_time_s: is 0\.001, but .* is 0\.0005"):
-            call(faster, gains)

@@ -1,7 +1,5 @@
 """A coupling that may not go into a device, or that the firmware cannot run: exit code 1, and no bad input."""
 
-import json
-
 import pytest
 
 import avc_casadi as avc
@@ -57,41 +55,3 @@ def test_what_the_firmware_lacks_is_a_no(verb, runtime):
         avc_hardware.check_runs_on(made)
     assert isinstance(refused.value, avc.NotDeployableError)
     assert isinstance(refused.value, avc.UnsupportedError)
-
-
-@pytest.mark.parametrize(
-    "call",
-    [
-        avc.deployable,
-        lambda coupling: avc.certify("soft", coupling),
-        lambda coupling: avc.simulate("soft", coupling),
-        lambda coupling: avc.screen("soft", coupling),
-        lambda coupling: avc.write_coupling(coupling, "c.json"),
-        lambda coupling: avc_hardware.push(coupling, "emulator"),
-        lambda coupling: avc_hardware.stream(coupling, "emulator"),
-        avc_hardware.tried_in_the_loop,
-        avc_hardware.export_c,
-        avc_hardware.check_runs_on,
-    ],
-)
-def test_what_is_no_coupling_is_an_input_error(call):
-    for value in ("c.json", 3.0):
-        with pytest.raises(avc.InputError) as refused:
-            call(value)
-        assert [fault.key for fault in refused.value.faults] == ["coupling"]
-
-
-def test_a_coupling_is_certified_as_its_gains_are():
-    made = Coupling.constant(avc.load_problem("soft"), Gains(5.0, 1e3), "mine")
-    assert avc.certify("soft", made).document() == avc.certify("soft", made.schedule).document()
-
-
-@pytest.mark.thorough
-def test_a_push_to_a_device_with_part_of_a_sample_of_delay_is_tried_too(capsys):
-    """The firmware itself knows of no delay; the bench has it."""
-    problem = avc.load_problem("figure5").changed(device={"delay_samples": 1.5})
-    avc.write_coupling(Coupling.constant(problem, Gains(5.0, 1e3, 10.0), "mine"), "c.json")
-    assert main(["push", "c.json", "--port", "emulator", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["readback_equal"] is True
-    assert document["in_the_loop"]["at_rest"] is True

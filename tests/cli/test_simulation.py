@@ -13,7 +13,6 @@ from avc_casadi.design.tool_region import tool_region
 from avc_casadi.design.virtual_tool import ToolSearch
 from avc_casadi.files.coupling_file import write_coupling
 from avc_casadi.loops.engine import ToolLoops
-from avc_casadi.model.hands import Hand
 from avc_casadi.model.virtual_tool import ToolGains
 
 NAMES = ("tool/mujoco-500hz", "tool/unity-60hz", "tool/sofa-implicit", "tool/wheel-game-62hz")
@@ -100,24 +99,6 @@ def test_a_row_of_the_region_is_stable_with_the_dampers_that_it_names(text, tmp_
     assert " ".join(page.split()).count("in the device's loop") == named
 
 
-@pytest.mark.thorough
-def test_limit_over_dampers_of_an_implicit_tool_is_the_global_one():
-    """sofa-implicit has a hump at 15 and one at 64 N.s/m that is higher at corners, not with a hand of 0.14 kg."""
-    stated = avc.load_problem("tool/sofa-implicit")
-    inside = [Hand(kg, 3.0, 200.0) for kg in np.geomspace(0.05, 0.3, 25).tolist()]
-    loops, limit, best = ToolLoops(stated, inside), ToolSearch(stated).limit[0], 0.0
-    for damping in np.geomspace(1.0, 120.0, 150):
-        stiffness = 500.0
-        while loops.stable(ToolGains(stiffness, damping)):
-            best, stiffness = max(best, stiffness), 1.05 * stiffness
-    assert 0.995 * best <= limit.stiffness_n_per_m <= 1.05 * best
-    assert not loops.stable(ToolGains(9340.0, 64.0))
-    for key, values in (("tool_mass_kg", (0.09, 0.1, 0.12, 0.2)), ("step_s", (0.012, 0.01, 0.008, 0.006))):
-        searches = [ToolSearch(stated.changed(simulation={key: value})) for value in values]
-        safe = [one.stiffest_with_margin(one.limit[0], 1.5, local=False) for one in searches]
-        assert safe == sorted(safe)
-
-
 def test_scene_with_the_gains_of_a_file_is_that_of_a_plain_simulation(tmp_path, capsys):
     """Where the hand ends, pressed on the rigid wall, against sample by sample in plain Python."""
     gains = ToolGains(5000.0, 20.0)
@@ -137,25 +118,3 @@ def test_scene_with_the_gains_of_a_file_is_that_of_a_plain_simulation(tmp_path, 
     simulator = EngineSimulator((0.12, 0.8, 1e-3, 1), hand, (0.2, 0.0), 0.002, contact="wall")
     device, _ = simulator.run(5000.0, 20.0, len(traces["position_m"]), target=traces["target_m"], start=-0.01)
     assert traces["position_m"][-1] == pytest.approx(device[-1], rel=0.02)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ["tool/mujoco-500hz", "tool/wheel-game-62hz", "follower"])
-def test_run_leaves_coupling_pictures_and_report(name, tmp_path, capsys):
-    """What `run` writes is what `recommend` finds, its pictures and its page; no gains of the paper's question."""
-    problem, folder = name, tmp_path / "r"
-    if name == "follower":
-        problem = str(tmp_path / "f.toml")
-        text = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\n"
-        (tmp_path / "f.toml").write_text(f"{text}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\n")
-    code, found = answer(capsys, "run", problem, "--out", str(folder))
-    assert code == 0
-    drawn = {"rendered"} if name == "follower" else {"rendered", "region"}
-    files = {"coupling.json", "report.html", *(f"{one}{end}" for one in drawn for end in (".png", ".svg"))}
-    assert {one.name for one in folder.iterdir()} == files == set(found["files"])
-    assert found["deploy"]["coupling"].items() <= json.loads((folder / "coupling.json").read_text()).items()
-    html = (folder / "report.html").read_text()
-    assert html.count("<figure>") == len(drawn)
-    assert html.index('class="verdict pass"') < html.index("<figure>") < html.index("Linear limit")
-    assert main(["run", problem, "--method", "direct", "--out", str(tmp_path / "other")]) == 2
-    assert "option of walls" in capsys.readouterr().err

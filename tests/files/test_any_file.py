@@ -2,8 +2,6 @@
 
 import io
 import json
-import os
-import zipfile
 from functools import cache
 from pathlib import Path
 
@@ -16,13 +14,10 @@ from hypothesis import strategies as st
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document, read_coupling, read_file
-from avc_casadi.files.problem_file import as_problem
-from avc_casadi.identification.read import read_columns, read_logs
+from avc_casadi.identification.read import read_columns
 from avc_casadi.model.virtual_tool import ToolGains
 
 MOST_CHARACTERS = 2000
-WALL = "[environment]\ndamping_ns_per_m = 1.0\nstiffness_n_per_m = 1000.0\n"
-DEVICE = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 1.0\n"
 SCRAPS = st.one_of(
     st.sampled_from([b"[", b"]", b"{", b"}", b"=", b'"', b'"""', b"#", b".", b",", b"\n", b"\r", b"-", b"0", b"\xff"]),
     st.sampled_from([b"nan", b"inf", b"1e308", b"5e-324", b"1e400", b"true", b"null", b"9" * 400, b"\0", b"\x1b[2J"]),
@@ -113,52 +108,6 @@ def test_a_spoiled_file_is_read_or_refused(kind, data, tmp_path_factory):
         assert len(str(error)) <= MOST_CHARACTERS
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_is_no_regular_file_is_not_opened(kind, tmp_path):
-    ending, _, read = KINDS[kind]
-    os.mkfifo(tmp_path / f"pipe{ending}")
-    (tmp_path / f"endless{ending}").symlink_to("/dev/zero")
-    (tmp_path / f"loop{ending}").symlink_to(tmp_path / f"loop{ending}")
-    (tmp_path / f"folder{ending}").mkdir()
-    with (tmp_path / f"large{ending}").open("wb") as file:
-        file.truncate(2**33)
-    for name in ("pipe", "endless", "loop", "folder", "large", "missing"):
-        refused(read, tmp_path / f"{name}{ending}")
-
-
-# Without the guards each of these takes minutes, or all memory.
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "text",
-    [
-        "a." * 500_000 + "a = 1",
-        "[" + "a." * 500_000 + "a]",
-        "a = " + "[" * 100_000,
-        "a = " + "1" * 1_000_000,
-        "x = '''" + "'\n" * 300_000 + "'''",
-        "[[scene.effects]]\nkind = 'delya'\n" * 30_000,
-        "".join(f"key{number} = 1\n" for number in range(6_000)),
-        "[frequency]\nvalues_hz = [\n" + "1,\n" * 300_000 + "]",
-    ],
-    ids=lambda text: text[:12],
-)
-def test_problems_made_to_hang_are_refused(text):
-    assert len(refused(avc.parse_problem, text).faults) <= 1001
-
-
-def claiming(shape, data=b""):
-    member = io.BytesIO()
-    np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": shape})
-    return member.getvalue() + data
-
-
-@pytest.mark.parametrize("data", [claiming((10**12,)), claiming((2**25,), bytes(2**28)), b""], ids=len)
-def test_archives_are_measured_before_they_are_read(data, tmp_path):
-    with zipfile.ZipFile(tmp_path / "a.npz", "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("time_s.npy", data)
-    refused(read_logs, [tmp_path / "a.npz"])
-
-
 @pytest.mark.parametrize("feed", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("mark", [",", ";", "\t", " "])
 def test_texts_are_read_as_numpy_reads_them(mark, feed, tmp_path):
@@ -174,25 +123,6 @@ def test_texts_are_read_as_numpy_reads_them(mark, feed, tmp_path):
     log = read_columns(tmp_path / "a.csv")
     assert np.array_equal(np.c_[log.time_s, log.position_m, log.force_n], plain)
     assert (log.at(0), log.at(4_999), log.at(5_001)) == (2, 5_001, 5_005)
-
-
-def test_sizes_are_bounded(tmp_path):
-    frequencies = ", ".join(f"{1 + 1e-4 * row:.4f}" for row in range(25_000))
-    refused(avc.parse_problem, f"{DEVICE}{WALL}[frequency]\nvalues_hz = [{frequencies}]\n")
-    table = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n" + "".join(f"{row},1,1\n" for row in range(1, 30_000))
-    (tmp_path / "a.csv").write_text(table)
-    refused(read_file, tmp_path / "a.csv")
-
-
-def test_a_problem_may_be_the_tables_of_its_file():
-    tables = {
-        "device": {"mass_kg": 0.1, "damping_ns_per_m": np.float64(2.0)},
-        "environment": {"damping_ns_per_m": 1.0, "stiffness_n_per_m": 1000.0},
-    }
-    text = DEVICE.replace("damping_ns_per_m = 1.0", "damping_ns_per_m = 2.0") + WALL
-    assert as_problem(tables) == avc.parse_problem(text, name="")
-    for nothing in ({}, None, 3, [1]):
-        refused(avc.recommend, nothing)
 
 
 def test_encodings_and_names(tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ from avc_casadi import InputError
 from avc_casadi.cli import main
 from avc_casadi.coupling import THINNING, Coupling
 from avc_casadi.files.coupling_file import read_file
-from avc_casadi.files.gain_file import gain_csv
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.runtime import Runtime
 
@@ -50,14 +49,6 @@ def test_what_runs_is_within_the_thinning_of_every_row(name):
     assert len(made.table) <= 256
 
 
-@pytest.mark.thorough
-def test_constant_gains_are_one_row():
-    made = coupling("figure5", "static")
-    assert made.table.constant
-    assert len(made.table) == 1
-    assert made.table.at_rest.stiffness_n_per_m == made.schedule.stiffness_n_per_m[0]
-
-
 def test_the_name_of_a_coupling_follows_what_runs():
     problem = avc.load_problem("ve3")
     made = Coupling.constant(problem, Gains(5.0, 1e4), "mine")
@@ -71,19 +62,6 @@ def test_the_name_of_a_coupling_follows_what_runs():
         Coupling.constant(problem.changed(coupling={"contact": other_law(problem)}), Gains(5.0, 1e4), "mine"),
     ]
     assert len({made.id, *(one.id for one in others)}) == 7
-
-
-def test_the_name_of_a_coupling_follows_the_damping_of_its_current_loop():
-    """Also where only its range is said."""
-    problem = avc.load_problem("ve3")
-    said = (
-        {},
-        {"amplifier_damping_ratio": 0.5},
-        {"range": {"amplifier_damping_ratio": [0.5, 1.0]}},
-    )
-    loops = [{"amplifier_bandwidth_hz": 500.0, "amplifier_order": 2} | one for one in said]
-    names = [Coupling.constant(problem.changed(device=one), Gains(5.0, 1e4), "mine").id for one in loops]
-    assert len(set(names)) == 3
 
 
 def other_law(problem):
@@ -100,18 +78,6 @@ def test_the_contact_law_travels_with_the_coupling(contact, tmp_path):
     again = avc.read_coupling(tmp_path / "c.json")
     assert again == made
     assert again.contact == contact
-
-
-def test_a_table_alone_loads_beside_its_problem(tmp_path):
-    problem = avc.load_problem("ve3")
-    gains = avc.solve(problem, "exact")
-    path = tmp_path / "gains.csv"
-    path.write_text(gain_csv(gains))
-    with pytest.raises(InputError, match="lacks the problem \\(wall"):
-        avc.read_coupling(path)
-    found = avc.read_coupling(path, problem)
-    assert found.table == Coupling.of(problem, gains).table
-    assert any("runs beside" in one for one in found.lacks)
 
 
 @pytest.mark.parametrize(
@@ -151,17 +117,6 @@ def test_what_a_verb_writes_is_read_again(verb, tmp_path, capsys):
     assert isinstance(read_file(path), Coupling)
 
 
-def test_all_faults_at_once(tmp_path):
-    avc.write_coupling(coupling("ve3"), tmp_path / "c.json")
-    document = json.loads((tmp_path / "c.json").read_text())
-    document |= {"runtime": {"guard": "dog"}, "table": {}, "problem_file": 1, "trial": []}
-    (tmp_path / "c.json").write_text(json.dumps(document))
-    with pytest.raises(InputError) as refused:
-        avc.read_coupling(tmp_path / "c.json")
-    keys = {fault.key for fault in refused.value.faults}
-    assert {"runtime.guard", "table.frequency_hz", "problem_file", "trial"} <= keys
-
-
 @pytest.mark.parametrize(
     ("key", "change"),
     [
@@ -182,12 +137,3 @@ def test_a_file_of_which_a_part_was_changed_is_refused(key, change, tmp_path):
     with pytest.raises(InputError) as caught:
         avc.read_coupling(path)
     assert key in [fault.key for fault in caught.value.faults]
-
-
-@pytest.mark.thorough
-def test_another_problem_than_its_own_is_refused(tmp_path):
-    path = tmp_path / "c.json"
-    avc.write_coupling(Coupling.of(avc.load_problem("soft"), avc.solve("soft")), path)
-    assert avc.read_coupling(path, "soft").id == avc.read_coupling(path).id
-    with pytest.raises(InputError, match="carries its own problem"):
-        avc.read_coupling(path, "figure5")

@@ -2,13 +2,11 @@
 
 import json
 
-import numpy as np
 import pytest
 
 import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
-from avc_casadi.files.gain_file import gain_csv
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
 
@@ -77,50 +75,3 @@ def test_what_runs_beside_the_table_runs_beside_a_problem_too(capsys):
         assert {effect["kind"] for effect in document["effects"]} == set(run.effects)
         assert document["peak_velocity_m_per_s"] == float(run.judgement.peak_velocity_m_per_s)
         assert document["notes"] == []
-
-
-@pytest.mark.thorough
-def test_on_another_problem_the_table_is_judged_there_and_this_is_noted(capsys):
-    made = Coupling.constant(SOFT, Gains(5.0, 2e3), "mine", Runtime(observer_mass_kg=0.15))
-    avc.write_coupling(made, "c.json")
-    for verb in (("certify", "ve4", "c.json"), ("simulate", "ve4", "--gains", "c.json")):
-        main([*verb, "--json"])
-        document = json.loads(capsys.readouterr().out)
-        (note,) = document["notes"]
-        assert "made for soft" in note
-        assert "[environment]" in note
-    other = made.on(avc.load_problem("ve4"))
-    assert (other.table, other.runtime, other.problem) == (made.table, made.runtime, avc.load_problem("ve4"))
-    assert other.certificate is None
-    with pytest.raises(avc.InputError, match="sample_time_s"):
-        made.on(SOFT.changed(device={"sample_time_s": 5e-4}))
-
-
-PROBLEM_VERBS = ("run", "recommend", "check", "solve", "compare", "zwidth", "accuracy")
-
-
-@pytest.mark.parametrize("verb", PROBLEM_VERBS)
-@pytest.mark.parametrize("name", ["c.json", "g.csv"])
-def test_a_coupling_in_place_of_a_problem_is_refused(verb, name, folder, capsys):
-    (folder / "c.json").write_text('\ufeff {"schema": "avc-coupling/1"}', encoding="utf-8")
-    (folder / "g.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n1,1,100\n")
-    code, (error,) = errors(capsys, *verb.split(), name)
-    assert code == 2
-    assert error["file"] == name
-
-
-def test_a_table_beside_its_problem_does_not_lack_the_problem(folder, capsys):
-    (folder / "old.csv").write_text(gain_csv(avc.solve(SOFT, "static-tuned")))
-    assert main(["export", "old.csv", "--problem", "soft", "--c", "firmware", "--json"]) == 0
-    lacks = json.loads(capsys.readouterr().out)["lacks"]
-    assert any("observer" in one for one in lacks)
-    assert not any("problem" in one for one in lacks)
-
-
-def test_rows_that_become_one_on_the_device_are_a_fault_of_the_file(folder, capsys):
-    rows = "".join(f"{hz!r},5.0,{k}\n" for hz, k in ((1.0, 100.0), (1.0 + 1e-12, 200.0), (2.0, 150.0)))
-    (folder / "g.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n" + rows)
-    arguments = ("export", "g.csv", "--problem", "soft", "--c", "firmware", "--unsafe")
-    code, (error,) = errors(capsys, *arguments)
-    assert (code, error["file"], error["key"]) == (2, "g.csv", "table.frequency_hz")
-    assert np.float32(1.0 + 1e-12) == np.float32(1.0)

@@ -7,9 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.cli import main
 from avc_casadi.files.problem_file import as_problem
-from avc_casadi.model.quantity import read_quantity
 
 WALL = "[environment]\nstiffness_{k} = 1.0\ndamping_{b} = 0.0\n"
 LINEAR = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 0.0\n{key} = {value}\n" + WALL.format(k="n_per_m", b="ns_per_m")
@@ -70,42 +68,6 @@ def test_a_value_under_a_wrong_key_or_unit_says_what_to_write(sheet, key, value,
         avc.parse_problem(sheet.format(key=key, value=value))
     (fault,) = refused.value.faults
     assert (fault.key, write in fault.message) == (f"device.{key}", True), fault
-
-
-def test_hands_of_a_device_that_turns_may_be_given_at_its_radius(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    hands = ["--hand-mass", "1 to 4 kg", "--hand-damping", "10 to 80 N.s/m", "--hand-stiffness", "5 to 50 N.m/rad"]
-    typed = ["--inertia", "20 g.m2", "--radius", "0.2 m", "--wall", "100 N.m/rad", "--held", "foot"]
-    assert main(["new", "pedal.toml", *typed, *hands]) == 0
-    capsys.readouterr()
-    found = avc.load_problem("pedal.toml").hands
-    assert found.mass_kg == pytest.approx((0.04, 0.16))
-    assert found.damping_ns_per_m == pytest.approx((0.4, 3.2))
-    assert found.stiffness_n_per_m == (5.0, 50.0)
-
-
-@pytest.mark.parametrize("typed", ["1 kg, pitch 5 mm", "1 kg, gear 0", "4 counts, gear 10, pitch mm", "1 kHz, gear 2"])
-def test_a_gear_that_changes_nothing_is_refused(typed):
-    with pytest.raises(ValueError, match=r"gear|pitch|unit"):
-        read_quantity(typed, "s" if "Hz" in typed else "kg.m2")
-
-
-@pytest.mark.parametrize("wrong", [None, 3, {"device": {}}, b"x"])
-@pytest.mark.parametrize(
-    "load", [avc.load_problem, avc.parse_problem, avc.load_device, avc.read_coupling, avc.catalogue_path, avc.solve]
-)
-def test_what_is_no_source_is_refused(load, wrong):
-    with pytest.raises(avc.InputError):
-        load(wrong)
-
-
-def test_a_number_that_a_copy_put_in_unchecked_is_refused_where_it_is_used():
-    problem = avc.load_problem("figure5")
-    wrong = problem.model_copy(update={"device": problem.device.model_copy(update={"mass_kg": math.nan})})
-    for use in (avc.solve, avc.zwidth, avc.recommend):
-        with pytest.raises(avc.InputError) as refused:
-            use(wrong)
-        assert [fault.key for fault in refused.value.faults] == ["device.mass_kg"]
 
 
 PLANTED = st.one_of(

@@ -1,13 +1,8 @@
 """Device files: every value has a source and a grade, gaps are named, and problems refer to them and override them."""
 
-import json
-
 import pytest
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.files.catalogue import catalogue_names, device_names
-from avc_casadi.files.device_file import parse_device
 from avc_casadi.files.plausibility import plausibility
 from avc_casadi.model.device import Device
 
@@ -67,11 +62,6 @@ def faults_of(call, *arguments, **options):
     with pytest.raises(avc.InputError) as caught:
         call(*arguments, **options)
     return {fault.key: fault for fault in caught.value.faults}
-
-
-def test_the_catalogue_of_devices_is_whole():
-    assert set(device_names()) == set(CATALOGUE)
-    assert not any(name.startswith("devices") for name in catalogue_names())
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
@@ -187,28 +177,3 @@ def test_a_device_file_tells_its_faults(tmp_path, old, new, key, words):
     assert words in faults_of(avc.load_device, path)[key].message
     # A problem that refers to it tells the same.
     assert set(faults_of(device_of, 'device = "mine.toml"\n', folder=tmp_path)) == set(faults_of(avc.load_device, path))
-
-
-def test_list_shows_devices_apart_from_problems(capsys):
-    assert main(["list", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert [one["name"] for one in document["devices"]] == sorted(CATALOGUE)
-    assert {one["name"] for one in document["problems"]} == {entry.name for entry in avc.catalogue()}
-
-
-def test_a_file_of_guesses_needs_no_sources(tmp_path):
-    path = tmp_path / "guess.toml"
-    path.write_text("[device]\nmass_kg = 0.2\ndamping_ns_per_m = 1.0\nrange = { mass_kg = [0.1, 0.3] }\n")
-    assert avc.load_device(path).device.range.mass_kg == (0.1, 0.3)
-    assert device_of('device = "guess.toml"\n', folder=tmp_path).mass_kg == 0.2
-    # Once one value has a source, all have.
-    path.write_text(path.read_text() + '[sources]\nmass_kg = { grade = "measured", source = "scale" }\n')
-    assert "sources.damping_ns_per_m" in faults_of(avc.load_device, path)
-
-
-def test_a_problem_in_place_of_a_device_is_one_fault():
-    with pytest.raises(avc.InputError) as refused:
-        parse_device(avc.dump_problem(avc.load_problem("figure5")), file="wall.toml")
-    (fault,) = refused.value.faults
-    assert (fault.file, fault.key) == ("wall.toml", "environment")
-    assert fault.message.startswith("is that of a problem; allowed: a device file")

@@ -5,13 +5,10 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.loops.loop import Body
-from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, joint_rendering, linear_stability, wall
 from avc_casadi.model.hands import Hand
 from avc_casadi.model.sampled_plant import sampled_plant
-from avc_casadi.paper.loop import loop_at
 
 T = 1e-3
 HAND = Hand(np.array([0.05]), np.array([3.0]), np.array([800.0]))
@@ -69,19 +66,3 @@ def test_stability_is_continuous_where_the_delay_becomes_whole(whole):
     assert radius(whole - 1e-3) == pytest.approx(radius(whole), abs=1e-3)
     assert radius(whole + 1e-3) == pytest.approx(radius(whole), abs=1e-3)
     assert radius(whole - 0.5) != pytest.approx(radius(whole), abs=1e-3)
-
-
-@pytest.mark.parametrize("model", ["paper", "sampled-data"])
-@pytest.mark.parametrize("delay", [0.25, 0.5, 1.5])
-def test_the_own_frequency_is_judged_with_the_fraction(model, delay):
-    case = problem(delay, stability={"model": model})
-    frequency = case.frequencies_hz()
-    found = worst_margin(SampledLoop.of(case), 3.0, 9e3, 1.0, frequency, frequency)
-    np.testing.assert_allclose(found.margin_ns_per_m, loop_at(case, frequency).perceived(3.0, 9e3, 1.0).real, rtol=1e-9)
-
-
-def test_pointwise_methods_agree_for_a_fractional_delay():
-    case = problem(0.5)
-    direct, exact = avc.solve(case, "direct"), avc.solve(case, "exact")
-    assert direct.usable.any()
-    np.testing.assert_allclose(direct.magnitude_error, exact.magnitude_error, rtol=1e-4, atol=1e-6)

@@ -5,31 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avc_casadi import InputError, load_problem, solve
+from avc_casadi import InputError
 from avc_casadi.cli import main
-from avc_casadi.files.coupling_file import read_coupling, read_file
-from avc_casadi.files.gain_file import gain_csv
-from avc_casadi.model.gains import GainTable
+from avc_casadi.files.coupling_file import read_file
 
 HEADER = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n"
-
-
-@pytest.mark.parametrize(("name", "method"), [("soft", "exact"), ("damped", "exact"), ("knob", "exact")])
-def test_what_was_written_is_read(name, method, tmp_path):
-    path, gains = tmp_path / "gains.csv", solve(load_problem(name), method)
-    path.write_text(gain_csv(gains), encoding="utf-8-sig")
-    assert read_file(path) == GainTable.of(gains)
-
-
-def test_the_nyquist_frequency_itself_is_too_high(tmp_path):
-    """1/(2 T) at T = 1 ms is 500 Hz, and no row may stand there."""
-    path = tmp_path / "gains.csv"
-    path.write_text(f"{HEADER}1,1,1\n499.99,1,1\n")
-    assert len(read_coupling(path, "soft").schedule.frequency_hz) == 2
-    path.write_text(f"{HEADER}1,1,1\n500,1,1\n")
-    with pytest.raises(InputError, match="below half the sampling rate, 500 Hz") as found:
-        read_coupling(path, "soft")
-    assert found.value.faults[0].key == "frequency_hz"
 
 
 @pytest.mark.parametrize(

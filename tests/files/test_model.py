@@ -18,8 +18,6 @@ CHAIN = """<mujoco><worldbody><body name="frame" euler="{tilt} 0 0"><body name="
 <inertial mass="{m[1]}" pos="{c[1]} 0 0" diaginertia="{i[1]} {i[1]} {i[1]}"/>
 <site name="tip" pos="{l[1]} 0 0"/></body></body></body></worldbody></mujoco>"""
 LIMITS = {"shoulder": 'range="-60 60"', "elbow": 'range="40 140"'}
-BODY = '<body name="{0}"><joint name="j{0}" {1}/><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>{2}</body>'
-COUPLED = '</worldbody><equality><joint joint1="ja" joint2="jtip"/></equality><worldbody>'
 
 
 def arm(seed):
@@ -117,42 +115,3 @@ def test_a_urdf_names_its_links_and_needs_no_drawing(tmp_path, capsys):
     assert device.range.mass_kg == pytest.approx((0.99 * 0.1, 1.01 * 0.55), rel=1e-3)
     assert device.mass_kg == pytest.approx(0.25)
     assert device.max_force_n == avc.load_device("omega-3").device.max_force_n
-
-
-def test_what_is_typed_of_the_damping_wins_and_dry_friction_is_told(tmp_path, capsys):
-    text = CHAIN.format(tilt=0, **LIMITS, **arm(0)).replace('name="elbow"', 'name="elbow" frictionloss="0.01"')
-    assert written(tmp_path, text, "--damping", "0.2 N.s/m").damping_ns_per_m == 0.2
-    assert "dry friction of the model's joints" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "said"),
-    [
-        (None, [], "is no file"),
-        ("no model", [], "no model that MuJoCo loads"),
-        (CHAIN.format(tilt=0, **LIMITS, **arm(0)), ["--tip", "tpi"], "near: tip"),
-        (CHAIN.format(tilt=0, **LIMITS, **arm(0)), ["--tip", "frame"], "no joint of the model moves"),
-        (CHAIN.format(tilt=0, **LIMITS, **arm(0)), ["--mass", "1 kg"], "--mass: is that of --model"),
-        (CHAIN.format(tilt=0, **LIMITS, **arm(0)), ["--inertia", "1 kg.m2"], "moves its tip in lines"),
-        (BODY.format("a", 'type="ball"', '<body name="tip" pos="0 0 1"/>'), [], "neither hinges nor slides"),
-        (BODY.format("tip", 'type="slide"', ""), [], "slides without limits: jtip"),
-        (
-            f"{BODY.format('a', LIMITS['elbow'], BODY.format('tip', LIMITS['elbow'], ''))}{COUPLED}",
-            [],
-            "close loops or couple joints",
-        ),
-    ],
-)
-def test_a_model_that_tells_no_mass_is_refused(text, options, said, tmp_path, capsys):
-    if text is not None:
-        whole = text if text.startswith(("<mujoco", "no")) else f"<mujoco><worldbody>{text}</worldbody></mujoco>"
-        (tmp_path / "arm.xml").write_text(whole)
-    arguments = ["--model", str(tmp_path / "arm.xml"), "--tip", "tip", "--wall", "3 kN/m", *options]
-    assert main(["new", str(tmp_path / "p.toml"), *arguments]) == 2
-    assert said in capsys.readouterr().err
-    assert not (tmp_path / "p.toml").exists()
-
-
-def test_a_model_needs_a_tip(tmp_path, capsys):
-    assert main(["new", str(tmp_path / "p.toml"), "--model", "arm.xml", "--wall", "3 kN/m"]) == 2
-    assert "--tip: goes with --model" in capsys.readouterr().err

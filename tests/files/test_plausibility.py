@@ -4,24 +4,10 @@ import pytest
 
 import avc_casadi as avc
 from avc_casadi.files.plausibility import plausibility
-from avc_casadi.model.declared import declared
 from avc_casadi.recommendation.preconditions import assumed
 
 PLAIN = {"mass_kg": 0.1, "damping_ns_per_m": 2.0, "sample_time_s": 1e-3}
 MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
-EVERYTHING = {
-    "delay_samples": 0.5,
-    "coulomb_friction_n": 0.2,
-    "encoder_resolution_m": 2e-5,
-    "position_noise_rms_m": 1e-6,
-    "amplifier_bandwidth_hz": 1000.0,
-    "amplifier_order": 2,
-    "amplifier_damping_ratio": 0.5,
-    "max_force_n": 8.0,
-    "backlash_m": 1e-4,
-    "resonance": MODE,
-    "encoder_at": "handle",
-}
 
 
 def problem(device=PLAIN, **tables):
@@ -30,19 +16,6 @@ def problem(device=PLAIN, **tables):
         name="p",
     )
     return bare.changed(device=device, **tables)
-
-
-@pytest.mark.parametrize(("key", "value"), [("position_noise_rms_m", 5e-5), ("delay_samples", 0.02)])
-def test_the_noise_of_an_analogue_sensor_and_a_small_part_of_a_sample_are_not_doubted(key, value):
-    assert plausibility(problem(PLAIN | {key: value})) == ()
-
-
-def test_every_key_that_makes_a_device_less_than_ideal_is_named():
-    assert declared(problem(PLAIN | EVERYTHING)) == tuple(f"device.{key}" for key in EVERYTHING)
-    for key, value in EVERYTHING.items():
-        alone = {key: value}
-        idle = key in {"amplifier_order", "amplifier_damping_ratio", "encoder_at"}
-        assert declared(problem(PLAIN | alone)) == (() if idle else (f"device.{key}",))
 
 
 @pytest.mark.parametrize(

@@ -42,77 +42,6 @@ def test_every_spoilt_line_is_named_and_no_other(spoilt):
         assert LINES[fault.line - 1].split(" = ")[0] == re.sub(r"\[\d+\]", "", fault.key).split(".")[-1]
 
 
-MANY_FAULTS = """title = 3
-surplus = 1
-environment = 3
-[device]
-mass_kg = -1
-damping_ns_per_m = "2"
-dampling_ns_per_m = 2
-sample_time_s = 2e-3
-range.mass_kg = [2, 1]
-[boundaries.upper]
-damping_ns_per_m = 1
-stiffness_n_per_m = 1
-[boundaries.lower]
-damping_ns_per_m = 2
-stiffness_n_per_m = inf
-[coupling]
-structure = "serie"
-damping_ns_per_m = [0, 1, 2]
-stiffness_n_per_m = [ # neither a "]" in a comment nor one in a text ends this
-    true, "]",
-]
-[frequency]
-stop_hz = 250
-[scene]
-motion = {kind = "pres"}
-[[scene.effects]]
-[[scene.effects]]
-kind = "notch"
-depth = 1.5
-[[scene.effects]]
-kind = "delay"
-delay = 1
-samples = -1
-[[scene.effects]]
-kind = "adaptation"
-passive = 1
-[[scene.effects]]
-kind = 3
-"""
-
-
-def test_faults_of_many_kinds_are_told_together():
-    assert [(fault.line, fault.key) for fault in faults_of(MANY_FAULTS)] == [
-        (1, "title"),
-        (2, "surplus"),
-        (3, "environment"),
-        (5, "device.mass_kg"),
-        (6, "device.damping_ns_per_m"),
-        (7, "device.dampling_ns_per_m"),
-        (9, "device.range.mass_kg"),
-        (15, "boundaries.lower.stiffness_n_per_m"),
-        (17, "coupling.structure"),
-        (18, "coupling.damping_ns_per_m"),
-        (19, "coupling.stiffness_n_per_m[0]"),
-        (19, "coupling.stiffness_n_per_m[1]"),
-        (25, "scene.motion.kind"),
-        (26, "scene.effects[0].kind"),
-        (27, "scene.effects[1].frequency_hz"),
-        (29, "scene.effects[1].depth"),
-        (32, "scene.effects[2].delay"),
-        (33, "scene.effects[2].samples"),
-        (36, "scene.effects[3].passive"),
-        (38, "scene.effects[4].kind"),
-    ]
-
-
-def test_windows_line_ends_do_not_move_the_lines():
-    unix = faults_of(MANY_FAULTS)
-    assert faults_of(MANY_FAULTS.replace("\n", "\r\n")) == unix
-
-
 RULES = [
     ("[frequency]\nstop_hz = 500.0", "frequency.stop_hz"),
     ("[frequency]\nstart_hz = 20\nstop_hz = 10", "frequency.stop_hz"),
@@ -151,18 +80,6 @@ def test_each_rule_names_its_key(addition, key):
     assert fault.line is None or fault.line > SMALL.count("\n")
 
 
-def test_a_range_that_is_wrong_hides_no_other_one():
-    ranges = "[device.range]\nmass_kg = [0.3, 0.1]\ndelay_samples = [2, 3]\ndamping_ns_per_m = [-1, 'x']\n"
-    found = {fault.key for fault in faults_of(SMALL + ranges)}
-    keys = ("mass_kg", "damping_ns_per_m[0]", "damping_ns_per_m[1]")
-    assert found == {f"device.range.{key}" for key in keys}
-
-
-def test_faults_between_tables_are_told_together():
-    text = SMALL + "[frequency]\npoints = 2\nstop_hz = 600\n[scene]\nduration_s = 0.0001\n"
-    assert [fault.key for fault in faults_of(text)] == ["frequency.stop_hz", "scene.duration_s"]
-
-
 HUGE = "1" + "0" * 400
 
 
@@ -176,46 +93,9 @@ def test_unphysical_numbers_are_refused(key, value):
     assert "allowed: " in fault.message
 
 
-def test_missing_tables_and_keys_are_faults():
-    assert [(fault.line, fault.key) for fault in faults_of("title = 'x'")] == [
-        (None, "device"),
-        (None, "environment"),
-    ]
-    assert [(fault.line, fault.key) for fault in faults_of("[device]\n[environment]\nstiffness_n_per_m = 0")] == [
-        (1, "device.mass_kg"),
-        (1, "device.damping_ns_per_m"),
-        (2, "environment.damping_ns_per_m"),
-    ]
-
-
 def test_a_syntax_error_has_its_line():
     (fault,) = faults_of(SMALL + "[frequency]\npoints = \n")
     assert fault.line == SMALL.count("\n") + 2
     assert "is not TOML" in fault.message
     (fault,) = faults_of(SMALL + '[frequency]\nspacing = """')
     assert fault.line == SMALL.count("\n") + 2
-
-
-def test_a_problem_made_in_python_keeps_the_same_rules():
-    problem = avc.load_problem("figure5")
-    with pytest.raises(ValueError, match=r"frequency.stop_hz: is 500.0; allowed: below 500 Hz"):
-        avc.Problem(device=problem.device, environment=problem.environment, frequency={"stop_hz": 500.0})
-
-
-@pytest.mark.parametrize("period", [2e-3, 0.01])
-def test_a_slow_device_needs_no_band_of_its_own(period):
-    text = WALL.format(period=period)
-    assert avc.parse_problem(text).frequencies_hz().max() == pytest.approx(0.45 / period)
-    with pytest.raises(avc.InputError, match=r"frequency\.stop_hz: is 450\.0; allowed: below"):
-        avc.parse_problem(text + "[frequency]\nstop_hz = 450.0\n")
-
-
-WALL = """
-[device]
-mass_kg = 0.1
-damping_ns_per_m = 1.0
-sample_time_s = {period}
-[environment]
-stiffness_n_per_m = 100.0
-damping_ns_per_m = 1.0
-"""

@@ -1,17 +1,11 @@
 """Files of a device that turns: keys in rad, N.m and kg.m2, read back as written; those of the other motion refused."""
 
-import math
-
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from linear_keys import linear_keys
 
 import avc_casadi as avc
-from avc_casadi._util import units
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.recommendation.preconditions import assumed
 
 KNOB = """
 [device]
@@ -49,36 +43,6 @@ def test_keys_of_the_other_motion_are_refused_at_once():
     assert wrong | {"device.max_torque_nm"} <= {fault.key for fault in refused.value.faults}
 
 
-def test_a_range_of_counts_is_one_of_the_step():
-    def device(ends):
-        return avc.parse_problem(f"{KNOB}\n[device.range]\nencoder_counts_per_turn = {ends}\n").device
-
-    coarsest, finest = 2 * math.pi / 4000, 2 * math.pi / 16384
-    assert device("[4000, 16384]").range.encoder_resolution_m == (finest, coarsest)
-    both = "[4000, 16384]\nencoder_resolution_rad = [1e-4, 1e-3]"
-    for ends in ("[16384, 4000]", "4000", "[1, 4000]", "[4000]", '["a", 4000]', "[4000, 8000]", both):
-        with pytest.raises(avc.InputError) as refused:
-            device(ends)
-        assert [fault.key for fault in refused.value.faults] == ["device.range.encoder_counts_per_turn"]
-
-
-def test_a_box_of_gains_that_no_file_states_bounds_nothing():
-    own = "contact_damping_nms_per_rad = [0.0, 0.05]\n"
-    for box, told in (("", False), ("stiffness_nm_per_rad = [0.0, 0.5]\n", True)):
-        problem = avc.parse_problem(KNOB.replace(own, box), name="knob")
-        found = assumed(problem, Coupling.constant(problem, Gains(0.0, 1e6), "x"))
-        assert any("gain box of [coupling]" in line for line in found) == told
-
-
-def test_a_range_of_counts_that_says_nothing_is_refused():
-    ends = "\n[device.range]\nencoder_counts_per_turn = [4000, 16384]\n"
-    linear = KNOB.replace('motion = "rotary"\nhandle_radius_m = 0.02', "")
-    for text in (KNOB.replace("encoder_counts_per_turn = 16384\n", ""), linear):
-        with pytest.raises(avc.InputError) as refused:
-            avc.parse_problem(text + ends)
-        assert "device.range.encoder_counts_per_turn" in {fault.key for fault in refused.value.faults}
-
-
 def test_a_problem_is_written_and_read_in_its_own_keys():
     problem = avc.parse_problem(KNOB, name="knob")
     text = avc.dump_problem(problem)
@@ -95,17 +59,6 @@ def test_a_coupling_file_comes_back(tmp_path):
     assert found.problem == problem
     avc.write_coupling(found, tmp_path / "again.json")
     assert (tmp_path / "again.json").read_text() == text
-
-
-@given(
-    st.lists(st.sampled_from(["mass", "force", "stiffness", "at", "0"]), min_size=1),
-    st.sampled_from(["_kg", "_n", "_m", "_ns_per_m", "_n_per_m", "_m_per_s", "_m_per_n", "_hz", ""]),
-)
-def test_names_are_one_to_one(parts, ending):
-    key = "_".join(parts) + ending
-    assert units.ROTARY.inner(units.ROTARY.key(key)) == key
-    assert units.ROTARY.key(units.ROTARY.key(key)) == units.ROTARY.key(key)
-    assert units.LINEAR.key(key) == key
 
 
 @pytest.mark.parametrize(

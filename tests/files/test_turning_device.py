@@ -14,11 +14,10 @@ import avc_casadi as avc
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.program import solve_program
 from avc_casadi.loops.walls import stiffest_wall
-from avc_casadi.model.gains import Gains, near_rigid_n_per_m, spring_before
+from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners
 from avc_casadi.model.problem import Problem
 from avc_casadi.simulation.population.motions import motions_at
-from avc_hardware.codegen.figures import board_limits
 
 FREQUENCY = {"values_hz": (1.0, 5.0, 30.0, 120.0)}
 # Powers of the radius with which a value of the handle becomes one of the turn.
@@ -150,18 +149,3 @@ def test_a_law_is_that_of_the_handle():
     assert one.error == pytest.approx(other.error, rel=0.02)
     assert one.disk_margin == pytest.approx(other.disk_margin, rel=0.02)
     assert one.noise_n_per_m * radius**2 == pytest.approx(other.noise_n_per_m, rel=0.05)
-
-
-@pytest.mark.parametrize("radius", [0.5**6, 2.0])
-def test_a_spring_that_no_hand_tells_from_a_rigid_joint_is_one_at_the_rim(radius):
-    """Everywhere the same spring, also in series with a wall, and within what a board takes."""
-    linear, rotary = both(
-        {"mass_kg": 0.1, "damping_ns_per_m": 1.0}, {"stiffness_n_per_m": 3e4, "damping_ns_per_m": 0.0}, radius
-    )
-    for felt in (1000.0, linear.environment.stiffness_n_per_m):
-        same(spring_before(linear, felt), spring_before(rotary, felt * radius**2), 2, radius)
-    assert near_rigid_n_per_m(rotary.device) == near_rigid_n_per_m(linear.device) * radius**2
-    limits, at_rim = board_limits(rotary.device), board_limits(linear.device)
-    assert near_rigid_n_per_m(rotary.device) <= limits.max_stiffness_n_per_m == at_rim.max_stiffness_n_per_m * radius**2
-    assert limits.max_damping_ns_per_m == at_rim.max_damping_ns_per_m * radius**2
-    assert limits.max_force_n == at_rim.max_force_n * radius

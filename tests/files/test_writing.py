@@ -8,8 +8,6 @@ import sys
 import pytest
 from avc_process import ENVIRONMENT
 
-import avc_casadi as avc
-
 # A full disk would cut off what Python caches of a module too.
 NO_CACHE = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}
 FULL_DISK = """
@@ -41,20 +39,3 @@ def test_a_file_is_the_old_one_or_the_new_one(before, code, tmp_path):
     assert out.read_text() == "what was there\n"
     assert run("", arguments, tmp_path).returncode == 0
     assert json.loads(out.read_text())["method"] == "static"
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["export", "c.json", "--c", "made", "--unsafe"], "--c: 'made' cannot be written"),
-        (["simulate", "soft", "--plot", "run.svg"], "--plot: 'run.svg' cannot be written"),
-        (["simulate", "soft", "--trace", "run.npz"], "--trace: 'run.npz' cannot be written"),
-    ],
-)
-def test_a_full_disk_is_told_of_what_was_typed(arguments, named, tmp_path):
-    avc.write_coupling(avc.Coupling.of(avc.load_problem("soft"), avc.solve("soft", "static")), tmp_path / "c.json")
-    done = run(FULL_DISK, arguments, tmp_path)
-    assert done.returncode == 2
-    assert f"{named} (File too large)" in done.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["c.json"]

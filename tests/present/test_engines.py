@@ -3,10 +3,7 @@
 import pytest
 from exported_tool import DEVICE, tool_coupling
 
-import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.files.coupling_file import write_coupling
-from avc_casadi.present.engines import ENGINES, parameters
+from avc_casadi.present.engines import parameters
 
 TOOL = "tool_mass_kg = 0.2\nstep_s = 0.002\n"
 SCALED = f"{TOOL}position_scale = 10.0\nforce_scale = 0.5\n"
@@ -70,32 +67,6 @@ def test_line_of_the_page_is_spring_and_damper_in_mujoco(keys, integrator):
         place += t * speed
         assert data.qpos[0] == pytest.approx(place, abs=1e-7)
     assert abs(place) > 5e-4
-
-
-def test_unstable_coupling_is_written_on_request_alone(tmp_path, capsys):
-    file = tmp_path / "c.json"
-    write_coupling(tool_coupling(f'{TOOL}exchange = "ahead"', 20000.0, 20.0), file)
-    assert main(["export", str(file), "--c", str(tmp_path / "c")]) == 1
-    assert "linearly unstable" in capsys.readouterr().err
-    assert not (tmp_path / "c").exists()
-    assert main(["export", str(file), "--c", str(tmp_path / "c"), "--unsafe"]) == 0
-    assert main(["export", str(file), "--parameters", "mujoco"]) == 1
-    out, err = capsys.readouterr()
-    assert "linearly unstable" in err
-    assert "qfrc_applied" not in out
-    assert main(["export", str(file), "--parameters", "mujoco", "--unsafe"]) == 0
-    assert "UNSAFE, written by request" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("integrator", ["implicit-damping", "implicit"])
-@pytest.mark.parametrize("engine", ENGINES)
-def test_engine_that_does_not_solve_what_the_coupling_leaves_to_it_is_refused(engine, integrator):
-    coupling = tool_coupling(f'{TOOL}integrator = "{integrator}"\n', K, B)
-    if engine == "openhaptics" or integrator in ENGINES[engine].integrators:
-        assert parameters(coupling, engine).data["parameters"]
-        return
-    with pytest.raises(avc.InputError, match=r"solves no .*say integrator = .* in \[simulation\] and make it again"):
-        parameters(coupling, engine)
 
 
 @pytest.mark.parametrize("mass", [0.005, 0.2])

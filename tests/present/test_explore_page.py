@@ -4,7 +4,6 @@ import multiprocessing
 import re
 import threading
 from contextlib import contextmanager
-from urllib.parse import quote
 
 import pytest
 from background_work import endless
@@ -16,9 +15,7 @@ from browser import (
     requested,
     resize,
     shown,
-    state,
     sticks_out_by,
-    typed,
     until,
 )
 
@@ -90,70 +87,6 @@ def test_a_slider_moves_the_picture_and_undo_brings_it_back(page):
     by_id(page, "undo").click()
     until(lambda: shown(page, "c-magnitude") == before)
     assert float(by_id(page, WALL).get_attribute("value")) == 1e5
-
-
-@pytest.mark.exhaustive
-def test_ones_own_spring_is_judged_while_it_moves(page):
-    typed(page, K, "1000000")
-    until(lambda: "no: unstable" in text(page, "own"))
-    assert state(page)["a"]["gains"] == {"stiffness_n_per_m": 1000000}
-    typed(page, K, "900,5")
-    until(lambda: state(page)["a"]["gains"] == {"stiffness_n_per_m": 900.5} and "no:" not in text(page, "own"))
-
-
-@pytest.mark.exhaustive
-def test_faults_stand_beside_their_fields_all_at_once(page):
-    typed(page, WALL, "-8000")
-    typed(page, MASS, "heavy")
-    message = until(lambda: by_id(page, f"{WALL}-error").text and by_id(page, f"{MASS}-error").text)
-    assert "not a number; allowed: 0 or 1e-9 to 1e6" in message
-    assert by_id(page, WALL).get_attribute("aria-invalid") == "true"
-    typed(page, WALL, "8000")
-    typed(page, MASS, "0.1")
-    until(lambda: not by_id(page, f"{WALL}-error").text and not by_id(page, f"{MASS}-error").text)
-    settled(page)
-
-
-@pytest.mark.exhaustive
-def test_settings_survive_a_reload_and_two_are_shown_side_by_side(page):
-    typed(page, WALL, "9000")
-    by_id(page, "compare").click()
-    typed(page, WALL, "4000")
-    until(lambda: (state(page).get("b") or {}).get("values", {}).get("environment.stiffness_n_per_m") == 4000)
-    page.refresh()
-    settled(page)
-    assert float(by_id(page, WALL).get_attribute("value")) == 4000
-    assert state(page)["a"]["values"] == {"environment.stiffness_n_per_m": 9000}
-    assert [cell.text for cell in page.find_elements("css selector", "#own thead th")] == ["A", "B"]
-    by_id(page, "drop").click()
-    settled(page)
-
-
-@pytest.mark.exhaustive
-def test_an_address_with_unknown_names_shows_the_rest(page, server):
-    odd = '{"a":{"values":{"environment.stiffness_n_per_m":8000,"environment.colour":3},"method":"magic","odd":1}}'
-    for hash_, wall in ((quote(odd), 8000), ("%7Bnot", 1e5), ("null", 1e5)):
-        page.get("about:blank")
-        page.get(f"{server.url}#{hash_}")
-        settled(page)
-        assert float(by_id(page, WALL).get_attribute("value")) == wall
-
-
-@pytest.mark.exhaustive
-def test_files_are_saved_as_they_were_set(page, tmp_path):
-    page.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    page.find_element("css selector", "#device option[value='novint-falcon']").click()
-    typed(page, WALL, "8000")
-    settled(page)
-    for name in ("save-problem", "save-coupling"):
-        by_id(page, name).click()
-        until(lambda: by_id(page, "file-note").text.startswith("Saved"))
-    problem = avc.load_problem(until(lambda: next(tmp_path.glob("*.toml"), None)))
-    assert problem.device == avc.load_device("novint-falcon").device
-    assert problem.environment.stiffness_n_per_m == 8000
-    assert avc.read_coupling(until(lambda: next(tmp_path.glob("*.json"), None))).problem.device == problem.device
-    by_id(page, "copy-command").click()
-    until(lambda: "avc solve novint-falcon-explored.toml --method direct" in by_id(page, "command").text)
 
 
 def found_at_once(task, progress):

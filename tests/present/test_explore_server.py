@@ -2,14 +2,8 @@
 
 import http.client
 import json
-import os
-import signal
-import socket
-import subprocess
-import sys
 import threading
 import time
-import urllib.request
 
 import pytest
 from background_work import endless, halved
@@ -57,22 +51,6 @@ def ask(server, method, path, body=b"", headers=None, host=None):
 
 def inside(server, path):
     return f"/{server.token}/{path}"
-
-
-def test_the_second_part_of_an_answer_does_not_wait_for_an_acknowledgement(server, monkeypatch):
-    accepted = []
-    take = server.get_request
-
-    def get_request():
-        accepted.append(take())
-        return accepted[-1]
-
-    monkeypatch.setattr(server, "get_request", get_request)
-    connection = http.client.HTTPConnection("127.0.0.1", server.port, timeout=600)
-    connection.request("POST", inside(server, "start"), b"{}", JSON)
-    assert connection.getresponse().read()
-    assert accepted[0][0].getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-    connection.close()
 
 
 def test_the_page_and_a_question_are_answered(server):
@@ -129,29 +107,6 @@ def test_another_name_for_this_machine_is_refused(server):
 
 def test_it_listens_to_this_machine_alone(server):
     assert server.server_address[0] == "127.0.0.1"
-
-
-def test_no_two_servers_share_an_address():
-    explorer = Explorer(avc.load_problem("soft"), "soft")
-    with ExploreServer(explorer) as one, ExploreServer(explorer) as other:
-        assert one.token != other.token
-        assert len(one.token) >= 20
-
-
-@pytest.mark.thorough
-@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
-def test_ctrl_c_ends_it_in_peace():
-    command = [sys.executable, "-m", "avc_casadi", "explore", "soft"]
-    with subprocess.Popen(  # noqa: S603
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        lines = [process.stdout.readline(), process.stdout.readline()]
-        url = lines[1].split()[1]
-        with urllib.request.urlopen(url, timeout=600) as answer:  # noqa: S310 - the address that it has printed
-            assert answer.status == 200
-        os.kill(process.pid, signal.SIGINT)
-        _, errors = process.communicate(timeout=600)
-    assert (process.returncode, errors) == (0, "")
 
 
 def waited(work, seconds=600.0):

@@ -6,8 +6,6 @@ import pytest
 from browser import (
     WIDTHS,
     chromium,
-    console_errors,
-    printed_pages,
     requested,
     resize,
     sticks_out_by,
@@ -15,13 +13,6 @@ from browser import (
 from reported import report_of
 
 import avc_casadi as avc
-
-PAPER_PX = 718
-_TOO_WIDE = """
-return [...document.querySelectorAll('table, img, pre')].filter((one) => one.offsetParent !== null
-  && one.getBoundingClientRect().right > document.documentElement.clientWidth + 1)
-  .map((one) => one.outerHTML.slice(0, 200))
-"""
 
 
 @pytest.fixture(scope="module")
@@ -46,21 +37,6 @@ def test_nothing_sticks_out(page, size):
     assert sticks_out_by(page) <= 0
     figure = page.execute_script("return document.querySelector('figure').getBoundingClientRect().width")
     assert figure > 0.75 * min(WIDTHS[size], 1200)
-
-
-@pytest.mark.thorough
-def test_paper_cuts_nothing_off(page):
-    resize(page, PAPER_PX)
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    assert page.execute_script(_TOO_WIDE) == []
-    page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
-    assert printed_pages(page).startswith(b"%PDF")
-
-
-@pytest.mark.thorough
-def test_it_asks_nobody_and_complains_of_nothing(page):
-    assert [url for url in requested(page) if not url.startswith(("file:", "data:"))] == []
-    assert console_errors(page) == []
 
 
 @pytest.mark.thorough

@@ -1,7 +1,6 @@
 """Each kind of answer: few rows of a terminal's width, each number in its data, units of the device, plain words."""
 
 import copy
-import io
 import re
 from functools import cache
 
@@ -14,7 +13,7 @@ import avc_casadi as avc
 from avc_casadi._util.text import quantity
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.present.row import MOST_LINES, MOST_ROWS, WIDTH, Answer, Mark, Page, Value, row, text_of
+from avc_casadi.present.row import MOST_LINES, MOST_ROWS, WIDTH, Mark, Page, Value
 from avc_casadi.present.rows import answer_of
 from avc_casadi.present.rows.recommend import wall_rows
 from avc_casadi.recommendation.recommend import judged_as_recommended
@@ -179,44 +178,9 @@ def test_a_number_beyond_its_limit_marks_its_row(change, label, mark):
 
 
 FACTORS = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6, "G": 1e9}
-ROWS = (row("Coupling", "a spring", mark=Mark.PASS), row("Limit", "none " * 40, mark=Mark.FAIL), row("Tap", "8 N"))
 
 
 @given(st.floats(1e-8, 1e11), st.sampled_from([1, -1]), st.integers(2, 5))
 def test_a_quantity_is_read_back_within_half_of_its_last_digit(size, sign, digits):
     number, prefix = re.fullmatch(r"(-?[\d.]+) (n|u|m|k|M|G|)N/m", quantity(sign * size, "N/m", digits)).groups()
     assert float(number) * FACTORS[prefix] == pytest.approx(sign * size, rel=0.5001 * 10 ** (1 - digits))
-
-
-def test_rows_stand_below_each_other_and_long_ones_below_themselves():
-    lines = Page(width=60).rendered(Answer("any", {}, ("what",), ROWS, ("avc list",))).splitlines()
-    assert lines[0] == "what"
-    assert max(len(line) for line in lines) <= 60
-    begins = {line.index(text) for line, text in zip(lines[2:], ["a spring", "none", "none"], strict=False)}
-    assert len(begins) == 1
-    assert [line[2] for line in lines if line.strip() and line[2:3] in "✓✗"] == ["✓", "✗"]
-    assert lines[-1] == "  next: avc list"
-
-
-def test_unmarked_rows_go_where_there_are_too_many_and_all_are_printed_with_v():
-    rows = [row(f"Row {place}", "a", mark=Mark.FAIL if place % 5 == 0 else Mark.NONE) for place in range(30)]
-    answer = Answer("any", {}, ("what",), (*rows, row("Detail", "b", rank=1)))
-    short, whole = Page().rendered(answer), Page().rendered(answer, verbose=True)
-    assert sum("Row" in line for line in short.splitlines()) == MOST_ROWS
-    assert all(f"Row {place} " in short for place in range(0, 30, 5))
-    assert "Detail" not in short
-    assert sum("Row" in line for line in whole.splitlines()) == 30
-    assert "Detail" in whole
-
-
-def test_texts_and_numbers_join_as_a_sentence_does():
-    units = avc.load_problem("soft").units
-    told = ("k", Value(2e3, "stiffness"), ", b", Value(3.0, "damping"), "(", Value(0.5, "share"), ")")
-    assert text_of(told, units) == "k 2.00 kN/m, b 3.00 N.s/m (50 %)"
-
-
-def test_a_stream_that_takes_ascii_alone_gets_ascii():
-    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
-    text = Page.of(stream).rendered(Answer("any", {}, ("a · b",), ROWS))
-    assert text.isascii()
-    assert "+ Coupling" in text
