@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from avc_casadi._util.units import Units
     from avc_casadi.coupling import Coupling
     from avc_casadi.present.row import Answer, Part
-    from avc_hardware import Device, DeviceStatus, StreamSample, TelemetryLog, TelemetrySample
+    from avc_hardware import Device, DeviceStatus, StreamSample, TelemetrySample
 
 _SECONDS_WITH_JSON = 5.0
 _HEARTBEAT_S = 0.5
@@ -129,7 +129,7 @@ def _stream_coupling(args: argparse.Namespace, console: Console) -> Coupling:
 
 
 def add_monitor(parser: argparse.ArgumentParser) -> None:
-    """Watch a device: records of its own ticks, as text, plot or log; and keep its heartbeat.
+    """Watch a device: records of its own ticks, as text or log; and keep its heartbeat.
 
     The device pushes a record every so many of its own ticks, with the tick's number; one that is lost is seen by it.
     With --heartbeat the device lives as long as this command: when it ends, is killed or loses the line, the force
@@ -155,9 +155,8 @@ def add_monitor(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"keep the device's heartbeat: the force falls when none comes for S seconds; default {_HEARTBEAT_S:g}",
     )
-    parser.add_argument("--out", metavar="FILE", help="log every record as it comes: .csv, or .mcap (extra 'mcap')")
+    parser.add_argument("--out", metavar="FILE", help="log every record as it comes: .csv")
     add_motion(parser)
-    parser.add_argument("--plot", action="store_true", help="draw the last 10 s in a window")
 
 
 def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
@@ -165,10 +164,10 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     from avc_casadi._util.json_values import plain
     from avc_casadi._util.units import units_for
     from avc_casadi.present.row import Value, text_of
-    from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, LOG_ENDINGS, DeviceFault, LivePlot, monitor, open_log
+    from avc_hardware import EMULATOR, EMULATOR_IS_FRESH, DeviceFault, TelemetryLog, monitor
 
     units = units_for(args.motion)
-    out = output_file(args.out, "--out", LOG_ENDINGS) if args.out else None
+    out = output_file(args.out, "--out", (".csv",)) if args.out else None
     samples: list[dict[str, Any]] = []
     note = EMULATOR_IS_FRESH if args.port == EMULATOR else None
     document: dict[str, Any] = {"port": args.port, "note": note, "samples": samples, "records": 0, "lost": 0}
@@ -179,7 +178,7 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
     def begun(device: Device) -> None:
         nonlocal log
         if out is not None and log is None:  # not before there is something to log
-            log = stack.enter_context(open_log(out, args.motion))
+            log = stack.enter_context(TelemetryLog(out, args.motion))
         own, tick, most = device.unique_id, Value(device.sample_time_s, "time"), Value(device.max_force_n, "force")
         running = f", coupling {device.coupling_id}" if device.coupling_id else ", no coupling"
         told = (f"device {own} with firmware {device.build}: a tick every", tick, ", at most", most, running)
@@ -199,22 +198,17 @@ def run_monitor(args: argparse.Namespace, console: Console) -> Answer:
             on_device=begun,
             on_end=ended,
         )
-        plot = stack.enter_context(LivePlot()) if args.plot else None
         stack.enter_context(closing(watched))
         try:
             for sample in watched:
                 words = DeviceFault(sample.faults).word
-                with HeldInterrupt():  # all three or none
+                with HeldInterrupt():  # all or none
                     document["records"] += 1
                     document["lost"] += sample.lost
                     if log is not None:
                         log.write(sample)
                     if console.as_json:
                         samples.append(plain(vars(sample) | {"fault_words": words.split(", ") if words else []}))
-                if plot is not None:
-                    plot.take(sample)
-                    if plot.closed:
-                        break
                 if not 0 <= sample.time_s - shown < 1 / _LINES_HZ - 1e-6:
                     shown = sample.time_s
                     console.say(text_of(_monitor_state(sample, words), units))

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from avc_hardware.link.excite import ExcitationLog as ExcitationLog
     from avc_hardware.link.excite import excite as excite
     from avc_hardware.link.faults import DeviceFault as DeviceFault
-    from avc_hardware.link.monitor import LivePlot as LivePlot
     from avc_hardware.link.monitor import monitor as monitor
     from avc_hardware.link.push import PushResult as PushResult
     from avc_hardware.link.push import push as push
@@ -50,10 +49,8 @@ if TYPE_CHECKING:
     from avc_hardware.link.stream import StreamSample as StreamSample
     from avc_hardware.link.stream import stream as stream
     from avc_hardware.link.table import TableImage as TableImage
-    from avc_hardware.link.telemetry import LOG_ENDINGS as LOG_ENDINGS
     from avc_hardware.link.telemetry import TelemetryLog as TelemetryLog
     from avc_hardware.link.telemetry import TelemetrySample as TelemetrySample
-    from avc_hardware.link.telemetry import open_log as open_log
 else:
     # Imported at first use: few of them need CasADi, pyserial or Unicorn.
     _HOMES = {
@@ -72,13 +69,13 @@ else:
         "link.device": ("Device", "DeviceStatus"),
         "link.excite": ("ExcitationLog", "excite"),
         "link.faults": ("DeviceFault",),
-        "link.monitor": ("LivePlot", "monitor"),
+        "link.monitor": ("monitor",),
         "link.push": ("PushResult", "push"),
         "link.session": ("NoAnswerError", "RefusedError"),
         "link.settings": ("Cleared", "DeviceLimits", "Limits", "clear_faults", "set_limits"),
         "link.stream": ("HOLD_PERIODS", "StreamResult", "StreamSample", "stream"),
         "link.table": ("TableImage",),
-        "link.telemetry": ("LOG_ENDINGS", "TelemetryLog", "TelemetrySample", "open_log"),
+        "link.telemetry": ("TelemetryLog", "TelemetrySample"),
     }
     _LAZY = {name: home for home, names in _HOMES.items() for name in names}
 

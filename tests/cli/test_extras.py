@@ -7,7 +7,7 @@ import pytest
 from avc_process import avc
 
 BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-EXTRAS = ["cloudpickle", "distributed", "elftools", "mcap", "mpmath", "mujoco", "pandas", "unicorn"]
+EXTRAS = ["cloudpickle", "distributed", "elftools", "mpmath", "mujoco", "pandas", "unicorn"]
 HIDDEN = f"import sys\nfor name in {EXTRAS}:\n    sys.modules[name] = None\n"
 EVERY_MODULE = (
     HIDDEN

@@ -3,7 +3,6 @@
 import csv
 import io
 import itertools
-import json
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +12,10 @@ from hardware_bench import host_core, push, require, with_gains
 from host_device import HostCore, HostLink
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader
 
 from avc_casadi import InputError, load_problem
 from avc_casadi.identification.read import read_columns
-from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TelemetrySample, monitor, open_log
+from avc_hardware import Connection, DeviceStatus, EmulatedBoard, TelemetryLog, TelemetrySample, monitor
 from avc_hardware.link import messages as m
 from avc_hardware.link.faults import Refusal
 from avc_hardware.link.frames import Frame
@@ -151,7 +148,7 @@ def test_a_csv_log_is_whole_after_every_record_and_is_read_as_any_other(
     tmp_path: Path, seen: list[TelemetrySample]
 ) -> None:
     path = tmp_path / "log.csv"
-    with open_log(path) as log:
+    with TelemetryLog(path) as log:
         for count, sample in enumerate(seen, start=1):
             log.write(sample)
             if count in {1, 7, len(seen)}:  # as a program that is killed would leave it
@@ -164,16 +161,7 @@ def test_a_csv_log_is_whole_after_every_record_and_is_read_as_any_other(
     assert columns.force_n == pytest.approx([-sample.force_n for sample in seen])
 
 
-def test_an_mcap_log_can_be_read_though_it_was_never_ended(tmp_path: Path, seen: list[TelemetrySample]) -> None:
-    path = tmp_path / "log.mcap"
-    log = open_log(path)
-    for sample in seen:
-        log.write(sample)
-    with path.open("rb") as file:
-        reader = StreamReader(file).records
-        found = [next(reader) for _ in range(3 + len(seen))][3:]
-    assert [json.loads(record.data)["tick"] for record in found] == [sample.ticks for sample in seen]
-    log.close()
-    with path.open("rb") as file:
-        whole = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages()]
-    assert [row["position_um"] for row in whole] == pytest.approx([1e6 * sample.position_m for sample in seen])
+def test_a_log_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    for name in ("log.txt", "nowhere/log.csv"):
+        with pytest.raises(InputError, match=name):
+            TelemetryLog(tmp_path / name)

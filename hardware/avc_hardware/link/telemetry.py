@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
-import json
-import math
 import struct
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, Self, TextIO
+from typing import Any, Self
 
-from avc_casadi import InputError, MissingExtraError
+from avc_casadi import InputError
 from avc_casadi._util.units import MotionKind, units_for
 from avc_hardware.link.device import MODES
 from avc_hardware.link.faults import DeviceFault
@@ -103,58 +100,12 @@ class Samples:
         )
 
 
-LOG_ENDINGS = (".csv", ".mcap")
-"""File endings of logs."""
-_COLUMNS = {
-    "tick": "integer",
-    "time_ms": "number",
-    "position_um": "number",
-    "force_N": "number",
-    "velocity_m_per_s": "number",
-    "frequency_hz": "number",
-    "damping_ns_per_m": "number",
-    "stiffness_n_per_m": "number",
-    "contact_damping_ns_per_m": "number",
-    "energy_j": "number",
-    "mode": "string",
-    "faults": "string",
-    "coupling": "string",
-    "boot": "integer",
-    "lost": "integer",
-}
+_COLUMNS: tuple[str, ...] = (
+    *("tick", "time_ms", "position_um", "force_N", "velocity_m_per_s", "frequency_hz", "damping_ns_per_m"),
+    *("stiffness_n_per_m", "contact_damping_ns_per_m", "energy_j", "mode", "faults", "coupling", "boot", "lost"),
+)
 # As in `avc excite` for a rotary device.
 _ROTARY = {"position_um": "angle_urad", "force_N": "torque_Nm"}
-
-
-class TelemetryLog(Protocol):
-    """A file of samples; use as a context manager."""
-
-    def write(self, sample: TelemetrySample) -> None:
-        """Add a sample; it is in the file when this returns, or `InputError` tells that it cannot be written."""
-        ...
-
-    def close(self) -> None:
-        """End the file; harmless when repeated."""
-        ...
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-
-def open_log(path: Path, motion: MotionKind = "linear") -> TelemetryLog:
-    """Open a log: ``.csv``, or ``.mcap`` for Foxglove, PlotJuggler and the like (JSON messages on topic ``/avc``)."""
-    if path.suffix not in LOG_ENDINGS:
-        raise InputError.of(f"allowed: a name that ends in {' or '.join(LOG_ENDINGS)}", file=str(path))
-    columns, new = _columns(motion), not path.exists()
-    try:
-        with _written(path):
-            return _Csv(path, columns) if path.suffix == ".csv" else _Mcap(path, columns)
-    except InputError:
-        if new:  # it would hold nothing
-            with suppress(OSError):
-                path.unlink()
-        raise
 
 
 @contextmanager
@@ -165,107 +116,49 @@ def _written(path: Path) -> Iterator[None]:
         raise InputError.of(f"cannot be written ({error.strerror}); choose another place", file=str(path)) from error
 
 
-def _columns(motion: MotionKind) -> dict[str, str]:
-    """Return the columns of a kind of motion, each with its kind of value."""
-    if motion == "linear":
-        return _COLUMNS
-    units = units_for(motion)
-    return {_ROTARY.get(name) or units.key(name): kind for name, kind in _COLUMNS.items()}
+class TelemetryLog:
+    """A CSV file of samples; use as a context manager. A sample is in the file when `write` returns."""
 
-
-def _row(sample: TelemetrySample, columns: Iterable[str]) -> dict[str, Any]:
-    values = (
-        sample.ticks,
-        1e3 * sample.time_s,
-        1e6 * sample.position_m,
-        0.0 - sample.force_n,
-        sample.velocity_m_per_s,
-        sample.frequency_hz,
-        sample.damping_ns_per_m,
-        sample.stiffness_n_per_m,
-        sample.contact_damping_ns_per_m,
-        sample.energy_j,
-        sample.mode,
-        DeviceFault(sample.faults).word,
-        sample.coupling_id,
-        sample.boot_id,
-        sample.lost,
-    )
-    return dict(zip(columns, values, strict=True))
-
-
-class _Csv:
-    def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
-        self._path, self._columns = path, tuple(columns)
-        position, force = self._columns[2:4]
-        path.write_text(
-            f"# avc monitor: at the device's own ticks; {force} along +{position.partition('_')[0]}; a lost record is "
-            f"a gap in time\n{','.join(self._columns)}\n",
-            encoding="utf-8",
-            newline="",
-        )
-        self._file: TextIO = path.open("a", encoding="utf-8", newline="")
+    def __init__(self, path: Path, motion: MotionKind = "linear") -> None:
+        """Begin the file, with the columns of a kind of motion."""
+        if path.suffix != ".csv":
+            raise InputError.of("allowed: a name that ends in .csv", file=str(path))
+        units, columns = units_for(motion), _COLUMNS
+        if not units.linear:
+            columns = tuple(_ROTARY.get(name) or units.key(name) for name in _COLUMNS)
+        along = columns[2].partition("_")[0]
+        self._path = path
+        with _written(path):
+            self._file = path.open("w", encoding="utf-8", newline="")
+            self._put(
+                f"# avc monitor: at the device's own ticks; {columns[3]} along +{along}; a lost record is a gap in time"
+            )
+            self._put(",".join(columns))
 
     def write(self, sample: TelemetrySample) -> None:
-        with _written(self._path):
-            self._file.write(",".join(map(_cell, _row(sample, self._columns).values())) + "\n")
-            self._file.flush()
+        """Add a sample."""
+        values = (
+            *(sample.ticks, 1e3 * sample.time_s, 1e6 * sample.position_m, 0.0 - sample.force_n),
+            *(sample.velocity_m_per_s, sample.frequency_hz, sample.damping_ns_per_m, sample.stiffness_n_per_m),
+            *(sample.contact_damping_ns_per_m, sample.energy_j, sample.mode, DeviceFault(sample.faults).word),
+            *(sample.coupling_id, sample.boot_id, sample.lost),
+        )
+        self._put(",".join(map(_cell, values)))
 
-    def close(self) -> None:
+    def _put(self, line: str) -> None:
         with _written(self._path):
-            self._file.close()
+            self._file.write(f"{line}\n")
+            self._file.flush()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        with _written(self._path):
+            self._file.close()
 
 
 def _cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.9g}"
     return f'"{value}"' if "," in str(value) else str(value)
-
-
-class _Mcap:
-    def __init__(self, path: Path, columns: Mapping[str, str]) -> None:
-        self._path, self._columns = path, tuple(columns)
-        try:
-            writer: Any = importlib.import_module("mcap.writer")
-        except ImportError as error:
-            raise MissingExtraError(
-                "a log in MCAP needs the extra 'mcap': pip install 'avc-casadi[mcap]'; or log to .csv"
-            ) from error
-        self._file = path.open("wb")
-        # Without chunks every message is in the file at once; readers then scan a file that was cut off.
-        self._writer: Any = writer.Writer(self._file, use_chunking=False)
-        self._writer.start(profile="", library="avc-casadi")
-        properties = {name: {"type": [kind, "null"]} for name, kind in columns.items()}
-        schema = json.dumps({"type": "object", "properties": properties})
-        number = self._writer.register_schema("avc.Telemetry", "jsonschema", schema.encode())
-        self._channel = self._writer.register_channel("/avc", "json", number)
-        self._file.flush()
-
-    def write(self, sample: TelemetrySample) -> None:
-        row = {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in _row(sample, self._columns).items()
-        }
-        time_ns = round(1e9 * sample.time_s)
-        data = json.dumps(row).encode()
-        with _written(self._path):
-            self._writer.add_message(self._channel, time_ns, data, time_ns, sample.ticks & 0xFFFFFFFF)
-            self._file.flush()
-
-    def close(self) -> None:
-        if not self._file.closed:
-            with _written(self._path):
-                self._writer.finish()
-                self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
