@@ -1,27 +1,14 @@
 """The rows of the study beside what others published hold: formulas, a second way, and the file that its page shows."""
 
-import json
 from functools import cache
-from pathlib import Path
 
 import published
 import pytest
-
-SHOWN = json.loads((Path(published.__file__).parent / "results" / "published.json").read_text(encoding="utf-8"))["rows"]
 
 
 @cache
 def rows(part):
     return getattr(published, part)()
-
-
-def matches(found, told):
-    if isinstance(told, dict):
-        return found.keys() == told.keys() and all(matches(found[key], told[key]) for key in told)
-    if isinstance(told, list):
-        return len(found) == len(told) and all(map(matches, found, told))
-    # The radius next to 1 is a difference of nearly equal numbers.
-    return found == (pytest.approx(told, rel=1e-5, abs=1e-12) if isinstance(told, float) else told)
 
 
 @pytest.mark.parametrize("part", ["undamped", "passive", "llewellyn", "second_device", "quantised"])
@@ -82,28 +69,3 @@ def test_least_passive_mass_is_where_the_real_part_turns_on_the_unit_circle():
         else:
             assert row["best_of_heavier"] < 0
     assert any(row["least_kg"] and row["least_kg"] > 1.5 * row["nyquist_kg"] for row in found)
-
-
-@pytest.mark.parametrize(
-    "part",
-    [
-        "rule",
-        "undamped",
-        "passive",
-        "quantised",
-        "regions",
-        "llewellyn",
-        "explicit_mass",
-        "least_mass",
-        "second_device",
-        "paddle",
-    ],
-)
-def test_the_page_shows_what_the_package_gives(part):
-    found = json.loads(json.dumps(rows(part)))
-    assert matches(found, [row for row in SHOWN if row["part"] == found[0]["part"]])
-
-
-@pytest.mark.thorough
-def test_scenes_of_the_paddle_are_those_of_the_page():
-    assert matches(rows("paddle_scenes"), [row for row in SHOWN if row["part"] == "paddle_scenes"])

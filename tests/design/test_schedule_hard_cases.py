@@ -1,8 +1,5 @@
 """Hard cases of the schedule: corners, resonance, one stage and five thousand, Ctrl-C."""
 
-import signal
-import threading
-
 import numpy as np
 import pytest
 from schedule_problems import figure5
@@ -32,22 +29,3 @@ def test_five_thousand_stages_have_the_optimum_of_two_hundred():
     assert cost(many) == pytest.approx(cost(few), rel=0.02)
     between = np.interp(np.log(few.frequency_hz), np.log(many.frequency_hz), np.log(many.damping_ns_per_m + 1))
     np.testing.assert_allclose(between, np.log(few.damping_ns_per_m + 1), atol=0.15)
-
-
-def solve_again_and_again(problem, timer):
-    timer.start()  # here: its signal may come at once
-    for _ in range(50):
-        solve(problem, "schedule")
-
-
-def test_interrupt_is_passed_on():
-    problem = figure5(points=5000, stability={"scope": "band"})
-    main = threading.main_thread().ident
-    timer = threading.Timer(0.5, lambda: signal.pthread_kill(main, signal.SIGINT))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            solve_again_and_again(problem, timer)
-    finally:
-        timer.cancel()
-        signal.signal(signal.SIGINT, before)

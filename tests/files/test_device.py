@@ -94,18 +94,6 @@ def test_a_problem_with_a_device_by_name_has_its_values(name):
     assert problem == avc.parse_problem(f'[device]\nfrom = "{name}"\n{turned}[frequency]\nstop_hz = 100.0\n', name="p")
 
 
-def test_a_path_is_relative_to_the_problem_file(tmp_path, monkeypatch):
-    (tmp_path / "devices").mkdir()
-    (tmp_path / "devices" / "mine.toml").write_text(SMALL)
-    (tmp_path / "p.toml").write_text('device = "devices/mine.toml"\n' + WALL)
-    monkeypatch.chdir(tmp_path.parent)
-    assert avc.load_problem(tmp_path / "p.toml").device == avc.load_device(tmp_path / "devices" / "mine.toml").device
-    assert device_of('device = "devices/mine.toml"\n', folder=tmp_path).mass_kg == 0.2
-    fault = faults_of(device_of, 'title = "t"\ndevice = "mine.toml"\n', folder=tmp_path)["device"]
-    assert fault.line == 2
-    assert "there is no file" in fault.message
-
-
 def test_an_override_replaces_the_value_and_its_doubt(tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
 
@@ -129,26 +117,6 @@ def test_an_override_replaces_the_value_and_its_doubt(tmp_path):
     wider = changed("range = { resonance = { mass_ratio = [0.1, 0.9] } }")
     assert wider.range.resonance.mass_ratio == (0.1, 0.9)
     assert wider.range.resonance.frequency_hz == (100.0, 140.0)
-
-
-@pytest.mark.parametrize(
-    ("head", "line", "key", "words"),
-    [
-        ('device = "phantom-onmi"\n', 1, "device", "near: phantom-omni"),
-        ("device = 3\n", 1, "device", "not a table"),
-        ("[device]\nfrom = 3\n", 2, "device.from", "allowed: the name of a device"),
-        ('[device]\nmass_kg = 1\nfrom = "nothing"\n', 3, "device.from", "no device of the catalogue"),
-        ('[device]\nfrom = "reference-r1"\nmas_kg = 1\n', 3, "device.mas_kg", "did you mean mass_kg?"),
-        ('[device]\nfrom = "reference-r1"\nrange = 3\n', 3, "device.range", "not a table"),
-        ('[device]\nfrom = "reference-r1"\nmass_kg = 0\n', 3, "device.mass_kg", "resonance divides"),
-        (f'device = "{"x" * 300}.toml"\n', 1, "device", "there is no file"),
-        ('device = "\\u0000.toml"\n', 1, "device", "there is no file"),
-    ],
-)
-def test_a_wrong_reference_is_told_where_it_stands(head, line, key, words):
-    fault = faults_of(device_of, head)[key]
-    assert fault.line == line
-    assert words in fault.message
 
 
 @pytest.mark.parametrize(

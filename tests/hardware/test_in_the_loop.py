@@ -11,7 +11,6 @@ from hardware_bench import require, with_gains
 import avc_casadi as avc
 from avc_casadi import Problem
 from avc_casadi.coupling import Coupling
-from avc_casadi.model.declared import scene_effects
 from avc_casadi.model.effects import (
     AdaptationEffect,
     EncoderEffect,
@@ -194,24 +193,6 @@ def test_coupling_of_any_wall_and_rate_is_at_rest_with_its_own_wall(name: str, t
     assert found.document()["at_rest"] is True
 
 
-@pytest.mark.thorough
-def test_a_handle_that_swings_on_a_motor_that_stands_is_not_at_rest() -> None:
-    mode = {"frequency_hz": 12.0, "damping_ratio": 0.001, "mass_ratio": 0.02}
-    hand = {"mass_kg": (1e-3, 1e-3), "damping_ns_per_m": (0.02, 0.02), "stiffness_n_per_m": (200.0, 200.0)}
-    problem = avc.load_problem("reference-r1").changed(
-        device={"mass_kg": 2.0, "damping_ns_per_m": 20.0, "max_force_n": 60.0, "resonance": mode},
-        environment={"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 0.0},
-        hands=hand,
-    )
-    kinds = ("hand", "wall", "resonance")
-    swinging = problem.changed(scene={"effects": tuple(one for one in scene_effects(problem) if one.kind in kinds)})
-    loop = FirmwareInTheLoop(swinging)
-    assert len(loop.run(0.01).held_m_per_s) == len(loop.trace.velocity_m_per_s)
-    found = tried_in_the_loop(with_gains(problem, 20.0, 1e8), seconds=3.0)
-    assert found.judgement.peak_velocity_m_per_s > REST_M_PER_S
-    assert not found.at_rest
-
-
 @functools.cache
 def believed() -> Coupling:
     """No coupling before a wall of 50 kN/m but a Kalman observer of device and hand, and the velocity fed back."""
@@ -252,19 +233,3 @@ def test_state_feedback_in_the_firmware_feels_like_the_scene() -> None:
     difference = np.array(trace.position_m) - scene.position_m[: len(trace.position_m)]
     assert np.sqrt(np.mean(difference**2)) < 2e-6
     assert np.abs(difference).max() < 1e-5
-
-
-@pytest.mark.parametrize("gains", [(100.0, 3e4, 60.0), (20.0, 2e4, 0.0)])
-def test_constant_gains_feel_like_the_scene_which_has_no_adaptation_for_them(gains: tuple[float, ...]) -> None:
-    """A tap leaves the wall again and again: nothing of the coupling is forgotten there."""
-    effects = (HandEffect(), WallEffect(), EncoderEffect())
-    problem = wall().changed(scene={"effects": effects, "motion": {"kind": "tap", "end_m": 0.004, "frequency_hz": 4.0}})
-    coupling = with_gains(problem, *gains)
-    loop = FirmwareInTheLoop(coupling)
-    loop.push(coupling)
-    trace = loop.run(1.5)
-    scene = avc.simulate(problem, coupling)
-    difference = np.array(trace.position_m) - scene.position_m[: len(trace.position_m)]
-    assert np.sqrt(np.mean(difference**2)) < 5e-6
-    crossings = np.count_nonzero(np.diff(np.array(trace.position_m) > 0))
-    assert crossings > 8

@@ -8,11 +8,11 @@ from hardware_bench import coupling, host_core, host_library, image, push, refus
 from host_device import HostCore, HostLink
 
 import avc_hardware
-from avc_casadi import InputError, LinkError, NotDeployableError, UnsupportedError, load_problem
+from avc_casadi import InputError, LinkError, NotDeployableError, load_problem
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.runtime import Runtime
-from avc_hardware import Connection, RuntimeFigures, TableImage, check_runs_on
+from avc_hardware import Connection, RuntimeFigures, TableImage
 from avc_hardware.codegen.figures import Config
 from avc_hardware.link.faults import Reason, Refusal
 from avc_hardware.link.session import RefusedError
@@ -77,36 +77,6 @@ def test_what_no_hand_could_hold_is_refused_before_a_port_is_opened() -> None:
             verb(coupling(5), "/dev/does-not-exist")
     with pytest.raises(NotDeployableError, match=r"hands \(L5\): linearly unstable"):
         avc_hardware.export_c(coupling(5))
-
-
-@pytest.mark.parametrize(
-    ("runtime", "named"),
-    [
-        (Runtime(observer_mass_kg=0.2), "observer"),
-        (Runtime(guard="energy-tank"), "energy-tank"),
-        (Runtime(observer_mass_kg=0.2, guard="energy-tank"), "observer.*energy-tank"),
-    ],
-)
-def test_what_the_firmware_has_not_is_refused_before_a_port_is_opened(runtime: Runtime, named: str) -> None:
-    for refuse in (check_runs_on, lambda found: push(found, "/dev/does-not-exist")):
-        with pytest.raises(UnsupportedError, match=f"{named}.*avc export"):
-            refuse(coupling(5, runtime=runtime))
-
-
-@pytest.mark.parametrize(
-    ("runtime", "named"),
-    [
-        (Runtime(estimator="zero-crossing"), "estimator is fused, the coupling's zero-crossing"),
-        (Runtime(passive=False), "passive is True, the coupling's False"),
-    ],
-)
-def test_settings_of_another_firmware_are_refused_by_name_where_they_matter(runtime: Runtime, named: str) -> None:
-    core = host_core()
-    with pytest.raises(UnsupportedError, match=named):
-        push(coupling(5, runtime=runtime), HostLink(core))
-    assert core.image() is None
-    constant = coupling(1, runtime=runtime)
-    assert push(constant, HostLink(core)).readback_equal
 
 
 def test_settings_of_the_coupling_come_with_it_and_those_of_the_device_stay() -> None:

@@ -7,7 +7,6 @@ import select
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,11 +14,9 @@ from excited import planned
 from hardware_bench import coupling, host_core, push, stream
 from host_device import HostCore
 
-from avc_casadi import LinkError, PortError
-from avc_casadi.cli import main
+from avc_casadi import LinkError
 from avc_casadi.identification.excitation.plan import Plan
 from avc_hardware import TableImage, excite, monitor
-from avc_hardware.link import connection as ports_module
 
 pty = pytest.importorskip("pty", reason="pseudo-terminals need a Unix system")
 tty = pytest.importorskip("tty", reason="pseudo-terminals need a Unix system")
@@ -117,13 +114,6 @@ def test_interrupt_of_an_excitation_stops_the_device_first(bench: Bench) -> None
     assert not force.any()
 
 
-def test_port_that_is_not_there_is_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(PortError, match="avc doctor --ports"):
-        push(coupling(5), "/dev/none")
-    assert main(["monitor", "--port", "/dev/none"]) == 2
-    assert "/dev/none: cannot be opened" in capsys.readouterr().err
-
-
 def test_unplugging_in_mid_session_is_reported(bench: Bench) -> None:
     samples = monitor(bench.port, rate_hz=100)
     next(samples)
@@ -131,28 +121,3 @@ def test_unplugging_in_mid_session_is_reported(bench: Bench) -> None:
     with pytest.raises(LinkError):
         for _ in samples:
             pass
-
-
-def test_monitor_finds_a_device_again_by_its_serial_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    older = host_core()
-    older.tick(np.zeros(5000, dtype=np.int32))
-    benches = [Bench(host_core()), Bench(older)]
-    found = [(benches[0].port, "A1")]
-    monkeypatch.setattr(ports_module.tools, "comports", lambda: [usb(*port) for port in found])
-    samples = monitor("usb:A1", rate_hz=100, seconds=1.0, reconnect_s=600.0)
-    next(samples)
-    found[0] = (benches[1].port, "A1")
-    benches[0].unplug()
-    assert next(sample for sample in samples if sample.ticks >= 5000)
-    benches[1].unplug()
-
-
-def usb(device: str, number: str | None) -> SimpleNamespace:
-    return SimpleNamespace(
-        device=device,
-        description="board",
-        manufacturer="maker" if number else None,
-        vid=0x0483 if number else None,
-        pid=0x5740 if number else None,
-        serial_number=number,
-    )

@@ -1,8 +1,5 @@
 """Devices of a simulator that shares no code with the project come back from their logs, inside the intervals."""
 
-import json
-import re
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +9,7 @@ from held_device import held_log
 from measured_device import Truth, measured, multisine
 
 import avc_casadi as avc
-from avc_casadi.cli import main
-from avc_casadi.files.device_file import DeviceFile, load_device
+from avc_casadi.files.device_file import load_device
 from avc_casadi.identification.device import device_text
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.log import Record, records_of
@@ -106,33 +102,10 @@ def test_an_amplifier_is_told_from_delay(rung, truth):
     holds(found, 0.03, delay_samples=truth["delay"], amplifier_bandwidth_hz=truth["bandwidth"], mass_kg=0.1)
 
 
-@pytest.mark.thorough
-def test_the_lag_of_an_amplifier_that_is_known_already_counts_once(tmp_path):
-    """A log that does not tell it from the delay holds it there: the device file then has no amplifier."""
-    truth = Truth(coulomb=0.2, delay=1.0, bandwidth=400.0, encoder=1e-4)
-    device = "mass_kg = 0.1\ndamping_ns_per_m = 2.0\namplifier_bandwidth_hz = 400.0\n"
-    (tmp_path / "base.toml").write_text(f'title = "b"\n[device]\n{device}')
-    found = identify([record(truth, high=15.0)], base=avc.load_device(tmp_path / "base.toml")).device
-    assert found.device.amplifier_bandwidth_hz is None
-    assert "amplifier_bandwidth_hz" in found.gaps
-    low, high = found.device.range.delay_samples
-    assert low <= 1.0 + 1 / (2 * np.pi * 400.0 * PERIOD) <= high
-
-
 def test_a_spring_that_holds_the_device_is_found():
     found = identify([record(Truth(ground=400.0, delay=1.0, encoder=5e-6), seed=8)])
     holds(found, 0.01, stiffness_n_per_m=400.0, mass_kg=0.1)
     assert any("spring" in note for note in found.notes)
-
-
-@pytest.mark.thorough
-def test_a_device_turned_over_is_the_same_device():
-    """Gravity changes its sign from log to log, and nothing else does."""
-    truth = Truth(coulomb=0.3, delay=1.0, encoder=1e-5, spring=50.0, offset=0.5)
-    other = replace(truth, offset=-0.5)
-    found = identify([record(truth, seed=1, name="a"), record(other, seed=2, name="b")])
-    holds(found, **RIGID, coulomb_friction_n=0.3, offset_n=0.5)
-    holds(found, **{"log_2.offset_n": -0.5})
 
 
 def sines(amplitude, top_hz, period=PERIOD, seed=1, *, spring=0.0, damper=0.0):
@@ -183,17 +156,6 @@ def test_a_delay_that_is_counted_in_ticks_of_such_a_clock_leaves_the_damping(del
     assert "resonance" not in found.rungs
 
 
-@pytest.mark.thorough
-def test_steps_of_force_tell_a_device():
-    random = np.random.default_rng(3)
-    truth = Truth(mass=0.15, damping=1.5, coulomb=0.3, delay=1.3, encoder=2e-5, spring=40.0)
-    wanted = np.repeat(random.choice([-2.0, -1.0, 1.0, 2.0], 80), 100)
-    _, position, force = measured(truth, wanted, random)
-    found = identify([Record("steps", PERIOD, position, force)])
-    holds(found, 0.03, mass_kg=0.15, damping_ns_per_m=1.5, coulomb_friction_n=0.3)
-    assert found.estimates["delay_samples"].value == pytest.approx(1.3, abs=0.05)
-
-
 def spinning(ways, seconds=6.0, friction=0.036):
     """A motor that turns freely under a torque of one sign in each record: more than a thousand radians."""
     truth = Truth(mass=1.2e-4, damping=9.5e-5, coulomb=friction, delay=1.0, encoder=2 * np.pi / 16384)
@@ -211,16 +173,6 @@ def test_a_motor_that_spins_both_ways_tells_its_friction():
     found = identify(spinning((1, -1)), handle_radius_m=0.05)
     holds(found, 0.03, mass_kg=1.2e-4, damping_ns_per_m=9.5e-5, coulomb_friction_n=0.036)
     assert found.device.device.motion == "rotary"
-
-
-def test_a_motor_that_spins_one_way_leaves_its_friction_a_range():
-    found = identify(spinning((1,)), handle_radius_m=0.05)
-    holds(found, 0.03, mass_kg=1.2e-4)
-    one = found.estimates["coulomb_friction_n"]
-    assert not one.identified
-    assert one.low == 0
-    assert one.high >= 0.036
-    assert "coulomb_friction_n" in found.device.gaps
 
 
 @pytest.mark.thorough
@@ -256,49 +208,3 @@ def test_a_force_that_is_pure_feedback_tells_no_device(changed):
     _, position, force = logged(loop, 6.0)
     with pytest.raises(avc.InputError, match="a spring and a damper on the measured position and nothing else"):
         identify([Record("pressed", loop.period, position, force)])
-
-
-def test_motion_in_the_first_part_only_is_refused():
-    loop = Buzzing(mass=0.15, damping=1.0, friction=0.2, encoder=2e-5, stiffness=1500.0, damper=5.0, end=0.003)
-    time, position, force = logged(loop, 6.0)
-    still = time >= 0.5
-    position[still], force[still] = position[~still][-1], force[~still][-1]
-    with pytest.raises(avc.InputError, match="allowed: motion that goes on"):
-        identify([Record("pressed", loop.period, position, force)])
-
-
-@pytest.mark.thorough
-def test_a_log_that_stands_still_for_the_most_part_is_answered():
-    """Most stretches are predicted exactly there, by every model."""
-    loop = Buzzing(mass=0.15, damping=1.0, friction=0.2, encoder=2e-5, stiffness=1500.0, damper=5.0, end=0.003)
-    _, position, force = logged(replace(loop, start=-0.08), 6.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert identify([Record("pressed", loop.period, position, force)]).estimates["mass_kg"].value > 0
-
-
-def test_a_guess_fills_what_the_log_does_not_tell():
-    device = {"mass_kg": 0.5, "damping_ns_per_m": 1.0, "max_force_n": 8.0, "encoder_resolution_m": 3e-5}
-    base = DeviceFile.model_validate({"name": "base", "device": device})
-    found = identify([record(Truth(delay=1.0, encoder=0.0, spring=50.0), noise=1e-6)], base=base)
-    assert found.device.device.max_force_n == 8.0
-    assert found.device.device.encoder_resolution_m == 3e-5
-    assert found.device.device.mass_kg == pytest.approx(0.1, rel=0.01)
-
-
-def test_verb_writes_device_document_and_page(tmp_path, capsys):
-    one = record(Truth(delay=1.0, encoder=1e-5, spring=50.0), seconds=3.0)
-    log, out, page = tmp_path / "log.csv", tmp_path / "d.toml", tmp_path / "p.html"
-    time = np.arange(one.force_n.size)
-    columns = np.column_stack([time, 1e6 * one.position_m, one.force_n])
-    np.savetxt(log, columns, delimiter=",", header="time_ms,position_um,force_N", comments="")
-    assert main(["identify", str(log), "--out", str(out), "--report", str(page), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert document["estimates"]["mass_kg"]["low"] <= 0.1 <= document["estimates"]["mass_kg"]["high"]
-    assert avc.load_device(out).device.mass_kg == pytest.approx(0.1, rel=0.01)
-    text = page.read_text(encoding="utf-8")
-    assert text.count("data:image/svg+xml;base64,") == 1
-    assert main(["identify", str(log), "-v"]) == 0
-    told = capsys.readouterr().out
-    assert "mass_kg" in told
-    assert not re.search(r"\bnan\b", told)

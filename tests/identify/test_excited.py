@@ -69,20 +69,6 @@ def test_commands_find_the_device_on_the_board(tmp_path, capsys):
 
 
 @pytest.mark.thorough
-def test_lighter_device_than_declared_ends_with_advice(tmp_path, capsys):
-    require("unicorn")
-    base = file_of(tmp_path / "base.toml", GUESS)
-    there = file_of(tmp_path / "there.toml", HIDDEN | {"mass_kg": 0.02, "coulomb_friction_n": 0.0})
-    log = tmp_path / "log.csv"
-    assert main(["excite", base, "--on-bench", there, "--seconds", "2", "--out", str(log)]) == 1
-    said = capsys.readouterr()
-    assert "stopped: the speed limit was exceeded" in said.err
-    assert "lighter" in said.err
-    assert "allowed, declared device" in said.out
-    assert log.read_text().count("\n") > 10
-
-
-@pytest.mark.thorough
 def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
     require("unicorn")
     acted = []
@@ -96,31 +82,6 @@ def test_the_log_of_the_board_holds_the_forces_that_acted(monkeypatch):
         at for at in range(whole.size - 300) if np.allclose(whole[at : at + 300], log.force_n[:300], rtol=0, atol=1e-9)
     )
     np.testing.assert_allclose(whole[first : first + log.force_n.size], log.force_n, rtol=0, atol=1e-9)
-
-
-@pytest.mark.thorough
-def test_a_device_that_did_not_move_is_no_success(tmp_path, capsys):
-    require("unicorn")
-    base = file_of(tmp_path / "base.toml", GUESS)
-    there = file_of(tmp_path / "there.toml", HIDDEN | {"coulomb_friction_n": 6.0})
-    log = tmp_path / "log.csv"
-    assert main(["excite", base, "--on-bench", there, "--seconds", "2", "--out", str(log)]) == 1
-    told = capsys.readouterr()
-    assert "steps of its encoder only" in told.err
-    assert "next: avc identify" not in told.out
-    assert log.exists()
-
-
-@pytest.mark.thorough
-def test_plan_is_told_before_anything_moves(tmp_path, capsys):
-    base = file_of(tmp_path / "base.toml", GUESS, RANGES)
-    told = document(capsys, "excite", base, "--seconds", "2", "--plan-only", "--port", "/dev/nothing")
-    assert told["log"] is None
-    for key, most in told["plan"]["limits"].items():
-        assert told["plan"]["forecast"]["declared"][key] <= told["plan"]["forecast"]["worst"][key] <= most
-    assert document(capsys, "excite", base, "--on-bench", base, "--port", "/dev/nothing", code=2)["errors"]
-    told = document(capsys, "excite", base, "--plan-only", "--out", str(tmp_path / "log.csv"), code=2)
-    assert told["errors"][0]["key"] == "--out"
 
 
 def expected(plan, counts):

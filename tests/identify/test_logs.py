@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi as avc
-from avc_casadi.identification.read import Layout, read_columns, read_logs
+from avc_casadi.identification.read import Layout, read_logs
 
 SIZE = 400
 TIME = np.arange(SIZE) * 1e-3
@@ -59,31 +59,6 @@ def test_npz_and_mat(tmp_path):
     scipy.io.savemat(tmp_path / "a.mat", arrays)
     same(read_logs([tmp_path / "a.npz"])[0])
     same(read_logs([tmp_path / "a.mat"])[0])
-
-
-@pytest.mark.parametrize("ending", ["npz", "mat"])
-def test_a_matrix_among_vectors_is_read_by_its_columns(tmp_path, ending):
-    arrays = {"t": TIME, "data": np.column_stack([FORCE, 1e3 * POSITION]), "gains": np.eye(3), "note": np.array([7.0])}
-    path = tmp_path / f"a.{ending}"
-    np.savez(path, **arrays) if ending == "npz" else scipy.io.savemat(path, arrays)
-    units = {"time": "s", "position": "mm", "force": "N"}
-    same(read_logs([path], Layout({"time": "t", "position": "data:2", "force": "data:1"}, units))[0])
-    (fault,) = [one for one in faults(path, Layout({"time": "t", "force": "data:1"}, units)) if one.key == "position"]
-    assert "data:2" in fault.message
-
-
-def test_one_matrix_is_read_by_the_numbers_of_its_columns(tmp_path):
-    np.savez(tmp_path / "a.npz", rows=np.column_stack([TIME, POSITION, FORCE]))
-    layout = Layout({"time": 1, "position": 2, "force": 3}, {"time": "s", "position": "m", "force": "N"})
-    same(read_logs([tmp_path / "a.npz"], layout)[0])
-
-
-def test_a_motor_may_turn_for_ever(tmp_path):
-    angle = np.round(1e4 * TIME**2 / 1e-3) * 1e-3 + 5e6
-    np.savez(tmp_path / "a.npz", time_s=TIME, angle_rad=angle, torque_mNm=1e3 * FORCE)
-    (record,), _ = read_logs([tmp_path / "a.npz"])
-    assert record.motion == "rotary"
-    np.testing.assert_allclose(record.force_n, FORCE, atol=1e-12)
 
 
 def test_log_without_time_takes_a_sample_time(tmp_path):
@@ -160,37 +135,6 @@ def test_missing_ticks_cut_a_log_into_records(tmp_path):
     records, told = read_logs([path])
     assert [record.position_m.size for record in records] == [210, SIZE]
     assert "gaps" in told[0]
-
-
-@pytest.mark.parametrize("spoilt", ["time of day", "jitter"])
-def test_a_sample_time_stands_for_times_that_say_nothing(tmp_path, spoilt):
-    path = csv(tmp_path / "a.csv")
-    head, *lines = path.read_text().splitlines()
-    cells = [line.split(",") for line in lines]
-    shift = np.random.default_rng(1).uniform(0, 0.8e-3, SIZE)
-    for row, cell in enumerate(cells):
-        cell[0] = f"12:30:{row / 1000:06.3f}" if spoilt == "time of day" else f"{row * 1e-3 + shift[row]:.6f}"
-    path.write_text("\n".join([head, *map(",".join, cells)]))
-    same(read_logs([path], Layout(sample_time_s=1e-3))[0])
-
-
-def test_the_header_that_numpy_writes_is_one(tmp_path):
-    path = tmp_path / "a.csv"
-    np.savetxt(path, np.column_stack([TIME, POSITION, FORCE]), delimiter=",", header="time_s,position_m,force_n")
-    same(read_logs([path])[0])
-
-
-def test_a_last_line_that_was_cut_short_is_left_out_and_told(tmp_path):
-    path = csv(tmp_path / "a.csv")
-    whole = path.read_text().splitlines()
-    path.write_text("\n".join([*whole, whole[-1][:4]]))
-    records, told = read_logs([path])
-    same(records)
-    assert "cut short" in told[0]
-    assert read_columns(path).told == tuple(told)
-    path.write_text("\n".join([*whole[:100], whole[100][:4], *whole[101:]]))
-    (fault,) = faults(path)
-    assert (fault.line, "columns" in fault.message) == (101, True)
 
 
 @given(

@@ -17,7 +17,6 @@ from avc_casadi.cli import main
 from avc_casadi.diagnose.causes import diagnose
 from avc_casadi.files.device_file import parse_device
 from avc_casadi.identification.device import device_text
-from avc_casadi.identification.excitation.design import plan_excitation
 from avc_casadi.identification.identify import identify
 from avc_casadi.identification.log import Columns, Record
 from avc_casadi.identification.read import Layout, read_logs
@@ -75,40 +74,6 @@ def test_a_hidden_knob_is_found_and_its_wall_rests_on_it(tmp_path, monkeypatch, 
     hidden = avc.load_device(tmp_path / "hidden.toml").device
     tried = tried_in_the_loop(avc.read_coupling(tmp_path / "c.json"), seconds=1.5, device=hidden)
     assert tried.at_rest
-
-
-@pytest.mark.thorough
-def test_what_is_watched_of_a_knob_is_read_as_that_of_a_knob(tmp_path, capsys):
-    require("unicorn")
-    asked = ["monitor", "--port", "emulator", "--seconds", "1.2", "--rate-hz", "200", "--out"]
-    for motion, columns in (
-        ("rotary", ("angle_urad", "torque_Nm")),
-        ("linear", ("position_um", "force_N")),
-    ):
-        log = tmp_path / f"{motion}.csv"
-        assert main([*asked, str(log), "--motion", motion]) == 0
-        comment, head = log.read_text(encoding="utf-8").splitlines()[:2]
-        assert tuple(head.split(",")[2:4]) == columns
-        assert f"{columns[1]} along +{columns[0].partition('_')[0]};" in comment
-        assert linear_keys(log.read_text(encoding="utf-8")) == [] or motion == "linear"
-        with pytest.raises(avc.InputError):  # no coupling, no wall: no force
-            read_logs([log], Layout())
-    capsys.readouterr()
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", ["device", "problem"])
-def test_what_comes_after_an_excitation_is_a_command_that_works(kind, tmp_path, monkeypatch, capsys):
-    require("unicorn")
-    monkeypatch.chdir(tmp_path)
-    wall = "[environment]\nstiffness_nm_per_rad = 0.5\ndamping_nms_per_rad = 0.0\n" if kind == "problem" else ""
-    (tmp_path / "knob.toml").write_text(GUESS + wall)
-    assert main(["excite", "knob.toml", "--seconds", "2", "--out", "log.csv"]) == 0
-    command = capsys.readouterr().out.partition("next: avc ")[2].split()
-    assert command[2:4] == ["--device", "knob.toml"]
-    assert main(command) == 0
-    assert linear_keys(capsys.readouterr().out) == []
-    assert avc.load_device(tmp_path / "mine.toml").device.motion == "rotary"
 
 
 @pytest.mark.thorough
@@ -176,14 +141,3 @@ def test_the_diagnosis_of_a_turn_is_that_of_its_rim():
     assert set(keys) == {"stiffness_nm_per_rad"}
     with pytest.raises(avc.InputError, match="handle"):
         diagnose(Columns("log", time, position, force, motion="rotary"))
-
-
-def test_limits_of_an_excitation_are_those_of_the_rim_and_its_options_of_the_turn(tmp_path, capsys):
-    device = parse_device(KNOB.format(inertia=3e-5, damping=2e-4, friction=0.002)).device
-    plan = plan_excitation(device, "chirp", seconds=2.0).plan
-    assert (plan.max_speed_m_per_s, plan.max_travel_m) == (10.0, 1.0)
-    assert plan.motion == "rotary"
-    path = tmp_path / "knob.toml"
-    path.write_text(GUESS)
-    assert main(["excite", str(path), "--plan-only", "--force-n", "1"]) == 2
-    assert "allowed of a device that turns: --torque-nm" in capsys.readouterr().err

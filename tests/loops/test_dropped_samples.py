@@ -9,8 +9,7 @@ from whole_device import WholeDevice, rests_as_tried
 import avc_casadi as avc
 import avc_hardware
 from avc_casadi.model.robustness import Robustness, unmodelled
-from avc_casadi.simulation.population.coupling_trial import try_coupling
-from avc_casadi.simulation.population.operators import draw_population, people_of
+from avc_casadi.simulation.population.operators import people_of
 from avc_casadi.simulation.population.settled import residual_speeds
 
 COUPLINGS = Path(__file__).parents[1] / "goldens" / "couplings"
@@ -48,37 +47,3 @@ def test_missed_samples_move_nobody_where_another_plant_sees_nobody_move():
     bench = WholeDevice(found.problem.device, avc_hardware.export_c(found))
     assert rests_as_tried(bench, found.problem.device, numbers[:8], friction=0.0, dropped=1e-3).all()
     assert told(found, Robustness(dropped_share=1e-3), hands.pick(slice(8))).all()
-
-
-def test_a_device_in_ranges_is_lighter_than_its_lightest():
-    device = avc.load_problem("reference-r1").device
-    known = device.model_copy(update={"range": device.range.model_copy(update={"mass_kg": (0.08, 0.13)})})
-    (lighter,) = unmodelled(known, Robustness(mass_share=0.25))
-    assert lighter.device.mass_kg == pytest.approx(0.06)
-    assert unmodelled(known, Robustness()) == ()
-
-
-STYLUS = """
-[device]
-mass_kg = 0.06
-damping_ns_per_m = 0.5
-delay_samples = 1
-encoder_resolution_m = 5.5e-5
-max_force_n = 3.3
-held = "{held}"
-[environment]
-stiffness_n_per_m = 0.0
-damping_ns_per_m = 5.0
-"""
-
-
-@pytest.mark.thorough
-def test_a_device_on_a_stylus_is_judged_by_hands_on_a_stylus():
-    gripped, held = (
-        avc.recommend(avc.parse_problem(STYLUS.format(held=how), name=how), hands=20) for how in ("grip", "stylus")
-    )
-    assert try_coupling(held.coupling, draw_population("B", 100, 7), 7).stable_without_friction.mean() > 0.95
-    assert not [one for one in gripped.beyond_file if one.asked]
-    (asked,) = (one for one in held.beyond_file if one.asked)
-    assert (asked.key, asked.value) == ("held", "stylus")
-    assert held.deployable == (asked.at_rest_without_friction == asked.hands)

@@ -11,9 +11,7 @@ from hypothesis import strategies as st
 
 import avc_casadi as avc
 from avc_casadi.design.virtual_tool import CouplingSearch, Scale, ToolSearch
-from avc_casadi.loops.engine import ToolLoops, clocks
-from avc_casadi.loops.walls import stiffest_wall
-from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.loops.engine import ToolLoops
 from avc_casadi.model.virtual_tool import ToolGains
 
 DEVICE = "[device]\nmass_kg = 0.12\ndamping_ns_per_m = 0.8\ndelay_samples = 1\n"
@@ -88,27 +86,6 @@ def test_released_device_ahead_of_its_engine_is_bounded_by_its_own_damping():
         text = f'tool_mass_kg = 0.2\nstep_s = {ratio * 1e-3!r}\nexchange = "ahead"'
         found = ToolSearch(problem(text)).stiffest().stiffness_n_per_m
         assert found == pytest.approx(2 * 0.8 / ((ratio + 1) * 1e-3), rel=0.02)
-
-
-def test_rigidly_held_tool_is_the_plain_wall():
-    """A tool that stands still leaves the spring and damper that the device computes itself."""
-    stated = problem("step_s = 0.001")
-    plain = stiffest_wall(stated.device, with_released(hand_corners(stated.hands))).stiffness_n_per_m
-    assert ToolSearch(stated).stiffest().stiffness_n_per_m == pytest.approx(plain, rel=0.01)
-
-
-def test_heavier_tool_of_the_scene_is_scaled_by_force_and_position():
-    one = ToolSearch(problem("tool_mass_kg = 0.2\nstep_s = 0.002")).stiffest()
-    scaled = "tool_mass_kg = 4.0\nstep_s = 0.002\nposition_scale = 0.1\nforce_scale = 0.5"
-    other = ToolSearch(problem(scaled)).stiffest()
-    assert other.stiffness_n_per_m == pytest.approx(one.stiffness_n_per_m, rel=1e-6)
-
-
-@given(st.floats(1.0, 40.0))
-def test_clock_covers_its_period(ratio):
-    for clock in clocks(ratio * 1e-3, 1e-3):
-        assert sum(clock.samples) / len(clock.samples) == pytest.approx(ratio, abs=1 / 16)
-        assert len(clock.samples) <= 8
 
 
 @pytest.mark.parametrize("narrow", np.geomspace(8.0, 90.0, 9).tolist())

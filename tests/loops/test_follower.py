@@ -175,33 +175,3 @@ def test_drag_of_a_follower_is_what_a_driven_simulation_measures():
         last = slice(10000, n - 1)
         seen = np.mean((force * np.exp(-1j * omega * t * np.arange(n)))[last]) / 1e-3
         assert loop.force_per_metre(ToolGains(k, b), hz) == pytest.approx(seen, rel=1e-3)
-
-
-@pytest.mark.thorough
-def test_scaled_follower_is_the_same_coupling():
-    plain = "mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001"
-    scaled = "mass_kg = 3.0\ndamping_ns_per_m = 10.0\ndelay_s = 0.001\nposition_scale = 0.2\nforce_scale = 0.5"
-    gains = ToolGains(2000.0, 10.0)
-    assert FollowerLoops(problem(plain)).radius(gains)[0] == pytest.approx(
-        FollowerLoops(problem(scaled)).radius(gains)[0], rel=1e-9
-    )
-
-
-@pytest.mark.thorough
-def test_soft_coupling_is_damped_beside_a_contact_that_rings_by_itself():
-    """The contact's own ratio, 0.1, is the least of all, whatever damps the two devices against each other."""
-    soft = recommend_bilateral(
-        problem("mass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\nstiffness_n_per_m = 50"), 4
-    )
-    assert soft.deployable, soft.reason
-
-
-@pytest.mark.thorough
-def test_passivity_counts_the_least_damping_that_is_known():
-    def margin(keys):
-        text = f"{LEADER}{keys}[follower]\nmass_kg = 0.3\ndamping_ns_per_m = 1.0\ndelay_s = 0.001\n"
-        return recommend_bilateral(avc.parse_problem(f"{text}stiffness_n_per_m = 500.0\n"), 4)
-
-    sure, unsure = margin(""), margin("[device.range]\ndamping_ns_per_m = [0.2, 1.4]\n")
-    assert unsure.coupling.gains == sure.coupling.gains
-    assert unsure.pair.passivity_margin_ns_per_m < sure.pair.passivity_margin_ns_per_m - 0.05

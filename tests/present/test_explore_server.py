@@ -3,13 +3,10 @@
 import http.client
 import json
 import threading
-import time
 
 import pytest
-from background_work import endless, halved
 
 import avc_casadi as avc
-from avc_casadi.present.explore.background import Background
 from avc_casadi.present.explore.explorer import Explorer
 from avc_casadi.present.explore.server import ExploreServer
 
@@ -107,26 +104,3 @@ def test_another_name_for_this_machine_is_refused(server):
 
 def test_it_listens_to_this_machine_alone(server):
     assert server.server_address[0] == "127.0.0.1"
-
-
-def waited(work, seconds=600.0):
-    end = time.monotonic() + seconds
-    while not work.over and time.monotonic() < end:
-        time.sleep(0.02)
-    return work.over
-
-
-def test_work_in_the_background_is_told_of_and_ends_when_it_is_cancelled():
-    counting, half, refused = (Background(work, task) for work, task in ((endless, 0), (halved, 3.0), (halved, -1.0)))
-    assert waited(half)
-    assert (half.result, half.error, half.state) == (1.5, "", (1, 2, "half"))
-    assert waited(refused)
-    assert refused.error == "task: is negative"
-    end = time.monotonic() + 600
-    while not counting.state[2] and time.monotonic() < end:
-        time.sleep(0.02)
-    assert counting.state[2] == "counting"
-    counting.cancel()
-    assert waited(counting)
-    assert counting.error == "cancelled"
-    assert not counting._process.is_alive()

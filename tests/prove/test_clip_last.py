@@ -12,7 +12,6 @@ import pytest
 from scipy.linalg import expm
 
 import avc_casadi as avc
-from avc_casadi.coupling import Coupling
 from avc_casadi.loops.wall import joint_rendering
 from avc_casadi.model.effects import HandEffect, SaturationEffect, WallEffect
 from avc_casadi.model.gains import Gains
@@ -104,23 +103,6 @@ def test_linear_part_is_that_of_the_frozen_loops(gains):
     assert run.force_n.max() > 1
 
 
-def test_force_begins_before_the_surface_by_the_time_of_the_dampers():
-    """A slow device meets y = K x + D v: the force begins D/K v before the surface, and nowhere else."""
-    problem = pressed((0.1, 5.0, 400.0), "clip-last", end_m=0.004)
-    run = simulate(problem, CONSTANT)
-    wall, k = problem.environment, CONSTANT.stiffness_n_per_m
-    share = k / (k + wall.stiffness_n_per_m)
-    stiffness = share * wall.stiffness_n_per_m
-    damping = share**2 * wall.damping_ns_per_m + (1 - share) ** 2 * CONSTANT.damping_ns_per_m
-    damping += CONSTANT.contact_damping_ns_per_m
-    first = int(np.argmax(run.force_n > 0))
-    speed = run.velocity_m_per_s[first]
-    assert -run.position_m[first] < damping / stiffness * speed < -run.position_m[first - 1] + 0.05e-3
-    assert run.position_m[first] < 0
-    gated = simulate(problem.changed(coupling={"contact": "gated"}), CONSTANT)
-    assert gated.position_m[gated.force_n > 0].min() > 0
-
-
 LIGHT, PUSH_N = (0.05, 3.0, 200.0), 5.0
 # Samples of a contact and of a flight, and the speed at the surface, that bounce for ever under the gated law.
 BOUNCE, SPEED_M_PER_S = 8, 0.085
@@ -200,19 +182,6 @@ def test_from_the_orbit_of_the_gated_law_clip_last_comes_to_rest():
         state = one(state).full().ravel()
     assert abs(state[1]) < 1e-9
     assert state[0] > 1e-5
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "gains"), [(2e4, Gains(5.0, 0.0, 20.0)), (2e4, Gains(0.0, 0.0)), (0.0, Gains(5.0, 1e4, 20.0))]
-)
-def test_dampers_without_a_spring_stay_gated(stiffness, gains):
-    """They know no place, and would be felt in free space."""
-    wall = {"damping_ns_per_m": 4.0, "stiffness_n_per_m": stiffness}
-    asked = pressed((0.1, 5.0, 400.0), "clip-last", environment=wall, boundaries={"upper": wall, "lower": wall})
-    runs = [simulate(problem, gains) for problem in (asked, asked.changed(coupling={"contact": "gated"}))]
-    assert runs[0].force_n.tobytes() == runs[1].force_n.tobytes()
-    assert not (runs[0].force_n[runs[0].position_m <= 0] > 0).any()
-    assert Coupling.constant(asked, gains, "by hand").contact == "gated"
 
 
 @pytest.mark.parametrize("gains", [CONSTANT, Gains(40.0, 3e4)])

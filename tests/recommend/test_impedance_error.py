@@ -112,26 +112,3 @@ def test_of_a_damper_that_never_pulls():
     told, found = told_and_measured(coupling, 0.0, force_of, 1.0, wall=0.0, damper=damper)
     assert told == pytest.approx(found, rel=0.03)
     assert told > 0.3, "half of the cycle is lost"
-
-
-def test_it_is_shaken_from_a_quarter_to_three_quarters_of_the_force_limit():
-    found = shaken(Coupling.constant(problem(), Gains(0.0, 1e12), "mine"), WALL)
-    assert WALL * (found.depth_m - found.amplitude_m) == pytest.approx(2.0)
-    assert WALL * (found.depth_m + found.amplitude_m) == pytest.approx(6.0)
-    assert list(found.errors()) == ["1", "10", "50"]
-
-
-def test_ranges_and_what_is_late_or_lags_are_no_part_of_the_law():
-    mode = {"frequency_hz": 120.0, "damping_ratio": 0.05, "mass_ratio": 0.4}
-    ranges = {"delay_samples": [0.9, 1.1], "coulomb_friction_n": [0.1, 0.3], "max_force_n": [7.0, 9.0]}
-    known = {"delay_samples": 1, "coulomb_friction_n": 0.2, "amplifier_bandwidth_hz": 400.0, "resonance": mode}
-    whole = problem(**known, encoder_at="handle", range=ranges)
-    same = problem(**known, encoder_at="handle")
-    found, other = (shaken(Coupling.constant(one, Gains(0.0, 1e12, 5.0), "mine"), WALL) for one in (whole, same))
-    np.testing.assert_array_equal(found.error, other.error)
-
-
-def test_where_there_is_no_wall_nothing_is_missed():
-    found = shaken(Coupling.constant(problem(wall=0.0), Gains(0.0, 100.0), "mine"), 0.0)
-    np.testing.assert_allclose(found.error, 0.0, atol=1e-12)
-    np.testing.assert_array_equal(found.mismatch, 0.0)

@@ -88,37 +88,3 @@ def test_numbers_with_a_range_stay_and_none_is_left_where_all_have_one():
     whole = before(WALL_N_PER_M, range=ranges)
     assert len(device_corners(whole.device)) == 2 ** len(ranges)
     assert off_file(rigid(whole)) is None
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", [0, 1])
-def test_the_document_and_the_text_tell_it(seed):
-    found = avc.recommend("spring", hands=16, seed=seed)
-    off = found.data()["off_file"]
-    assert (off["devices"], off["hands"], off["share"]) == (8, 8 * 16, 0.1)
-    assert off["at_rest"] == int(np.sum(found.off_file.trial.stable))
-
-
-@pytest.mark.thorough
-def test_who_confirms_it_bounds_the_share_that_rests():
-    document = avc.recommend("spring", hands=10).data()
-    # 20 of 20: 1 - p^20 = 0.975 at p = 0.832.
-    assert document["confirmed"]["hands"] == 20
-    assert "so at least 83.2 % of all such hands" in document["reason"]
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    "device",
-    [
-        {"resonance": {"frequency_hz": 150.0, "damping_ratio": 10.0, "mass_ratio": 0.95}},
-        {"delay_samples": 1000, "mass_kg": 1e6},
-        {"mass_kg": 1e-9},
-    ],
-)
-def test_a_number_at_the_end_of_what_it_may_be_goes_the_other_way(device):
-    problem = before(1.0, **device)
-    coupling = Coupling.constant(problem, Gains(0.0, 1.0), "by hand")
-    found = off_file(coupling)
-    assert found.trial.devices == 8
-    assert set(found.keys) == {key for key, value in linear_values(problem.device).items() if value > 0}

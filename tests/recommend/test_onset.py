@@ -20,21 +20,3 @@ def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
     for speed, depth in contact_onset_m(coupling).items():
         # A sample late at most, and the force grows from 0 to what is noticed.
         assert depth == pytest.approx((NOTICED_N - damping * float(speed)) / felt, abs=2e-4 * float(speed) + 2e-5)
-
-
-def test_the_edge_of_a_device_that_turns_is_told_in_its_own_units():
-    """A wheel of 0.1 m with a contact damper, beside the same device as it is felt at the rim."""
-    radius, gains = 0.1, Gains(0.0, 1e8, 30.0)
-    rim = avc.load_problem("spring").changed(
-        environment={"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 0.0}, device={"sample_time_s": 1e-4}
-    )
-    turn = {"mass_kg": rim.device.mass_kg * radius**2, "damping_ns_per_m": rim.device.damping_ns_per_m * radius**2}
-    wheel = rim.changed(
-        environment={"stiffness_n_per_m": 2000.0 * radius**2},
-        device={"motion": "rotary", "handle_radius_m": radius, **turn},
-    )
-    own = Gains(0.0, gains.stiffness_n_per_m * radius**2, gains.contact_damping_ns_per_m * radius**2)
-    at_rim = contact_onset_m(Coupling.constant(rim, gains, "x"))
-    of_turn = contact_onset_m(Coupling.constant(wheel, own, "x"))
-    assert [float(speed) * radius for speed in of_turn] == pytest.approx([float(speed) for speed in at_rim])
-    assert [depth * radius for depth in of_turn.values()] == pytest.approx(list(at_rim.values()), rel=1e-3)

@@ -1,15 +1,11 @@
 """A recommendation says of rest with every hand: proved, refuted, open or simulated."""
 
 import json
-from dataclasses import replace
 
-import numpy as np
 import pytest
-from hardware_bench import believer
 
 import avc_casadi as avc
 from avc_casadi.claims.deployable import certified
-from avc_casadi.claims.proof_levels import promises_rest, quick_rest_level
 from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
@@ -52,23 +48,6 @@ def test_an_open_one_says_why():
     assert coupling.certificate["levels"]["L7"]["outcome"] == "open"
 
 
-@pytest.mark.thorough
-def test_what_takes_longer_is_simulated_until_a_proof_is_asked_for():
-    observer = Runtime(state_feedback=believer(0))
-    for coupling in (
-        coupling_of(Gains(0.0, 1e8), observer, wall=2e3),
-        coupling_of(PROVED, Runtime(guard="energy-tank")),
-        coupling_of(PROVED, contact="gated"),
-        coupling_of(PROVED, device={"amplifier_bandwidth_hz": 800.0}),
-    ):
-        found, rest = with_rest(coupling)
-        assert rest.word == "simulated"
-        assert found is coupling
-        assert not promises_rest(coupling)
-    asked = certified(coupling_of(Gains(0.0, 1e8), observer, wall=2e3), prove=True)
-    assert with_rest(asked)[1].word in ("proved", "refuted", "open")
-
-
 def test_an_unstable_one_is_refuted():
     _, rest = known(coupling_of(Gains(0.0, 1e8, 500.0)))
     assert rest.word == "refuted"
@@ -85,13 +64,3 @@ def test_of_equals_those_with_a_proof_in_sight_come_first():
     assert likely_provable([unsure, sure, beside]) == [sure]
     assert likely_provable([unsure, beside]) == [unsure, beside]
     assert likely_provable([beside]) == [beside]
-
-
-@pytest.mark.thorough
-def test_the_promise_is_what_the_proof_keeps():
-    outcomes = []
-    for damping in np.linspace(40.0, 100.0, 4):
-        coupling = coupling_of(replace(PROVED, contact_damping_ns_per_m=float(damping)))
-        outcomes.append(quick_rest_level(coupling).outcome)
-        assert promises_rest(coupling) == (outcomes[-1] == "proved")
-    assert {"open", "proved"} <= set(outcomes)

@@ -118,30 +118,6 @@ def test_rest_by_friction_is_enough_only_for_who_leans_on_it(free):
     assert one.complete(lean_on_friction=False) == (free == 10)
 
 
-def test_a_vibration_that_only_others_feel_counts():
-    one = judged(0, 0.9, 10, 10, 10)
-    assert one.quiet
-    assert not replace(one, others=trial(10, 10, 7)).quiet
-    assert replace(one, others=trial(10, 10, 9)).quiet
-
-
-@pytest.mark.thorough
-def test_hands_are_dealt_out_to_devices_and_told_in_their_own_order():
-    problem = avc.load_problem("spring").changed(device={"coulomb_friction_n": 0.1, "max_force_n": 1.0})
-    coupling = Coupling.constant(problem, Gains(0.0, 500.0, 0.5), "x")
-    people, device = people_of(problem.hands, 7), problem.device
-    devices = [device, *(device_with(device, values) for values in ({"mass_kg": 0.3}, {"coulomb_friction_n": 0.0}))]
-    every = try_on_devices(coupling, people, devices, seed=5)
-    assert (every.hands, every.devices, every.seed) == (7, 3, 5)
-    for place, one in enumerate(devices):
-        alone = try_coupling(replace(coupling, problem=problem.changed(device=one)), people)
-        assert len(alone.to_dict()) == len(every.to_dict()) > 1
-        for name in set(alone.to_dict()) - {"hand"}:
-            values = alone.to_dict()[name]
-            np.testing.assert_array_equal(every.to_dict()[name][place::3], values[place::3])
-        assert set(alone.effects) <= set(every.effects)
-
-
 def test_an_observer_meets_devices_whose_delay_it_does_not_look_over():
     problem = avc.load_problem("spring").changed(device={"encoder_resolution_m": 2e-5, "delay_samples": 1})
     coupling = Coupling.constant(problem, Gains(0.0, 500.0, 0.5), "x", Runtime(observer_mass_kg=0.2))
@@ -164,13 +140,6 @@ def test_hands_that_had_no_part_in_the_choice_can_refute_it():
     assert best.others.hands == 2 * HANDS
     refuted = next(one for one in evaluator.judged if one.coupling is lucky.coupling)
     assert refuted.safety == 2
-
-
-def test_who_confirms_it_does_so_all_over_the_declared_ranges():
-    problem = avc.load_problem("spring").changed(device={"range": {"delay_samples": [0.0, 3.0]}})
-    evaluator = Evaluator(problem, people_of(problem.hands, HANDS), 0)
-    evaluator(Coupling.constant(problem, Gains(0.0, 500.0, 0.5), "x"))
-    assert evaluator.best().others.devices == 16
 
 
 def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():

@@ -38,21 +38,6 @@ def test_ripple_of_a_damper_is_that_of_its_pulses(step, period, damping):
         assert found[f"{speed:g}"] == pytest.approx(expected, rel=0.1, abs=0.05 * damping * step / period)
 
 
-def test_of_a_wheel_it_is_that_of_its_rim():
-    radius = 0.1
-    rim = damper(55e-6, 1e-3, 5.0)
-    turn = {"motion": "rotary", "handle_radius_m": radius, "mass_kg": 0.06 * radius**2, "max_force_n": 3.3 * radius}
-    own = rim.problem.device.damping_ns_per_m * radius**2
-    wheel = damper(55e-6 / radius, 1e-3, 5.0 * radius**2, **turn, damping_ns_per_m=own)
-    at_rim, of_turn = ripple(rim).force_n, ripple(wheel).force_n
-    assert [float(speed) * radius for speed in of_turn] == pytest.approx([float(speed) for speed in at_rim])
-    assert [force / radius for force in of_turn.values()] == pytest.approx(list(at_rim.values()), rel=1e-3)
-
-
-def test_a_reading_without_steps_has_none():
-    assert set(ripple(damper(0.0, 1e-3, 5.0)).force_n.values()) == {0.0}
-
-
 def test_hands_feel_the_pulses_of_a_coarse_encoder_and_none_of_a_fine_one():
     coarse, fine = (ripple(damper(step, 1e-3, 5.0)) for step in (55e-6, 0.2e-6))
     assert coarse.quiet < coarse.hands

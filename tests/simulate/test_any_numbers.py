@@ -9,13 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_reference import scene_problem
 
-from avc_casadi import InputError, UnsupportedError
+from avc_casadi import UnsupportedError
 from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.model.gains import Gains
-from avc_casadi.simulation.effects.registry import build_effects
-from avc_casadi.simulation.execute import execute
-from avc_casadi.simulation.native import compiler
-from avc_casadi.simulation.scene import compile_for, settled
 
 
 def decades(low, high):
@@ -85,21 +81,3 @@ def test_any_scene_ends_in_json(problem, gains):
     assert document["stable"] == (run.claim != "unstable")
     if {"wall"} & {effect.kind for effect in problem.scene.effects} and not document["diverged"]:
         assert (run.force_n >= 0).all()  # a wall never pulls
-
-
-@pytest.mark.thorough
-@pytest.mark.skipif(compiler() is None, reason="no C compiler")
-@settings(max_examples=8)
-@given(problem=scenes(), gains=GAINS)
-def test_any_scene_has_the_same_bits_in_c(problem, gains):
-    try:
-        effects, chosen, _ = settled(problem, build_effects(problem), gains)
-        scene = compile_for(problem, effects, chosen)
-    except (InputError, UnsupportedError):
-        return
-    if scene.instructions > 20_000:
-        return  # compiles for seconds
-    arguments = scene, scene.parameter_values(chosen), scene.input_values()
-    ours, native = (execute(*arguments, engine=engine) for engine in ("casadi", "native"))
-    for name, values in ours.items():
-        np.testing.assert_array_equal(values, native[name], err_msg=name)

@@ -73,33 +73,3 @@ def test_energy_bounding_gives_out_no_more_than_the_damper_takes():
     plain = played(BASELINES["the wall itself"](loop, 50), seen)
     assert np.cumsum(plain[:-1] * moved + lost, axis=0).min() < -1e-2
     assert force.max() > 1
-
-
-def test_a_passivity_controller_without_a_largest_damper_pays_its_debt_in_a_sample():
-    """In a steady motion: back after the next sample, by the work of the force itself, is what was given too much."""
-    loop = Loop(device(max_force_n=None), 2e4, 0.0, np.inf)
-    step, turn = 7 * STEP, 40
-    way = step * (np.concatenate([np.arange(-5, turn), np.arange(turn, -10, -1)])[:, None] + 0.5)
-    moved, depth = np.diff(way, axis=0)[:, 0], np.maximum(way[1:, 0], 0)
-
-    def taken(name):
-        return np.cumsum(played(BASELINES[name](loop, 1), way)[:-1, 0] * moved)
-
-    assert taken("the wall itself")[-1] < -1e-3
-    assert taken("PO/PC")[-1] == pytest.approx(0, abs=1e-12)
-    # Held over a step the spring itself is behind k x^2/2 by this: no more is owed than of the last sample.
-    behind = 0.5 * loop.stiffness_n_per_m * depth**2 - taken("PO/PC with reference energy")
-    steady = np.abs(np.arange(len(behind)) - (turn + 5)) > 2
-    assert behind[steady].max() < 0.5 * loop.stiffness_n_per_m * step**2 * (1 + 1e-9)
-
-
-def test_force_augmentation_nears_the_wall_going_in_and_is_soft_coming_out():
-    loop = Loop(device(), 2e4, 0.0, 1.0)
-    inward = STEP * np.arange(-5, 500)
-    way = np.concatenate([inward, inward[::-1]])[:, None]
-    force = played(BASELINES["force augmentation"](loop, 1), way)[:, 0]
-    top = len(inward) - 1
-    assert force[top] == pytest.approx(2e4 * inward[-1], rel=0.02)
-    out = np.diff(force[top + 1 : top + 400]) / np.diff(way[top + 1 : top + 400, 0])
-    np.testing.assert_allclose(out, loop.passive_n_per_m, rtol=1e-6)
-    assert force[-1] == 0

@@ -5,7 +5,7 @@ import pytest
 from scene_reference import Reference, scene_problem
 
 import avc_casadi as avc
-from avc_casadi.model.declared import declared_effects, left_out, scene_effects
+from avc_casadi.model.declared import declared_effects
 from avc_casadi.model.gains import NO_COUPLING, Gains
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.registry import build_effects
@@ -46,20 +46,6 @@ SOFT = {"b_e": 1.0, "k_e": 3e3}
 QUICK = 'kind = "press"\nspeed_m_per_s = 0.2\nstart_m = -0.002\n'
 
 
-def test_a_scene_without_a_list_holds_all_that_is_declared():
-    problem = scene_problem(head=DEVICE, **SOFT)
-    assert {effect.kind for effect in declared_effects(problem)} == ALL
-    assert scene_effects(problem) == declared_effects(problem)
-    found = {effect.kind: effect for effect in build_effects(problem)}
-    assert set(found) == ALL
-    assert found["delay"].samples == 1.25
-    assert found["noise"].rms_m == 1e-6
-    assert found["backlash"].gap_m == 1e-4
-    assert (found["amplifier"].bandwidth_hz, found["amplifier"].order) == (500.0, 2)
-    assert (found["resonance"].frequency_hz, found["resonance"].mass_ratio) == (150.0, 0.5)
-    assert left_out(problem) == ()
-
-
 @pytest.mark.thorough
 def test_the_declared_device_agrees_with_an_independent_integration():
     listed = "\n[[scene.effects]]\n".join(("", *(f'kind = "{kind}"' for kind in sorted(ALL))))
@@ -94,13 +80,6 @@ def test_at_the_handle_the_encoder_sees_the_handle():
     assert (encoder.sensed_body, encoder.resolution_m) == ("handle", 0.0)
     # Backlash lies before the handle.
     assert "backlash" not in {e.kind for e in declared_effects(problem.changed(device={"backlash_m": 1e-3}))}
-
-
-def test_a_list_says_what_it_leaves_out():
-    listed = scene_problem((HAND, WALL, 'kind = "encoder"'), head=DEVICE, **SOFT)
-    assert set(left_out(listed)) == ALL - {"hand", "wall", "encoder"}
-    stylus = scene_problem(('kind = "stylus-hand"', 'kind = "environment"'), head=DEVICE, **SOFT)
-    assert not {"hand", "wall"} & set(left_out(stylus))
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])

@@ -5,7 +5,6 @@ import pytest
 from studies.estimators.study import cramer_rao_hz
 
 from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
-from avc_casadi.simulation.runtime.signal import EstimatorSettings
 
 T = 1e-3
 STEPS = {method: estimator_step(method, T) for method in ESTIMATORS}
@@ -83,25 +82,3 @@ def test_noise_stays_above_the_cramer_rao_bound_and_within_two_percent(method):
     spread = np.std(frequency[4000:][valid[4000:]])
     # No estimator that forgets within 2 s beats the bound of 2 s; one that did would have seen the answer.
     assert cramer_rao_hz(1e-3, 1e-5, 2.0, T) < spread < 0.02 * 3.0
-
-
-@ALL
-@pytest.mark.parametrize("sample_time", [1e-5, 2e-4, 0.02, 0.1])
-def test_other_sampling_rates_stay_finite(method, sample_time):
-    hz = min(3.0, 0.05 / sample_time)
-    ticks = round(min(20000, 30 / hz / sample_time))
-    velocity = 0.02 * np.cos(2 * np.pi * hz * np.arange(ticks) * sample_time)
-    found = estimator_step(method, sample_time).run(velocity[None])
-    assert np.all(np.isfinite(found["frequency_hz"]))
-    assert np.all(found["frequency_hz"][found["valid"] == 0] == 0)
-
-
-@ALL
-@pytest.mark.parametrize("radius", [2.0**-6, 0.5])
-def test_the_unit_of_the_position_changes_no_estimate(method, radius):
-    """At a radius that is a power of two, not a bit."""
-    rim = np.cumsum(np.random.default_rng(4).normal(0, 2e-5, 3000)) + tone(7.0, 3.0)
-    turns = estimator_step(method, T, EstimatorSettings.for_encoder(2e-5 / radius, T, radius))
-    moves = estimator_step(method, T, EstimatorSettings.for_encoder(2e-5, T))
-    for one, other in zip(estimate(method, rim / radius, turns), estimate(method, rim, moves), strict=True):
-        assert np.array_equal(one, other)

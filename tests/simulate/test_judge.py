@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from scene_reference import scene_problem
 
-import avc_casadi as avc
-from avc_casadi.design.constant.static import static_coupling
 from avc_casadi.design.scene_coupling import simulate
-from avc_casadi.model.gains import NO_COUPLING, Gains
-from avc_casadi.model.hands import Hand
+from avc_casadi.model.gains import Gains
 from avc_casadi.simulation.judge import judge
 from avc_casadi.simulation.population.trial import Traces
-from avc_casadi.simulation.scene import simulate_batch
 
 T = 1e-3
 TIME = np.arange(3000) * T
@@ -59,20 +55,6 @@ def test_a_run_whose_numbers_leave_is_neither_stable_nor_calm(bad):
     assert np.isnan(found.apparent_stiffness_n_per_m)
 
 
-@pytest.mark.thorough
-def test_without_coupling_the_stiff_wall_never_rests_and_the_certified_static_one_is_calm_and_soft():
-    problem = avc.load_problem("scenes/stiff-wall-pressed")
-    certified = static_coupling(problem)
-    bare = simulate(problem, NO_COUPLING)
-    calm = simulate(problem, Gains(certified.damping_ns_per_m, certified.stiffness_n_per_m))
-    assert bare.claim == "unstable"
-    assert bare.buzzing
-    assert bare.energy_generated_j > 0.1
-    assert calm.claim == "asymptotic"
-    assert not calm.buzzing
-    assert calm.apparent_stiffness_n_per_m < 0.2 * problem.environment.stiffness_n_per_m
-
-
 @pytest.mark.parametrize(
     ("gains", "share"),
     [
@@ -89,13 +71,3 @@ def test_pressed_walls_feel_as_stiff_as_springs_in_series(gains, share):
     k = gains.stiffness_n_per_m
     series = 1e5 if gains.rigid else k * 1e5 / (k + 1e5)
     assert run.apparent_stiffness_n_per_m == pytest.approx(series, rel=1e-6)
-
-
-@pytest.mark.thorough
-def test_damping_injection_brings_every_drawn_hand_to_rest_at_full_stiffness_without_friction():
-    draw = np.random.default_rng(5).uniform
-    hands = Hand(draw(0.05, 0.3, 200), draw(3, 20, 200), draw(200, 800, 200))
-    found = simulate_batch(scene_problem(PRESS), hands, Gains(math.inf, math.inf, 85.0))
-    assert found.stable.all()
-    np.testing.assert_allclose(found.apparent_stiffness_n_per_m, 1e5, rtol=1e-3)
-    assert not simulate_batch(scene_problem(PRESS), hands, NO_COUPLING).stable.any()

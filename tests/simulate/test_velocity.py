@@ -57,8 +57,3 @@ def test_zwidth_takes_each(name):
     curve, other = region.curves[-1], avc.zwidth(plain).curves[-1]
     assert not np.array_equal(curve.stiffness_n_per_m, other.stiffness_n_per_m, equal_nan=True)
     assert "scene.effects: velocity-filter" in region.used
-
-
-def test_the_noise_is_that_of_the_encoder_where_none_is_given():
-    keys = {"acceleration_m_per_s2": 5.0}
-    assert poles("kalman", **keys) == poles("kalman", **keys, noise_rms_m=STEP / 12**0.5)
