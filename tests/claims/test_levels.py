@@ -1,17 +1,30 @@
 """Certificates: each level claims what it says, no more, and rows without gains fail."""
 
+import dataclasses
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scene_reference import scene_problem
+from schedule_problems import changed, figure5
 
 from avc_casadi import load_problem, parse_problem
 from avc_casadi.claims.certify import certify
+from avc_casadi.claims.passivity.llewellyn import llewellyn_margin
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
 from avc_casadi.claims.scope import scope_slack
+from avc_casadi.design.constant.static import static_coupling
+from avc_casadi.design.constant.static_tuned import tune_static
 from avc_casadi.design.methods import solve
+from avc_casadi.loops.sampled_loop import SampledLoop
 from avc_casadi.loops.wall import frozen_parts, linear_stability
+from avc_casadi.model.corners import least_damped
 from avc_casadi.model.hands import hand_corners, hand_set
 from avc_casadi.model.schedule import Status
+from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.rendered import gain_schedule
 
 
@@ -183,3 +196,184 @@ def test_the_worst_hand_and_device_of_l5_have_the_radius_stated():
         )
         radius = linear_stability(alone.device, frozen_parts(alone, b, k), 0.0, hand_corners(alone.hands)).radius.max()
         assert radius == pytest.approx(detail["spectral_radius"], rel=1e-12)
+
+
+# Whatever the gains, a certificate is a document: no exception, no warning, nothing undefined that passes.
+
+
+def decades(low, high):
+    return st.floats(low, high).map(lambda x: float(10**x))
+
+
+gain = st.one_of(
+    st.sampled_from([0.0, np.inf, -np.inf, np.nan, 5e-324, 1e308, -1e308]),
+    decades(-6, 6),
+    decades(-300, 300),
+    decades(-3, 6).map(lambda x: -x),
+)
+
+
+@pytest.mark.thorough
+@settings(max_examples=60)
+@given(
+    mass=st.one_of(st.just(0.0), decades(-4, 2)),
+    b_d=st.one_of(st.just(0.0), decades(-4, 4)),
+    sample_time=decades(-5, -1),
+    delay=st.sampled_from([0, 1, 2, 20]),
+    wall=st.tuples(st.one_of(st.just(0.0), decades(-6, 6)), st.one_of(st.just(0.0), decades(-6, 9))),
+    model=st.sampled_from(["paper", "sampled-data"]),
+    rows=st.lists(st.tuples(gain, gain, st.one_of(st.just(0.0), decades(-3, 4))), min_size=1, max_size=5),
+)
+def test_every_table_gets_a_certificate(mass, b_d, sample_time, delay, wall, model, rows):
+    n = len(rows)
+    values = ", ".join(repr(0.45 / sample_time * (row + 1) / n) for row in range(n))
+    problem = parse_problem(
+        f"[device]\nmass_kg={mass}\ndamping_ns_per_m={b_d}\nsample_time_s={sample_time}\ndelay_samples={delay}\n"
+        f"[environment]\ndamping_ns_per_m={wall[0]}\nstiffness_n_per_m={wall[1]}\n"
+        f"[stability]\nmodel='{model}'\n[frequency]\nvalues_hz=[{values}]\n"
+    )
+    b, k, contact = np.array(rows).T
+    one = np.ones(n)
+    table = dataclasses.replace(
+        gain_schedule(problem, "file", (one, one, 0 * one), (Status.SOLVED,) * n),
+        requested_damping_ns_per_m=b,
+        requested_stiffness_n_per_m=k,
+        contact_damping_ns_per_m=contact,
+    )
+    certificate = certify(problem, table, requested=True, draws=2)
+    json.dumps(certificate.document(), allow_nan=False)
+    absent = np.isnan(b) | np.isnan(k)
+    for level in certificate.levels.values():
+        assert not level.row_passed[absent].any()
+        assert not (level.row_passed & np.isnan(level.row_margin_ns_per_m) & (level.level != "L5")).any()
+    whole = certificate.levels["L3"].row_passed
+    with np.errstate(invalid="ignore"):
+        negative = certificate.dc_stiffness_n_per_m < 0
+    assert not (whole & negative).any()
+
+
+# A margin in scope hands is damping that the device may lose: the same verdicts as for a device without it.
+
+ROWS = np.array([1.0, 20.0, 100.0, 400.0])
+GAINS = np.array([0.1, 5.0, 40.0, 200.0]), np.array([500.0, 2e3, 8e3, 5e4]), np.array([0.0, 5.0, 0.0, 20.0])
+
+
+def damping_margin_problem(b_d, margin, delay=0):
+    return parse_problem(
+        f"[device]\nmass_kg=0.1\ndamping_ns_per_m={b_d}\ndelay_samples={delay}\n"
+        "[environment]\ndamping_ns_per_m=10.0\nstiffness_n_per_m=1e5\n"
+        f'[stability]\nmodel="sampled-data"\nscope="hands"\nmargin_ns_per_m={margin}\n'
+        '[coupling]\nstructure="series"\ndamping_ns_per_m=[0.0, 1e3]\nstiffness_n_per_m=[0.0, 1e6]\n'
+        "[frequency]\nstart_hz=2.0\nstop_hz=200.0\npoints=5\n"
+    )
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+@pytest.mark.parametrize("margin", [0.5, 2.0])
+def test_scope_of_frozen_rows(margin, delay):
+    robbed = scope_slack(damping_margin_problem(2.0 - margin, 0.0, delay), ROWS, *GAINS)
+    asked = scope_slack(damping_margin_problem(2.0, margin, delay), ROWS, *GAINS)
+    np.testing.assert_allclose(asked.slack, robbed.slack, rtol=0, atol=1e-12)
+    free = scope_slack(damping_margin_problem(2.0, 0.0, delay), ROWS, *GAINS)
+    assert (free.slack - asked.slack > 1e-5).all()
+
+
+@pytest.mark.thorough
+def test_gains_that_keep_it():
+    margin, case = 1.5, damping_margin_problem(2.0, 1.5)
+    gains = solve(case, "schedule")
+    assert gains.usable.all()
+    found = gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
+    robbed = damping_margin_problem(2.0 - margin, 0.0)
+    radius = linear_stability(robbed.device, frozen_parts(robbed, *found[:2]), found[2], hand_set(robbed.hands)).radius
+    assert (radius.max(axis=1) < 1).all()
+    # Gains that need not keep it do not: the margin decides here.
+    bold = solve(damping_margin_problem(2.0, 0.0), "schedule")
+    radius = linear_stability(
+        robbed.device,
+        frozen_parts(robbed, bold.damping_ns_per_m, bold.stiffness_n_per_m),
+        bold.contact_damping_ns_per_m,
+        hand_set(robbed.hands),
+    ).radius
+    assert (radius.max(axis=1) > 1).any()
+
+
+def reserve(case, b, k):
+    """Damping that every hand may lose before one of them becomes unstable: device and hand share theirs."""
+    hands, parts = hand_set(case.hands), frozen_parts(case, b, k)
+    low, high = 0.0, 60.0
+    for _ in range(40):
+        middle = (low + high) / 2
+        robbed = replace(hands, damping_ns_per_m=hands.damping_ns_per_m - middle)
+        stable = (linear_stability(case.device, parts, 0.0, robbed).radius < 1).all()
+        low, high = (middle, high) if stable else (low, middle)
+    return low
+
+
+@pytest.mark.thorough
+def test_tuned_constant_gains_keep_it_in_reserve():
+    """The one pair of a box is taken with a margin just below its reserve and refused just above."""
+    b, k = 20.0, 1.2e4
+    case = scene_problem(('kind = "hand"', 'kind = "wall"'), scene="duration_s = 1.0\n").changed(
+        coupling={"damping_ns_per_m": (b, b), "stiffness_n_per_m": (k, k)}, frequency={"points": 5}
+    )
+    spare = reserve(case, b, k)
+    assert 0 < spare < 60
+    assert tune_static(case.changed(stability={"margin_ns_per_m": 0.98 * spare})).gains is not None
+    assert tune_static(case.changed(stability={"margin_ns_per_m": 1.02 * spare})).gains is None
+
+
+# Every method keeps its claim for every device of the range; the hand's damping counts in `schedule` alone.
+
+DAMPED = {"structure": "damped", "contact_damping_ns_per_m": (0.0, 60.0)}
+RANGE = {"damping_ns_per_m": (0.8, 2.5), "mass_kg": (0.07, 0.13)}
+
+
+def least_real_part(problem, gains, damping):
+    """Smallest Re Z_h with another damping of the device."""
+    device = changed(problem, device={"damping_ns_per_m": damping, "range": type(problem.device.range)()})
+    rows = gains.damping_ns_per_m, gains.stiffness_n_per_m, gains.contact_damping_ns_per_m
+    return np.nanmin(np.where(gains.usable, loop_at(device, gains.frequency_hz).perceived(*rows).real, np.nan))
+
+
+def ranged(**tables):
+    problem = figure5(points=20, **tables)
+    return problem.changed(device={"range": RANGE})
+
+
+@pytest.mark.parametrize("coupling", [{}, DAMPED], ids=["series", "damped"])
+@pytest.mark.parametrize(
+    ("method", "require"), [("direct", "none"), ("exact", "none"), ("schedule", "none"), ("schedule", "jnd")]
+)
+def test_every_device_of_the_range_keeps_the_margin(method, require, coupling):
+    problem = ranged(coupling=coupling, realism={"require": require, "jnd": 0.9})
+    gains = solve(problem, method)
+    assert gains.usable.any()
+    assert least_real_part(problem, gains, 0.8) >= -1e-12
+    if method != "schedule":
+        # Nothing more than that is asked: without the range the least damped device would not keep it.
+        assert least_real_part(problem, solve(figure5(points=20, coupling=coupling), method), 0.8) < -0.1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("coupling", [{}, DAMPED], ids=["series", "damped"])
+def test_constant_gains_are_safe_with_every_device_of_the_range(coupling):
+    problem, known = ranged(coupling=coupling), figure5(points=20, coupling=coupling)
+    loop = SampledLoop.of(least_damped(problem))
+    for condition, margin in (("llewellyn", llewellyn_margin), ("all", worst_margin)):
+        values = []
+        for case in (problem, known):
+            found = static_coupling(case, condition)
+            gains = found.damping_ns_per_m, found.stiffness_n_per_m, found.contact_damping_ns_per_m
+            judged = margin(loop, *gains)
+            values.append(judged[0][0] if condition == "llewellyn" else judged.margin_ns_per_m[0])
+        assert values[0] >= -1e-12
+        assert values[1] < -0.1
+
+
+def test_closed_form_injects_what_the_range_lacks():
+    problem = ranged()
+    known, unknown = solve(figure5(points=20), "closed-form"), solve(problem, "closed-form")
+    pushed = (known.real_part < 1e-9) & known.usable & unknown.usable
+    assert pushed.any()
+    np.testing.assert_allclose(unknown.real_part[pushed], 1.2, atol=1e-9)

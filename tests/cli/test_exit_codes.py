@@ -5,9 +5,13 @@ import os
 import subprocess
 
 import pytest
-from avc_process import AVC, ENVIRONMENT, avc, strict_json
+from avc_process import AVC, ENVIRONMENT, command, strict_json
 
+import avc_casadi as avc
+from avc_casadi import dump_problem, load_problem
 from avc_casadi.cli import main
+from avc_casadi.cli.dispatch import VERBS
+from avc_casadi.coupling import Coupling
 
 
 @pytest.mark.parametrize(
@@ -72,13 +76,13 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
     (tmp_path / "stiff.csv").write_text(
         "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,1000.0,1e7\n50.0,1000.0,1e7\n"
     )
-    done = avc("certify", "weak.toml", "stiff.csv", "--json", cwd=tmp_path)
+    done = command("certify", "weak.toml", "stiff.csv", "--json", cwd=tmp_path)
     assert done.returncode == 1
     document = strict_json(done.stdout)
     assert not document["deployable"]["pass"]
     assert not document["levels"][level]["pass"]
     (tmp_path / "soft.csv").write_text("frequency_hz,damping_ns_per_m,stiffness_n_per_m\n5.0,5.0,1e3\n50.0,5.0,1e3\n")
-    done = avc("certify", "weak.toml", "soft.csv", "--json", cwd=tmp_path)
+    done = command("certify", "weak.toml", "soft.csv", "--json", cwd=tmp_path)
     assert done.returncode == 0
     document = strict_json(done.stdout)
     assert document["deployable"]["pass"]
@@ -87,8 +91,8 @@ def test_certify_says_no_to_what_may_not_be_deployed_whatever_the_problem_claims
 
 @pytest.mark.thorough
 def test_the_problem_that_diverges_is_not_deployable(tmp_path):
-    assert avc("solve", "diverging", "--method", "exact", "--out", "c.json", cwd=tmp_path).returncode == 0
-    done = avc("certify", "c.json", "--json", cwd=tmp_path)
+    assert command("solve", "diverging", "--method", "exact", "--out", "c.json", cwd=tmp_path).returncode == 0
+    done = command("certify", "c.json", "--json", cwd=tmp_path)
     assert done.returncode == 1
     failed = {claim["name"] for claim in strict_json(done.stdout)["deployable"]["claims"] if not claim["pass"]}
     assert "let-go" in failed
@@ -118,3 +122,146 @@ def test_what_a_command_reads_it_does_not_write_over(tmp_path, capsys):
         assert "is a file that this command was given; choose another name" in capsys.readouterr().err
     assert gains.read_text() == before
     assert not (tmp_path / "c.npz").exists()
+
+
+# Gains of another problem are refused or noted, and a table that cannot begin says so.
+
+EXIT_CODES_VERBS = [("certify", "soft", "gains.json"), ("simulate", "soft", "--gains", "gains.json")]
+
+
+@pytest.mark.parametrize("arguments", EXIT_CODES_VERBS, ids=lambda arguments: arguments[0])
+def test_another_sample_time_is_refused(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    fast = avc.load_problem("soft").changed(device={"sample_time_s": 5e-4}, frequency={"points": 5})
+    avc.write_coupling(Coupling.of(fast, avc.solve(fast, "exact")), "gains.json")
+    assert main(list(arguments)) == 2
+    told = capsys.readouterr().err
+    assert "sample_time_s: is 0.0005" in told
+    assert "0.001" in told
+
+
+@pytest.mark.thorough
+def test_gains_that_are_infeasible_end_in_a_no(capsys):
+    assert main(["simulate", "hard/infeasible-box", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["errors"][0]["key"] == "scene.coupling"
+
+
+# `avc --help` and the help of every verb load none of the libraries that take time.
+
+PROGRAM = """
+import sys
+from avc_casadi.cli import main
+code = main(sys.argv[1:])
+sys.stderr.write(" ".join(sys.modules))
+sys.exit(code)
+"""
+HEAVY = {"casadi", "matplotlib", "numpy", "pydantic", "serial", "unicorn", "avc_hardware"}
+
+
+def test_help():
+    done = command("--help", program=PROGRAM)
+    assert done.returncode == 0
+    assert not HEAVY & set(done.stderr.decode().split())
+    lines = done.stdout.decode().splitlines()
+    for verb in VERBS:
+        assert any(line.split()[:1] == [verb] for line in lines)
+
+
+@pytest.mark.parametrize("verb", [*VERBS][::6])
+def test_help_of_verbs(verb):
+    done = command(verb, "--help", program=PROGRAM)
+    assert done.returncode == 0
+    assert not HEAVY & set(done.stderr.decode().split())
+    assert b"--json" in done.stdout
+
+
+# With --json, standard output is one JSON document and not a byte more, whatever libraries print.
+
+SOLVE_KEYS = {
+    "schema",
+    "problem",
+    "method",
+    "solver",
+    "structure",
+    "frequency_hz",
+    "damping_ns_per_m",
+    "stiffness_n_per_m",
+    "contact_damping_ns_per_m",
+    "impedance_re",
+    "impedance_im",
+    "target_re",
+    "target_im",
+    "magnitude_error",
+    "complex_error",
+    "real_part",
+    "status",
+    "seconds",
+    "certificate",
+    "requested_damping_ns_per_m",
+    "requested_stiffness_n_per_m",
+}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--as-printed",),
+        ("--method", "exact"),
+        ("--method", "direct", "--solver", "ipopt"),
+    ],
+    ids=" ".join,
+)
+def test_solve(options, tmp_path):
+    few = load_problem("figure5").changed(frequency={"points": 40})
+    (tmp_path / "few.toml").write_text(dump_problem(few))
+    done = command("solve", "few.toml", *options, "--json", cwd=tmp_path)
+    document = strict_json(done.stdout)
+    assert set(document) >= SOLVE_KEYS
+    rows = len(document["frequency_hz"])
+    assert rows == 40
+    assert all(len(document[key]) == rows for key in SOLVE_KEYS if isinstance(document[key], list))
+    without = [b is None for b in document["damping_ns_per_m"]]
+    usable = [status in {"solved", "active-bound"} for status in document["status"]]
+    assert without == [not has for has in usable]
+    assert done.returncode == (1 if any(without) else 0)
+    assert bool(done.stderr) == any(without)
+
+
+@pytest.mark.thorough
+def test_certify(tmp_path):
+    assert command("solve", "figure5", "--out", "gains.json", cwd=tmp_path).returncode == 0
+    done = command("certify", "figure5", "gains.json", "--json", cwd=tmp_path)
+    document = strict_json(done.stdout)
+    assert done.returncode == 1
+    assert document["deployable"]["pass"] is False
+    assert document["claimed"] == "L0"
+    assert document["levels"]["L0"]["pass"] is True
+    assert set(document["levels"]["L3"]) >= {"pass", "margin_ns_per_m", "frequency_hz", "model", "claim"}
+    assert document["passive_limit_n_per_m"] == pytest.approx(4000.0)
+    solved = strict_json((tmp_path / "gains.json").read_bytes())["certificate"]
+    # The file holds the thinned table alone: rows, and with them the worst of them, may differ.
+    assert {name: one["pass"] for name, one in solved["levels"].items()} == {
+        name: one["pass"] for name, one in document["levels"].items()
+    }
+    assert solved["deployable"]["pass"] == document["deployable"]["pass"]
+
+
+NOISE = """
+import ctypes, os, sys
+from avc_casadi.cli.console import Console
+from avc_casadi.present.row import Answer, row
+console = Console(as_json="--json" in sys.argv)
+os.write(1, b"straight to the descriptor ")
+ctypes.CDLL(None).printf(b"left in the buffer of the C library ")
+print("printed")
+console.say("live")
+console.answer(Answer("found", {"found": 1}, rows=(row("text"),)))
+"""
+
+
+def test_libraries_that_print_do_not_reach_standard_output():
+    done = command("--json", program=NOISE)
+    assert done.stdout == b'{\n "schema": "avc/1",\n "kind": "found",\n "found": 1\n}\n'
+    for noise in (b"straight to the descriptor", b"left in the buffer", b"printed"):
+        assert noise in done.stderr

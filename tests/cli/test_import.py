@@ -1,11 +1,13 @@
 """`import avc_casadi` and `import avc_hardware` load nothing heavy, and every public name is there at first use."""
 
 import ast
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from avc_process import command
 
 import avc_casadi as avc
 import avc_hardware
@@ -44,3 +46,37 @@ def test_the_hardware_side_loads_its_own_package_alone():
 def test_every_typed_name_is_there(package, name):
     assert getattr(package, name) is not None
     assert name in dir(package)
+
+
+# Without the optional packages everything else works, and what needs one says which.
+
+BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+EXTRAS = ["cloudpickle", "distributed", "elftools", "mpmath", "mujoco", "pandas", "unicorn"]
+HIDDEN = f"import sys\nfor name in {EXTRAS}:\n    sys.modules[name] = None\n"
+EVERY_MODULE = (
+    HIDDEN
+    + """
+import importlib, json, pkgutil
+import avc_casadi as avc
+import avc_hardware
+count = 0
+for package in (avc, avc_hardware):
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        importlib.import_module(module.name)
+        count += 1
+print(json.dumps(count))
+"""
+)
+
+
+@pytest.mark.thorough
+def test_every_module_is_imported():
+    done = command(program=EVERY_MODULE)
+    assert done.returncode == 0, done.stderr.decode()
+    assert json.loads(done.stdout) > 100
+
+
+@pytest.mark.parametrize("verb", ["accuracy", "monitor", "push", "run", "trial", "firmware"])
+def test_every_verb_is_parsed(verb):
+    done = command(verb, "--help", program=HIDDEN + "from avc_casadi.cli import main\nsys.exit(main(sys.argv[1:]))\n")
+    assert done.returncode == 0, done.stderr.decode()

@@ -1,7 +1,7 @@
 """`avc run` writes every file, the same each time apart from times, and needs no extra to finish."""
 
 import pytest
-from avc_process import avc, strict_json
+from avc_process import command, strict_json
 
 from avc_casadi import deployable, dump_problem, load_problem
 from avc_casadi.cli import main
@@ -23,8 +23,8 @@ HELD_PLAINLY = {"stiffness_n_per_m": 5e4}
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
-    done = avc("run", "figure5", cwd=folder)
-    again = avc("run", "figure5", "--out", "again", "--json", cwd=folder)
+    done = command("run", "figure5", cwd=folder)
+    again = command("run", "figure5", "--out", "again", "--json", cwd=folder)
     return folder, done, again
 
 
@@ -43,9 +43,9 @@ def test_the_device_gets_the_recommended_coupling(results):
 def test_a_method_that_is_not_deployable_is_not_pushed_unless_asked(tmp_path):
     few = load_problem("figure5").changed(frequency={"points": 12}, environment=HELD_PLAINLY)
     (tmp_path / "few.toml").write_text(dump_problem(few))
-    done = avc("run", "few.toml", "--method", "direct", cwd=tmp_path)
+    done = command("run", "few.toml", "--method", "direct", cwd=tmp_path)
     assert done.returncode == 1
-    done = avc("run", "few.toml", "--method", "direct", "--unsafe", "--json", cwd=tmp_path)
+    done = command("run", "few.toml", "--method", "direct", "--unsafe", "--json", cwd=tmp_path)
     assert strict_json(done.stdout)["push"]["readback_equal"] is True
 
 

@@ -1,14 +1,18 @@
 """Every verdict can be derived again from the arrays of the document alone."""
 
+import itertools
 import json
 
 import numpy as np
 import pytest
 from drawn_problems import drawn_problem
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from walled import has_wall
 
 import avc_casadi as avc
 from avc_casadi.design.comparison.document import comparison_document
+from avc_casadi.design.comparison.judged import Safety, safer, safety_reason
 from avc_casadi.model.problem import Frequency
 
 PROBLEMS = [entry.name for entry in avc.catalogue() if has_wall(entry.name)][::3]
@@ -76,3 +80,89 @@ def test_random_problems(seed):
     size = np.abs(comparison.target) + np.abs(closed.impedance)
     assert np.all((direct.magnitude_error - closed.magnitude_error)[both] <= 1e-8 * size[both])
     assert comparison.cross_check.agree
+
+
+# A hand-tuned pair is judged by the same equations, and never beats the optimum inside the gain box.
+
+PROBLEM = avc.load_problem("figure5").changed(frequency={"points": 40})
+
+
+def perceived(k, b):
+    """Independent of the package's equations."""
+    device, wall = PROBLEM.device, PROBLEM.environment
+    t = device.sample_time_s
+    z = np.exp(2j * np.pi * PROBLEM.frequencies_hz() * t)
+    s = 2 / t * (z - 1) / (z + 1)
+    environment = wall.damping_ns_per_m + wall.stiffness_n_per_m / s
+    coupling = b + k * t * z / (z - 1)
+    return device.mass_kg * s + device.damping_ns_per_m + (z + 1) / (2 * z) / (1 / environment + 1 / coupling)
+
+
+@pytest.mark.thorough
+@settings(max_examples=15)
+@given(k=st.floats(1, 1e7), b=st.floats(0.1, 1e4))
+def test_judged_by_the_same_equations(k, b):
+    comparison = avc.compare(PROBLEM, methods=("closed-form", "exact"), mine=(k, b))
+    mine = comparison.mine
+    expected = perceived(k, b)
+    np.testing.assert_allclose(mine.impedance, expected, rtol=1e-7)
+    clear = np.abs(expected.real) > 1e-7 * np.abs(expected)
+    assert np.array_equal(mine.meets_margin[clear], (expected.real >= 0)[clear])
+    assert mine.inside_box
+    assert mine.compared == "exact"
+    assert mine.share_pair_better == 0.0
+    exact = comparison.methods["exact"].magnitude_error
+    tolerance = 1e-6 * np.abs(comparison.target)
+    surely = (mine.real_part < -tolerance) | (mine.magnitude_error > exact + tolerance)
+    assert mine.share_schedule_better >= np.mean(surely)
+
+
+def test_the_optimum_itself_is_a_tie():
+    problem = PROBLEM.changed(frequency=Frequency(values_hz=(40.0,)))
+    gains = avc.solve(problem, "exact")
+    pair = (float(gains.stiffness_n_per_m[0]), float(gains.damping_ns_per_m[0]))
+    mine = avc.compare(problem, methods=("closed-form", "exact"), mine=pair).mine
+    assert (mine.share_schedule_better, mine.share_pair_better) == (0.0, 0.0)
+    assert mine.meets_margin.all()
+
+
+# Of two couplings the one that is stable with more is better, however near the other comes to the wall.
+
+SAFETY_FIRST_PROBLEM = avc.load_problem("figure5")
+METHODS = ("closed-form", "direct")
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """2 kN/m and 7 N.s/m hold every hand of figure 5; `direct` is nearer to the wall and does not."""
+    return avc.compare(SAFETY_FIRST_PROBLEM, METHODS, mine=(2000.0, 7.0))
+
+
+@pytest.mark.thorough
+def test_a_stable_pair_beats_a_nearer_one_that_is_not(soft):
+    mine, levels = soft.mine, soft.judged["direct"].certificate.levels
+    assert levels["L5"].passed is False
+    assert soft.judged["mine"].certificate.levels["L5"].passed
+    assert mine.share_schedule_better == 1.0
+    assert (mine.safer, mine.better) == ("mine", "mine")
+    failed = f"L5 fails at {levels['L5'].rows_failed} of 200 rows"
+    assert mine.safety_reason == f"mine is stable with every hand, direct is not ({failed}): do not deploy direct"
+
+
+def table(hands, let_go, passive):
+    levels = dict.fromkeys(("L0", "L1", "L2", "L4"), passive) | {"L3": passive, "L5": hands}
+    failed = {level: 0 if passed else 7 for level, passed in levels.items()}
+    return Safety(levels, hands, let_go, passive, failed, 20)
+
+
+ALL = [table(*flags) for flags in itertools.product((True, False), repeat=3)]
+
+
+@pytest.mark.parametrize(("one", "other"), list(itertools.product(ALL, ALL)))
+def test_every_hand_weighs_more_than_let_go_and_that_more_than_passive(one, other):
+    expected = "equal" if one.rank == other.rank else "mine" if ALL.index(one) < ALL.index(other) else "direct"
+    assert safer(one, other, "direct") == expected
+    reason = safety_reason(one, other, "direct")
+    for name, safety in (("mine", one), ("direct", other)):
+        warned = f"do not deploy {name}" in reason or f"nor {name}" in reason or f"neither {name}" in reason
+        assert warned == (not safety.deployable), reason

@@ -2,16 +2,22 @@
 
 import io
 import json
+import signal
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.io
+from avc_process import ENVIRONMENT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
+from avc_casadi import InputError
+from avc_casadi.cli import main
 from avc_casadi.coupling import Coupling
 from avc_casadi.files.coupling_file import coupling_document, read_coupling, read_file
 from avc_casadi.identification.read import read_columns
@@ -137,3 +143,78 @@ def test_encodings_and_names(tmp_path, monkeypatch):
     (tmp_path / "wide.toml").write_bytes(text.encode("utf-16"))
     refused(avc.load_problem, "wide.toml")
     assert "figure5" in str(refused(avc.load_problem, "figur5"))
+
+
+# A table of gains that was edited by hand is read as what it says or refused with every fault, by line and key.
+
+HEADER = "frequency_hz,damping_ns_per_m,stiffness_n_per_m\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "faults"),
+    [
+        ("2,1,1\n\n2,1,1\n", [(4, "frequency_hz")]),
+        ("3,-1,inf\n4,x,1\n", [(2, "damping_ns_per_m"), (2, "stiffness_n_per_m"), (3, "damping_ns_per_m")]),
+        ("5,1\n6,1,1,1\n", [(2, ""), (3, "")]),
+        ("", [(None, key) for key in sorted(HEADER.strip().split(","))]),
+    ],
+)
+def test_faults_of_a_csv_name_their_lines(rows, faults, tmp_path):
+    path = tmp_path / "gains.csv"
+    path.write_text(HEADER + rows)
+    with pytest.raises(InputError) as found:
+        read_file(path)
+    assert sorted((fault.line, fault.key) for fault in found.value.faults) == faults
+    assert main(["certify", "soft", str(path)]) == 2
+
+
+@given(st.text(alphabet='0123456789.,-einfax"\n\0 ', max_size=60))
+def test_a_csv_of_any_text_is_read_or_refused(tmp_path_factory, text):
+    path = tmp_path_factory.getbasetemp() / "gains.csv"
+    path.write_text(HEADER + text)
+    refusal = None
+    try:
+        found = read_file(path)
+    except InputError as error:
+        refusal = error
+    if refusal is not None:
+        assert all(fault.message and len(fault.message) < 400 for fault in refusal.faults)
+        return
+    assert np.isfinite(found.rows).all()
+    assert (found.rows >= 0).all()
+    assert (np.diff(found.frequency_hz) > 0).all()
+
+
+# A file that is written is there whole or as it was before, whatever ends the process.
+
+# A full disk would cut off what Python caches of a module too.
+NO_CACHE = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}
+FULL_DISK = """
+import resource, signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))
+"""
+KILLED_WHILE_IT_WRITES = """
+import os, signal
+os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def run(before, arguments, cwd):
+    program = f"{before}\nimport sys\nfrom avc_casadi.cli import main\nsys.exit(main({arguments!r}))"
+    return subprocess.run(  # noqa: S603
+        [sys.executable, "-c", program], cwd=cwd, env=NO_CACHE, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("before", "code"), [(FULL_DISK, 2), (KILLED_WHILE_IT_WRITES, -signal.SIGKILL)])
+def test_a_file_is_the_old_one_or_the_new_one(before, code, tmp_path):
+    out = tmp_path / "c.json"
+    out.write_text("what was there\n")
+    arguments = ["solve", "soft", "--method", "static", "--out", "c.json"]
+    done = run(before, arguments, tmp_path)
+    assert done.returncode == code, done.stderr
+    assert out.read_text() == "what was there\n"
+    assert run("", arguments, tmp_path).returncode == 0
+    assert json.loads(out.read_text())["method"] == "static"

@@ -1,13 +1,17 @@
 """`avc new` writes what was typed, in any unit that fits, and the reader of all files reads it back."""
 
+import itertools
 import math
+import re
 import tomllib
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import avc_casadi
+import avc_casadi as avc
 from avc_casadi.cli import main
 from avc_casadi.files.new_problem import NewProblem
 
@@ -104,3 +108,113 @@ def test_a_file_that_is_there_stays_unless_forced(tmp_path, monkeypatch, capsys)
     assert main(["new", "wall.toml", *TYPED, "--force"]) == 0
     assert avc_casadi.load_problem("wall.toml").device.mass_kg == 0.12
     capsys.readouterr()
+
+
+# `avc new --model` writes the range of masses at the tip: against a textbook's two links in closed form.
+
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install 'avc-casadi[model]'")
+
+CHAIN = """<mujoco><worldbody><body name="frame" euler="{tilt} 0 0"><body name="upper">
+<joint name="shoulder" axis="0 0 1" {shoulder} damping="{d[0]}"/>
+<inertial mass="{m[0]}" pos="{c[0]} 0 0" diaginertia="{i[0]} {i[0]} {i[0]}"/>
+<body name="fore" pos="{l[0]} 0 0"><joint name="elbow" axis="0 0 1" {elbow} damping="{d[1]}"/>
+<inertial mass="{m[1]}" pos="{c[1]} 0 0" diaginertia="{i[1]} {i[1]} {i[1]}"/>
+<site name="tip" pos="{l[1]} 0 0"/></body></body></body></worldbody></mujoco>"""
+LIMITS = {"shoulder": 'range="-60 60"', "elbow": 'range="40 140"'}
+
+
+def arm(seed):
+    """Lengths, masses, inertias, centres and dampings of two links."""
+    draw = np.random.default_rng(seed)
+    length = draw.uniform(0.1, 0.3, 2)
+    return {
+        "l": length,
+        "m": draw.uniform(0.05, 0.4, 2),
+        "c": length * draw.uniform(0.2, 0.8, 2),
+        "i": draw.uniform(1e-4, 1e-3, 2),
+        "d": draw.uniform(0.005, 0.05, 2),
+    }
+
+
+def matrices(link, shoulder, elbow):
+    """Jacobian and mass matrix of two links in closed form, (poses, 2, 2) each."""
+    (l1, l2), (m1, m2), (c1, c2), (i1, i2) = (link[key] for key in "lmci")
+    m22 = i2 + m2 * c2**2
+    m12 = m22 + m2 * l1 * c2 * np.cos(elbow)
+    m11 = i1 + m1 * c1**2 + m2 * l1**2 + 2 * m12 - m22
+    both = shoulder + elbow
+    x, y = l2 * np.cos(both), l2 * np.sin(both)
+    jacobian = np.array([[-l1 * np.sin(shoulder) - y, -y], [l1 * np.cos(shoulder) + x, x]])
+    mass = np.array([[m11, m12], [m12, np.full_like(m12, m22)]])
+    return np.moveaxis(jacobian, -1, 0), np.moveaxis(mass, -1, 0)
+
+
+def poses(count, seed=1):
+    draw = np.random.default_rng(seed)
+    return np.radians(draw.uniform(-60, 60, count)), np.radians(draw.uniform(40, 140, count))
+
+
+def written(folder, text, *options, tip="tip"):
+    """The device of the problem that is written for a model."""
+    (folder / "arm.xml").write_text(text)
+    arguments = ["--model", str(folder / "arm.xml"), "--tip", tip, "--wall", "3 kN/m", *options]
+    assert main(["new", str(folder / "p.toml"), "--force", *arguments]) == 0
+    return avc.load_problem(folder / "p.toml").device
+
+
+@pytest.mark.parametrize(("seed", "tilt"), [(0, 0), (1, 90), (2, 35)])
+def test_the_range_holds_every_pose_and_normal_and_little_more(seed, tilt, tmp_path):
+    link = arm(seed)
+    device = written(tmp_path, CHAIN.format(tilt=tilt, **LIMITS, **link))
+    low, high = device.range.mass_kg
+    jacobian, mass = matrices(link, *poses(1000))
+    mobility = jacobian @ np.linalg.solve(mass, np.swapaxes(jacobian, 1, 2))
+    angle = np.random.default_rng(2).uniform(0, np.pi, 1000)
+    normal = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    free = 1 / np.einsum("pi,pij,pj->p", normal, mobility, normal)
+    guided = np.einsum("pi,pij,pj->p", normal, np.linalg.inv(mobility), normal)
+    assert low <= free.min()
+    assert guided.max() <= high
+    assert low <= device.mass_kg <= high
+    jacobian, mass = matrices(link, *poses(40_000))
+    principal = 1 / np.linalg.eigvalsh(jacobian @ np.linalg.solve(mass, np.swapaxes(jacobian, 1, 2)))
+    assert low > 0.9 * principal.min()
+    assert high < 1.1 * principal.max()
+    # Of all joint speeds with one unit along n, the least loss: Lagrange's condition.
+    lost = 1 / np.linalg.eigvalsh(jacobian / link["d"] @ np.swapaxes(jacobian, 1, 2))[:, -1]
+    assert 0.9 * lost.min() < device.damping_ns_per_m <= lost[:1000].min()
+
+
+def test_poses_near_a_singular_one_are_left_out_and_told(tmp_path, capsys):
+    link = arm(3)
+    device = written(tmp_path, CHAIN.format(tilt=0, shoulder="", elbow="", **link))
+    left_out = re.search(r"Left out +(\d+) poses", capsys.readouterr().out)
+    assert left_out is not None
+    assert 0 < int(left_out[1]) < 1000
+    turn = np.linspace(1e-3, np.pi - 1e-3, 5000)
+    jacobian, mass = matrices(link, 0 * turn, turn)
+    heavy, light = 1 / np.linalg.eigvalsh(jacobian @ np.linalg.solve(mass, np.swapaxes(jacobian, 1, 2))).T
+    regular = heavy / light < 0.95 * 30 * (heavy / light).min()
+    assert device.range.mass_kg[0] <= light.min()
+    assert heavy[regular].max() <= device.range.mass_kg[1] < 1.3 * heavy[regular].max()
+
+
+def test_a_urdf_names_its_links_and_needs_no_drawing(tmp_path, capsys):
+    inertial = '<inertial><mass value="{0}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    mesh = '<visual><geometry><mesh filename="package://elsewhere/a.stl"/></geometry></visual>'
+    links, masses = ("x", "y", "z"), (0.3, 0.15, 0.1)
+    parts = [
+        f'<link name="{name}">{mesh}{inertial.format(mass)}</link>' for name, mass in zip(links, masses, strict=True)
+    ]
+    chain = ("frame", *links, "tool")
+    for index, (parent, child) in enumerate(itertools.pairwise(chain)):
+        axis = " ".join(str(int(index == one)) for one in range(3))
+        limits = '<limit lower="-0.1" upper="0.1" effort="1" velocity="1"/>'
+        slide = f'type="prismatic"><axis xyz="{axis}"/>{limits}' if child != "tool" else 'type="fixed">'
+        parts.append(f'<joint name="j{index}" {slide}<parent link="{parent}"/><child link="{child}"/></joint>')
+    text = f'<robot name="r"><link name="frame"/><link name="tool"/>{"".join(parts)}</robot>'
+    device = written(tmp_path, text, "--like", "omega-3", tip="tool")
+    capsys.readouterr()
+    assert device.range.mass_kg == pytest.approx((0.99 * 0.1, 1.01 * 0.55), rel=1e-3)
+    assert device.mass_kg == pytest.approx(0.25)
+    assert device.max_force_n == avc.load_device("omega-3").device.max_force_n

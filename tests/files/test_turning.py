@@ -1,11 +1,17 @@
 """Files of a device that turns: keys in rad, N.m and kg.m2, read back as written; those of the other motion refused."""
 
+import numpy as np
 import pytest
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
 from linear_keys import linear_keys
 
 import avc_casadi as avc
 from avc_casadi.coupling import Coupling
+from avc_casadi.design.program import solve_program
 from avc_casadi.model.gains import Gains
+from avc_casadi.model.problem import Problem
+from avc_casadi.simulation.population.motions import motions_at
 
 KNOB = """
 [device]
@@ -77,3 +83,127 @@ def test_keys_of_effects_are_those_of_the_turn(kind, key, value, inner):
     written = avc.dump_problem(problem)
     assert f"{key} = " in written
     assert avc.parse_problem(written, name="knob") == problem
+
+
+# A device that turns is the linear one at its handle: m = J/r^2, b = B/r^2, f = tau/r, x = r theta, and nothing else.
+
+FREQUENCY = {"values_hz": (1.0, 5.0, 30.0, 120.0)}
+# Powers of the radius with which a value of the handle becomes one of the turn.
+POWERS = {
+    "mass_kg": 2,
+    "damping_ns_per_m": 2,
+    "stiffness_n_per_m": 2,
+    "coulomb_friction_n": 1,
+    "max_force_n": 1,
+    "encoder_resolution_m": -1,
+    "position_noise_rms_m": -1,
+    "backlash_m": -1,
+}
+NAMES = {
+    "mass_kg": "inertia_kgm2",
+    "damping_ns_per_m": "damping_nms_per_rad",
+    "stiffness_n_per_m": "stiffness_nm_per_rad",
+    "coulomb_friction_n": "coulomb_friction_nm",
+    "max_force_n": "max_torque_nm",
+    "encoder_resolution_m": "encoder_resolution_rad",
+    "position_noise_rms_m": "position_noise_rms_rad",
+    "backlash_m": "backlash_rad",
+}
+
+DEVICES = st.fixed_dictionaries(
+    {
+        "mass_kg": st.floats(0.03, 0.5),
+        "damping_ns_per_m": st.floats(0.2, 5.0),
+        "delay_samples": st.sampled_from([0, 1, 2]),
+        "coulomb_friction_n": st.sampled_from([0.0, 0.1, 0.4]),
+        "encoder_resolution_m": st.sampled_from([0.0, 1e-5, 5e-5]),
+        "max_force_n": st.floats(2.0, 30.0),
+    }
+)
+WALLS = st.fixed_dictionaries(
+    {"stiffness_n_per_m": st.floats(300.0, 5000.0), "damping_ns_per_m": st.sampled_from([0.0, 1.0, 5.0])}
+)
+
+
+def turned(table, radius):
+    return {key: value * radius ** POWERS.get(key, 0) for key, value in table.items()}
+
+
+def written(table):
+    return "\n".join(f"{NAMES.get(key, key)} = {value!r}" for key, value in table.items())
+
+
+def both(device, wall, radius):
+    linear = Problem(name="p", device=device, environment=wall, frequency=FREQUENCY)
+    text = f'[device]\nmotion = "rotary"\nhandle_radius_m = {radius}\n{written(turned(device, radius))}\n'
+    text += f"[environment]\n{written(turned(wall, radius))}\n[frequency]\nvalues_hz = {list(FREQUENCY['values_hz'])}"
+    return linear, avc.parse_problem(text, name="p")
+
+
+def same(linear, rotary, power, radius, rel=1e-12):
+    np.testing.assert_allclose(
+        np.asarray(linear) * radius**power, rotary, rtol=rel, atol=0.0, equal_nan=True, verbose=True
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(device=DEVICES, radius=st.floats(0.002, 2.0))
+def test_a_capstan_makes_the_device_at_its_handle(device, radius):
+    text = f'[device]\nmotion = "rotary"\ncapstan_radius_m = {radius!r}\n{written(turned(device, radius))}\n'
+    found = avc.parse_problem(text + "[environment]\nstiffness_n_per_m = 1000\ndamping_ns_per_m = 0\n")
+    assert found.device.motion == "linear"
+    for key, value in device.items():
+        assert getattr(found.device, key) == pytest.approx(value, rel=1e-12)
+    assert found.hands == Problem(device=device, environment=found.environment).hands
+    assert "rad" not in repr(found)
+
+
+@settings(max_examples=3, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
+@given(device=DEVICES, wall=WALLS, power=st.integers(-5, 1))
+def test_design_and_certificate_are_those_of_the_handle(device, wall, power):
+    radius = 2.0**power
+    linear, rotary = both(device, wall, radius)
+    for one, other in zip(vars(linear.hands).items(), vars(rotary.hands).items(), strict=True):
+        if one[0] != "let_go":
+            same(one[1], other[1], 2, radius)
+    one, other = avc.solve(linear, "exact"), avc.solve(rotary, "exact")
+    assert one.status == other.status
+    for name in ("damping_ns_per_m", "stiffness_n_per_m", "real_part", "magnitude_error"):
+        same(getattr(one, name), getattr(other, name), 2, radius, 1e-9)
+    plain = [
+        Coupling.constant(problem, Gains(0.0, 1e8 * scale, 2.0 * scale), "mine")
+        for problem, scale in ((linear, 1.0), (rotary, radius**2))
+    ]
+    pairs = [plain, *([(one, other)] if one.usable.any() else [])]
+    for first, second in pairs:
+        found, turning = avc.certify(linear, first), avc.certify(rotary, second)
+        for level, judged in found.levels.items():
+            beside = turning.levels[level]
+            assert judged.outcome == beside.outcome, level
+            if level != "L4":  # of a coupling that is nearly rigid, a difference of two huge numbers
+                same(judged.margin_ns_per_m, beside.margin_ns_per_m, 2, radius, 1e-6)
+
+
+@settings(max_examples=4, deadline=None)
+@given(device=DEVICES, wall=WALLS, power=st.integers(-5, 1), kind=st.sampled_from(["press", "tap", "hold"]))
+def test_a_scene_is_that_of_the_handle(device, wall, power, kind):
+    radius = 2.0**power
+    problems = [
+        problem.changed(scene={"motion": motions_at(problem.device)[kind]}) for problem in both(device, wall, radius)
+    ]
+    gains = Gains(0.0, 1e8, 3.0), Gains(0.0, 1e8 * radius**2, 3.0 * radius**2)
+    one, other = (avc.simulate(problem, chosen) for problem, chosen in zip(problems, gains, strict=True))
+    assert (one.claim, one.buzzing) == (other.claim, other.buzzing)
+    np.testing.assert_allclose(one.position_m / radius, other.position_m, rtol=1e-6, atol=1e-9 / radius)
+    np.testing.assert_allclose(one.force_n * radius, other.force_n, rtol=1e-6, atol=1e-6 * radius)
+    assert one.energy_generated_j == pytest.approx(other.energy_generated_j, rel=1e-6, abs=1e-12)
+
+
+def test_a_law_is_that_of_the_handle():
+    radius = 0.125
+    device = {"mass_kg": 0.12, "damping_ns_per_m": 0.8, "delay_samples": 1, "encoder_resolution_m": 2e-5}
+    linear, rotary = both(device, {"stiffness_n_per_m": 3000.0, "damping_ns_per_m": 0.0}, radius)
+    one, other = (solve_program(problem).judged for problem in (linear, rotary))
+    assert one.error == pytest.approx(other.error, rel=0.02)
+    assert one.disk_margin == pytest.approx(other.disk_margin, rel=0.02)
+    assert one.noise_n_per_m * radius**2 == pytest.approx(other.noise_n_per_m, rel=0.05)

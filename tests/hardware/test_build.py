@@ -1,11 +1,20 @@
 """The firmware compiles without a warning, and the packaged image is exactly what its sources give."""
 
+import dataclasses
+import functools
+import math
 import re
+import shutil
+import statistics
 from pathlib import Path
 
 import pytest
-from hardware_bench import require, run
+from hardware_bench import coupling, dense_believer, export_c, push, require, run, scratch
+from tick_profile import TickCount, tick_instructions
 
+from avc_casadi import LinkError, UnsupportedError
+from avc_casadi.model.runtime import Runtime
+from avc_hardware import EmulatedBoard, build_firmware
 from avc_hardware.codegen import build
 from avc_hardware.codegen.boards import IMAGE, TARGETS
 from avc_hardware.codegen.figures import RuntimeFigures
@@ -52,3 +61,119 @@ def test_core_uses_no_library_but_memcpy_and_memset() -> None:
         assert set(re.findall(r"#include <(.+)>", text)) <= allowed, name
         assert not re.search(r"\b(malloc|calloc|free|printf|memmove|strlen)\s*\(", text), name
         assert "double" not in text, name
+
+
+# `avc firmware`: sample time, encoder and force of the device in an image that takes no coupling for another.
+
+DEVICE = {"sample_time_s": 2.5e-4, "encoder_resolution_m": 2e-5, "max_force_n": 8.0, "damping_ns_per_m": 1.25}
+RUNTIME = Runtime(guard="passivity-controller", hold_s=0.31, slew_per_s=7.0)
+
+
+@pytest.mark.thorough
+def test_it_takes_the_coupling_of_its_device_and_no_other() -> None:
+    require("arm-none-eabi-gcc", "unicorn")
+    made = coupling(9, runtime=dataclasses.replace(RUNTIME, estimator="zero-crossing", slew_per_s=None), **DEVICE)
+    with pytest.raises(UnsupportedError, match="estimator is fused"):  # another program
+        push(made, "emulator")
+    elf = build_firmware(made, "netduinoplus2", scratch() / "made").files[0]
+    result = push(made, plain_board(elf))
+    assert result.readback_equal
+    assert result.device.sample_time_s == 2.5e-4
+    with pytest.raises(LinkError, match=r"sample time of 0\.001 s, the device runs at 0\.00025 s.*avc firmware"):
+        push(coupling(9, runtime=made.runtime, **(DEVICE | {"sample_time_s": 1e-3})), plain_board(elf))
+
+
+def plain_board(elf: Path) -> EmulatedBoard:
+    return EmulatedBoard(elf, encoder=lambda _: 0)
+
+
+def test_an_exported_coupling_does_not_compile_for_another_loop(tmp_path: Path) -> None:
+    require("gcc")
+    for name, text in export_c(coupling(1, sample_time_s=2.5e-4)).items():
+        (tmp_path / name).write_text(text)
+    source = str(tmp_path / "avc_coupling.c")
+    run("gcc", "-fsyntax-only", "-Wall", "-Werror", "-DAVC_LOOP_SAMPLE_TIME_NS=250000", source)
+    with pytest.raises(AssertionError, match="another sample time than the loop that runs it"):
+        run("gcc", "-fsyntax-only", "-DAVC_LOOP_SAMPLE_TIME_NS=1000000", source)
+
+
+# A build tells the name that HELLO tells, keeps exact floats whatever a board asks for, refuses what cannot work.
+
+M0 = Path(__file__).parents[1] / "boards" / "cortex-m0"
+
+
+def board(folder: Path, **changes: tuple[str, str]) -> Path:
+    """Copy a board, with texts of its manifest changed."""
+    shutil.copytree(M0, folder)
+    manifest = (folder / "board.toml").read_text()
+    for old, new in changes.values():
+        assert old in manifest
+        manifest = manifest.replace(old, new)
+    (folder / "board.toml").write_text(manifest)
+    return folder
+
+
+@pytest.mark.thorough
+def test_the_build_that_is_told_stands_in_the_image(tmp_path: Path) -> None:
+    require("arm-none-eabi-gcc")
+    made = coupling(1)
+    own = board(tmp_path / "own")
+    (own / "board.c").write_text((own / "board.c").read_text() + "\n/* mine */\n")
+    names = set()
+    for target in ("netduinoplus2", str(own)):
+        built = build_firmware(made.problem, target, tmp_path / target[-3:])
+        assert built.build.encode() in built.files[0].read_bytes()
+        names.add(built.build)
+    assert len(names) == 2
+
+
+@pytest.mark.thorough
+def test_flags_of_a_board_do_not_undo_exact_floats(tmp_path: Path) -> None:
+    require("arm-none-eabi-gcc")
+    hard = (
+        '"-mcpu=cortex-m0", "-mthumb", "-mfloat-abi=soft", "-Os"',
+        '"-mcpu=cortex-m4", "-mthumb", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"{}',
+    )
+    images = []
+    for name, more in (("plain", ""), ("fast", ', "-ffast-math", "-ffp-contract=fast"')):
+        target = board(tmp_path / name / "same", flags=(hard[0], hard[1].format(more)))
+        images.append(build_firmware(coupling(1).problem, str(target), tmp_path / name).files[1].read_bytes())
+    assert images[0] == images[1]
+
+
+# Instructions of a control tick: counted one by one, the same in two emulators, and within the budget.
+
+MADE = coupling(200, seed=3, largest=(300.0, 1e5, 50.0), runtime=Runtime(guard="passivity-controller"))
+TICKS = 40
+# Constant gains with a guard, and an observer of three states before them; gains that follow the frequency, with
+# everything but the estimator: typical, and where the look-up jumps through the table; then everything. Some 70 of each
+# for the faults that are watched for (encoder, speed, energy, overruns, enable line).
+STEADY_BUDGET, OBSERVED_BUDGET, TYPICAL_BUDGET, REST_BUDGET, TICK_BUDGET = 300, 600, 600, 680, 2350
+
+
+def motion(tick: int) -> int:
+    """Counts: taps that grow faster, from the rest in which the table was pushed."""
+    time = tick * 1e-3
+    return round(200 * math.sin(2 * math.pi * (10 + 40 * time) * time))
+
+
+@functools.cache
+def in_unicorn() -> list[TickCount]:
+    return list(tick_instructions(MADE, counts=motion, ticks=TICKS))
+
+
+@pytest.mark.thorough
+def test_tick_keeps_its_budget() -> None:
+    require("unicorn")
+    ticks = in_unicorn()
+    rest = [tick.total - tick.functions["avc_estimate_step"] for tick in ticks]
+    assert statistics.median(rest) <= TYPICAL_BUDGET
+    assert max(rest) <= REST_BUDGET
+    assert max(tick.total for tick in ticks) <= TICK_BUDGET
+
+
+def test_an_observer_keeps_the_budget_of_what_adapts() -> None:
+    require("unicorn")
+    runtime = Runtime(guard="passivity-controller", state_feedback=dense_believer(3))
+    made = coupling(1, largest=(0.0, 1e5, 0.0), runtime=runtime)
+    assert max(tick.total for tick in tick_instructions(made, counts=motion, ticks=TICKS)) <= OBSERVED_BUDGET

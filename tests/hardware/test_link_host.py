@@ -1,21 +1,41 @@
 """What does not fit the device is refused by the host before a byte of the table travels, and named."""
 
+import struct
+import zlib
+from collections.abc import Generator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from hardware_bench import coupling, host_core, host_library, image, push, refused, unwatched
+from hardware_bench import (
+    believer,
+    bench_problem,
+    coupling,
+    dense_believer,
+    host_core,
+    host_library,
+    image,
+    push,
+    refused,
+    unwatched,
+)
 from host_device import HostCore, HostLink
 
 import avc_hardware
-from avc_casadi import InputError, LinkError, NotDeployableError, load_problem
+from avc_casadi import InputError, LinkError, NotDeployableError, UnsupportedError, load_problem
 from avc_casadi.coupling import Coupling
 from avc_casadi.model.gains import Gains
-from avc_casadi.model.runtime import Runtime
-from avc_hardware import Connection, RuntimeFigures, TableImage
+from avc_casadi.model.runtime import Runtime, StateFeedback
+from avc_hardware import Connection, RuntimeFigures, TableImage, check_runs_on
 from avc_hardware.codegen.figures import Config
+from avc_hardware.codegen.firmware_fit import FEEDBACK_STATES
+from avc_hardware.link import messages as m
+from avc_hardware.link.device import DeviceStatus
 from avc_hardware.link.faults import Reason, Refusal
-from avc_hardware.link.session import RefusedError
+from avc_hardware.link.messages import Kind
+from avc_hardware.link.push import push_over
+from avc_hardware.link.session import Exchange, RefusedError
 
 
 def test_table_larger_than_the_device_is_refused_by_it() -> None:
@@ -106,3 +126,179 @@ def test_a_device_without_a_configuration_of_its_own_takes_any_that_is_sound() -
     Connection(HostLink(core)).configure(Config(unwatched(), RuntimeFigures()))
     assert core.state().has_table == 0
     assert (core.tick(np.full(20, 500, dtype=np.int32))[0] == 0).all()
+
+
+# What was pushed is what runs and what the device tells of itself: wall, force limit, names, mode.
+
+
+def link_push_image(*arguments: Any, **options: Any) -> TableImage:
+    return TableImage.of(coupling(*arguments, **options))
+
+
+def test_heartbeat_reports_the_mode() -> None:
+    core = host_core()
+    connection = Connection(HostLink(core))
+    connection.run(connection.session.push(link_push_image(8), connection.device))
+    assert connection.heartbeat(0.05) == "table"
+    core.tick(np.zeros(40, dtype=np.int32))
+    assert connection.heartbeat(0.05) == "table"
+    core.tick(np.zeros(60, dtype=np.int32))
+    assert connection.heartbeat(0.05) != "table"
+    core.tick(np.zeros(101, dtype=np.int32))
+    assert connection.heartbeat(0.0) == "safe"
+    core.tick(np.zeros(2, dtype=np.int32))
+    assert connection.heartbeat(0.0) == "table"
+
+
+def test_the_same_table_twice_changes_nothing() -> None:
+    core = host_core()
+    first = push(coupling(9), HostLink(core))
+    swaps = core.state().swaps
+    again = push(coupling(9), HostLink(core))
+    assert (again.table_id, again.crc32) == (first.table_id, first.crc32)
+    assert again.readback_equal
+    assert core.state().swaps == swaps
+
+
+def test_status_names_the_coupling_and_the_device_takes_the_lower_force_limit() -> None:
+    """The wall of a second coupling is its own; nothing of the first is left."""
+    core = HostCore(host_library(), unwatched(max_force_n=20.0))
+    connection = Connection(HostLink(core))
+    ask = connection.session.ask
+    assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == ""
+    for limit, told in ((5.0, 5.0), (20.0, 20.0), (None, 20.0), (50.0, 20.0)):
+        made = coupling(1, largest=(10.0, 1e5, 0.0), wall=(0.0, 1e5 + (limit or 0.0)), max_force_n=limit)
+        if limit == 50.0:
+            with pytest.raises(LinkError, match="a force limit of 50, the device gives 20"):
+                push_over(connection, made)
+        result = push_over(connection, made, unsafe=True)
+        assert result.max_force_n == told
+        assert ("its certificate does not know" in " ".join(result.notes)) == (limit == 50.0)
+        force, _ = core.tick(np.full(50, 5000, dtype=np.int32))
+        assert force[-1] == np.float32(told)
+        assert connection.run(ask(Kind.STATUS, b"", DeviceStatus)).coupling_id == made.id == result.coupling_id
+        device = connection.run(connection.session.hello())
+        assert (device.coupling_id, device.force_limit_n) == (made.id, told)
+        assert device.wall_stiffness_n_per_m == pytest.approx(made.wall.stiffness_n_per_m, rel=1e-6)
+
+
+def test_the_wall_is_that_of_the_coupling() -> None:
+    core = host_core()
+    for stiffness in (2e3, 5e3):
+        push(coupling(1, largest=(0.0, 1e6, 0.0), seed=4, wall=(0.0, stiffness)), HostLink(core))
+        force, _ = core.tick(np.full(400, 500, dtype=np.int32))
+        k = TableImage.of(coupling(1, largest=(0.0, 1e6, 0.0), seed=4)).rows[0, 2]
+        assert force[-1] == pytest.approx(1e-3 * k * stiffness / (k + stiffness), rel=1e-4)
+
+
+@pytest.mark.parametrize("damping", [0.0, 40.0, 100.0])
+def test_the_damper_of_the_wall_is_that_of_the_coupling(damping: float) -> None:
+    """Pressed at speed v through a spring k, the wall answers with k k_e/(k + k_e) x + b_e v (k/(k + k_e))^2."""
+    core, stiffness, speed = host_core(), 2e3, 0.01
+    made = coupling(1, largest=(0.0, 1e4, 0.0), seed=4, wall=(damping, stiffness))
+    push(made, HostLink(core))
+    # 5 counts of 2 um in each tick of 1 ms, from the surface on.
+    force, _ = core.tick(np.arange(400, dtype=np.int32) * 5)
+    (k,), depth = made.table.gains[1], 399 * speed * 1e-3
+    share = k / (k + stiffness)
+    assert force[-1] == pytest.approx(share * stiffness * depth + damping * speed * share**2, rel=1e-4)
+
+
+# State feedback on the wire: its bytes as documented, and what of it is refused, by the host and by the device.
+
+AT_HEADER, AT_FEEDBACK = 0xFFFF, 0xFFFE
+# Of the image of `made`: flags, measures, positions, dead zone, face, first number of A, last number of R.
+FLAGS, MEASURES, POSITIONS, DEAD_ZONE, FACE, FIRST, LAST = 2, 48, 50, 52, 56, 60, 60 + 4 * (9 + 9) - 4
+
+
+def made(feedback: StateFeedback | None) -> Coupling:
+    return Coupling.constant(bench_problem(), Gains(3.0, 4e4, 5.0), "by hand", Runtime(state_feedback=feedback))
+
+
+def link_state_feedback_refused(image: bytes, rows: int, states: int) -> Refusal:
+    """Send bytes with a right checksum past the host's own checks; return the device's refusal."""
+    core = host_core()
+    connection = Connection(HostLink(core), session=1)
+    crc32 = zlib.crc32(image)
+
+    def push_as_it_is() -> Generator[Exchange, Any, None]:
+        ask = connection.session.ask
+        yield from ask(Kind.BEGIN, m.begin(1, 5, crc32, rows, states), m.Acknowledged)
+        yield from ask(Kind.CHUNK, m.chunk(1, 5, 0, image), m.Acknowledged)
+        yield from ask(Kind.COMMIT, m.commit(1, 5, crc32), m.Committed)
+
+    with pytest.raises(RefusedError) as caught:
+        connection.run(push_as_it_is())
+    assert core.image() is None
+    return caught.value.refusal
+
+
+def test_bytes_of_a_table_are_those_of_the_document() -> None:
+    feedback = dense_believer(4)
+    table = TableImage.of(made(feedback))
+    plain = TableImage.of(made(None))
+    header = struct.pack("<6fI", 1e-3, 10.0, 1e5, 0.0, 0.0, table.max_force_n, table.coupling_id)
+    assert table.image[:32] == struct.pack("<HH", 1, 4 << 8 | 8 | 1) + header
+    assert plain.image[:4] == struct.pack("<HH", 1, 8 | 1)
+    gated = made(None).problem.changed(coupling={"contact": "gated"})
+    assert TableImage.of(made(None).on(gated)).image[:4] == struct.pack("<HH", 1, 1)
+    assert table.image[36:48] == struct.pack("<3f", 3.0, 4e4, 5.0)
+    positions = sum(1 << place for place in feedback.positions)
+    follows = struct.pack("<HH2f", feedback.measures, positions, feedback.dead_zone_m, feedback.face_m)
+    for numbers in (*feedback.state, feedback.force_m_per_n, feedback.innovation, feedback.feedback):
+        follows += struct.pack("<4f", *numbers)
+    assert table.image[48:] == follows
+    assert len(plain.image) == 48
+    assert plain.image[32:48] == table.image[32:48]
+    assert plain.states == 0
+
+
+@pytest.mark.parametrize(
+    ("refuse", "named"),
+    [
+        (
+            made(dense_believer(9)),
+            r"it holds 8 states of an observer, the coupling has 9 .* design it with a simpler .*avc export",
+        ),
+        (coupling(5, runtime=Runtime(state_feedback=believer(1))), "beside constant gains alone .*avc export"),
+        (coupling(5, runtime=Runtime(state_feedback=dense_believer(16))), "the coupling has 16 .*constant gains alone"),
+    ],
+    ids=["too many", "varying", "both"],
+)
+def test_what_does_not_fit_is_refused_by_name_before_a_port_is_opened(refuse: Coupling, named: str) -> None:
+    for attempt in (check_runs_on, lambda found: push(found, "/dev/does-not-exist")):
+        with pytest.raises(UnsupportedError, match=named):
+            attempt(refuse)
+
+
+@pytest.mark.parametrize(("rows", "states"), [(1, 9), (2, 1), (256, 8), (1, 65535)])
+def test_device_refuses_more_states_than_it_holds_and_states_beside_rows(rows: int, states: int) -> None:
+    refusal = link_state_feedback_refused(bytes(600), rows, states)
+    assert refusal == Refusal(Reason.STATES, FEEDBACK_STATES)
+    assert "at most 8" in str(refusal)
+
+
+@pytest.mark.parametrize(
+    ("place", "change", "reason"),
+    [
+        (FIRST, struct.pack("<f", np.nan), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
+        (LAST, struct.pack("<f", np.inf), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
+        (DEAD_ZONE, struct.pack("<f", np.nan), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
+        (DEAD_ZONE, struct.pack("<f", -1e-6), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (FACE, struct.pack("<f", -1e-6), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (FACE, struct.pack("<f", -np.inf), Refusal(Reason.NOT_FINITE, AT_FEEDBACK)),
+        (MEASURES, struct.pack("<H", 1), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (MEASURES, struct.pack("<H", 3), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (MEASURES, struct.pack("<H", 65535), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (POSITIONS, struct.pack("<H", 0), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (POSITIONS, struct.pack("<H", 9), Refusal(Reason.LIMIT, AT_FEEDBACK)),
+        (FLAGS, struct.pack("<H", 3 << 8 | 2), Refusal(Reason.LIMIT, AT_HEADER)),
+    ],
+)
+def test_device_refuses_what_its_tick_could_not_run(place: int, change: bytes, reason: Any) -> None:
+    image = bytearray(TableImage.of(made(believer(2))).image)
+    assert len(image) == LAST + 4
+    image[place : place + len(change)] = change
+    refusal = link_state_feedback_refused(bytes(image), 1, 3)
+    assert refusal == reason
+    assert ("state feedback" in str(refusal)) == (refusal.detail == AT_FEEDBACK)

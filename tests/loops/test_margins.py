@@ -3,20 +3,26 @@
 import itertools
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq, minimize_scalar
+from whole_device import WholeDevice, rests_as_tried
 
 import avc_casadi as avc
+import avc_hardware
 from avc_casadi.coupling import Coupling
 from avc_casadi.loops.loop import Body
 from avc_casadi.loops.margins import OpenLoop
 from avc_casadi.loops.wall import Laws, frozen_rendering, observed_wall
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import hand_corners, with_released
+from avc_casadi.model.robustness import Robustness, unmodelled
 from avc_casadi.model.sampled_plant import sampled_plant
+from avc_casadi.simulation.population.operators import people_of
+from avc_casadi.simulation.population.settled import residual_speeds
 
 # Mass, damping, T, samples of delay; wall k_e and b_e; coupling k and b_p.
 LOOPS = {
@@ -178,3 +184,42 @@ def test_with_state_feedback_the_observer_knows_the_force_that_was_asked_for(fed
         assert radii(1.001 * found.gain)[some].max() > 1
         if found.gain_down:
             assert radii(found.gain_down)[some].max() == pytest.approx(1, abs=1e-8)
+
+
+# A lighter device, missed samples: told as a plant of its own says, and kept where asked for.
+
+COUPLINGS = Path(__file__).parents[1] / "goldens" / "couplings"
+HANDS = 24
+
+
+def coupling(name="reference-r1"):
+    return avc.read_coupling(COUPLINGS / f"{name}.json")
+
+
+def everybody(found):
+    hands = people_of(found.problem.hands, HANDS, 3)
+    return hands, np.array([hands.mass_kg, hands.damping_ns_per_m, hands.stiffness_n_per_m]).T
+
+
+def told(found, asked, hands):
+    (one,) = unmodelled(found.problem.device, asked)
+    return residual_speeds([found], hands, friction=False, device=one.device, effects=one.effects)[0] < 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("share", [0.2, 0.5])
+def test_hands_at_a_lighter_device_are_those_of_another_plant(share):
+    found = coupling()
+    hands, numbers = everybody(found)
+    bench = WholeDevice(found.problem.device, avc_hardware.export_c(found))
+    light = (1 - share) * found.problem.device.mass_kg
+    seen = rests_as_tried(bench, found.problem.device, numbers, friction=0.0, mass=light)
+    assert np.sum(seen != told(found, Robustness(mass_share=share), hands)) <= HANDS / 6
+
+
+def test_missed_samples_move_nobody_where_another_plant_sees_nobody_move():
+    found = coupling()
+    hands, numbers = everybody(found)
+    bench = WholeDevice(found.problem.device, avc_hardware.export_c(found))
+    assert rests_as_tried(bench, found.problem.device, numbers[:8], friction=0.0, dropped=1e-3).all()
+    assert told(found, Robustness(dropped_share=1e-3), hands.pick(slice(8))).all()

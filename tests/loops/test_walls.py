@@ -10,9 +10,13 @@ from sampled_wall import spectral_radius
 
 import avc_casadi as avc
 from avc_casadi.claims.zwidth import zwidth
-from avc_casadi.loops.walls import stable_walls
+from avc_casadi.loops.walls import damping_range, loop_radius, softest_wall_n_per_m, stable_walls, stiffest_wall
 from avc_casadi.model.device import Device
-from avc_casadi.model.hands import Hand, hand_set
+from avc_casadi.model.hands import Hand, hand_corners, hand_set, with_released
+from avc_casadi.recommendation.sensitivity import what_would_help
+from avc_casadi.recommendation.stiffest import stiffest
+from avc_casadi.simulation.population.coupling_trial import try_coupling
+from avc_casadi.simulation.population.operators import draw_hands
 
 
 def decades(low, high):
@@ -160,3 +164,69 @@ def test_a_velocity_filter_takes_its_share_of_the_region():
     assert region.not_used == ("scene.effects: notch",)
     assert "with the velocity filter of the scene" in region.curves[-1].claim
     assert region.refused[0].startswith("passive with the paper's hold")
+
+
+# Where no damping holds the softest wall that is looked for, there is none: that wall is no answer.
+
+
+@pytest.fixture(scope="module")
+def too_late():
+    """A light device whose force is 40 ms late, in a hand of a few grams."""
+    return avc.load_problem("figure5").changed(
+        device={"mass_kg": 5e-3, "damping_ns_per_m": 0.0, "delay_samples": 8, "sample_time_s": 5e-3},
+        frequency={"stop_hz": 80.0},
+        hands={"mass_kg": (5e-3, 0.02), "damping_ns_per_m": (0.0, 0.1), "stiffness_n_per_m": (50.0, 300.0)},
+    )
+
+
+@pytest.mark.thorough
+def test_a_device_that_holds_nothing_has_no_stiffest_wall(too_late):
+    people = with_released(hand_corners(too_late.hands))
+    found = stiffest_wall(too_late.device, people)
+    assert found.stiffness_n_per_m == 0
+    assert math.isnan(found.lowest_ns_per_m)
+    softest = softest_wall_n_per_m(too_late.device)
+    assert softest == 1.0
+    damping = np.linspace(0.0, 10.0, 201)
+    radius = loop_radius(too_late.device, people, np.full(len(damping), softest), damping)
+    assert (radius >= 1).any(axis=1).all()
+    assert math.isnan(damping_range(too_late.device, people, softest).lowest_ns_per_m)
+
+
+@pytest.mark.thorough
+def test_what_helps_nothing_is_told_as_nothing(too_late):
+    helps = what_would_help(too_late, hand_corners(too_late.hands))
+    walls = {one.change: one.stiffest_wall_n_per_m for one in helps}
+    assert walls["half the sample time"] == 0
+    assert walls["no delay"] > 1
+    assert helps[0].change == "no delay"
+
+
+@pytest.mark.thorough
+def test_the_search_of_laws_ends_where_not_even_a_softer_wall_is_held(too_late):
+    found = avc.solve(too_late.changed(environment={"stiffness_n_per_m": 1e4, "damping_ns_per_m": 0.0}), "robust")
+    assert not found.usable.any()
+    assert "no law is found that holds every hand" in found.reason[0]
+
+
+# The stiffest wall is one that simulated hands rest at.
+
+
+@pytest.mark.thorough
+def test_hands_that_had_no_part_in_it_rest_at_the_stiffest_wall():
+    problem = avc.load_problem("reference-r2").changed(device={"encoder_resolution_m": 1e-5, "max_force_n": 8.0})
+    found = stiffest(problem, hands=16)
+    wall = found["stiffest_wall_n_per_m"]
+    assert found["at_rest_without_friction"] == found["at_rest"] == found["hands"]
+    assert found["confirmed"]["at_rest_without_friction"] == found["confirmed"]["hands"]
+    before = problem.changed(environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0})
+    best = avc.recommend(before, hands=16)
+    assert best.trial.stiffness > 0.7 * wall
+    fresh = try_coupling(best.coupling, draw_hands(problem.hands, 60, 77), 77)
+    assert fresh.stable_without_friction.mean() > 0.9
+
+
+@pytest.mark.thorough
+def test_a_device_that_nothing_holds_has_none():
+    found = stiffest(avc.load_problem("hard/massless"), hands=3)
+    assert found["stiffest_wall_n_per_m"] is None

@@ -15,7 +15,7 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join(_ROOTS)}
 AVC = [sys.executable, "-W", "error", "-m", "avc_casadi"]
 
 
-def avc(*arguments, cwd=None, program=None):
+def command(*arguments, cwd=None, program=None):
     """Return the finished process; with ``program`` run that Python text in place of the command."""
     command = AVC if program is None else [sys.executable, "-c", program]
     return subprocess.run(  # noqa: S603

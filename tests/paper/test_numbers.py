@@ -3,21 +3,25 @@
 import casadi as ca
 import numpy as np
 import pytest
+from reference_optimum import MP, NUMBERS
 
 from avc_casadi.model.problem import Problem
+from avc_casadi.paper.arcs import real_roots
 from avc_casadi.paper.equations import (
     SampleAngle,
     backward_difference,
     coupling_gains,
     coupling_impedance,
+    environment_impedance,
     hold,
+    series,
     tustin,
 )
 from avc_casadi.paper.loop import loop_at
 from avc_casadi.paper.numbers import NUMPY, ComplexExpr, abs2, casadi_numbers, mpmath_numbers
 
 DIGITS = mpmath_numbers(50)
-MP = DIGITS.complex(0, 0).context
+NUMBERS_MP = DIGITS.complex(0, 0).context
 AGREE = 1e-12
 SLOW, NEAR_NYQUIST = (0.01, 1e-4), (0.999 * 500.0, 1e-3)
 
@@ -83,7 +87,7 @@ def casadi_values(problem, frequency, gains):
     outputs = [part for value in parts.values() for part in (ComplexExpr.of(value).real, ComplexExpr.of(value).imag)]
     numbers = ca.Function("all", [symbols], [ca.vertcat(*outputs)])([frequency, *gains])
     pairs = np.array(numbers).reshape(-1, 2)
-    return {name: MP.mpc(*map(float, pair)) for name, pair in zip(parts, pairs, strict=True)}
+    return {name: NUMBERS_MP.mpc(*map(float, pair)) for name, pair in zip(parts, pairs, strict=True)}
 
 
 @pytest.mark.parametrize("model", ["paper", "sampled-data"])
@@ -92,14 +96,14 @@ def test_every_quantity_agrees(model, delay):
     rng = np.random.default_rng(delay + 100 * (model == "paper"))
     for _ in range(40):
         problem, frequency, gains = drawn(rng, model, delay)
-        exact_gains = tuple(MP.mpf(gain) for gain in gains)
-        truth = values(problem, MP.mpf(frequency), exact_gains, DIGITS)
-        sizes = terms(loop_at(problem, MP.mpf(frequency), DIGITS), exact_gains)
+        exact_gains = tuple(NUMBERS_MP.mpf(gain) for gain in gains)
+        truth = values(problem, NUMBERS_MP.mpf(frequency), exact_gains, DIGITS)
+        sizes = terms(loop_at(problem, NUMBERS_MP.mpf(frequency), DIGITS), exact_gains)
         in_numpy = values(problem, frequency, gains, NUMPY)
         in_casadi = casadi_values(problem, frequency, gains)
         for name, value in truth.items():
             allowed = AGREE * sizes.get(name, abs(value))
-            assert abs(MP.mpc(complex(in_numpy[name])) - value) <= allowed, (name, "numpy", problem, frequency)
+            assert abs(NUMBERS_MP.mpc(complex(in_numpy[name])) - value) <= allowed, (name, "numpy", problem, frequency)
             assert abs(in_casadi[name] - value) <= allowed, (name, "casadi", problem, frequency)
 
 
@@ -115,15 +119,15 @@ def test_an_array_of_frequencies_gives_what_each_gives_alone(model):
 
 
 def z_of(frequency, sample_time):
-    return MP.exp(2j * MP.pi * MP.mpf(frequency) * MP.mpf(sample_time))
+    return NUMBERS_MP.exp(2j * NUMBERS_MP.pi * NUMBERS_MP.mpf(frequency) * NUMBERS_MP.mpf(sample_time))
 
 
 @pytest.mark.parametrize(("frequency", "sample_time"), [SLOW, NEAR_NYQUIST, (7.3, 1e-3), (120.0, 2e-3)])
 def test_half_angle_forms_are_the_definitions_in_z(frequency, sample_time):
     """Against z = exp(j omega T), written plainly with 50 digits."""
-    z, t = z_of(frequency, sample_time), MP.mpf(sample_time)
-    angle = SampleAngle.at(DIGITS, MP.mpf(frequency), t)
-    half = MP.mpf(1) / 2
+    z, t = z_of(frequency, sample_time), NUMBERS_MP.mpf(sample_time)
+    angle = SampleAngle.at(DIGITS, NUMBERS_MP.mpf(frequency), t)
+    half = NUMBERS_MP.mpf(1) / 2
     expected = [
         (tustin(angle), 2 * (z - 1) / (t * (z + 1))),
         (backward_difference(angle), (z - 1) / (t * z)),
@@ -132,10 +136,10 @@ def test_half_angle_forms_are_the_definitions_in_z(frequency, sample_time):
         (hold(angle, "sampled-data", 0), 1 / z),
         (hold(angle, "sampled-data", 2), z**-3),
         (coupling_impedance(angle, 5, 300), 5 + 300 * t * z / (z - 1)),
-        (coupling_impedance(angle, half, 0), MP.mpc(half)),
+        (coupling_impedance(angle, half, 0), NUMBERS_MP.mpc(half)),
     ]
     for value, definition in expected:
-        assert abs(value - definition) <= MP.mpf(10) ** -40 * abs(definition)
+        assert abs(value - definition) <= NUMBERS_MP.mpf(10) ** -40 * abs(definition)
 
 
 @pytest.mark.parametrize("numbers", [NUMPY, DIGITS, casadi_numbers()], ids=lambda system: system.name)
@@ -158,3 +162,62 @@ def test_complex_expressions_do_arithmetic_as_complex_numbers_do():
     ]  # fmt: skip
     for value, expected in cases:
         assert complex(float(value.real), float(value.imag)) == pytest.approx(expected, rel=1e-15)
+
+
+# The package's forms keep at least 13 digits of 50 where the plain formulas lose half of theirs.
+
+
+def differences():
+    """Re s_b at 0.01 Hz and 10 kHz, which is 2 sin^2(phi)/T: plain (z-1)/(T z)."""
+    f, t = 0.01, 1e-4
+    z = complex(np.exp(2j * np.pi * f * t))
+    truth = backward_difference(SampleAngle.at(NUMBERS, MP.mpf(f), MP.mpf(t))).real
+    return ((z - 1) / (t * z)).real, backward_difference(SampleAngle.at(NUMPY, f, t)).real, truth
+
+
+def parallel():
+    """Real part of a soft undamped wall behind a coupling a million times as stiff: plain Z_1 Z_2/(Z_1 + Z_2)."""
+    f, t, b, k, b_e, k_e = 3.0, 1e-3, 20.0, 1e9, 0.0, 1e3
+
+    def both(numbers, n):
+        angle = SampleAngle.at(numbers, n(f), n(t))
+        return coupling_impedance(angle, n(b), n(k)), environment_impedance(angle, "paper", n(b_e), n(k_e))
+
+    c, e = both(NUMPY, float)
+    truth = series(*both(NUMBERS, MP.mpf), numbers=NUMBERS).real
+    return complex(c * e / (c + e)).real, series(c, e, numbers=NUMPY).real, truth
+
+
+def nearly_rigid():
+    """Stiffness of the closed form where the desired wall is 1 - 1e-9 of the environment: plain by (15), (16)."""
+    share, f = 1 - 1e-9, 3.0
+    bound = {"damping_ns_per_m": 10.0 * share, "stiffness_n_per_m": 1e5 * share}
+    problem = Problem.model_validate(
+        {
+            "device": {"mass_kg": 0.1, "damping_ns_per_m": 200.0},
+            "environment": {"damping_ns_per_m": 10.0, "stiffness_n_per_m": 1e5},
+            "boundaries": {"upper": bound, "lower": bound},
+        }
+    )
+    loop, exact = loop_at(problem, f), loop_at(problem, MP.mpf(f), NUMBERS)
+    rendered = (loop.target - loop.device) / loop.hold
+    plain = coupling_gains(loop.angle, loop.environment * rendered / (loop.environment - rendered))[1]
+    ours = coupling_gains(loop.angle, loop.environment * loop.desired / loop.desired_gap)[1]
+    truth = coupling_gains(exact.angle, exact.environment * exact.desired / (exact.environment - exact.desired))[1]
+    return plain, ours, truth
+
+
+def roots():
+    """The smaller root of an edge's quadratic whose roots are 1e-4 and 1e8: plain (-b - sqrt(b^2 - 4 a c))/(2 a)."""
+    a, b, c = 1.0, -(1e8 + 1e-4), 1e4
+    truth = 2 * MP.mpf(c) / (-MP.mpf(b) + MP.sqrt(MP.mpf(b) ** 2 - 4 * MP.mpf(a) * MP.mpf(c)))
+    plain = (-b - np.sqrt(b * b - 4 * a * c)) / (2 * a)
+    return plain, np.min(real_roots(np.array(a), np.array(b), np.array(c))), truth
+
+
+@pytest.mark.parametrize("form", [differences, parallel, nearly_rigid, roots], ids=lambda form: form.__name__)
+def test_digits(form):
+    plain, ours, truth = form()
+    wrong = [abs(MP.mpf(float(value)) - truth) / abs(truth) for value in (plain, ours)]
+    assert wrong[1] <= 1e-13
+    assert wrong[0] >= 1e-12

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from avc_process import avc as command
+from avc_process import command
 from boxes_of_hands import brute_force
 from drawn_loops import contradiction, drawn_loop
 from hardware_bench import believer

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +13,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import avc_casadi as avc
+from avc_casadi.claims.deployable import certified
+from avc_casadi.claims.prove.rest import Rest
 from avc_casadi.coupling import Coupling
 from avc_casadi.design.observer_law import regulator
 from avc_casadi.model.corners import device_with
 from avc_casadi.model.gains import Gains, spring_before
 from avc_casadi.model.runtime import Runtime
+from avc_casadi.recommendation.deployed import deployed
 from avc_casadi.recommendation.evaluator import Evaluator
+from avc_casadi.recommendation.limit_cycle_freedom import likely_provable, with_rest
+from avc_casadi.recommendation.preconditions import nothing_rendered
 from avc_casadi.recommendation.rank import Judged, best_of
+from avc_casadi.recommendation.recommendation import Recommendation
+from avc_casadi.recommendation.sensitivity import linear_changes
 from avc_casadi.simulation.population.coupling_trial import CouplingTrial, try_coupling, try_on_devices
 from avc_casadi.simulation.population.operators import people_of
 
@@ -147,3 +157,189 @@ def test_a_law_is_made_for_the_coarsest_encoder_of_the_declared_range():
     ranged = stated.changed(device={"range": {"encoder_resolution_m": [1e-5, 6e-5]}})
     zones = [regulator(one.device, one.hands, 3000.0, 0).dead_zone_m for one in (stated, ranged)]
     assert zones[1] / zones[0] == pytest.approx(6e-5 / stated.device.encoder_resolution_m)
+
+
+# A recommendation says of rest with every hand: proved, refuted, open or simulated.
+
+PROOF_WALL = 8.9e4
+
+
+def coupling_of(gains, runtime=None, contact="clip-last", wall=PROOF_WALL, device=()):
+    problem = avc.load_problem("figure5").changed(
+        environment={"stiffness_n_per_m": wall}, device=dict(device), coupling={"contact": contact}
+    )
+    return Coupling.constant(problem, gains, "by hand", runtime)
+
+
+# Too little damping to be proved before this wall, and enough to be stable.
+LEAN = Gains(0.0, 1e8, 55.0)
+PROVED = Gains(0.0, 1e8, 84.0)
+
+
+def known(coupling):
+    return with_rest(certified(coupling))
+
+
+@pytest.mark.thorough
+def test_the_recommended_coupling_carries_its_proof():
+    found = avc.recommend("spring", hands=10)
+    document = json.loads(json.dumps(found.data(), allow_nan=False))
+    assert document["rest"]["word"] == "proved"
+    level = document["certificate"]["levels"]["L7"]
+    assert (level["outcome"], level["claim"]) == ("proved", document["rest"]["sentence"])
+    assert Rest.from_document(level["proofs"][0]).verified()
+
+
+def test_an_open_one_says_why():
+    coupling, rest = known(coupling_of(LEAN))
+    assert rest.word == "open"
+    assert "no multiplier" in rest.sentence
+    assert coupling.certificate["levels"]["L7"]["outcome"] == "open"
+
+
+def test_an_unstable_one_is_refuted():
+    _, rest = known(coupling_of(Gains(0.0, 1e8, 500.0)))
+    assert rest.word == "refuted"
+    assert "spectral radius" in rest.sentence
+
+
+def test_of_equals_those_with_a_proof_in_sight_come_first():
+    class Judged:
+        def __init__(self, coupling):
+            self.coupling = coupling
+
+    sure, unsure = Judged(coupling_of(PROVED)), Judged(coupling_of(LEAN))
+    beside = Judged(coupling_of(PROVED, Runtime(observer_mass_kg=0.16)))
+    assert likely_provable([unsure, sure, beside]) == [sure]
+    assert likely_provable([unsure, beside]) == [unsure, beside]
+    assert likely_provable([beside]) == [beside]
+
+
+# Numbers beside a recommendation, each worked out by hand: stiffness at the handle, steps of force, limits, hands.
+
+STEP_M, T = 2e-5, 1e-3
+MODE = {"frequency_hz": 120.0, "damping_ratio": 0.05, "mass_ratio": 0.3}
+NUMBERS_WALL = {"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 4.0}
+NUMBERS_PROBLEM = avc.load_problem("spring").changed(
+    device={"mass_kg": 0.2, "encoder_resolution_m": STEP_M, "resonance": MODE, "encoder_at": "motor"},
+    environment=NUMBERS_WALL,
+)
+COUPLING = Coupling.constant(NUMBERS_PROBLEM, Gains(0.0, 1e8, 3.0), "contact damper")
+
+
+def test_behind_an_encoder_at_the_motor_the_structure_gives_way_too():
+    """Two free bodies on a spring K swing at w^2 = K (1/m1 + 1/m2): the spring of the structure from its frequency."""
+    people = people_of(NUMBERS_PROBLEM.hands, 4)
+    none = dict.fromkeys(("confirmed", "off_file", "rest", "with_friction_n_per_m"))
+    empty = dict.fromkeys(("beyond_file", "helps", "assumed", "not_used"), ()) | {"reason": ""}
+    walls = dict.fromkeys(("stiffest_wall_n_per_m", "plain_wall_n_per_m"), 0.0)
+    trial = try_coupling(COUPLING, people)
+    answer = Recommendation(
+        problem=NUMBERS_PROBLEM, coupling=COUPLING, trial=trial, deployable=True, considered=1, **none, **empty, **walls
+    )
+    felt = answer.felt()
+    masses = 0.2 * 0.7, 0.2 * 0.3
+    structure = (2 * np.pi * 120.0) ** 2 / (1 / masses[0] + 1 / masses[1])
+    at_sensor = felt["stiffness_n_per_m"]
+    assert at_sensor == pytest.approx(2000.0, rel=0.01)
+    assert 1 / felt["stiffness_at_handle_n_per_m"] == pytest.approx(1 / at_sensor + 1 / structure)
+    # One step of the encoder: the spring's force goes by k q, that of both dampers by (b + b_p) q/T for a sample.
+    assert felt["encoder_step_n"] == pytest.approx({"spring": 2000.0 * STEP_M, "damping": 7.0 * STEP_M / T}, rel=1e-3)
+
+
+@pytest.mark.parametrize(("limit_n", "nothing"), [(1.0, True), (3.0, False), (50.0, False)])
+def test_nothing_is_rendered_where_one_step_of_the_encoder_asks_for_more_than_the_device_gives(limit_n, nothing):
+    coarse = NUMBERS_PROBLEM.changed(device={"encoder_resolution_m": 1e-3, "max_force_n": limit_n})
+    pressed = SimpleNamespace(stiffness=2000.0, at_force_limit=np.zeros(1, dtype=bool))
+    told = nothing_rendered(coarse, 2000.0, pressed)
+    assert bool(told) == nothing
+
+
+@pytest.mark.parametrize(
+    ("friction_n", "limit_n", "blamed"), [(100.0, 8.0, True), (11.0, None, True), (2.0, 8.0, False)]
+)
+def test_dry_friction_that_no_press_overcomes_is_blamed_for_it(friction_n, limit_n, blamed):
+    stuck = NUMBERS_PROBLEM.changed(device={"coulomb_friction_n": friction_n, "max_force_n": limit_n})
+    pressed = SimpleNamespace(stiffness=np.nan, at_force_limit=np.zeros(1, dtype=bool))
+    told = nothing_rendered(stuck, 2000.0, pressed)
+    assert (f"dry friction (device.coulomb_friction_n, {friction_n:g})" in told) == blamed
+    assert ("device.encoder_resolution_m" in told) != blamed
+
+
+def test_the_worst_hand_is_the_one_with_the_least_damped_pole():
+    found = deployed(COUPLING)
+    ratios = []
+    for loop in found.loop.closed[:-1]:
+        poles = np.linalg.eigvals(loop)
+        rate = np.log(poles[(np.abs(np.angle(poles)) > 1e-6) & (np.abs(poles) > 1e-9)])
+        ratios.append(np.min(-rate.real / np.abs(rate)))
+    assert len(ratios) == len(found.hands) > 2
+    assert found.worst == np.argmin(ratios) != np.argmax(ratios)
+
+
+# Where nothing can be recommended, the reason is the true one, and what may be a slip of a unit stands before it.
+
+DEVICE = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1}
+
+
+def asked(device, **wall):
+    return avc.Problem(
+        device=DEVICE | device, environment=wall, stability={"model": "sampled-data", "scope": "hands"}, name="asked"
+    )
+
+
+def decays(damper, mass=0.2, drag=1.0, period=1e-3, seconds=2.0):
+    """A released device on a damper, its force a sample late and held: exact steps of the mass, written out."""
+    kept = math.exp(-drag * period / mass)
+    lasts = (1 - kept) / drag
+    position, speed, before, acts = 0.0, 0.1, 0.0, 0.0
+    swung = []
+    for _ in range(int(seconds / period)):
+        force = damper * (position - before) / period
+        before = position
+        position += mass * lasts * speed - acts * (period - mass * lasts) / drag
+        speed = kept * speed - lasts * acts
+        acts = force
+        swung.append(abs(speed))
+    return np.max(swung[-100:]) < 1e-3
+
+
+def test_a_damper_that_is_too_strong_is_told_with_the_largest_that_is_stable():
+    reason = avc.recommend(asked({}, stiffness_n_per_m=0.0, damping_ns_per_m=500.0)).reason
+    most = float(reason.split("above ")[1].split(" ")[0])
+    assert decays(0.98 * most)
+    assert not decays(1.02 * most)
+
+
+@pytest.mark.thorough
+def test_what_is_only_linearly_stable_is_no_help_where_hands_refute_it():
+    engine = {"tool_mass_kg": 0.05, "step_s": 0.004, "integrator": "explicit", "exchange": "held-force"}
+    device = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1, "max_force_n": 8.0}
+    problem = avc.Problem(device=device, simulation=engine | {"stiffness_n_per_m": 2000.0}, name="asked")
+    found = avc.recommend(problem)
+    assert found.coupling is None
+    assert found.pair.stiffest.stiffness_n_per_m > 2000
+    assert (found.pair.least_tool_mass_kg, found.pair.slowest_step_s, found.pair.exchanges) == (None, None, {})
+    assert "same K" not in str(found)
+
+
+# What would help: one property of the device changed, with the range within which it is known; the most first.
+
+RANGES = {"mass_kg": (0.05, 0.2), "damping_ns_per_m": (1.0, 4.0)}
+SENSITIVITY_PROBLEM = avc.load_problem("reference-r1").changed(device={"range": RANGES})
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "share"),
+    [
+        ("twice the mass of the device", "mass_kg", 2.0),
+        ("twice the damping of the device", "damping_ns_per_m", 2.0),
+    ],
+)
+def test_a_property_changes_with_its_range_and_alone(change, key, share):
+    changed = linear_changes(SENSITIVITY_PROBLEM)[change].device
+    before, after = (one.model_dump(exclude={"range"}) for one in (SENSITIVITY_PROBLEM.device, changed))
+    assert after[key] == pytest.approx(share * before[key])
+    assert {name for name in before if before[name] != after[name]} == {key}
+    for name, ends in RANGES.items():
+        assert getattr(changed.range, name) == pytest.approx([(share if name == key else 1.0) * end for end in ends])

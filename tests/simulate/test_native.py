@@ -1,5 +1,8 @@
 """Generated C gives the bits of CasADi's own evaluation: any scene, in any lane, on one thread and on several."""
 
+import json
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +11,8 @@ from scene_cases import CASES, FRICTION, HAND, QUICK, WALL
 from scene_reference import scene_problem
 
 import avc_casadi as avc
+from avc_casadi import UnsupportedError
+from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.model.gains import Gains
 from avc_casadi.model.hands import Hand
 from avc_casadi.simulation.compile import compile_scene
@@ -111,3 +116,101 @@ def test_threads_and_chunks_do_not_change_a_bit():
     np.testing.assert_array_equal(one.view(np.int64), many.view(np.int64))
     by_chunks = simulate_batch(problem, hands, Gains(200.0, 1e5))
     np.testing.assert_array_equal(by_chunks.peak_velocity_m_per_s, np.abs(one[:, -500:, 1]).max(axis=1))
+
+
+# Any scene of sound numbers ends in JSON, finite or said to have diverged, or is refused by name: no warning.
+
+
+def decades(low, high):
+    return st.floats(low, high).map(lambda power: float(f"{10.0**power:.6g}"))
+
+
+def table(kind, **keys):
+    return st.fixed_dictionaries(keys).map(
+        lambda values: "\n".join([f'kind = "{kind}"', *(f"{key} = {value!r}" for key, value in values.items())])
+    )
+
+
+HANDS = table("hand", mass_kg=decades(-4, 1), damping_ns_per_m=decades(-2, 3), stiffness_n_per_m=decades(0, 5)) | table(
+    "stylus-hand", mass_kg=decades(-3, 0)
+)
+WALLS = table("wall") | table("environment")
+OTHERS = (
+    table("coulomb-friction", force_n=decades(-3, 2)),
+    table("viscous-friction", damping_ns_per_m=decades(-2, 2)),
+    table("resonance", frequency_hz=decades(0, 3), damping_ratio=decades(-3, 0), mass_ratio=st.floats(0.01, 0.99)),
+    table("encoder", resolution_m=decades(-7, -2)),
+    table("noise", rms_m=decades(-8, -4), seed=st.integers(0, 9)),
+    table("velocity-filter", cutoff_hz=decades(0, 4)),
+    table("delay", samples=st.integers(1, 9)),
+    table("jitter", rms_s=decades(-6, -2), dropped_share=st.floats(0.01, 0.9)),
+    table("amplifier", bandwidth_hz=decades(0, 3.5)),
+    table("saturation", force_n=decades(-3, 3)),
+)
+GAINS = st.builds(
+    Gains,
+    decades(-2, 4) | st.just(0.0),
+    decades(0, 7) | st.sampled_from([0.0, math.inf, math.inf]),
+    st.just(0.0) | decades(-1, 3),
+)
+
+
+@st.composite
+def scenes(draw):
+    chosen = [effect for effect in OTHERS if draw(st.booleans())]
+    effects = [draw(HANDS), draw(WALLS), *(draw(effect) for effect in chosen)]
+    sample_time = draw(decades(-5, -2))
+    head = (
+        f"[device]\nmass_kg = {draw(decades(-3, 1))}\ndamping_ns_per_m = {draw(st.just(0.0) | decades(-2, 2))}\n"
+        f"sample_time_s = {sample_time}\n[frequency]\nstart_hz = 0.01\nstop_hz = 10.0\n"
+        f"[environment]\ndamping_ns_per_m = {draw(st.just(0.0) | decades(-1, 3))}\n"
+        f"stiffness_n_per_m = {draw(decades(1, 7))}\n"
+    )
+    kind = draw(st.sampled_from(["press", "press", "tap", "hold", "stroke", "free"]))
+    scene = f"duration_s = {sample_time * draw(st.integers(1, 200))!r}\n"
+    return scene_problem(effects, head=head, scene=scene, motion=f'kind = "{kind}"\nstart_m = -1e-5\n')
+
+
+@pytest.mark.thorough
+@settings(max_examples=40)
+@given(problem=scenes(), gains=GAINS)
+def test_any_scene_ends_in_json(problem, gains):
+    run, refusal = None, ""
+    try:
+        run = simulate(problem, gains)
+    except UnsupportedError as refused:
+        refusal = str(refused)
+    if run is None:
+        assert "substeps" in refusal
+        return
+    document = json.loads(json.dumps(run.document(), allow_nan=False))
+    assert run.judgement.diverged or np.isfinite(run.position_m).all()
+    assert document["stable"] == (run.claim != "unstable")
+    if {"wall"} & {effect.kind for effect in problem.scene.effects} and not document["diverged"]:
+        assert (run.force_n >= 0).all()  # a wall never pulls
+
+
+# The hard cases of scenes: each ends in a right answer, or in an answer that says that the loop has gone.
+
+HARD_CASES_HAND, HARD_CASES_WALL, HARD_CASES_FRICTION = 'kind = "hand"', 'kind = "wall"', 'kind = "coulomb-friction"'
+
+
+def test_hands_of_a_batch_are_those_of_single_runs():
+    problem = scene_problem((HARD_CASES_HAND, HARD_CASES_WALL, HARD_CASES_FRICTION))
+    mass, damping, stiffness = np.array([[0.05, 3.0, 200.0], [0.3, 20.0, 800.0], [0.0, 10.0, 500.0]]).T
+    many = simulate_batch(problem, Hand(mass, damping, stiffness), Gains(200.0, 1e5))
+    for row in range(3):
+        one = simulate(problem, Gains(200.0, 1e5), hand=Hand(mass[row], damping[row], stiffness[row]))
+        for name, values in vars(many).items():
+            np.testing.assert_allclose(values[row], getattr(one.judgement, name), rtol=1e-9, atol=1e-12, err_msg=name)
+
+
+def test_seeds_repeat_and_differ():
+    problem = scene_problem(
+        (HARD_CASES_HAND, HARD_CASES_WALL, 'kind = "noise"\nrms_m = 1e-5\nseed = 3', 'kind = "jitter"\nrms_s = 1e-4')
+    )
+    one, again, other = (simulate(problem, Gains(10.0, 7e3), seed=seed).position_m for seed in (0, 0, 1))
+    np.testing.assert_array_equal(one, again)
+    assert np.abs(one - other).max() > 1e-7
+    noise = dict(zip(compile_scene(problem).inputs, compile_scene(problem).input_values(), strict=True))["noise_m"]
+    assert noise.std() == pytest.approx(1e-5, rel=0.05)

@@ -1,17 +1,31 @@
 """Estimator, adaptation and observer inside a scene: what they leave alone, never create, and cure."""
 
+import ctypes
+import shutil
+import subprocess
+
+import casadi as ca
 import numpy as np
 import pytest
+from exported import Exported
+from scene_reference import scene_problem
 
+from avc_casadi.coupling import Coupling
 from avc_casadi.design.methods import solve
+from avc_casadi.design.scene_coupling import simulate
 from avc_casadi.files.problem_file import load_problem, parse_problem
 from avc_casadi.model.gains import Gains, GainTable
 from avc_casadi.model.hands import Hand
+from avc_casadi.model.runtime import Runtime
 from avc_casadi.simulation.compile import compile_scene
 from avc_casadi.simulation.effects.computation import Adaptation
 from avc_casadi.simulation.effects.registry import build_effects
 from avc_casadi.simulation.execute import execute
 from avc_casadi.simulation.judge import energy_ledger
+from avc_casadi.simulation.runtime.adaptation import AdaptationSettings, adaptation_step
+from avc_casadi.simulation.runtime.estimators import ESTIMATORS, estimator_step
+from avc_casadi.simulation.runtime.guard import GUARDS, GuardSettings, guard_step
+from avc_casadi.simulation.runtime.observer import ObserverSettings, observer_step
 from avc_casadi.simulation.scene import simulate_batch
 
 SOFT = """
@@ -135,3 +149,228 @@ def test_a_guard_reckons_with_all_that_the_springs_hold(adaptive):
         reserve.append(max(min(reserve[-1] + step, 0.0), -0.01))
     assert min(reserve) < -5e-7
     np.testing.assert_allclose(found["guard_reserve_j"], reserve, rtol=0, atol=1e-12)
+
+
+# The observer against a mass integrated exactly: never off the count, between its steps, ahead of a delay.
+
+T, MASS, STEP_M = 1e-3, 0.2, 2e-5
+
+
+def moved(force, load):
+    """Positions of a free mass under held forces (against +x) and a constant load, exact."""
+    acceleration = (load - force) / MASS
+    velocity = np.concatenate([[0.0], np.cumsum(acceleration * T)])
+    return np.concatenate([[0.0], np.cumsum(velocity[:-1] * T + 0.5 * acceleration * T**2)])[: len(force)]
+
+
+def observed(asked, position, ahead):
+    """Run the observer; asked[k] is asked for at tick k."""
+    step = observer_step(T, ObserverSettings(STEP_M, MASS, ahead))
+    counted = STEP_M * np.round(position / STEP_M)
+    return counted, step.run(np.array([counted, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+
+
+@pytest.fixture
+def asked():
+    time = np.arange(3000) * T
+    return 1.0 + 0.2 * np.sin(2 * np.pi * 7 * time) + 0.1 * np.sign(np.sin(2 * np.pi * 3 * time))
+
+
+def test_it_never_contradicts_the_encoder_and_is_closer_than_it(asked):
+    position = moved(asked, 1.0)
+    counted, found = observed(asked, position, 0)
+    assert np.all(np.abs(found - counted) <= 0.5 * STEP_M * (1 + 1e-9))
+    late = slice(1000, None)
+    assert np.sqrt(np.mean((found - position)[late] ** 2)) < 0.6 * np.sqrt(np.mean((counted - position)[late] ** 2))
+
+
+@pytest.mark.parametrize("ahead", [1, 2, 5])
+def test_it_says_where_the_mass_will_be_when_the_next_force_acts(asked, ahead):
+    acting = np.concatenate([np.zeros(ahead), asked[:-ahead]])
+    position = moved(acting, 1.0)
+    _, found = observed(asked, position, ahead)
+    late = slice(1000, 3000 - ahead)
+    coming = position[ahead:][late.start : late.stop]
+    error = np.abs(found[late] - coming).max()
+    unpredicted = np.abs(position[late] - coming).max()
+    assert error < STEP_M
+    assert error < 0.2 * unpredicted
+
+
+DELAYED = """
+[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+encoder_resolution_m = 2e-5
+delay_samples = {delay}
+[environment]
+damping_ns_per_m = 10.0
+stiffness_n_per_m = 2e4
+"""
+
+
+@pytest.mark.parametrize("ahead", [1, 2, 5])
+def test_forces_under_way_act_in_the_order_in_which_they_were_asked_for(ahead):
+    """Without steps and without a load the model is the mass itself: the prediction is exact, whatever was asked."""
+    asked = np.random.default_rng(2).normal(0, 1.0, 400)
+    position = moved(np.concatenate([np.zeros(ahead), asked[:-ahead]]), 0.0)
+    step = observer_step(T, ObserverSettings(0.0, MASS, ahead))
+    found = step.run(np.array([position, np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+    np.testing.assert_allclose(found[:-ahead], position[ahead:], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("ahead", [0.25, 0.5, 1.75, 2.5])
+def test_parts_of_a_sample_are_looked_ahead_too(ahead):
+    """The mass on a grid of quarters of a sample, on which each force acts when its delay is over."""
+    parts, asked = 4, np.random.default_rng(3).normal(0, 1.0, 300)
+    late = int(parts * ahead)
+    acceleration = -np.concatenate([np.zeros(late), np.repeat(asked, parts)])[: parts * len(asked)] / MASS
+    h = T / parts
+    velocity = np.concatenate([[0.0], np.cumsum(acceleration * h)])[:-1]
+    position = np.concatenate([[0.0], np.cumsum(velocity * h + 0.5 * acceleration * h * h)])[:-1]
+    step = observer_step(T, ObserverSettings(0.0, MASS, ahead))
+    found = step.run(np.array([position[::parts], np.concatenate([[0.0], asked[:-1]])]))["position_m"]
+    coming = position[late::parts]
+    np.testing.assert_allclose(found[: len(coming)], coming, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("delay", "step_m", "believed"),
+    [(1, 2e-5, 1), (2, 2e-5, 1), (0, 2e-5, 1), (1, 5e-5, 1), (3, 1e-5, 1), (2, 2e-5, 0), (2, 2e-5, 0.5)],
+)
+def test_on_another_device_it_is_the_exported_one_of_the_device_that_it_was_made_for(delay, step_m, believed):
+    """Delay and steps are those of the device, what the observer believes of them is not."""
+    gains, mass = Gains(20.0, 1e4), 0.2
+    made = Coupling.constant(
+        scene_problem((), head=DELAYED.format(delay=believed)), gains, "x", Runtime(observer_mass_kg=mass)
+    )
+    effects = (
+        'kind = "hand"',
+        'kind = "wall"',
+        f'kind = "encoder"\nresolution_m = {step_m}',
+        f'kind = "observer"\nmass_kg = {mass}\nresolution_m = 2e-5\nahead_samples = {believed}',
+        *((f'kind = "delay"\nsamples = {delay}',) if delay else ()),
+    )
+    run = simulate(scene_problem(effects, scene="duration_s = 0.4\n", head=DELAYED.format(delay=believed)), gains)
+    forces = Exported(made).forces(step_m * np.floor(run.position_m / step_m + 0.5))
+    assert np.abs(forces).max() > 1.0
+    np.testing.assert_allclose(run.force_n[delay:], forces[: len(forces) - delay], rtol=0, atol=2e-3)
+
+
+# The generated C of every step in single precision follows the double-precision step, for a minute of motion.
+
+SINGLE_PRECISION_T = 1e-3
+COMPILER = shutil.which("gcc") or shutil.which("cc")
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler: neither gcc nor cc is on the path")
+
+LOOP = """
+void run(int ticks, const float* initial, const float* inputs, const float* parameters, float* outputs) {{
+  const float* arg[{arguments}]; float* res[{results}]; float now[{states}], next[{states}], w[{work}];
+  long long iw[{integers}];
+  for (int i = 0; i < {states}; ++i) now[i] = initial[i];
+  for (int tick = 0; tick < ticks; ++tick) {{
+    arg[0] = now; arg[1] = inputs + tick * {inputs}; arg[2] = parameters;
+    res[0] = next; res[1] = outputs + tick * {outputs};
+    {name}(arg, res, iw, w, 0);
+    for (int i = 0; i < {states}; ++i) now[i] = next[i];
+  }}
+}}
+"""
+
+
+def _compiled(step, folder):
+    function = step.function
+    loop = LOOP.format(
+        name=step.name,
+        arguments=function.sz_arg(),
+        results=function.sz_res(),
+        work=max(1, function.sz_w()),
+        integers=max(1, function.sz_iw()),
+        states=len(step.states),
+        inputs=len(step.inputs),
+        outputs=len(step.outputs),
+    )
+    source = folder / "step.c"
+    generator = ca.CodeGenerator(step.name, {"casadi_real": "float", "with_header": False, "main": False, "mex": False})
+    generator.add(function)
+    source.write_text(str(generator.dump()).replace("long long int", "long long") + loop)
+    flags = ["-O2", "-ffp-contract=off", "-fsingle-precision-constant", "-fPIC", "-shared"]
+    subprocess.run([COMPILER, *flags, str(source), "-o", str(folder / "step.so"), "-lm"], check=True)  # noqa: S603 - a found compiler
+    return ctypes.CDLL(str(folder / "step.so")).run
+
+
+def _in_single(step, inputs, parameters, folder):
+    run = _compiled(step, folder)
+    columns = np.ascontiguousarray(np.asarray(inputs, dtype=np.float32).T)
+    outputs = np.empty((len(columns), len(step.outputs)), dtype=np.float32)
+    given = [np.array(step.initial, dtype=np.float32), columns, np.array(parameters, dtype=np.float32), outputs]
+    pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in given]
+    run(len(columns), *pointers)
+    assert np.all(np.isfinite(outputs))
+    return dict(zip(step.outputs, outputs.T.astype(float), strict=True))
+
+
+def _motion(seconds=60.0):
+    """A minute of strokes with pauses, on an encoder of 2 um."""
+    time = np.arange(round(seconds / SINGLE_PRECISION_T)) * SINGLE_PRECISION_T
+    hz = np.where(time % 6 < 4, 2 + 10 * (1 + np.sin(0.7 * time)), 0)
+    position = 1e-3 * np.sin(2 * np.pi * SINGLE_PRECISION_T * np.cumsum(hz)) + 0.01
+    return 2e-6 * np.round(position / 2e-6)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("method", ESTIMATORS)
+def test_estimators(method, tmp_path):
+    step = estimator_step(method, SINGLE_PRECISION_T)
+    velocity = np.diff(_motion(20.0), prepend=0.01)[None] / SINGLE_PRECISION_T
+    exact, single = step.run(velocity), _in_single(step, velocity, [], tmp_path)
+    both = (exact["valid"] > 0) & (single["valid"] > 0)
+    assert both.mean() > 0.4
+    assert np.mean(exact["valid"] != single["valid"]) < 1e-3
+    error = np.abs(single["frequency_hz"][both] / exact["frequency_hz"][both] - 1)
+    assert np.quantile(error, 0.999) < 1e-3
+
+
+def test_adaptation(tmp_path):
+    step = adaptation_step(SINGLE_PRECISION_T, AdaptationSettings(slew_per_s=50.0))
+    position = _motion(60.0) - 0.0095
+    rng = np.random.default_rng(0)
+    wanted = np.repeat(10.0 ** rng.uniform(3, 5, 60), 1000)
+    depth = np.maximum(position, 0)
+    rows = {
+        "wanted_stiffness_n_per_m": wanted,
+        "wanted_damping_ns_per_m": wanted * 1e-3,
+        "deflection_m": np.roll(depth, 1) * 0.5,
+        "held_force_n": np.roll(depth, 1) * 2e4,
+        "position_m": position,
+        "touching": position > 0,
+    }
+    inputs = np.array([np.asarray(rows.get(name, np.zeros(60000)), dtype=float) for name in step.inputs])
+    exact, single = step.run(inputs), _in_single(step, inputs, [], tmp_path)
+    np.testing.assert_allclose(single["stiffness_n_per_m"], exact["stiffness_n_per_m"], rtol=1e-4)
+    force = [found["stiffness_n_per_m"] * (inputs[3] - found["anchor_m"]) for found in (exact, single)]
+    assert np.abs(force[0]).max() > 10
+    assert np.abs(force[1] - force[0]).max() < 0.01 * np.abs(force[0]).max()
+
+
+@pytest.mark.parametrize("method", GUARDS)
+def test_guards(method, tmp_path):
+    step = guard_step(method, SINGLE_PRECISION_T, GuardSettings(damping_limit_ns_per_m=2.0))
+    position = _motion(60.0) - 0.01
+    depth = np.maximum(position, 0)
+    force = 1e4 * depth
+    inputs = np.array([force, position, 0.5 * force * depth, np.roll(force, 1)])
+    exact, single = step.run(inputs), _in_single(step, inputs, [], tmp_path)
+    # Reserves are differences of energies of 10 mJ; where one rounds through 0 the force differs by what it is worth.
+    assert np.abs(single["reserve_j"] - exact["reserve_j"]).max() < 1e-4
+    assert np.quantile(np.abs(single["force_n"] - exact["force_n"]), 0.99) < 0.01
+
+
+def test_observer(tmp_path):
+    step = observer_step(SINGLE_PRECISION_T, ObserverSettings(resolution_m=2e-5, mass_kg=0.2))
+    position = 2e-5 * np.round(_motion(60.0) / 2e-5) - 0.01
+    inputs = np.array([position, np.roll(2e3 * np.maximum(position, 0), 1)])
+    exact, single = step.run(inputs), _in_single(step, inputs, [], tmp_path)
+    assert np.abs(single["position_m"] - exact["position_m"]).max() < 2e-6
+    # It never contradicts the encoder.
+    assert np.all(np.abs(exact["position_m"] - position) <= 1e-5 * (1 + 1e-9))

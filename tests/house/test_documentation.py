@@ -7,7 +7,9 @@ import re
 import shlex
 
 import pytest
-from documentation import PAGES, Block, blocks
+from documentation import PAGES, Block, anchors, blocks, links, shown
+from write_documents import PAGES as WRITTEN
+from write_documents import ROOT, key_tables, written
 
 import avc_casadi
 from avc_casadi.cli import main
@@ -115,3 +117,48 @@ def test_every_mark_is_known_and_shell_blocks_are_commands():
         lines = [line for line in block.text.splitlines() if line.strip() and not line.startswith("#")]
         assert block.language == "python" or all(line.startswith("avc ") for line in lines), block
     assert len(RUN) >= 5
+
+
+# Every relative link of every page leads to a file, and to a heading of it where it names one.
+
+
+# What a release linked to may have gone since.
+@pytest.mark.parametrize("page", PAGES, ids=shown)
+def test_links_lead_somewhere(page):
+    lost = []
+    for link in links(page):
+        if link.startswith(("http://", "https://", "mailto:")):
+            continue
+        place, _, anchor = link.partition("#")
+        target = (page.parent / place).resolve() if place else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            lost.append(link)
+    assert not lost
+
+
+def test_pages_and_links_are_found():
+    names = {shown(page) for page in PAGES}
+    assert {"README.md", "CONTRIBUTING.md", "avc_casadi/README.md", "hardware/README.md", "problems/README.md"} <= names
+    assert sum(len(links(page)) for page in PAGES) > 100
+
+
+# Generated blocks of the pages are what the model of a problem file gives.
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_blocks_are_up_to_date(name):
+    assert WRITTEN[name].read_text(encoding="utf-8") == written(name), "python tests/benchmarks/write_documents.py"
+
+
+def test_every_key_of_the_commented_problem_is_told():
+    text = (ROOT / "problems" / "figure5.toml").read_text(encoding="utf-8")
+    keys = set(re.findall(r"^(?:# )?(\w+) = [^\n]", text, re.MULTILINE)) - {"measured", "resonance", "range"}
+    tables = key_tables()
+    assert len(keys) > 40
+    assert not {key for key in keys if not re.search(rf"[`.]{key}[`\s=]", tables)}
+
+
+def test_every_key_has_a_meaning():
+    rows = [line.split(" | ") for line in key_tables().splitlines() if line.startswith("| `")]
+    assert len(rows) > 100
+    assert not [row[0] for row in rows if row[-1].strip(" |") == "" and "`range." not in row[0]]

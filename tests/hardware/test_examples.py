@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from hardware_bench import require
 
 EXAMPLES = Path(__file__).parents[2] / "problems" / "examples"
 ENGINES = {"mujoco": "MuJoCo", "pybullet": "PyBullet"}
@@ -32,4 +33,23 @@ def test_recommended_coupling_settles_and_one_beyond_the_limit_does_not(module, 
     assert done.returncode == 0, done.stderr
     counts = re.findall(rf"{ENGINES[module]}, .*: (\d) of 8 hands settle", done.stdout)
     assert counts == ["8", "0"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+# The example of a teleoperator over a socket: two boards with the exported C settle on a late link with losses.
+
+EXAMPLE = Path(__file__).parents[2] / "problems" / "examples" / "teleoperation_loopback.py"
+
+
+@pytest.mark.thorough
+def test_two_boards_settle_and_are_drawn(tmp_path):
+    """Slowed down: where other work takes the processor for long, the link is silent, and its force fades."""
+    require("cc")
+    picture = tmp_path / "link.png"
+    command = [sys.executable, str(EXAMPLE), "--slower", "10", "--out", str(picture)]
+    done = subprocess.run(  # noqa: S603
+        command, capture_output=True, text=True, check=False, env={**os.environ, "CC": "cc"}, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ": settles, " in done.stdout
     assert picture.read_bytes().startswith(b"\x89PNG")

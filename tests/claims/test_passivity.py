@@ -1,0 +1,348 @@
+"""Closed forms without delay, and limits that no passive rendering passes, against the general search."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import eig
+
+from avc_casadi.claims.passivity.worst_frequency import worst_margin
+from avc_casadi.loops.sampled_loop import (
+    SampledLoop,
+    fractions,
+    real_part,
+    size_of_terms,
+)
+from avc_casadi.paper.equations import (
+    SampleAngle,
+    coupling_impedance,
+    environment_impedance,
+    hold,
+    series,
+    spring_damper,
+)
+from avc_casadi.paper.numbers import NUMPY, mpmath_numbers
+
+T = 1e-3
+damping = st.floats(-3, 4).map(lambda x: 10**x)
+stiffness = st.floats(-1, 7).map(lambda x: 10**x)
+maybe_damping = st.one_of(st.just(0.0), damping)
+maybe_stiffness = st.one_of(st.just(0.0), stiffness)
+
+
+@pytest.mark.thorough
+@given(damping, maybe_damping, maybe_stiffness, maybe_damping, maybe_stiffness, maybe_damping)
+def test_sampled_data_worst_point_is_nyquist(b_d, b_e, k_e, b, k, contact):
+    loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
+    found = worst_margin(loop, b, k, contact)
+    a1, a2 = b + k * T / 2, b_e + k_e * T / 2
+    series = a1 * a2 / (a1 + a2) if a1 + a2 > 0 else 0.0
+    size = size_of_terms(loop, fractions(loop, b, k), contact)
+    assert abs(found.margin_ns_per_m[0] - (b_d - contact - series)) <= 1e-13 * size
+
+
+@given(damping, maybe_damping, stiffness, maybe_damping, stiffness, maybe_damping, st.floats(-5, 0), st.floats(-5, 0))
+def test_sampled_data_worst_point_of_a_band_is_an_end(b_d, b_e, k_e, b, k, contact, low, high):
+    low, high = sorted((500 * 10**low, 500 * 10**high))
+    loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
+    parts = fractions(loop, b, k)
+    ends = real_part(loop, parts, contact, np.array([low, high]))
+    found = worst_margin(loop, b, k, contact, low, high)
+    assert abs(found.margin_ns_per_m[0] - ends.min()) <= 1e-13 * size_of_terms(loop, parts, contact)
+
+
+def lead_bound(b_d, b_e, k_e, contact):
+    """Bound on a_1 = b + kT/2 for passivity: Re Z_h is lowest at Nyquist, b_d - b_p - a_1 a_2/(a_1 + a_2)."""
+    budget, wall = b_d - contact, b_e + k_e * T / 2
+    if budget >= wall:
+        return np.inf
+    return wall * budget / (wall - budget) if budget >= 0 else -1.0
+
+
+@pytest.mark.thorough
+@given(damping, maybe_damping, stiffness, damping, maybe_damping)
+def test_lead_bound_is_necessary_and_sufficient(b_d, b_e, k_e, b, contact):
+    loop = SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data")
+    bound = lead_bound(b_d, b_e, k_e, contact)
+    if bound < 0:
+        assert worst_margin(loop, 0.0, 0.0, contact).margin_ns_per_m[0] < 0
+        return
+    if np.isinf(bound):
+        assert worst_margin(loop, np.inf, 1.0, contact).margin_ns_per_m[0] >= -1e-12 * b_d
+        return
+    share = min(b / bound, 0.9) if bound > 0 else 0.0
+    for factor, passive in ((1 - 1e-6, True), (1 + 1e-6, False)):
+        lead = bound * factor
+        k = (1 - share) * lead * 2 / T
+        margin = worst_margin(loop, share * lead, k, contact).margin_ns_per_m[0]
+        assert (margin >= 0) == passive or abs(margin) <= 1e-12 * (b_d + contact)
+
+
+@pytest.mark.thorough
+@given(st.integers(0, 6), maybe_damping, stiffness, maybe_damping, stiffness)
+def test_no_passive_rendering_is_stiffer_than_the_limit(delay, b_e, k_e, b, k):
+    lowest = worst_margin(SampledLoop(0.0, b_e, k_e, T, delay, "sampled-data"), b, k)
+    needed = -lowest.margin_ns_per_m[0]  # the least device damping that makes the rendering passive
+    assert lowest.dc_stiffness_n_per_m[0] <= 2 * needed / ((1 + delay) * T) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 2, 20])
+def test_pure_spring_needs_half_a_sample_and_the_delay(delay):
+    stiff = 1000.0
+    found = worst_margin(SampledLoop(0.0, 0.0, stiff, T, delay, "sampled-data"), np.inf, 1.0)
+    assert -found.margin_ns_per_m[0] == pytest.approx(stiff * (1 + 2 * delay) * T / 2, rel=1e-12)
+
+
+@pytest.mark.thorough
+@given(st.floats(0.01, 100), st.floats(-50, 50), stiffness)
+def test_colgate_schenkel_condition_of_a_spring_and_damper(b_d, b_e, k_e):
+    margin = worst_margin(SampledLoop(b_d, b_e, k_e, T, 0, "sampled-data"), np.inf, 1.0).margin_ns_per_m[0]
+    assert margin == pytest.approx(b_d - k_e * T / 2 - abs(b_e), abs=1e-12 * (b_d + k_e * T + abs(b_e)))
+
+
+@given(damping, damping, stiffness)
+def test_paper_hold_does_not_see_the_coupling_stiffness_at_a_rigid_wall(b_d, b, k):
+    loop = SampledLoop(b_d, 0.0, 1e14, T, 0, "paper")
+    margin = worst_margin(loop, b, k).margin_ns_per_m[0]
+    assert margin >= b_d * (1 - 1e-9) - 1e-6 * (b + k * T)
+
+
+# The exact margin against 50 digits: the equations in mpmath, minimised from the reported frequency.
+
+NUMBERS = mpmath_numbers(50)
+
+
+def reference(model, delay, values, frequency_hz):
+    b_d, b_e, k_e, b, k, contact = (NUMBERS.number(float(value)) for value in values)
+    angle = SampleAngle.at(NUMBERS, frequency_hz, NUMBERS.number(T))
+    wall = environment_impedance(angle, model, b_e, k_e)
+    rendered = series(coupling_impedance(angle, b, k), wall, numbers=NUMBERS)
+    return (b_d + hold(angle, model, delay) * (contact + rendered)).real
+
+
+def rows(count, seed):
+    rng = np.random.default_rng(seed)
+    spans = [(-2, 2), (-3, 3), (-2, 7), (-3, 6), (-2, 8)]
+    columns = [10 ** rng.uniform(*span, count) for span in spans]
+    return np.array([*columns, rng.choice([0.0, 1, 50], count)])
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("delay", [0, 1, 2, 20])
+def test_margin_to_rounding(model, delay):
+    values = rows(40, delay)
+    b_d, b_e, k_e, b, k, contact = values
+    loop = SampledLoop(b_d, b_e, k_e, T, delay, model)
+    found = worst_margin(loop, b, k, contact)
+    size = size_of_terms(loop, fractions(loop, b, k), contact)
+    for row in range(values.shape[1]):
+        start, margin = found.frequency_hz[row], found.margin_ns_per_m[row]
+        one = values[:, row]
+        if start < 1e-6:  # the limit of zero frequency
+            best = reference(model, delay, one, NUMBERS.number(1e-12))
+        elif start > 500 - 1e-3:
+            best = reference(model, delay, one, NUMBERS.number(500 - 1e-12))
+        else:
+            with mpmath.workdps(40):
+                points = [NUMBERS.number(start * factor) for factor in (1 - 1e-5, 1 - 1e-6, 1, 1 + 1e-6, 1 + 1e-5)]
+                best = min(reference(model, delay, one, p) for p in points if p < 500)
+        assert float(abs(best - margin)) <= 1e-9 * size[row]
+        assert margin <= float(best) + 1e-12 * size[row]
+        at = NUMBERS.number(min(max(start, 1e-12), 500 - 1e-12))
+        assert float(abs(reference(model, delay, one, at) - margin)) <= 1e-12 * size[row]
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("delay", [0, 1, 20])
+def test_real_part_to_rounding_at_every_frequency(model, delay):
+    values = rows(30, 11)
+    b_d, b_e, k_e, b, k, contact = values
+    frequency = np.geomspace(1e-4, 499.9999, 30)
+    loop = SampledLoop(b_d, b_e, k_e, T, delay, model)
+    parts = fractions(loop, b, k)
+    value = real_part(loop, parts, contact, frequency)
+    exact = [float(reference(model, delay, values[:, i], NUMBERS.number(frequency[i]))) for i in range(30)]
+    assert np.max(np.abs(value - exact) / size_of_terms(loop, parts, contact)) < 1e-13
+
+
+# The exact margin and a dense grid never disagree beyond the grid's own error, and the grid can miss a violation.
+
+POINTS = 200_000
+
+
+def random_rows(count, seed):
+    rng = np.random.default_rng(seed)
+    loop_values = 10 ** rng.uniform(-2, 2, count), 10 ** rng.uniform(-3, 3, count), 10 ** rng.uniform(0, 6, count)
+    return loop_values, 10 ** rng.uniform(-3, 5, count), 10 ** rng.uniform(0, 6, count), rng.choice([0.0, 1, 50], count)
+
+
+class Grid:
+    """Impedances by complex arithmetic on equally spaced frequencies up to Nyquist."""
+
+    def __init__(self, model, delay, points):
+        self.frequency_hz = np.linspace(0, 0.5 / T, points + 1)[1:]
+        angle = SampleAngle.at(NUMPY, self.frequency_hz, T)
+        self.hold = np.asarray(hold(angle, model, delay))
+        self.spring_c = np.asarray(spring_damper(angle, 0.0, 1.0, tustin=False))
+        self.spring_e = np.asarray(spring_damper(angle, 0.0, 1.0, tustin=model == "paper"))
+
+    def lowest(self, b_d, b_e, k_e, b, k, contact):
+        coupling, wall = b + k * self.spring_c, b_e + k_e * self.spring_e
+        return b_d + (self.hold * (contact + coupling * (wall / (coupling + wall)))).real.min()
+
+
+def grid_error(loop, parts, contact, step):
+    """Bound on |second derivative| step^2/2: the grid leaves out the limit of zero frequency."""
+    n = loop.delay_samples + 2
+    decay = np.where(parts.decaying > 0, 2 * n**2 * parts.decaying / parts.pole_gap**3, 0.0)
+    return step**2 / 2 * (n**2 * (parts.direct + contact) + n**3 * parts.integral + decay)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize(("delay", "count"), [(0, 250), (1, 100), (3, 75), (20, 65), (100, 10)])
+def test_exact_margin_and_grid_agree(model, delay, count):
+    (b_d, b_e, k_e), b, k, contact = random_rows(count, seed=delay)
+    loop = SampledLoop(b_d, b_e, k_e, T, delay, model)
+    exact = worst_margin(loop, b, k, contact)
+    parts = fractions(loop, b, k)
+    size = size_of_terms(loop, parts, contact)
+    grid = Grid(model, delay, POINTS)
+    lowest = np.array([grid.lowest(*row) for row in zip(b_d, b_e, k_e, b, k, contact, strict=True)])
+    rounding = 1e-10 * size
+    assert (exact.margin_ns_per_m <= lowest + rounding).all()
+    assert (lowest - exact.margin_ns_per_m <= grid_error(loop, parts, contact, np.pi / POINTS) + rounding).all()
+
+
+@pytest.mark.parametrize(("delay", "points"), [(0, 200), (1, 2000), (20, 20_000)])
+def test_grid_misses_a_violation(delay, points):
+    (_, b_e, k_e), b, k, contact = random_rows(40, seed=7)
+    loop = SampledLoop(0.0, b_e, k_e, T, delay, "paper")
+    margin = worst_margin(loop, b, k, contact).margin_ns_per_m
+    grid = Grid("paper", delay, points)
+    lowest = np.array([grid.lowest(0.0, *row) for row in zip(b_e, k_e, b, k, contact, strict=True)])
+    damping = -(margin + lowest) / 2  # device damping with which the grid sees a passive loop, and the truth is not
+    missed = worst_margin(SampledLoop(damping, b_e, k_e, T, delay, "paper"), b, k, contact)
+    tolerance = np.maximum(missed.tolerance_ns_per_m, 1e-9)
+    shown = (lowest + damping > tolerance) & (missed.margin_ns_per_m < -tolerance)
+    assert shown.sum() >= 5
+    at = SampleAngle.at(NUMPY, np.maximum(missed.frequency_hz[shown], 1e-6), T)
+    coupling = b[shown] + k[shown] * spring_damper(at, 0.0, 1.0, tustin=False)
+    wall = b_e[shown] + k_e[shown] * spring_damper(at, 0.0, 1.0, tustin=True)
+    witness = damping[shown] + (hold(at, "paper", delay) * (contact[shown] + coupling * wall / (coupling + wall))).real
+    assert (witness < 0).all()
+    assert not missed.passive[shown].any()
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("delay", [0, 1, 20])
+def test_band_margin_is_the_lowest_of_the_band(model, delay):
+    (b_d, b_e, k_e), b, k, contact = random_rows(200, seed=3)
+    low = np.geomspace(0.5, 480, 200)
+    loop = SampledLoop(b_d, b_e, k_e, T, delay, model)
+    result = worst_margin(loop, b, k, contact, low, 4 * low)
+    assert (result.frequency_hz >= low * (1 - 1e-12)).all()
+    assert (result.frequency_hz <= np.minimum(4 * low, 500)).all()
+    parts = fractions(loop, b, k)
+    size = size_of_terms(loop, parts, contact)
+    for share in np.linspace(0, 1, 400):
+        at = low + share * (np.minimum(4 * low, 500) - low)
+        assert (result.margin_ns_per_m <= real_part(loop, parts, contact, at) + 1e-12 * size).all()
+
+
+# Beyond the delays whose stationary points are roots, a scan finds the worst margin of a band: brute force agrees.
+
+
+def random_loop(generator, delay, model):
+    stiffness = float(np.exp(generator.uniform(np.log(10.0), np.log(1e5))))
+    return SampledLoop(float(generator.uniform(0.1, 20)), float(generator.uniform(0, 30)), stiffness, T, delay, model)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+def test_no_grid_point_lies_below_the_worst_margin(model):
+    generator = np.random.default_rng(1)
+    rows, missed = 20, 0.0
+    for _ in range(60):
+        loop = random_loop(generator, int(generator.integers(55, 130)), model)
+        b, k = np.exp(generator.uniform(-2, 6, rows)), np.exp(generator.uniform(0, 11, rows))
+        contact = np.where(generator.random(rows) < 0.5, 0.0, generator.uniform(0, 20, rows))
+        low = np.exp(generator.uniform(np.log(0.5), np.log(300.0), rows))
+        high = np.minimum(low * np.exp(generator.uniform(0.01, 2.0, rows)), 0.5 / T)
+        worst = worst_margin(loop, b, k, contact, low, high)
+        grid = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, 8001)
+        parts = fractions(loop, b, k).pick((slice(None), None))
+        lowest = real_part(loop, parts, contact[:, None], grid).min(axis=1)
+        missed = max(missed, float(np.max((worst.margin_ns_per_m - lowest) / (1 + np.abs(lowest)))))
+        assert np.all((worst.frequency_hz >= low) & (worst.frequency_hz <= high))
+    assert missed < 1e-9
+
+
+# The margin by another road: zeros of Z(z) + Z(1/z) on the unit circle, from a state-space pencil.
+
+
+def chain(*systems):
+    """Series connection of discrete state-space systems (A, B, C, D), the first acting first."""
+    a, b, c, d = systems[0]
+    for a2, b2, c2, d2 in systems[1:]:
+        a = np.block([[a, np.zeros((len(a), len(a2)))], [b2 @ c, a2]])
+        b = np.vstack([b, b2 @ d])
+        c = np.hstack([d2 @ c, c2])
+        d = d2 @ d
+    return a, b, c, d
+
+
+def first_order(lead, lag, pole_lead, pole_lag):
+    """(lead z - lag)/(pole_lead z - pole_lag)."""
+    pole = pole_lag / pole_lead
+    return tuple(
+        np.array([[value]]) for value in (pole, 1.0, lead / pole_lead * pole - lag / pole_lead, lead / pole_lead)
+    )
+
+
+def rendered(model, delay, b_e, k_e, b, k, contact):
+    """State space of H (b_p + Z_eavc)."""
+    p1, q1 = b + k * T, b
+    p2, q2 = (b_e + k_e * T / 2, b_e - k_e * T / 2) if model == "paper" else (b_e + k_e * T, b_e)
+    a, b_, c, d = chain(first_order(p1, q1, 1, 1), first_order(p2, q2, p1 + p2, q1 + q2))
+    system = (a, b_, c, d + contact)
+    hold = first_order(0.5, -0.5, 1, 0) if model == "paper" else first_order(0, -1, 1, 0)
+    return chain(system, hold, *[first_order(0, -1, 1, 0)] * delay)
+
+
+def on_unit_circle(system, shift):
+    a, b, c, d = system
+    n = len(a)
+    left = np.block(
+        [
+            [a, np.zeros((n, n)), b],
+            [np.zeros((n, n)), np.eye(n), np.zeros((n, 1))],
+            [c, b.T, 2 * d + 2 * shift],
+        ]
+    )
+    right = np.zeros_like(left)
+    right[:n, :n] = np.eye(n)
+    right[n : 2 * n, n : 2 * n], right[n : 2 * n, 2 * n :] = a.T, c.T
+    alpha, beta = eig(left, right, right=False, homogeneous_eigvals=True)
+    finite = np.abs(beta) > 1e-9
+    zeros = alpha[finite] / beta[finite]
+    # The integrator's own pole at z = 1 is no zero of the sum.
+    return np.any((np.abs(np.abs(zeros) - 1) < 1e-8) & (np.abs(zeros - 1) > 1e-6))
+
+
+@pytest.mark.parametrize("model", ["paper", "sampled-data"])
+@pytest.mark.parametrize("delay", [0, 1, 2, 6])
+def test_margin_is_where_zeros_reach_the_unit_circle(model, delay):
+    rng = np.random.default_rng(delay)
+    for _ in range(40):
+        b_e, b, contact = 10 ** rng.uniform(-1, 2), 10 ** rng.uniform(-1, 2), rng.choice([0.0, 5.0])
+        k_e, k = 10 ** rng.uniform(3, 5), 10 ** rng.uniform(3, 5)
+        loop = SampledLoop(0.0, b_e, k_e, T, delay, model)
+        found = worst_margin(loop, b, k, contact)
+        if found.frequency_hz[0] < 1:
+            continue  # the pencil sees the limit of zero frequency only through its pole there
+        margin, step = found.margin_ns_per_m[0], 1e-3 * size_of_terms(loop, fractions(loop, b, k), contact)
+        system = rendered(model, delay, b_e, k_e, b, k, contact)
+        assert not on_unit_circle(system, -(margin - step))
+        assert on_unit_circle(system, -(margin + step))

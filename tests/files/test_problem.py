@@ -1,0 +1,238 @@
+"""Every fault of a problem file is reported at once, with its line and key, and none hides another."""
+
+import math
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import avc_casadi as avc
+from avc_casadi.files.plausibility import plausibility
+from avc_casadi.files.problem_file import as_problem
+from avc_casadi.recommendation.preconditions import assumed
+
+FIGURE5 = avc.catalogue_path("figure5").read_text(encoding="utf-8")
+LINES = FIGURE5.split("\n")
+# Without its kind nothing is known of the other keys of a motion, and let_go may be true.
+KEY_LINES = [number for number, line in enumerate(LINES, start=1) if re.match(r"(?!kind|let_go)\w+ = ", line)]
+WRONG_FOR_EVERY_KEY = ["{}", "[[]]", "1979-05-27", "true", "nan"]
+SMALL = """[device]
+mass_kg = 0.1
+damping_ns_per_m = 2.0
+[environment]
+damping_ns_per_m = 10.0
+stiffness_n_per_m = 1e5
+"""
+MODE = "[device.resonance]\nfrequency_hz = 100\ndamping_ratio = 0.1\nmass_ratio = 0.3\n"
+
+
+def faults_of(text):
+    with pytest.raises(avc.InputError) as caught:
+        avc.parse_problem(text)
+    return caught.value.faults
+
+
+@pytest.mark.thorough
+@given(st.dictionaries(st.sampled_from(KEY_LINES), st.sampled_from(WRONG_FOR_EVERY_KEY), min_size=1))
+def test_every_spoilt_line_is_named_and_no_other(spoilt):
+    lines = [
+        line.split(" = ")[0] + " = " + spoilt[number] if number in spoilt else line
+        for number, line in enumerate(LINES, start=1)
+    ]
+    faults = faults_of("\n".join(lines))
+    assert {fault.line for fault in faults} == set(spoilt)
+    for fault in faults:
+        assert LINES[fault.line - 1].split(" = ")[0] == re.sub(r"\[\d+\]", "", fault.key).split(".")[-1]
+
+
+RULES = [
+    ("[frequency]\nstop_hz = 500.0", "frequency.stop_hz"),
+    ("[frequency]\nstart_hz = 20\nstop_hz = 10", "frequency.stop_hz"),
+    ("[frequency]\nstart_hz = 460", "frequency.stop_hz"),
+    ("[frequency]\nstart_hz = 10\nstop_hz = 10", "frequency.points"),
+    ("[frequency]\nstart_hz = 600\npoints = 1", "frequency.start_hz"),
+    ("[frequency]\npoints = 10.0", "frequency.points"),
+    ("[frequency]\nvalues_hz = []", "frequency.values_hz"),
+    ("[frequency]\nvalues_hz = [3, 1]", "frequency.values_hz[1]"),
+    ("[frequency]\nvalues_hz = [1, 500]", "frequency.values_hz[1]"),
+    ("[frequency]\nvalues_hz = [1]\npoints = 3", "frequency.points"),
+    ("[coupling]\ncontact_damping_ns_per_m = [0, 1]", "coupling.contact_damping_ns_per_m"),
+    ("[device.range]\nmass_kg = [0.2, 0.3]", "device.range.mass_kg"),
+    ("[device.range]\nmass_kg = [0, 0.2]", "device.range.mass_kg"),
+    ("[device.range]\nmax_force_n = [1, 2]", "device.range.max_force_n"),
+    ("[device.range.resonance]\nmass_ratio = [0.2, 0.4]", "device.range.resonance.mass_ratio"),
+    (MODE + "[device.range.resonance]\nmass_ratio = [0.4, 0.5]", "device.range.resonance.mass_ratio"),
+    ("[device.resonance]\nfrequency_hz = 100\ndamping_ratio = 0.1", "device.resonance.mass_ratio"),
+    ("[boundaries.upper]\ndamping_ns_per_m = 1\nstiffness_n_per_m = 1", "boundaries.lower"),
+    ("[scene]\nduration_s = 5e-4", "scene.duration_s"),
+    ("[scene]\neffects = 3", "scene.effects"),
+    ("[[scene.effects]]\nkind = 'saturation'", "scene.effects[0].force_n"),
+    ("[[device_]]", "device_"),
+    ("[hands]\nmass_kg = [1e-12, 1]", "hands.mass_kg[0]"),
+    ("[stability]\nscope = 'all '", "stability.scope"),
+    ('["a b"]', '"a b"'),
+    ("[name]", "name"),
+]
+
+
+@pytest.mark.parametrize(("addition", "key"), RULES)
+def test_each_rule_names_its_key(addition, key):
+    (fault,) = faults_of(SMALL + addition)
+    assert fault.key == key
+    assert fault.message
+    assert fault.line is None or fault.line > SMALL.count("\n")
+
+
+HUGE = "1" + "0" * 400
+
+
+@pytest.mark.parametrize("value", ["inf", "-inf", "nan", "-1.0", '"1"', "true", "1e308", "5e-324", "[]", HUGE])
+@pytest.mark.parametrize("key", ["mass_kg", "damping_ns_per_m", "sample_time_s", "coulomb_friction_n", "max_force_n"])
+def test_unphysical_numbers_are_refused(key, value):
+    table = {"mass_kg": "0.1", "damping_ns_per_m": "2.0", key: value}
+    device = "".join(f"{name} = {text}\n" for name, text in table.items())
+    (fault,) = faults_of(f"[device]\n{device}[environment]\ndamping_ns_per_m = 1\nstiffness_n_per_m = 1\n")
+    assert fault.key == f"device.{key}"
+    assert "allowed: " in fault.message
+
+
+def test_a_syntax_error_has_its_line():
+    (fault,) = faults_of(SMALL + "[frequency]\npoints = \n")
+    assert fault.line == SMALL.count("\n") + 2
+    assert "is not TOML" in fault.message
+    (fault,) = faults_of(SMALL + '[frequency]\nspacing = """')
+    assert fault.line == SMALL.count("\n") + 2
+
+
+# What a device declares is named, and values far from what is usual are doubted, not refused.
+
+PLAIN = {"mass_kg": 0.1, "damping_ns_per_m": 2.0, "sample_time_s": 1e-3}
+PLAUSIBILITY_MODE = {"frequency_hz": 150.0, "damping_ratio": 0.05, "mass_ratio": 0.5}
+
+
+def problem(device=PLAIN, **tables):
+    bare = avc.parse_problem(
+        "[device]\nmass_kg=0.1\ndamping_ns_per_m=2\n[environment]\ndamping_ns_per_m=1\nstiffness_n_per_m=1e3\n",
+        name="p",
+    )
+    return bare.changed(device=device, **tables)
+
+
+@pytest.mark.parametrize(
+    ("tables", "key"),
+    [
+        ({"device": {"mass_kg": 250.0}}, "device.mass_kg"),
+        ({"environment": {"stiffness_n_per_m": 8.0}}, "environment.stiffness_n_per_m"),
+        ({"device": {"encoder_resolution_m": 0.06}}, "device.encoder_resolution_m"),
+        ({"device": {"sample_time_s": 1.0}, "frequency": {"values_hz": [0.1]}}, "device.sample_time_s"),
+        ({"device": {"position_noise_rms_m": 2e-4}}, "device.position_noise_rms_m"),
+        ({"device": {"delay_samples": 0.001}}, "device.delay_samples"),
+        ({"device": {"range": {"delay_samples": [0.0, 0.0025]}}}, "device.range.delay_samples"),
+        ({"device": {"max_force_n": 0.01}}, "device.max_force_n"),
+        ({"device": {"resonance": PLAUSIBILITY_MODE | {"frequency_hz": 1e4}}}, "device.resonance.frequency_hz"),
+        ({"device": {"range": {"mass_kg": [1e-6, 9.0]}}}, "device.range.mass_kg"),
+        ({"device": {"encoder_at": "handle"}}, "device.encoder_at"),
+        ({"device": {"amplifier_order": 2}}, "device.amplifier_order"),
+        ({"device": {"amplifier_damping_ratio": 0.5}}, "device.amplifier_damping_ratio"),
+        ({"device": {"range": {"amplifier_damping_ratio": [0.5, 0.9]}}}, "device.range.amplifier_damping_ratio"),
+        ({"device": {"backlash_m": 1e-4, "encoder_at": "handle", "resonance": PLAUSIBILITY_MODE}}, "device.backlash_m"),
+        ({"device": {"coulomb_friction_n": 3.0, "max_force_n": 2.0}}, "device.coulomb_friction_n"),
+        ({"hands": {"damping_ns_per_m": (0, 0), "stiffness_n_per_m": (0, 0)}}, "hands.stiffness_n_per_m"),
+    ],
+)
+def test_an_unlikely_value_is_doubted_and_valid(tables, key):
+    (doubt,) = plausibility(problem().changed(**tables))
+    assert doubt.key == key
+    assert any(f"{key} {doubt.message}" in line for line in assumed(problem().changed(**tables)))
+
+
+# Values in the words of a data sheet become those of the file, or a fault that says what to write.
+
+WALL = "[environment]\nstiffness_{k} = 1.0\ndamping_{b} = 0.0\n"
+LINEAR = "[device]\nmass_kg = 0.1\ndamping_ns_per_m = 0.0\n{key} = {value}\n" + WALL.format(k="n_per_m", b="ns_per_m")
+ROTARY = (
+    '[device]\nmotion = "rotary"\nhandle_radius_m = 0.05\ninertia_kgm2 = 1e-4\ndamping_nms_per_rad = 0.0\n'
+    "{key} = {value}\n" + WALL.format(k="nm_per_rad", b="nms_per_rad")
+)
+TURN = 2 * math.pi
+
+
+@pytest.mark.parametrize(
+    ("sheet", "key", "typed", "attribute", "value"),
+    [
+        (LINEAR, "mass_kg", "45 g", "mass_kg", 0.045),
+        (LINEAR, "max_force_n", "3.3 N", "max_force_n", 3.3),
+        (LINEAR, "encoder_resolution_m", "450 dpi", "encoder_resolution_m", 0.0254 / 450),
+        (LINEAR, "encoder_resolution_m", "4000 counts per 10 mm", "encoder_resolution_m", 2.5e-6),
+        (LINEAR, "encoder_resolution_m", "4096 counts, pitch 5 mm", "encoder_resolution_m", 5e-3 / 4096),
+        (LINEAR, "max_force_n", "0.2 N.m, pitch 5 mm", "max_force_n", 0.2 * TURN / 5e-3),
+        (LINEAR, "mass_kg", "50 g.cm2, pitch 10 mm", "mass_kg", 5e-6 * (TURN / 1e-2) ** 2),
+        (ROTARY, "inertia_kgm2", "300 gcm2", "mass_kg", 3e-5),
+        (ROTARY, "max_torque_nm", "12 N.cm", "max_force_n", 0.12),
+        (ROTARY, "max_torque_nm", "90 mNm, gear 30:1", "max_force_n", 2.7),
+        (ROTARY, "inertia_kgm2", "50 g.cm2, gear 10", "mass_kg", 5e-4),
+        (ROTARY, "encoder_resolution_rad", "0.088 deg", "encoder_resolution_m", math.radians(0.088)),
+        (ROTARY, "encoder_resolution_rad", "14-bit", "encoder_resolution_m", TURN / 2**14),
+        (ROTARY, "encoder_resolution_rad", "2000 CPR, gear 4", "encoder_resolution_m", TURN / 8000),
+        (ROTARY, "encoder_counts_per_turn", 4096, "encoder_resolution_m", TURN / 4096),
+        (ROTARY, "sample_time_s", "1 kHz", "sample_time_s", 1e-3),
+        (ROTARY, "handle_radius_m", "150 mm", "handle_radius_m", 0.15),
+    ],
+)
+def test_a_value_of_a_sheet_is_the_value_of_the_file(sheet, key, typed, attribute, value):
+    written = f'"{typed}"' if isinstance(typed, str) else typed
+    lines = [line for line in sheet.splitlines() if not line.startswith(f"{key} =")]
+    found = avc.parse_problem("\n".join(lines).format(key=key, value=written)).device
+    assert getattr(found, attribute) == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("sheet", "key", "value", "write"),
+    [
+        (LINEAR, "max_force_kn", "0.002", "did you mean max_force_n?"),
+        (LINEAR, "encoder_resolution_um", "55", "did you mean encoder_resolution_m?"),
+        (LINEAR, "encoder_resolution_dpi", "450", "allowed: "),
+        (LINEAR, "sample_rate_hz", "2000", "did you mean sample_time_s?"),
+        (LINEAR, "max_torque_nm", "0.2", "did you mean max_force_n?"),
+        (LINEAR, "max_force_n", '"12 N.cm"', "allowed: a number"),
+        (ROTARY, "max_torque_ncm", "12", "did you mean max_torque_nm?"),
+        (ROTARY, "max_torque_mnm", "85", "did you mean max_torque_nm?"),
+        (ROTARY, "encoder_resolution_deg", "0.1", "did you mean encoder_resolution_rad?"),
+        (ROTARY, "max_force_n", "8", "max_torque_nm"),
+        (ROTARY, "coulomb_friction_nm", '"2 N"', "allowed: a number"),
+    ],
+)
+def test_a_value_under_a_wrong_key_or_unit_says_what_to_write(sheet, key, value, write):
+    with pytest.raises(avc.InputError) as refused:
+        avc.parse_problem(sheet.format(key=key, value=value))
+    (fault,) = refused.value.faults
+    assert (fault.key, write in fault.message) == (f"device.{key}", True), fault
+
+
+PLANTED = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.sampled_from([-1, 0, 1, 2, 10**400, 0.5, math.nan, "1 kg", "rotary", "handle", [0.1, 0.2], [2, 1], {}, [{}]]),
+    st.floats(),
+    st.text(max_size=3),
+)
+
+
+KEYS = [*avc.Problem.model_fields, "motion", "mass_kg", "range", "values_hz", "stop_hz", "step_s", "kind", "effects"]
+KEYS += ["handle_radius_m", "encoder_counts_per_turn", "inertia_kgm2", "damping_ns_per_m", "stiffness_n_per_m"]
+
+
+@given(
+    st.dictionaries(
+        st.sampled_from(sorted(avc.Problem.model_fields)),
+        st.one_of(PLANTED, st.dictionaries(st.sampled_from(KEYS), PLANTED)),
+    )
+)
+def test_any_tables_are_a_problem_or_refused_by_key(tables):
+    refusal = None
+    try:
+        as_problem(tables)
+    except avc.InputError as error:
+        refusal = error
+    assert refusal is None or all(fault.key and fault.message for fault in refusal.faults)

@@ -1,0 +1,381 @@
+"""The impedance error that is told is that of a handle shaken before a plant and a law written here."""
+
+import copy
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exported import Exported
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+import avc_casadi as avc
+from avc_casadi.claims.passivity.rendered_impedance import Excitation, wall_over_position
+from avc_casadi.coupling import Coupling
+from avc_casadi.design.observer_law import regulator
+from avc_casadi.loops.margins import SETTLED, transients
+from avc_casadi.model.gains import Gains, near_rigid_n_per_m
+from avc_casadi.model.problem import Impedance
+from avc_casadi.model.runtime import Runtime
+from avc_casadi.present.row import Value
+from avc_casadi.present.rows.recommend import wall_rows
+from avc_casadi.recommendation.contact_onset import NOTICED_N, contact_onset_m
+from avc_casadi.recommendation.rebound import rebound
+from avc_casadi.recommendation.ripple import SPEEDS_M_PER_S, ripple
+from avc_casadi.recommendation.shaken import shaken
+
+T, WALL, MASS, DAMPING = 1e-3, 20e3, 0.2, 1.0
+BASE = {"mass_kg": MASS, "damping_ns_per_m": DAMPING, "sample_time_s": T, "max_force_n": 8.0}
+
+
+def problem(wall=WALL, damper=0.0, **device):
+    return avc.load_problem("spring").changed(
+        device=BASE | device, environment={"stiffness_n_per_m": wall, "damping_ns_per_m": damper}
+    )
+
+
+def measured(force_of, depth, amplitude, hz, late=0.0):
+    """Lead the handle along depth + amplitude sin(2 pi f t); return Z_h from the force that is held, as told."""
+    each = round(1 / (hz * T))
+    count = each * round(max(4 * hz, 8)) + 1000
+    time = T * np.arange(count)
+    x = depth * np.minimum(time / 0.25, 1) + amplitude * np.sin(2 * np.pi * hz * np.maximum(time - 0.25, 0))
+    force = force_of(x)
+    last = slice(count - each * round(max(2 * hz, 4)), count)
+    wave = np.exp(-2j * np.pi * hz * time[last])
+    s = 2j * np.pi * hz
+    stiffness = ((force[last] - force[last].mean()) @ wave) / ((x[last] - x[last].mean()) @ wave)
+    hold = (1 - np.exp(-s * T)) / (s * T) * np.exp(-s * T * late)
+    return MASS * s + DAMPING + stiffness * hold / s
+
+
+def relative(found, hz, wall=WALL, damper=0.0):
+    s = 2j * np.pi * hz
+    wanted = MASS * s + DAMPING + damper + wall / s
+    return abs(found - wanted) / abs(wanted)
+
+
+def told_and_measured(coupling, felt, force_of, hz, late=0.0, **wall):
+    told = shaken(coupling, felt, [hz])
+    return told.error[0], relative(measured(force_of, told.depth_m, told.amplitude_m, hz, late), hz, **wall)
+
+
+@pytest.mark.parametrize("hz", [1.0, 10.0, 50.0])
+def test_of_a_contact_damper_behind_a_coarse_encoder(hz):
+    step, damper = 30e-6, 25.0
+    coupling = Coupling.constant(problem(encoder_resolution_m=step, delay_samples=1), Gains(0.0, 1e12, damper), "mine")
+
+    def force_of(x):
+        z = np.round(x / step) * step
+        before = np.concatenate([z[:1], z[:-1]])
+        force = WALL * z + damper * (z - before) / T
+        return np.where((z > 0) & (force > 0), force, 0.0)
+
+    told, found = told_and_measured(coupling, WALL, force_of, hz, late=1.0)
+    assert told == pytest.approx(found, rel=0.1, abs=1e-3)  # where the steps fall differs a little
+
+
+@pytest.mark.parametrize("hz", [1.0, 10.0])
+def test_of_a_law_with_a_dead_zone(hz):
+    step = 15e-6
+    stated = problem(encoder_resolution_m=step)
+    law = regulator(stated.device, stated.hands, WALL, 0)
+    coupling = Coupling.constant(stated, Gains(0.0, 1e12), "mine", Runtime(state_feedback=law))
+    a, b, gain, weight = (np.array(part) for part in (law.state, law.force_m_per_n, law.innovation, law.feedback))
+
+    def force_of(x):
+        state, forces = np.zeros(len(b)), []
+        for z in np.round(x / step) * step + law.face_m:
+            error = z - state[law.measures]
+            state = state + gain * np.sign(error) * max(abs(error) - law.dead_zone_m, 0.0)
+            force = max(WALL * (weight @ state), 0.0)
+            state = a @ state + b * force
+            forces.append(force)
+        return np.array(forces)
+
+    told, found = told_and_measured(coupling, WALL, force_of, hz)
+    assert told == pytest.approx(found, rel=0.05, abs=5e-3)
+    linear = shaken(
+        Coupling.constant(problem(), Gains(0.0, 1e12), "mine", Runtime(state_feedback=replace(law, dead_zone_m=0.0))),
+        WALL,
+        [hz],
+    )
+    assert abs(found - linear.error[0]) > 0.1 * found, "the dead zone has a part in it"
+
+
+def test_what_is_rendered_is_felt_beside_the_mass_and_the_damping_of_the_device():
+    """Of a wall as soft as the device's own damper is at 50 Hz."""
+    hz, wall = 50.0, 400.0
+    told = shaken(Coupling.constant(problem(wall), Gains(0.0, 1e12), "mine"), wall, [hz])
+    s = 2j * np.pi * hz
+    felt = measured(lambda x: wall * x, told.depth_m, told.amplitude_m, hz) - MASS * s - DAMPING
+    assert told.stiffness_n_per_m[0] == pytest.approx(abs(felt * s), rel=0.01)
+    assert told.mismatch[0] == pytest.approx(abs(np.log(felt * s / wall)), rel=0.02)
+
+
+def test_of_a_damper_that_never_pulls():
+    damper = 15.0
+    coupling = Coupling.constant(problem(wall=0.0, damper=damper), Gains(0.0, 1e12), "mine")
+
+    def force_of(x):
+        before = np.concatenate([x[:1], x[:-1]])
+        return np.maximum(damper * (x - before) / T, 0.0)
+
+    told, found = told_and_measured(coupling, 0.0, force_of, 1.0, wall=0.0, damper=damper)
+    assert told == pytest.approx(found, rel=0.03)
+    assert told > 0.3, "half of the cycle is lost"
+
+
+# A wall that is a damper alone never pulls: what is rendered is as strong as asked going in, not in the mean.
+
+DEVICE = {"mass_kg": 0.2, "damping_ns_per_m": 1.0, "delay_samples": 1, "max_force_n": 10.0}
+
+
+def fundamental(force, angle):
+    """Plain trapezoids of the Fourier integrals."""
+    sine, cosine = (2 * np.mean(force * wave) for wave in (np.sin(angle), np.cos(angle)))
+    return complex(sine, cosine)
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(0.0, 15.0), (2e3, 5.0), (500.0, 40.0), (1e3, 0.0)])
+def test_the_wall_itself_is_that_of_plain_integrals(stiffness, damping):
+    hz = np.array([1.0, 10.0])
+    wall = Impedance(damping_ns_per_m=damping, stiffness_n_per_m=stiffness)
+    found = wall_over_position(wall, Excitation(2e-3, 1e-3), hz)
+    angle = np.linspace(0.0, 2 * np.pi, 200_000, endpoint=False)
+    for one, rate in zip(found, 2 * np.pi * hz, strict=True):
+        force = stiffness * (2e-3 + 1e-3 * np.sin(angle)) + damping * rate * 1e-3 * np.cos(angle)
+        assert one == pytest.approx(fundamental(np.maximum(0.0, force), angle) / 1e-3, rel=1e-4, abs=1e-6)
+
+
+def test_a_damper_alone_leaves_half_of_it():
+    damper = Impedance(damping_ns_per_m=15.0, stiffness_n_per_m=0.0)
+    found = wall_over_position(damper, Excitation(0.01, 0.005), np.array([2.0]))
+    assert found[0] == pytest.approx(0.5 * 15.0 * 2j * np.pi * 2.0, rel=1e-4)
+
+
+@pytest.mark.thorough
+def test_what_is_recommended_gives_the_force_that_was_asked_for():
+    problem = avc.Problem(
+        device=DEVICE,
+        environment={"stiffness_n_per_m": 0.0, "damping_ns_per_m": 15.0},
+        stability={"model": "sampled-data", "scope": "hands"},
+    )
+    coupling = avc.recommend(problem, hands=50, workers=1).coupling
+    assert isinstance(coupling, Coupling)
+    assert coupling.table.at_rest.contact_damping_ns_per_m == 0
+    assert _force_at(coupling, 0.05) == pytest.approx(0.75, rel=1e-3)
+    more = Coupling.constant(problem, Gains(0.0, near_rigid_n_per_m(problem.device), 15.0), "more")
+    assert _force_at(more, 0.05) == pytest.approx(1.5, rel=1e-3)
+
+
+def _force_at(coupling, speed):
+    device = Exported(coupling)
+    device.start()
+    return float(device.forces(1e-3 * speed * np.arange(-100, 200.0))[-1])
+
+
+# The conclusion of a recommendation says where a force begins before the wall, and whom a median leaves out.
+
+
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("damping", [0.5, 30.0])
+def test_a_contact_damper_that_pushes_early_is_told(damping, soft):
+    """Cut at 0, k x + b v begins at -b v/k, with k of wall and coupling together."""
+    problem = avc.load_problem("spring").changed(
+        environment={"stiffness_n_per_m": 2000.0, "damping_ns_per_m": 0.0}, device={"sample_time_s": 1e-4}
+    )
+    coupling = Coupling.constant(problem, Gains(0.0, 6000.0 if soft else 1e8, damping), "x")
+    felt = 1500.0 if soft else 2000.0
+    for speed, depth in contact_onset_m(coupling).items():
+        # A sample late at most, and the force grows from 0 to what is noticed.
+        assert depth == pytest.approx((NOTICED_N - damping * float(speed)) / felt, abs=2e-4 * float(speed) + 2e-5)
+
+
+# How fast a released device leaves the wall is told: as on a device written here, and where it gains in a row.
+
+REBOUND_T, REBOUND_MASS, REBOUND_DAMPING, STEP, REBOUND_WALL = 1e-3, 0.12, 0.4, 2e-5, 1500.0
+
+
+def rebound_problem(delay, friction):
+    device = {
+        "mass_kg": REBOUND_MASS,
+        "damping_ns_per_m": REBOUND_DAMPING,
+        "sample_time_s": REBOUND_T,
+        "encoder_resolution_m": STEP,
+    }
+    device |= {"delay_samples": delay, "coulomb_friction_n": friction, "max_force_n": 40.0}
+    return avc.load_problem("spring").changed(
+        device=device, environment={"stiffness_n_per_m": REBOUND_WALL, "damping_ns_per_m": 0.0}
+    )
+
+
+def struck(coupling, delay, friction, speed, phase):
+    """Throw a released device at the wall; return the speed at which it leaves over that at which it came."""
+    law, substeps = Exported(coupling), 200
+    x, v, came, h = -0.03 - phase * STEP, speed, 0.0, REBOUND_T / substeps
+    queue = [0.0] * delay
+    for _ in range(3000):
+        queue.append(law.step(round(x / STEP) * STEP))
+        force = queue.pop(0)
+        for _ in range(substeps):
+            v -= h / REBOUND_MASS * (force + REBOUND_DAMPING * v)
+            v -= np.sign(v) * min(abs(v), h * friction / REBOUND_MASS)
+            before, x = x, x + h * v
+            if before <= 0 < x:
+                came = v
+            if x <= 0 < before:
+                return came, -v / came
+    return came, 0.0
+
+
+def thrown(speed, friction):
+    """Return the speed 30 mm before the wall of a device that reaches it at a speed."""
+    away = solve_ivp(lambda _, v: (friction / v + REBOUND_DAMPING) / REBOUND_MASS, (0.0, 0.03), [speed], rtol=1e-9)
+    return away.y[0, -1]
+
+
+@pytest.mark.parametrize(("delay", "damper", "friction"), [(0, 0.0, 0.0), (1, 6.0, 0.0)])
+def test_the_rebound_is_that_of_a_device_that_is_thrown(delay, damper, friction):
+    stated = rebound_problem(delay, friction)
+    coupling = Coupling.constant(stated, Gains(0.0, 1e9, damper), "mine")
+    told = rebound(coupling)
+    for key, share in told.items():
+        speed = float(key)
+        found = [
+            struck(coupling, delay, off, thrown(speed, off), phase)
+            for off in {friction, 0.0}
+            for phase in (0.0, 0.25, 0.5, 0.75)
+        ]
+        assert [came for came, _ in found] == pytest.approx([speed] * len(found), rel=0.05)
+        assert share == pytest.approx(max(one for _, one in found), rel=0.05)
+
+
+def test_a_late_spring_gives_energy_and_a_damper_takes_it():
+    late = rebound(Coupling.constant(rebound_problem(1, 0.0), Gains(0.0, 1e9, 0.0), "mine"))
+    damped = rebound(Coupling.constant(rebound_problem(1, 0.0), Gains(0.0, 1e9, 6.0), "mine"))
+    assert min(late.values()) > 1.05
+    assert max(damped.values()) < 1.0
+
+
+@pytest.mark.thorough
+def test_it_is_a_row_where_the_device_gains_speed_and_none_where_it_does_not():
+    found = avc.recommend("spring", hands=10)
+    data = copy.deepcopy(found.data())
+    assert max(data["felt"]["rebound"].values()) < 1.0
+    assert "Rebound" not in {row.label for row in wall_rows(data, found.problem)}
+    data["felt"]["rebound"] = {"0.1": 1.19, "0.4": 0.96}
+    (told,) = (row for row in wall_rows(data, found.problem) if row.label == "Rebound")
+    assert [value.number for value in told.values if isinstance(value, Value)] == [1.19, 0.1]
+
+
+# The steps of the encoder as the force of a moving handle has them, against the pulses of a damper written out.
+
+
+def damper(step, period, damping, **device):
+    wall = {"stiffness_n_per_m": 0.0, "damping_ns_per_m": damping}
+    problem = avc.load_problem("figure5").changed(
+        device={"encoder_resolution_m": step, "sample_time_s": period, "delay_samples": 0, "coulomb_friction_n": 0.0}
+        | {"mass_kg": 0.06, "max_force_n": 3.3}
+        | device,
+        environment=wall,
+        boundaries={"upper": wall, "lower": wall},
+        frequency={"stop_hz": 0.4 / period},
+    )
+    return Coupling.constant(problem, Gains(0.0, near_rigid_n_per_m(problem.device)), "none")
+
+
+@pytest.mark.thorough
+@settings(max_examples=12)
+@given(step=st.floats(1e-5, 2e-4), period=st.sampled_from([5e-4, 1e-3, 2e-3]), damping=st.floats(0.5, 8.0))
+def test_ripple_of_a_damper_is_that_of_its_pulses(step, period, damping):
+    found = ripple(damper(step, period, damping)).force_n
+    for speed in SPEEDS_M_PER_S:
+        # So many whole steps in a sample, and one more for a part of the samples.
+        shares = np.modf(np.linspace(1.0, 1.1, 2001) * speed * period / step)[0]
+        expected = damping * step / period * math.sqrt(np.mean(shares * (1 - shares)))
+        assert found[f"{speed:g}"] == pytest.approx(expected, rel=0.1, abs=0.05 * damping * step / period)
+
+
+def test_hands_feel_the_pulses_of_a_coarse_encoder_and_none_of_a_fine_one():
+    coarse, fine = (ripple(damper(step, 1e-3, 5.0)) for step in (55e-6, 0.2e-6))
+    assert coarse.quiet < coarse.hands
+    assert coarse.force_n["0.02"] == pytest.approx(0.13, abs=0.01)
+    assert fine.quiet == fine.hands
+
+
+# How long a released device swings in its wall is told, is what a simulation shows, and counts in what is chosen.
+
+WHEEL = """
+[device]
+motion = "rotary"
+handle_radius_m = 0.15
+inertia_kgm2 = 0.05
+damping_nms_per_rad = 0.02
+sample_time_s = 0.0166667
+delay_samples = 1
+coulomb_friction_nm = 0.05
+encoder_counts_per_turn = 65536
+max_torque_nm = {limit}
+[environment]
+stiffness_nm_per_rad = 8.0
+damping_nms_per_rad = 0.0
+"""
+
+
+def swinging(mass, damping, t, wall, damper, hand=(0.0, 0.0, 0.0), steps=50):
+    """Return positions at the samples: a spring and damper held for a sample, the plant in fine explicit steps."""
+    x, v, before, path = 1.0, 0.0, 1.0, []
+    m, b, k = mass + hand[0], damping + hand[1], hand[2]
+    for _ in range(4000):
+        force, before = wall * x + damper * (x - before) / t, x
+        path.append(x)
+        for _ in range(steps):
+            v -= t / steps * (force + b * v + k * x) / m
+            x += t / steps * v
+    return np.array(path)
+
+
+@pytest.mark.parametrize("hand", [(0.0, 0.0, 0.0), (0.05, 4.0, 300.0)])
+def test_it_is_the_time_that_a_simulated_device_takes(hand):
+    t, mass, damping, wall, damper = 1e-3, 0.1, 0.5, 8000.0, 9.0
+    ranges = dict(zip(("mass_kg", "damping_ns_per_m", "stiffness_n_per_m"), ([v, v] for v in hand), strict=True))
+    problem = avc.load_problem("spring").changed(
+        device={"mass_kg": mass, "damping_ns_per_m": damping, "sample_time_s": t},
+        environment={"stiffness_n_per_m": wall, "damping_ns_per_m": 0.0},
+        **({"hands": ranges} if any(hand) else {}),
+    )
+    found = transients(Coupling.constant(problem, Gains(0.0, 1e12, damper), "mine"))[int(any(hand))]
+    path = np.abs(swinging(mass, damping, t, wall, damper, hand))
+    largest = np.maximum.accumulate(path[::-1])[::-1]
+    settled = t * float(np.argmax(largest < SETTLED))
+    assert settled == pytest.approx(found.settling_s, rel=0.1, abs=1 / found.frequency_hz)
+    peaks = np.flatnonzero((path[1:-1] > path[:-2]) & (path[1:-1] >= path[2:]) & (path[1:-1] > 0.01)) + 1
+    assert t * float(np.diff(peaks).mean()) == pytest.approx(0.5 / found.frequency_hz, rel=0.05)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("limit", [8.0, 5.0])
+def test_a_wheel_is_damped_until_it_settles(limit):
+    """With the least damping that is stable it swings for seven seconds."""
+    found = avc.recommend(avc.parse_problem(WHEEL.format(limit=limit)), hands=20)
+    document = found.data()
+    assert found.deployable
+    assert document["felt"]["share_of_wall"] > 0.99
+    assert document["transient"]["released"]["settling_s"] < 1.0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "slip", [{"encoder_resolution_m": 0.055}, {"encoder_resolution_m": 0.04}, {"max_force_n": 0.0033}]
+)
+def test_what_renders_nothing_is_not_deployable(slip):
+    problem = avc.load_problem("spring").changed(
+        device={"coulomb_friction_n": 0.2, **slip}, environment={"stiffness_n_per_m": 1000.0}
+    )
+    found = avc.recommend(problem, hands=10)
+    assert not found.deployable
+    assert found.reason.startswith("nothing of the wall is rendered")
+    assert next(iter(slip)) in found.reason
